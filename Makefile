@@ -1,0 +1,44 @@
+# Every target makes its own virtual environment first: only python3 (3.10 to 3.13) and make are needed.
+PYTHON ?= python3
+VENV := .venv
+BIN := $(VENV)/bin
+PIP := $(BIN)/python -m pip install -q -c constraints.txt
+FAST_WORKERS ?= 2
+
+.PHONY: help demo test test-fast check bench clean
+.DEFAULT_GOAL := help
+
+help:  ## list the targets
+	@grep -E '^[a-z-]+:.*##' $(MAKEFILE_LIST) | sed 's/:.*## /\t/' | expand -t 14
+
+$(BIN)/python:
+	$(PYTHON) -m venv $(VENV)
+
+$(VENV)/.run.stamp: pyproject.toml constraints.txt | $(BIN)/python
+	$(PIP) -e .
+	@touch $@
+
+$(VENV)/.dev.stamp: pyproject.toml constraints.txt | $(BIN)/python
+	$(PIP) -e ".[dev]"
+	@touch $@ $(VENV)/.run.stamp
+
+demo: $(VENV)/.run.stamp  ## a phone on a table, between layers, in a shelf: table, 3-D pages and pictures in demo/
+	$(BIN)/python examples/demo.py --out demo
+
+test: $(VENV)/.dev.stamp  ## all tests
+	$(BIN)/python -m pytest -n $(FAST_WORKERS) $(PYTEST_ARGS)
+
+test-fast: $(VENV)/.dev.stamp  ## the tests that take seconds
+	$(BIN)/python -m pytest -n $(FAST_WORKERS) -m "not slow" $(PYTEST_ARGS)
+
+check: $(VENV)/.dev.stamp  ## style, types, import layers
+	$(BIN)/ruff check .
+	$(BIN)/ruff format --check .
+	$(BIN)/mypy
+	$(BIN)/lint-imports --no-cache
+
+bench: $(VENV)/.dev.stamp  ## time the stages of sampling; prints machine and versions
+	$(BIN)/python benchmarks/sampling.py
+
+clean:  ## remove everything that the other targets made
+	rm -rf $(VENV) demo runs build dist src/*.egg-info .pytest_cache .mypy_cache .ruff_cache .hypothesis

@@ -1,0 +1,1 @@
+"""The `dexnudge` command: one file per subcommand, heavy imports inside them."""

@@ -1,0 +1,84 @@
+"""`dexnudge evaluate`: success over many objects and scenes, with intervals."""
+
+from dataclasses import dataclass, field
+from pathlib import Path
+from typing import TYPE_CHECKING, Annotated
+
+from dexnudge.cli.arguments import Count, Folder, OptionalFolder, OptionalNumber, Physics, Text, Units, metavar
+
+if TYPE_CHECKING:
+    from dexnudge.evaluation.rows import Row
+
+
+@dataclass(frozen=True)
+class Evaluate:
+    """Success of sampling over a set of objects and scenes, with 95 % intervals over objects.
+
+    Stopped runs go on where they were: give the same options and the same --out again.
+    """
+
+    objects: Annotated[str, metavar("SET")]
+    """Folder of meshes, text file of paths, builtin:test, or a DexGraspNet meshdata folder (scale 0.08)."""
+    out: Folder
+    """Folder of the experiment."""
+    scenes: Annotated[tuple[str, ...], metavar("FAMILY...")] = ("table", "layers", "shelf")
+    """Scene families."""
+    method: Annotated[tuple[str, ...], metavar("NAME...")] = ("ours",)
+    """Sampling methods to compare; an unknown name lists them."""
+    num: Count = 32
+    """Draws for each object, scene and method."""
+    seed: Count = 0
+    """Of the experiment; objects and scenes get seeds derived from it."""
+    workers: Count = 2
+    """Processes; one core each."""
+    units: Units = "m"
+    """Unit of the numbers in mesh files."""
+    length: OptionalNumber = None
+    """Scale every object so that its longest side has this length [m]."""
+    hand: Text = "shadow_lite"
+    """Built-in hand or URDF file."""
+    base: bool = True
+    """Whether the forearm is part of the hand's geometry."""
+    physics: Physics = field(default_factory=Physics)
+    weights: OptionalFolder = None
+    """Folder of the model; the shipped one unless given."""
+    device: Text = "cpu"
+    """torch device to sample on."""
+
+    def run(self) -> int:
+        """Compute the missing rows, write and print the report."""
+        from dexnudge.cli.console import progress, stdout
+        from dexnudge.evaluation.experiments import ExperimentConfig, run_experiment
+        from dexnudge.evaluation.report import write_report
+
+        config = ExperimentConfig(
+            objects=self.objects,
+            scenes=self.scenes,
+            methods=self.method,
+            num=self.num,
+            seed=self.seed,
+            units=self.units,
+            length=self.length,
+            hand=self.hand,
+            base=self.base,
+            physics=self.physics.given(),
+            weights=self.weights,
+            device=self.device,
+        )
+        drawn = verified = 0
+        with progress() as bars:
+            bar = bars.add_task("evaluating", total=None)
+
+            def show(row: "Row", finished: int, total: int) -> None:
+                nonlocal drawn, verified
+                drawn += row.num
+                verified += sum(row.success)
+                description = f"drawn {drawn}, verified {verified} ({verified / drawn:.0%})"
+                bars.update(bar, completed=finished, total=total, description=description)
+
+            run_experiment(config, Path(self.out), workers=self.workers, on_row=show)
+        report = write_report(Path(self.out))
+        console = stdout()
+        console.print(report, markup=False, soft_wrap=True)
+        console.print(f"written: {self.out}", soft_wrap=True)
+        return 0

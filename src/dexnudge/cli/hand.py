@@ -1,0 +1,86 @@
+"""`dexnudge hand`: what a hand consists of, and its export."""
+
+from __future__ import annotations
+
+import math
+from dataclasses import dataclass
+from typing import TYPE_CHECKING, Annotated
+
+import tyro
+
+from dexnudge.cli.arguments import OptionalFolder, metavar
+
+if TYPE_CHECKING:
+    from rich.table import Table
+
+    from dexnudge.hands.hand import Hand
+
+MARKER = "hand.urdf"
+
+
+@dataclass(frozen=True)
+class HandCommand:
+    """Show the links, joints, limits, digits and collision pairs of a hand, and export it."""
+
+    hand: tyro.conf.Positional[Annotated[str, metavar("NAME_OR_URDF")]]
+    """Built-in hand, or a URDF or MJCF file with its YAML beside it; an unknown name lists the built-in ones."""
+    export: OptionalFolder = None
+    """Folder to write URDF, meshes, YAML and MJCF to; must not exist."""
+    base: bool = True
+    """Whether the forearm is part of the hand's geometry."""
+    overwrite: bool = False
+    """Replace an existing exported hand."""
+
+    def run(self) -> int:
+        """Print the tables; write the folder if asked."""
+        from dexnudge.cli.console import stdout
+        from dexnudge.hands.registry import load_hand
+
+        hand = load_hand(self.hand, base=self.base)
+        console = stdout()
+        console.print(f"{hand.name}: {len(hand.link_names)} links, {hand.num_joints} joints in the order of q")
+        console.print(_joint_table(hand))
+        console.print(_link_table(hand))
+        couplings = ", ".join(f"{follower} <= {leader}" for follower, leader in hand.couplings)
+        console.print(f"palm: {hand.link_names[0]}, facing ({', '.join(f'{x:g}' for x in hand.palm_normal)})")
+        console.print(f"couplings: {couplings or 'none'}", soft_wrap=True)
+        console.print(f"collision pairs: {len(hand.self_collision_pairs)}")
+        if self.export is not None:
+            self._export(hand)
+            console.print(f"written: {self.export}", soft_wrap=True)
+        return 0
+
+    def _export(self, hand: Hand) -> None:
+        from dexnudge.hands.export import export_hand
+        from dexnudge.results.new_folder import new_folder
+
+        assert self.export is not None
+        with new_folder(self.export, overwrite=self.overwrite, marker=MARKER) as folder:
+            export_hand(hand, folder)
+
+
+def _joint_table(hand: Hand) -> Table:
+    from dexnudge.cli.console import table
+
+    shown = table("joint", "lower [deg]", "upper [deg]")
+    for name, lower, upper in zip(hand.joint_names, hand.lower, hand.upper, strict=True):
+        shown.add_row(name, f"{math.degrees(lower):.1f}", f"{math.degrees(upper):.1f}")
+    return shown
+
+
+def _link_table(hand: Hand) -> Table:
+    from dexnudge.cli.console import table
+
+    pairs = hand.self_collision_pairs
+    shown = table("link", "parent", "digit", "triangles", "collision pairs")
+    for index, name in enumerate(hand.link_names):
+        parent = int(hand.link_parent[index])
+        digit = hand.digit_of_link[name] or "-"
+        shown.add_row(
+            name,
+            hand.link_names[parent] if parent >= 0 else "-",
+            f"{digit}, tip" if name in hand.fingertip_links else digit,
+            str(len(hand.link_meshes[index].faces)),
+            str(sum(index in pair for pair in pairs)),
+        )
+    return shown

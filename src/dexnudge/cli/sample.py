@@ -1,0 +1,199 @@
+"""`dexnudge sample`: verified, ranked hand configurations for one object in one scene."""
+
+from __future__ import annotations
+
+import time
+from dataclasses import dataclass, field
+from pathlib import Path
+from typing import TYPE_CHECKING, Annotated, Any
+
+import tyro
+
+from dexnudge.cli.arguments import (
+    Count,
+    Folder,
+    OptionalCount,
+    OptionalFolder,
+    OptionalNumber,
+    Physics,
+    Text,
+    Units,
+    metavar,
+)
+from dexnudge.errors import InputError
+
+if TYPE_CHECKING:
+    from dexnudge.scenes.scene import Scene
+
+MARKER = "configurations.npz"
+
+
+@dataclass(frozen=True)
+class Sample:
+    """Draw hand configurations that can make an object move, verify and rank them.
+
+    The scene is either drawn from a family (--scene) or your own (--environment, --object-pose, --motion).
+    """
+
+    object: tyro.conf.Positional[Annotated[str, metavar("OBJECT")]]
+    """Mesh file (obj, stl, ply, glb, off, dae) or name of a built-in object; an unknown name lists them."""
+    out: Folder
+    """Folder to write; must not exist."""
+    scene: Annotated[str | None, metavar("FAMILY")] = None
+    """Scene family, such as table, layers or shelf; an unknown name lists them."""
+    environment: Annotated[str | None, metavar("MESH")] = None
+    """Mesh file of your own surroundings, world frame, z up."""
+    object_pose: Annotated[str | None, metavar("JSON")] = None
+    """File with T_world_object, the 4x4 pose of the object in those surroundings."""
+    motion: Annotated[tuple[float, float, float] | None, tyro.conf.arg(metavar="DX DY DZ")] = None
+    """Direction in which the object should slide, world frame; with --environment."""
+    num: Count = 32
+    """Number of draws; all of them are written, verified ones first."""
+    verified: Annotated[int | None, metavar("K")] = None
+    """Go on drawing until K are verified."""
+    max_draws: OptionalCount = None
+    """With --verified: give up after this many draws; 32 K unless given."""
+    seed: Count = 0
+    """Same machine, seed and versions: same output."""
+    units: Units = "m"
+    """Unit of the numbers in the mesh files."""
+    length: OptionalNumber = None
+    """Scale the object so that its longest side has this length [m]."""
+    hand: Text = "shadow_lite"
+    """Built-in hand or URDF file; an unknown name lists them."""
+    base: bool = True
+    """Whether the forearm is part of the hand's geometry."""
+    physics: Physics = field(default_factory=Physics)
+    weights: OptionalFolder = None
+    """Folder of the model; the shipped one unless given."""
+    method: Text = "ours"
+    """Sampling method; an unknown name lists them."""
+    device: Text = "cpu"
+    """torch device to sample on, such as cpu or cuda."""
+    overwrite: bool = False
+    """Replace an existing result folder."""
+
+    def run(self) -> int:
+        """Sample, verify, write, print."""
+        self._check_options()
+        from dexnudge.results.new_folder import new_folder
+
+        with new_folder(self.out, overwrite=self.overwrite, marker=MARKER) as folder:
+            summary = self._sample_into(folder)
+        self._print(summary)
+        return 0
+
+    def _check_options(self) -> None:
+        if (self.scene is None) == (self.environment is None):
+            got = "neither" if self.scene is None else "both"
+            raise InputError(
+                f"{got} of --scene and --environment given; expected one: --scene table, or --environment MESH with "
+                "--object-pose JSON and --motion DX DY DZ"
+            )
+        own = {"--object-pose": self.object_pose, "--motion": self.motion}
+        wrong = [name for name, value in own.items() if (value is None) == (self.scene is None)]
+        if wrong and self.scene is None:
+            raise InputError(f"--environment needs {' and '.join(wrong)} too; add what is missing")
+        if wrong:
+            raise InputError(
+                f"{' and '.join(wrong)} given with --scene, which draws its own; use --environment, or leave it out"
+            )
+        if self.seed < 0:
+            raise InputError(f"--seed is {self.seed}; expected 0 or more")
+
+    def _sample_into(self, folder: Path) -> dict[str, Any]:
+        from dexnudge.cli.console import progress
+        from dexnudge.evaluation.draws import check_counts, draw_and_judge
+        from dexnudge.hands.registry import load_hand
+        from dexnudge.results.writing import write_answer, write_problem
+        from dexnudge.sampling.sampler import Sampler
+
+        check_counts(self.num, self.verified, self.max_draws)
+        start = time.perf_counter()
+        name, scene = self._scene()
+        scene.validate()
+        hand = load_hand(self.hand, base=self.base)
+        sampler = Sampler.from_pretrained(hand, weights=self.weights, device=self.device)
+        written_scene, written_hand = write_problem(folder, scene, hand)
+        seconds = {"load": time.perf_counter() - start}
+        with progress() as bars:
+            bar = bars.add_task("drawing", total=self.verified or self.num)
+
+            def show(drawn: int, verified: int) -> None:
+                bars.update(
+                    bar,
+                    completed=verified if self.verified else drawn,
+                    description=f"drawn {drawn}, verified {verified}",
+                )
+
+            draws = draw_and_judge(
+                sampler,
+                written_hand,
+                written_scene,
+                num=self.num,
+                seed=self.seed,
+                method=self.method,
+                verified=self.verified,
+                max_draws=self.max_draws,
+                on_progress=show,
+            )
+        details = {
+            "object": name,
+            "scene": scene.name,
+            "hand": hand.name,
+            "method": self.method,
+            "seed": self.seed,
+            "weights": self.weights or "shipped",
+            "device": self.device,
+        }
+        return write_answer(
+            folder,
+            written_scene,
+            written_hand,
+            draws,
+            title=f"{name}, {scene.name}",
+            seconds=seconds,
+            details=details,
+        )
+
+    def _scene(self) -> tuple[str, Scene]:
+        from dexnudge.objects.named import resolve_object
+
+        found = resolve_object(self.object, units=self.units, length=self.length)
+        if self.scene is not None:
+            from dexnudge.scenes.families import build_scene
+
+            return found.name, build_scene(self.scene, found.mesh, seed=self.seed, **self.physics.given())
+        from dexnudge.scenes.user import user_scene
+
+        assert self.environment is not None
+        assert self.object_pose is not None
+        assert self.motion is not None
+        return found.name, user_scene(
+            found.mesh,
+            environment=self.environment,
+            object_pose=self.object_pose,
+            motion=self.motion,
+            units=self.units,
+            **self.physics.given(),
+        )
+
+    def _print(self, summary: dict[str, Any]) -> None:
+        from dexnudge.cli.console import stdout, table
+
+        counts = table("draws", "number", "share")
+        drawn = summary["drawn"]
+        rows = [("drawn", drawn), ("verified", summary["verified"]), ("  robust", summary["robust"])]
+        rows += [(f"rejected: {reason}", number) for reason, number in summary["rejected"].items()]
+        for label, number in rows:
+            counts.add_row(label, str(number), f"{number / drawn:.0%}")
+        stages = ", ".join(f"{stage} {value:.1f}" for stage, value in summary["seconds"].items())
+        best = summary["best_force_margin"]
+        console = stdout()
+        console.print(f"{summary['object']}, {summary['scene']}, {summary['hand']}", soft_wrap=True)
+        console.print(counts)
+        console.print(f"best force margin: {'none verified' if best is None else f'{best:.2f}'}")
+        console.print(
+            f"seconds: {stages}; total {summary['seconds_total']:.1f}; memory {summary['peak_memory_mb']:.0f} MB"
+        )
+        console.print(f"written: {self.out}", soft_wrap=True)

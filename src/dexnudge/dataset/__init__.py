@@ -1,0 +1,1 @@
+"""The dataset: where data generation and the learned model meet."""

@@ -1,0 +1,86 @@
+"""The dataset's manifest: which hand, which objects, which settings; `manifest.json`."""
+
+import json
+import re
+from dataclasses import asdict, dataclass, field
+from pathlib import Path
+
+from dexnudge.dataset.atomic import replace_atomically
+from dexnudge.dataset.schema import FORMAT_VERSION
+from dexnudge.errors import DatasetError
+
+MANIFEST_NAME = "manifest.json"
+UNITS = {"length": "m", "angle": "rad"}
+_OBJECT_NAME = re.compile(r"[A-Za-z0-9][A-Za-z0-9_.\-]*")
+
+
+@dataclass(kw_only=True)
+class Manifest:
+    """What a dataset folder holds.
+
+    hand: its name; joint_names: (d) in the order of q; digit_joints: digit name -> indices into joint_names;
+    objects: object name -> sha256 of the mesh it was generated from; failed_objects: object name -> reason;
+    config, seed, versions: what generated it; counts: behaviour -> totals over all shards, filled in when generation ends.
+    """
+
+    hand: str
+    joint_names: tuple[str, ...]
+    digit_joints: dict[str, tuple[int, ...]]
+    objects: dict[str, str]
+    failed_objects: dict[str, str] = field(default_factory=dict)
+    config: dict[str, object] = field(default_factory=dict)
+    seed: int = 0
+    versions: dict[str, str] = field(default_factory=dict)
+    counts: dict[str, dict[str, object]] = field(default_factory=dict)
+
+    def __post_init__(self) -> None:
+        self.joint_names = tuple(self.joint_names)
+        self.digit_joints = {name: tuple(joints) for name, joints in self.digit_joints.items()}
+
+
+def check_object_name(name: str) -> str:
+    """Return `name` if it can be part of a file name inside the dataset folder; else raise DatasetError."""
+    if not _OBJECT_NAME.fullmatch(name):
+        raise DatasetError(
+            f"object name {name!r} cannot be part of a file name; expected letters, digits, '_', '-' and '.', "
+            "starting with a letter or digit; rename the object."
+        )
+    return name
+
+
+def write_manifest(folder: Path | str, manifest: Manifest) -> Path:
+    """Write `manifest.json` atomically and return its path."""
+    for name in (*manifest.objects, *manifest.failed_objects):
+        check_object_name(name)
+    path = Path(folder) / MANIFEST_NAME
+    content = {"format_version": FORMAT_VERSION, "units": UNITS, **asdict(manifest)}
+    with replace_atomically(path) as temporary:
+        temporary.write_text(json.dumps(content, indent=2, default=str) + "\n", encoding="utf-8")
+    return path
+
+
+def read_manifest(folder: Path | str) -> Manifest:
+    """Read `manifest.json`; raises DatasetError when it is missing, broken, or of another version or unit."""
+    path = Path(folder) / MANIFEST_NAME
+    if not path.is_file():
+        raise DatasetError(
+            f"{path} does not exist; expected a dataset folder with a {MANIFEST_NAME}; "
+            "make one with `dexnudge dataset generate` or correct the path."
+        )
+    try:
+        content = json.loads(path.read_text(encoding="utf-8"))
+    except (json.JSONDecodeError, UnicodeDecodeError) as error:
+        raise DatasetError(f"{path} is not valid JSON ({error}); generate the dataset again.") from error
+    if not isinstance(content, dict) or content.get("format_version") != FORMAT_VERSION:
+        found = content.get("format_version") if isinstance(content, dict) else type(content).__name__
+        raise DatasetError(
+            f"{path} has format version {found!r}, expected {FORMAT_VERSION}; "
+            "generate the dataset again with this version of dexnudge."
+        )
+    if content.get("units") != UNITS:
+        raise DatasetError(f"{path} has units {content.get('units')!r}, expected {UNITS}; convert the dataset.")
+    fields = {key: value for key, value in content.items() if key not in ("format_version", "units")}
+    try:
+        return Manifest(**fields)
+    except TypeError as error:
+        raise DatasetError(f"{path} has unexpected fields: {error}; generate the dataset again.") from error

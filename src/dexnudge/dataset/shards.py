@@ -1,0 +1,188 @@
+"""Reading and writing the two Parquet files of one object: its configurations and its surface points."""
+
+import json
+from collections.abc import Sequence
+from dataclasses import asdict, dataclass
+from pathlib import Path
+
+import numpy as np
+import pyarrow as pa
+import pyarrow.parquet as pq
+from jaxtyping import Float, Float32
+
+from dexnudge.dataset.atomic import replace_atomically
+from dexnudge.dataset.manifest import Manifest, check_object_name
+from dexnudge.dataset.schema import (
+    BEHAVIOURS,
+    CLOUD_COLUMNS,
+    CLOUD_POINTS,
+    FORMAT_VERSION,
+    NUM_DIRECTIONS,
+    POSE_DIMENSIONS,
+    BehaviourCounts,
+    ConfigurationRow,
+    cloud_schema,
+    configuration_schema,
+)
+from dexnudge.errors import DatasetError
+
+_METADATA_KEY = b"dexnudge"
+
+
+@dataclass(frozen=True, kw_only=True)
+class Shard:
+    """All rows of one object; `table` has the columns of `configuration_schema`."""
+
+    object_name: str
+    table: pa.Table
+    counts: dict[str, BehaviourCounts]
+
+    def column_matrix(self, name: str) -> Float32[np.ndarray, "row column"]:
+        """A fixed-size-list column (`q`, `direction_margin`) as a matrix."""
+        column = self.table.column(name).combine_chunks()
+        width = column.type.list_size
+        return column.flatten().to_numpy(zero_copy_only=False).reshape(-1, width)
+
+
+def shard_path(folder: Path | str, object_name: str) -> Path:
+    """Where the configurations of an object lie."""
+    return Path(folder) / f"shard-{check_object_name(object_name)}.parquet"
+
+
+def cloud_path(folder: Path | str, object_name: str) -> Path:
+    """Where the surface points of an object lie."""
+    return Path(folder) / f"object-{check_object_name(object_name)}.parquet"
+
+
+def is_complete(folder: Path | str, object_name: str) -> bool:
+    """True when the object's data has been written; the shard is written last, so its presence is enough."""
+    return shard_path(folder, object_name).is_file()
+
+
+def write_shard(
+    folder: Path | str,
+    manifest: Manifest,
+    object_name: str,
+    rows: Sequence[ConfigurationRow],
+    cloud: Float[np.ndarray, "point 6"],
+    counts: dict[str, BehaviourCounts],
+) -> Path:
+    """Write one object's surface points, then its configurations, each atomically; return the shard's path.
+
+    cloud: (1024, 6) points [m] and outward normals, resting frame. counts: per behaviour, `kept` equal to its rows.
+    Raises DatasetError for rows, counts or clouds that contradict each other or the manifest's hand.
+    """
+    _check_rows(object_name, rows, counts, len(manifest.joint_names))
+    if cloud.shape != (CLOUD_POINTS, 6) or not np.isfinite(cloud).all():
+        raise DatasetError(
+            f"cloud of object {object_name!r} has shape {cloud.shape}, expected finite values of shape "
+            f"({CLOUD_POINTS}, 6); sample {CLOUD_POINTS} surface points with normals."
+        )
+    schema = configuration_schema(len(manifest.joint_names))
+    columns = {
+        "object": [object_name] * len(rows),
+        "behaviour": [row.behaviour for row in rows],
+        "q": _fixed_lists([row.q for row in rows], POSE_DIMENSIONS + len(manifest.joint_names)),
+        "direction_margin": _fixed_lists([row.direction_margin for row in rows], NUM_DIRECTIONS),
+        "contact_links": [list(row.contact_links) for row in rows],
+        "digits": [list(row.digits) for row in rows],
+        "penetration_object": [row.penetration_object for row in rows],
+        "penetration_environment": [row.penetration_environment for row in rows],
+        "penetration_self": [row.penetration_self for row in rows],
+        "seed": [row.seed for row in rows],
+    }
+    arrays = [
+        column if isinstance(column, pa.Array) else pa.array(column, type=schema.field(name).type)
+        for name, column in columns.items()
+    ]
+    header = {
+        "format_version": FORMAT_VERSION,
+        "hand": manifest.hand,
+        "joint_names": list(manifest.joint_names),
+        "object": object_name,
+        "counts": {behaviour: asdict(count) for behaviour, count in counts.items()},
+    }
+    points = pa.table([pa.array(cloud[:, k].astype(np.float32)) for k in range(6)], schema=cloud_schema())
+    _write_table(cloud_path(folder, object_name), points, header)
+    path = shard_path(folder, object_name)
+    _write_table(path, pa.Table.from_arrays(arrays, schema=schema), header)
+    return path
+
+
+def read_shard(folder: Path | str, manifest: Manifest, object_name: str) -> Shard:
+    """Read one object's configurations; raises DatasetError for a truncated, foreign or outdated file."""
+    path = shard_path(folder, object_name)
+    table, header = _read_table(path, manifest, configuration_schema(len(manifest.joint_names)))
+    counts = {behaviour: BehaviourCounts(**count) for behaviour, count in header["counts"].items()}
+    return Shard(object_name=object_name, table=table, counts=counts)
+
+
+def read_cloud(folder: Path | str, manifest: Manifest, object_name: str) -> Float32[np.ndarray, "point 6"]:
+    """Read one object's surface points [m] and normals, resting frame; raises DatasetError like `read_shard`."""
+    path = cloud_path(folder, object_name)
+    table, _ = _read_table(path, manifest, cloud_schema())
+    if table.num_rows != CLOUD_POINTS:
+        raise DatasetError(f"{path} has {table.num_rows} points, expected {CLOUD_POINTS}; generate the object again.")
+    return np.stack([table.column(name).to_numpy() for name in CLOUD_COLUMNS], axis=1)
+
+
+def _fixed_lists(vectors: Sequence[np.ndarray], width: int) -> pa.FixedSizeListArray:
+    values = np.asarray(vectors, dtype=np.float32).reshape(-1)
+    return pa.FixedSizeListArray.from_arrays(pa.array(values), width)
+
+
+def _check_rows(
+    object_name: str, rows: Sequence[ConfigurationRow], counts: dict[str, BehaviourCounts], num_joints: int
+) -> None:
+    for behaviour, count in counts.items():
+        count.validate(behaviour)
+    for behaviour in sorted({*counts, *(row.behaviour for row in rows)}):
+        if behaviour not in BEHAVIOURS:
+            raise DatasetError(f"unknown behaviour {behaviour!r}; expected one of {', '.join(BEHAVIOURS)}.")
+        found = sum(row.behaviour == behaviour for row in rows)
+        claimed = counts[behaviour].kept if behaviour in counts else 0
+        if found != claimed:
+            raise DatasetError(
+                f"object {object_name!r} has {found} rows of behaviour {behaviour!r} but its counts say {claimed} "
+                "were kept; count every kept row."
+            )
+    for index, row in enumerate(rows):
+        if row.q.shape != (POSE_DIMENSIONS + num_joints,) or row.direction_margin.shape != (NUM_DIRECTIONS,):
+            raise DatasetError(
+                f"row {index} of object {object_name!r} has q {row.q.shape} and direction_margin "
+                f"{row.direction_margin.shape}, expected ({POSE_DIMENSIONS + num_joints},) and ({NUM_DIRECTIONS},)."
+            )
+        if not (np.isfinite(row.q).all() and np.isfinite(row.direction_margin).all()):
+            raise DatasetError(f"row {index} of object {object_name!r} is not finite; count it as failed instead.")
+
+
+def _write_table(path: Path, table: pa.Table, header: dict[str, object]) -> None:
+    table = table.replace_schema_metadata({_METADATA_KEY: json.dumps(header).encode()})
+    with replace_atomically(path) as temporary:
+        pq.write_table(table, temporary, compression="zstd", write_page_checksum=True)
+
+
+def _read_table(path: Path, manifest: Manifest, schema: pa.Schema) -> tuple[pa.Table, dict]:
+    if not path.is_file():
+        raise DatasetError(f"{path} does not exist; resume `dexnudge dataset generate` to write it.")
+    try:
+        table = pq.read_table(path, page_checksum_verification=True, partitioning=None)
+    except (pa.ArrowException, OSError) as error:
+        raise DatasetError(
+            f"{path} cannot be read as Parquet: truncated or not a shard ({error}); "
+            "delete it and resume `dexnudge dataset generate`."
+        ) from error
+    try:
+        header = json.loads((table.schema.metadata or {})[_METADATA_KEY])
+    except (KeyError, json.JSONDecodeError) as error:
+        raise DatasetError(f"{path} was not written by dexnudge: it has no header; delete it.") from error
+    expected = {"format_version": FORMAT_VERSION, "hand": manifest.hand, "joint_names": list(manifest.joint_names)}
+    for key, value in expected.items():
+        if header.get(key) != value:
+            raise DatasetError(
+                f"{path} has {key} {header.get(key)!r}, expected {value!r}; "
+                "generate this object again, into a dataset of its own hand and version."
+            )
+    if not table.schema.equals(schema, check_metadata=False):
+        raise DatasetError(f"{path} has columns {table.schema.names}, expected {schema.names}; generate it again.")
+    return table, header

@@ -1,0 +1,120 @@
+"""Training batches: groups of configurations of one object that share a frame, a class and a direction of motion.
+
+Batch k depends only on the seed and k, never on what was drawn before: a resumed run sees the same batches.
+"""
+
+from collections.abc import Sequence
+from dataclasses import dataclass
+
+import numpy as np
+import torch
+from jaxtyping import Bool, Float, Int
+from torch import Tensor
+
+from dexnudge.dataset.frames import turn_clouds, turn_configurations
+from dexnudge.dataset.loading import Dataset
+from dexnudge.dataset.schema import BEHAVIOURS, NUM_DIRECTIONS, direction_angles
+from dexnudge.diffusion.conditioning import GRASP, NON_PREHENSILE, NULL_CLASS, Condition
+from dexnudge.diffusion.training_config import TrainingConfig
+from dexnudge.errors import DatasetError
+
+
+@dataclass(frozen=True)
+class TrainingBatch:
+    """Rows of group g are g * rows_per_group .. (g + 1) * rows_per_group - 1; everything in frame C."""
+
+    q: Float[Tensor, "row dimension"]
+    points: Float[Tensor, "group point 6"]
+    behaviour: Int[Tensor, " group"]
+    direction: Float[Tensor, "group 3"]
+    has_direction: Bool[Tensor, " group"]
+
+    def condition(self, object_feature: Float[Tensor, "group feature"]) -> Condition:
+        """One condition row per configuration."""
+        rows = len(self.q) // len(self.points)
+        return Condition(
+            object_feature=object_feature.repeat_interleave(rows, dim=0),
+            behaviour=self.behaviour.repeat_interleave(rows),
+            direction=self.direction.repeat_interleave(rows, dim=0),
+            has_direction=self.has_direction.repeat_interleave(rows),
+        )
+
+
+class BatchSampler:
+    """Draws groups evenly over objects, and within an object evenly over the directions in which it can be moved.
+
+    Without this the objects and directions that are easy to generate data for would crowd out the others.
+    """
+
+    def __init__(self, dataset: Dataset, objects: Sequence[int], config: TrainingConfig) -> None:
+        self.config = config
+        self._q = torch.from_numpy(dataset.q)
+        self._clouds = torch.from_numpy(dataset.clouds)
+        is_grasp = dataset.behaviour == BEHAVIOURS.index("grasp")
+        feasible = dataset.direction_margin >= config.min_direction_margin
+        self._grasps: dict[int, np.ndarray] = {}
+        self._moves: dict[int, list[np.ndarray]] = {}  # object -> direction -> rows that can move it there
+        for index in objects:
+            of_object = dataset.object_index == index
+            grasps = np.flatnonzero(of_object & is_grasp)
+            moves = [np.flatnonzero(of_object & ~is_grasp & feasible[:, k]) for k in range(NUM_DIRECTIONS)]
+            if len(grasps) and config.grasp_fraction > 0.0:
+                self._grasps[index] = grasps
+            if any(len(rows) for rows in moves) and config.grasp_fraction < 1.0:
+                self._moves[index] = moves
+        self._grasp_objects, self._move_objects = list(self._grasps), list(self._moves)
+        if not self._grasps and not self._moves:
+            raise DatasetError(
+                f"none of {len(objects)} objects has a configuration to train on: expected grasps or configurations with "
+                f"a force margin of at least {config.min_direction_margin} in some direction; generate more data."
+            )
+
+    def batch(self, index: int, *, stream: int = 0) -> TrainingBatch:
+        """Batch number `index` of random `stream`."""
+        rng = np.random.default_rng([self.config.seed, stream, index])
+        groups = [self._group(rng) for _ in range(self.config.groups)]
+        rows = np.concatenate([group.rows for group in groups])
+        yaw = torch.tensor([group.yaw for group in groups], dtype=torch.float32)
+        objects = torch.tensor([group.object_index for group in groups])
+        subset = rng.permutation(self._clouds.shape[1])[: self.config.num_points]
+        points = turn_clouds(self._clouds[objects][:, torch.from_numpy(subset)], yaw)
+        noise = rng.standard_normal((*points.shape[:2], 3), dtype=np.float32) * np.float32(self.config.point_noise)
+        points[..., :3] += torch.from_numpy(noise)
+        has_direction = torch.tensor([group.has_direction for group in groups])
+        return TrainingBatch(
+            q=turn_configurations(self._q[torch.from_numpy(rows)], yaw.repeat_interleave(self.config.rows_per_group)),
+            points=points,
+            behaviour=torch.tensor([group.behaviour for group in groups]),
+            direction=has_direction[:, None] * torch.tensor([1.0, 0.0, 0.0]),
+            has_direction=has_direction,
+        )
+
+    def _group(self, rng: np.random.Generator) -> "_Group":
+        config = self.config
+        wants_grasp = rng.random() < config.grasp_fraction
+        drops = rng.random(3) < [config.unconditional_fraction, config.direction_dropout, config.behaviour_dropout]
+        unconditional, drops_direction, drops_behaviour = drops
+        any_yaw = rng.uniform(0.0, 2.0 * np.pi)
+        if (wants_grasp and self._grasps) or not self._moves:
+            index = int(rng.choice(self._grasp_objects))
+            pool, behaviour, yaw, has_direction = self._grasps[index], GRASP, any_yaw, False
+        else:
+            index = int(rng.choice(self._move_objects))
+            moves = self._moves[index]
+            chosen = rng.choice([k for k in range(NUM_DIRECTIONS) if len(moves[k])])
+            pool, behaviour, has_direction = moves[chosen], NON_PREHENSILE, not (unconditional or drops_direction)
+            jitter = rng.uniform(-config.yaw_jitter, config.yaw_jitter)
+            yaw = jitter - direction_angles()[chosen] if has_direction else any_yaw
+        if unconditional or drops_behaviour:
+            behaviour = NULL_CLASS
+        rows = rng.choice(pool, size=config.rows_per_group)
+        return _Group(index, rows, float(yaw), behaviour, has_direction)
+
+
+@dataclass(frozen=True)
+class _Group:
+    object_index: int
+    rows: np.ndarray
+    yaw: float
+    behaviour: int
+    has_direction: bool

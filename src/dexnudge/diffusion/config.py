@@ -1,0 +1,95 @@
+"""The numbers that define a model; `config.json` of a model folder."""
+
+from dataclasses import asdict, dataclass, field
+
+from dexnudge.diffusion.schedule import NoiseSchedule, PredictionType, ScheduleName
+from dexnudge.errors import CheckpointError
+
+CONFIG_VERSION = 1  # raised whenever a weight changes its meaning
+
+
+@dataclass(frozen=True, kw_only=True)
+class Architecture:
+    """The network's shape and the noise schedule it is trained with.
+
+    width, depth, num_heads, mlp_ratio: of the transformer; encoder_widths: of PointNet's per-point layers;
+    feature_width: of the pooled object feature; clean_limit: |x_0 estimate| is clamped to it, in standard deviations.
+    """
+
+    width: int = 128
+    depth: int = 6
+    num_heads: int = 4
+    mlp_ratio: int = 4
+    encoder_widths: tuple[int, ...] = (64, 128, 256)
+    feature_width: int = 256
+    schedule: ScheduleName = "cosine"
+    num_train_timesteps: int = 1000
+    prediction_type: PredictionType = "sample"
+    zero_terminal_snr: bool = True
+    clean_limit: float = 6.0
+
+    def __post_init__(self) -> None:
+        object.__setattr__(self, "encoder_widths", tuple(self.encoder_widths))
+        if self.width % self.num_heads:
+            raise CheckpointError(
+                f"width {self.width} is not a multiple of num_heads {self.num_heads}; choose one that is."
+            )
+
+    def noise_schedule(self) -> NoiseSchedule:
+        """The schedule that the model was, or will be, trained with."""
+        return NoiseSchedule(
+            self.schedule,
+            num_train_timesteps=self.num_train_timesteps,
+            prediction_type=self.prediction_type,
+            zero_terminal_snr=self.zero_terminal_snr,
+        )
+
+
+@dataclass(frozen=True, kw_only=True)
+class ModelConfig:
+    """The hand that a model is made for, and the model's shape.
+
+    joint_names: (d) in the order of q; digit_joints: joint indices of each digit, one token a digit.
+    """
+
+    hand: str
+    joint_names: tuple[str, ...]
+    digit_joints: tuple[tuple[int, ...], ...]
+    architecture: Architecture = field(default_factory=Architecture)
+
+    def __post_init__(self) -> None:
+        object.__setattr__(self, "joint_names", tuple(self.joint_names))
+        object.__setattr__(self, "digit_joints", tuple(tuple(joints) for joints in self.digit_joints))
+        owned = sorted(joint for joints in self.digit_joints for joint in joints)
+        if owned != list(range(len(self.joint_names))):
+            raise CheckpointError(
+                f"digit_joints {self.digit_joints} do not cover each of the {len(self.joint_names)} joints exactly once; "
+                "give every joint to one digit."
+            )
+
+    @property
+    def dimension(self) -> int:
+        """Length 9 + d of q."""
+        return 9 + len(self.joint_names)
+
+    def to_dict(self) -> dict[str, object]:
+        """As plain values, with the version that `from_dict` expects."""
+        return {"config_version": CONFIG_VERSION, **asdict(self)}
+
+    @classmethod
+    def from_dict(cls, content: dict[str, object]) -> "ModelConfig":
+        """The inverse of `to_dict`; raises CheckpointError for another version or unexpected fields."""
+        values = dict(content)
+        version = values.pop("config_version", None)
+        if version != CONFIG_VERSION:
+            raise CheckpointError(
+                f"model config has version {version!r}, expected {CONFIG_VERSION}; "
+                "train the model again with this version of dexnudge."
+            )
+        try:
+            values["architecture"] = Architecture(**values["architecture"])  # type: ignore[arg-type]
+            return cls(**values)  # type: ignore[arg-type]
+        except (KeyError, TypeError) as error:
+            raise CheckpointError(
+                f"model config has missing or unexpected fields ({error}); train the model again."
+            ) from error

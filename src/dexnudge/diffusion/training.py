@@ -1,0 +1,96 @@
+"""Training the denoiser: resumable, killable at any moment, the same weights whether or not it was interrupted."""
+
+import math
+import signal
+import threading
+from collections.abc import Iterator
+from contextlib import closing, contextmanager
+from dataclasses import dataclass
+from pathlib import Path
+from types import FrameType
+
+import torch
+from rich.progress import BarColumn, MofNCompleteColumn, Progress, TextColumn, TimeElapsedColumn, TimeRemainingColumn
+
+from dexnudge.dataset.loading import load_dataset
+from dexnudge.diffusion.training_config import TrainingConfig
+from dexnudge.diffusion.training_log import TrainingLog
+from dexnudge.diffusion.training_run import MODEL_FOLDER, TrainingRun
+
+
+@dataclass(frozen=True, kw_only=True)
+class TrainingResult:
+    """model_folder: the averaged weights so far; step of steps done; finished: False if it was interrupted."""
+
+    model_folder: Path
+    step: int
+    minutes: float
+    finished: bool
+    validation: dict[str, float]
+
+
+def train(
+    dataset_folder: Path | str,
+    out_folder: Path | str,
+    config: TrainingConfig,
+    *,
+    progress: bool = True,
+    stop_at_step: int | None = None,
+) -> TrainingResult:
+    """Train on a dataset folder; continue if `out_folder` holds an unfinished run of the same settings and data.
+
+    SIGTERM and SIGINT end the run after the current step with everything saved. `stop_at_step` does the same at a step.
+    Raises DatasetError for unusable data, CheckpointError for a run that cannot be continued, DexnudgeError when the
+    loss stops being finite.
+    """
+    out_folder = Path(out_folder)
+    out_folder.mkdir(parents=True, exist_ok=True)
+    if config.num_threads is not None:
+        torch.set_num_threads(config.num_threads)
+    run = TrainingRun(load_dataset(dataset_folder), out_folder, config)
+    columns = (
+        TextColumn("training"),
+        BarColumn(),
+        MofNCompleteColumn(),
+        TextColumn("loss {task.fields[loss]:.4f}"),
+        TimeElapsedColumn(),
+        TimeRemainingColumn(),
+    )
+    with (
+        _stop_signals() as stop,
+        closing(TrainingLog(out_folder, step=run.step)) as log,
+        Progress(*columns, disable=not progress) as bar,
+    ):
+        task = bar.add_task("training", total=config.steps, completed=run.step, loss=math.nan)
+        while not run.finished:
+            if stop.is_set() or run.step == stop_at_step:
+                run.save()
+                break
+            run.advance(log)
+            bar.update(task, completed=run.step, loss=run.mean_loss)
+    return TrainingResult(
+        model_folder=out_folder / MODEL_FOLDER,
+        step=run.step,
+        minutes=run.minutes,
+        finished=run.finished,
+        validation=run.validation,
+    )
+
+
+@contextmanager
+def _stop_signals() -> Iterator[threading.Event]:
+    """An event that SIGTERM and SIGINT set; the former handlers come back afterwards."""
+    stop = threading.Event()
+    if threading.current_thread() is not threading.main_thread():
+        yield stop  # signals reach the main thread only
+        return
+
+    def handle(_signum: int, _frame: FrameType | None) -> None:
+        stop.set()
+
+    former = {number: signal.signal(number, handle) for number in (signal.SIGTERM, signal.SIGINT)}
+    try:
+        yield stop
+    finally:
+        for number, handler in former.items():
+            signal.signal(number, handler)

@@ -1,0 +1,74 @@
+"""Everything that decides how a model is trained."""
+
+from dataclasses import asdict, dataclass, field
+
+from dexnudge.diffusion.config import Architecture
+from dexnudge.diffusion.loss import LossWeighting
+from dexnudge.errors import InputError
+
+# may differ between a run and its continuation, because they do not change the weights of a run with max_minutes unset
+_BUDGET_FIELDS = ("max_minutes", "checkpoint_every", "validate_every", "log_every", "num_threads")
+_SHARES = ("grasp_fraction", "unconditional_fraction", "direction_dropout", "behaviour_dropout")
+
+
+@dataclass(frozen=True, kw_only=True)
+class TrainingConfig:
+    """Settings of `train`.
+
+    A batch has `groups` x `rows_per_group` configurations. A group is one object turned to frame C with one direction of
+    motion, whose surface is encoded once.
+
+    Attributes:
+        steps: optimiser steps of the whole run; the learning rate follows a cosine over them.
+        max_minutes: time budget over all continuations; the learning rate then follows whichever of steps and time is
+            further advanced, and weights are no longer reproducible bit by bit.
+        grasp_fraction: share of groups that are grasps; 1 trains on grasps only, 0 on none.
+        unconditional_fraction, direction_dropout, behaviour_dropout: shares of groups that lose class and direction, the
+            direction, the class.
+        min_direction_margin: force margin from which a configuration counts as able to move the object in a direction.
+        yaw_jitter: half-width of the uniform error of frame C's yaw [rad].
+        point_noise: standard deviation of noise on surface points [m]; num_points: random subset a group.
+        loss_weighting, snr_limit: see `loss.py`. ema_decay: of the averaged weights that are shipped.
+        num_threads: of torch; None leaves it as it is.
+    """
+
+    steps: int = 20_000
+    max_minutes: float | None = None
+    groups: int = 16
+    rows_per_group: int = 16
+    learning_rate: float = 1e-3
+    warmup_steps: int = 500
+    weight_decay: float = 0.01
+    gradient_clip: float = 1.0
+    ema_decay: float = 0.999
+    grasp_fraction: float = 0.25
+    unconditional_fraction: float = 0.1
+    direction_dropout: float = 0.1
+    behaviour_dropout: float = 0.1
+    min_direction_margin: float = 1.0
+    yaw_jitter: float = 0.0873
+    point_noise: float = 5e-4
+    num_points: int = 256
+    loss_weighting: LossWeighting = "min_snr"
+    snr_limit: float = 5.0
+    validate_every: int = 1000
+    checkpoint_every: int = 1000
+    log_every: int = 50
+    seed: int = 0
+    num_threads: int | None = None
+    architecture: Architecture = field(default_factory=Architecture)
+
+    def __post_init__(self) -> None:
+        counts = ("steps", "groups", "rows_per_group", "num_points", "validate_every", "checkpoint_every", "log_every")
+        for name in counts:
+            if getattr(self, name) < 1:
+                raise InputError(f"{name} is {getattr(self, name)}, expected at least 1.")
+        for name in _SHARES:
+            if not 0.0 <= getattr(self, name) <= 1.0:
+                raise InputError(f"{name} is {getattr(self, name)}, expected a share between 0 and 1.")
+        if self.max_minutes is not None and self.max_minutes <= 0.0:
+            raise InputError(f"max_minutes is {self.max_minutes}, expected more than 0, or None for no limit.")
+
+    def identity(self) -> dict[str, object]:
+        """The settings that a continuation must share with the run that it continues."""
+        return {name: value for name, value in asdict(self).items() if name not in _BUDGET_FIELDS}

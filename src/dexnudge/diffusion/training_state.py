@@ -1,0 +1,99 @@
+"""The state of an unfinished training run: one safetensors file, replaced atomically."""
+
+import json
+from dataclasses import dataclass
+from pathlib import Path
+
+import torch
+from safetensors import SafetensorError, safe_open
+from safetensors.torch import save_file
+from torch import Tensor
+
+from dexnudge.dataset.atomic import replace_atomically
+from dexnudge.diffusion.training_config import TrainingConfig
+from dexnudge.errors import CheckpointError
+
+STATE_NAME = "training_state.safetensors"
+STATE_VERSION = 1  # raised whenever the optimiser or the order of random draws changes
+
+
+@dataclass(kw_only=True)
+class TrainingState:
+    """Everything that decides how the run goes on; random draws depend on the step alone.
+
+    step: steps done; minutes: time spent on them; weights, average, first_moment, second_moment: by parameter name.
+    """
+
+    step: int
+    minutes: float
+    weights: dict[str, Tensor]
+    average: dict[str, Tensor]
+    first_moment: dict[str, Tensor]
+    second_moment: dict[str, Tensor]
+
+
+_GROUPS = ("weights", "average", "first_moment", "second_moment")
+
+
+def save_state(folder: Path, state: TrainingState, config: TrainingConfig, dataset_id: str) -> None:
+    """Write the state with the identity of the run that it belongs to."""
+    tensors = {
+        f"{group}/{name}": tensor.detach().cpu().contiguous()
+        for group in _GROUPS
+        for name, tensor in getattr(state, group).items()
+    }
+    header = {
+        "version": STATE_VERSION,
+        "step": state.step,
+        "minutes": state.minutes,
+        "dataset": dataset_id,
+        "config": config.identity(),
+    }
+    with replace_atomically(folder / STATE_NAME) as temporary:
+        save_file(tensors, temporary, metadata={"training": json.dumps(header)})
+
+
+def load_state(folder: Path, config: TrainingConfig, dataset_id: str) -> TrainingState | None:
+    """The state saved in `folder`, or None if there is none.
+
+    Raises CheckpointError when it is truncated or belongs to another run: other settings, dataset or version.
+    """
+    path = folder / STATE_NAME
+    if not path.is_file():
+        return None
+    tensors: dict[str, dict[str, Tensor]] = {group: {} for group in _GROUPS}
+    try:
+        with safe_open(path, framework="pt") as file:
+            header = json.loads(file.metadata()["training"])
+            for key in file.keys():  # noqa: SIM118 - not a dict
+                group, name = key.split("/", 1)
+                tensors[group][name] = file.get_tensor(key)
+    except (SafetensorError, KeyError, TypeError, ValueError) as error:
+        raise CheckpointError(
+            f"{path} cannot be read: truncated or not a training state ({error}); delete it to start again."
+        ) from error
+    _check_identity(path, header, config, dataset_id)
+    return TrainingState(step=header["step"], minutes=header["minutes"], **tensors)
+
+
+def _check_identity(path: Path, header: dict, config: TrainingConfig, dataset_id: str) -> None:
+    identity = json.loads(json.dumps(config.identity()))  # tuples become lists, as in the file
+    found = {"version": header.get("version"), "dataset": header.get("dataset"), **header.get("config", {})}
+    expected = {"version": STATE_VERSION, "dataset": dataset_id, **identity}
+    names = sorted(name for name in {*found, *expected} if found.get(name) != expected.get(name))
+    if names:
+        differences = "; ".join(f"{name} was {found.get(name)!r}, is now {expected.get(name)!r}" for name in names)
+        raise CheckpointError(
+            f"{path} belongs to another run and cannot be continued: {differences}; "
+            "use the same settings, or another output folder."
+        )
+
+
+def restore_moments(optimizer: torch.optim.Optimizer, named: dict[str, Tensor], state: TrainingState) -> None:
+    """Give an AdamW over the parameters `named` its moments back."""
+    for name, parameter in named.items():
+        optimizer.state[parameter] = {
+            "step": torch.tensor(float(state.step)),
+            "exp_avg": state.first_moment[name].clone(),
+            "exp_avg_sq": state.second_moment[name].clone(),
+        }

@@ -1,0 +1,85 @@
+"""A hand's constant arrays for the fused kernel."""
+
+from functools import lru_cache
+
+import numpy as np
+from dexnudge.geometry.warp_runtime import wp
+
+from dexnudge.energies.grid_kernel import pack_grids
+from dexnudge.energies.hand_kernel import HandModel
+from dexnudge.geometry.distance_grid import DistanceGrid, distance_grid
+from dexnudge.geometry.exact_distance import ExactDistance
+from dexnudge.hands.hand import Hand
+
+LINK_CELL = 0.0015  # [m] grid cell of a digit's link
+LARGE_LINK_CELL = 0.003  # [m] of the palm and the base
+GRID_PADDING = 0.004  # [m] around a link; clearances are smaller
+FREE = 1.0  # [m] distance reported by the grid of a link without geometry
+
+
+def build_hand_model(hand: Hand, *, device: str = "cpu") -> HandModel:
+    """Packs the tree, the sparse points, the bounding spheres and the link grids; cached per hand object."""
+    return _build(_ByIdentity(hand), device)
+
+
+class _ByIdentity:
+    """Hashes a hand by identity: its arrays are not hashable, and two equal hands may have two models."""
+
+    def __init__(self, hand: Hand) -> None:
+        self.hand = hand
+
+    def __hash__(self) -> int:
+        return id(self.hand)
+
+    def __eq__(self, other: object) -> bool:
+        return isinstance(other, _ByIdentity) and other.hand is self.hand
+
+
+@lru_cache(maxsize=8)
+def _build(key: _ByIdentity, device: str) -> HandModel:
+    hand = key.hand
+    links = len(hand.link_names)
+    joints = [joint for joint in hand.joints]
+    origins = np.stack([np.eye(4) if joint is None else joint.origin for joint in joints])
+    sparse = hand.sparse_points
+    centre, radius = np.zeros((links, 3)), np.full(links, -1.0)
+    for link, mesh in enumerate(hand.link_meshes):
+        if len(mesh.faces):
+            centre[link] = mesh.bounds.mean(axis=0)
+            radius[link] = np.linalg.norm(mesh.vertices - centre[link], axis=1).max()
+    partners: list[list[int]] = [[] for _ in range(links)]
+    for one, other in hand.self_collision_pairs:
+        partners[one].append(other)
+        partners[other].append(one)
+
+    def array(values, dtype):
+        return wp.array(np.asarray(values), dtype=dtype, device=device)
+
+    model = HandModel()
+    model.parent = array(hand.link_parent.astype(np.int32), wp.int32)
+    model.joint = array(np.asarray([-1 if j is None or j.index is None else j.index for j in joints], np.int32), wp.int32)
+    model.multiplier = array(np.asarray([1.0 if j is None else j.multiplier for j in joints], np.float32), wp.float32)
+    model.offset = array(np.asarray([0.0 if j is None else j.offset for j in joints], np.float32), wp.float32)
+    model.axis = array(np.stack([np.zeros(3) if j is None else j.axis for j in joints]).astype(np.float32), wp.vec3)
+    model.origin_rotation = array(origins[:, :3, :3].astype(np.float32), wp.mat33)
+    model.origin_translation = array(origins[:, :3, 3].astype(np.float32), wp.vec3)
+    model.points = array(sparse.points.astype(np.float32), wp.vec3)
+    model.first_point = array(np.searchsorted(sparse.link, np.arange(links + 1)).astype(np.int32), wp.int32)
+    model.centre = array(centre.astype(np.float32), wp.vec3)
+    model.radius = array(radius.astype(np.float32), wp.float32)
+    keypoint = centre.copy()
+    keypoint[[hand.link_names.index(link) for link in hand.fingertip_links]] = hand.fingertip_keypoints
+    model.keypoint = array(keypoint.astype(np.float32), wp.vec3)
+    model.partner = array(np.asarray(sum(partners, []), dtype=np.int32), wp.int32)
+    model.first_partner = array(np.cumsum([0] + [len(p) for p in partners]).astype(np.int32), wp.int32)
+    model.grids = pack_grids([_link_grid(hand, link, device) for link in range(links)], device=device)
+    return model
+
+
+def _link_grid(hand: Hand, link: int, device: str) -> DistanceGrid:
+    mesh = hand.link_meshes[link]
+    if len(mesh.faces) == 0:
+        return DistanceGrid(np.full((2, 2, 2), FREE, dtype=np.float32), np.zeros(3), 1.0e-6)
+    cell = LINK_CELL if hand.digit_of_link[hand.link_names[link]] else LARGE_LINK_CELL
+    lower, upper = mesh.bounds
+    return distance_grid(ExactDistance(mesh, device=device), lower - GRID_PADDING, upper + GRID_PADDING, cell=cell)

@@ -1,0 +1,70 @@
+"""Distance fields of an object and its environment for the fused kernel, all in one working frame."""
+
+from dataclasses import dataclass
+
+import numpy as np
+import trimesh
+from dexnudge.geometry.warp_runtime import wp
+from jaxtyping import Float
+
+from dexnudge.energies.grid_kernel import pack_grids
+from dexnudge.energies.hand_kernel import SceneFields
+from dexnudge.geometry.distance_grid import DistanceGrid, distance_grid
+from dexnudge.geometry.exact_distance import ExactDistance
+from dexnudge.geometry.surface_points import surface_points
+
+OBJECT_CELL = 0.0015  # [m]
+OBJECT_PADDING = 0.012  # [m]
+OBJECT_POINT_SPACING = 0.006  # [m] of the object's points that are tested against the links
+NEAR_CELL, NEAR_PADDING = 0.004, 0.05  # [m] environment around the object
+FAR_CELL, FAR_REACH = 0.012, 0.34  # [m] environment wherever the hand can be while it touches the object
+EDGE_POINT_SPACING = 0.004  # [m] along the environment's sharp edges
+SHARP_EDGE = np.radians(30.0)  # dihedral angle above which an edge can dig into a link between two of its points
+NO_ENVIRONMENT = 10.0  # [m] distance everywhere when there is none
+
+
+@dataclass(frozen=True)
+class FieldMeshes:
+    """What the fields were built from, in the working frame [m]; kept for whoever draws or debugs."""
+
+    object_mesh: trimesh.Trimesh
+    environment_mesh: trimesh.Trimesh | None
+
+
+def build_scene_fields(
+    object_mesh: trimesh.Trimesh, environment_mesh: trimesh.Trimesh | None, *, device: str = "cpu"
+) -> SceneFields:
+    """Grids and test points from meshes that are already in the working frame [m]."""
+    lower, upper = object_mesh.bounds
+    exact = ExactDistance(object_mesh, device=device)
+    grids = [distance_grid(exact, lower - OBJECT_PADDING, upper + OBJECT_PADDING, cell=OBJECT_CELL)]
+    fields = SceneFields()
+    edge_points = np.zeros((0, 3))
+    if environment_mesh is None:
+        empty = DistanceGrid(np.full((2, 2, 2), NO_ENVIRONMENT, dtype=np.float32), np.zeros(3), 1.0e-6)
+        grids += [empty, empty]
+    else:
+        around = ExactDistance(environment_mesh, device=device)
+        grids.append(distance_grid(around, lower - NEAR_PADDING, upper + NEAR_PADDING, cell=NEAR_CELL))
+        grids.append(distance_grid(around, lower - FAR_REACH, upper + FAR_REACH, cell=FAR_CELL))
+        edge_points = sharp_edge_points(environment_mesh, lower - FAR_REACH, upper + FAR_REACH)
+    fields.grids = pack_grids(grids, device=device)
+    spread = surface_points(object_mesh, spacing=OBJECT_POINT_SPACING).points
+    fields.object_points = wp.array(spread.astype(np.float32), dtype=wp.vec3, device=device)
+    fields.environment_points = wp.array(edge_points.astype(np.float32), dtype=wp.vec3, device=device)
+    fields.has_environment = int(environment_mesh is not None)
+    return fields
+
+
+def sharp_edge_points(
+    mesh: trimesh.Trimesh, lower: Float[np.ndarray, " 3"], upper: Float[np.ndarray, " 3"]
+) -> Float[np.ndarray, "n 3"]:
+    """Points along convex sharp edges inside a box [m]: they can enter a link between two of the link's own points."""
+    sharp = (mesh.face_adjacency_angles > SHARP_EDGE) & mesh.face_adjacency_convex
+    ends = mesh.vertices[mesh.face_adjacency_edges[sharp]]
+    points = [np.zeros((0, 3))]
+    for start, end in ends:
+        count = max(2, int(np.ceil(np.linalg.norm(end - start) / EDGE_POINT_SPACING)) + 1)
+        points.append(start + np.linspace(0.0, 1.0, count)[:, None] * (end - start))
+    along = np.concatenate(points)
+    return along[((along >= lower) & (along <= upper)).all(axis=1)]

@@ -1,0 +1,44 @@
+"""Every error that dexnudge raises on purpose.
+
+A message says what happened, what was expected, what was found, and how to mend it. Each class is also the
+builtin that a caller would catch. The command line prints the message and exits 2; anything else is a bug.
+"""
+
+
+class DexnudgeError(Exception):
+    """Base of every deliberate error."""
+
+
+class InputError(DexnudgeError, ValueError):
+    """Input that cannot be used as given."""
+
+
+class MeshError(InputError):
+    """A mesh that is missing, broken, empty, or of an implausible size."""
+
+
+class HandError(InputError):
+    """A hand description that is malformed or inconsistent."""
+
+
+class SceneError(InputError):
+    """A scene that is physically or geometrically impossible."""
+
+
+class CheckpointError(InputError):
+    """Model weights that are truncated, foreign, or made for another hand."""
+
+
+class DatasetError(InputError):
+    """A dataset shard or manifest that is truncated, foreign, or of another version."""
+
+
+class UnknownNameError(InputError, KeyError):
+    """A name that is not in a table; the message lists the names that are."""
+
+    def __str__(self) -> str:
+        return str(self.args[0])  # KeyError would print the repr, with quotes and escapes
+
+
+class OutputError(DexnudgeError, OSError):
+    """An output folder or file that cannot be written."""

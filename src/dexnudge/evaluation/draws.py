@@ -1,0 +1,156 @@
+"""Draw configurations, judge every one of them, and put the verified ones first."""
+
+import dataclasses
+import itertools
+import time
+from collections import Counter
+from collections.abc import Callable
+from dataclasses import dataclass
+from typing import Any, Protocol
+
+import numpy as np
+from jaxtyping import Float, Int
+
+from dexnudge.errors import InputError
+from dexnudge.evaluation.success import Verdicts, judge
+from dexnudge.hands.hand import Hand
+from dexnudge.scenes.scene import Scene
+
+MAX_DRAWS_FACTOR = 32  # a search for K verified ones gives up after this many draws each, unless told otherwise
+
+
+class Draws(Protocol):
+    """What a sampler returns."""
+
+    q: Float[np.ndarray, "n coordinates"]
+    timings: dict[str, float]
+    report: dict[str, Any]
+
+
+class DrawsConfigurations(Protocol):
+    """A sampler, as far as judging its draws needs to know it."""
+
+    def sample(self, scene: Scene, *, num: int, seed: int, method: str) -> Draws:
+        """Draw `num` configurations for a scene."""
+
+
+@dataclass(frozen=True)
+class JudgedDraws:
+    """Every draw with its verdict, verified ones first, best first.
+
+    `own_rank` is the place that the sampler itself gave each draw, before anything was verified. `seconds` by stage;
+    `reports`, the sampler's own, one for each call.
+    """
+
+    q: Float[np.ndarray, "n coordinates"]
+    verdicts: Verdicts
+    own_rank: Int[np.ndarray, " n"]
+    seconds: dict[str, float]
+    reports: tuple[dict[str, Any], ...]
+
+    @property
+    def num_verified(self) -> int:
+        """How many draws succeed."""
+        return int(self.verdicts.success.sum())
+
+    def rejections(self) -> dict[str, int]:
+        """Rejected draws by reason, most frequent first."""
+        reasons = (r for r, ok in zip(self.verdicts.reason, self.verdicts.success, strict=True) if not ok)
+        return dict(Counter(reasons).most_common())
+
+
+def draw_and_judge(
+    sampler: DrawsConfigurations,
+    hand: Hand,
+    scene: Scene,
+    *,
+    num: int = 32,
+    seed: int = 0,
+    method: str = "ours",
+    verified: int | None = None,
+    max_draws: int | None = None,
+    on_progress: Callable[[int, int], None] | None = None,
+) -> JudgedDraws:
+    """Draw `num` configurations, or as many as it takes to verify some.
+
+    Args:
+        sampler: where draws come from.
+        hand: judges; need not be the object that the sampler holds.
+        scene: the problem.
+        num: draws of one call of the sampler.
+        seed: of the first call; later calls use seeds derived from it.
+        method: as in `sampling.METHODS`.
+        verified: go on drawing until this many succeed.
+        max_draws: stop after this many draws; the default is 32 for each one asked for in `verified`.
+        on_progress: called after each batch with (drawn, verified).
+
+    Raises:
+        InputError: a count below 1, or `max_draws` without `verified`.
+    """
+    check_counts(num, verified, max_draws)
+    limit = num if verified is None else max_draws or max(num, MAX_DRAWS_FACTOR * verified)
+    q: list[np.ndarray] = []
+    verdicts: list[Verdicts] = []
+    own_rank: list[np.ndarray] = []
+    seconds: Counter[str] = Counter()
+    reports = []
+    drawn = succeeded = 0
+    while drawn < limit and (verified is None or succeeded < verified):
+        batch = sampler.sample(scene, num=min(num, limit - drawn), seed=_batch_seed(seed, len(q)), method=method)
+        start = time.perf_counter()
+        verdicts.append(judge(hand, scene, batch.q.astype(np.float64)))
+        seconds.update({**batch.timings, "verify": time.perf_counter() - start})
+        q.append(batch.q)
+        own_rank.append(np.arange(len(batch.q)))
+        reports.append(batch.report)
+        drawn += len(batch.q)
+        succeeded += int(verdicts[-1].success.sum())
+        if on_progress:
+            on_progress(drawn, succeeded)
+    together = _concatenate(verdicts)
+    order = best_first(together)
+    return JudgedDraws(
+        np.concatenate(q)[order], take(together, order), np.concatenate(own_rank)[order], dict(seconds), tuple(reports)
+    )
+
+
+def best_first(verdicts: Verdicts) -> Int[np.ndarray, " n"]:
+    """Order of the draws: verified ones first, then by force margin, then by the least penetration."""
+    deepest = np.maximum.reduce(
+        [verdicts.penetration_object, verdicts.penetration_environment, verdicts.penetration_self]
+    )
+    return np.lexsort((deepest, -verdicts.force_margin, ~verdicts.success))
+
+
+def take(verdicts: Verdicts, order: Int[np.ndarray, " m"]) -> Verdicts:
+    """The verdicts at the given places, in that order."""
+    picked = {}
+    for field in dataclasses.fields(verdicts):
+        value = getattr(verdicts, field.name)
+        picked[field.name] = value[order] if isinstance(value, np.ndarray) else [value[i] for i in order]
+    return dataclasses.replace(verdicts, **picked)
+
+
+def _concatenate(parts: list[Verdicts]) -> Verdicts:
+    joined = {}
+    for field in dataclasses.fields(parts[0]):
+        values = [getattr(part, field.name) for part in parts]
+        arrays = isinstance(values[0], np.ndarray)
+        joined[field.name] = np.concatenate(values) if arrays else list(itertools.chain.from_iterable(values))
+    return dataclasses.replace(parts[0], **joined)
+
+
+def _batch_seed(seed: int, batch: int) -> int:
+    """The user's own seed for the first batch, so that `--verified` starts with the draws that it would give without."""
+    if batch == 0:
+        return seed
+    return int(np.random.SeedSequence([seed, batch]).generate_state(1)[0])
+
+
+def check_counts(num: int, verified: int | None, max_draws: int | None) -> None:
+    """Refuse counts that `draw_and_judge` could not serve, before anything slow has begun; InputError."""
+    for name, value in (("num", num), ("verified", verified), ("max_draws", max_draws)):
+        if value is not None and value < 1:
+            raise InputError(f"--{name.replace('_', '-')} is {value}; expected at least 1")
+    if max_draws is not None and verified is None:
+        raise InputError("--max-draws limits the search of --verified K; expected both or neither; use --num instead")

@@ -1,0 +1,1 @@
+"""Meshes, points on them, signed distances and rotations."""

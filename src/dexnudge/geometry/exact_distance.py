@@ -1,0 +1,92 @@
+"""Exact signed distance to a triangle mesh: closest point in a bounding-volume tree, sign by the winding number.
+
+The generalised winding number (Jacobson et al., SIGGRAPH 2013) gives the right sign on meshes with holes, with
+inner parts and with overlapping pieces, where a sign from face normals does not. NEGATIVE INSIDE.
+"""
+
+from dataclasses import dataclass
+
+import numpy as np
+import trimesh
+from dexnudge.geometry.warp_runtime import wp
+from jaxtyping import Float, Int
+
+INSIDE_WINDING_NUMBER = 0.5  # a point is inside where the surface winds around it at least half a turn
+WINDING_ACCURACY = 3.0  # Barnes-Hut opening ratio of Warp's fast winding number; 2 is Warp's default
+SEARCH_RADIUS = 1.0e3  # [m] farther than any scene is wide
+
+
+@dataclass(frozen=True)
+class ExactHit:
+    """What the query found for each point.
+
+    `distance` [m], negative inside; `closest` [m], on the mesh; `normal`, unit, outward, of the nearest triangle;
+    `face`, the index of that triangle.
+    """
+
+    distance: Float[np.ndarray, " n"]
+    closest: Float[np.ndarray, "n 3"]
+    normal: Float[np.ndarray, "n 3"]
+    face: Int[np.ndarray, " n"]
+
+
+@wp.kernel(enable_backward=False)
+def _query(
+    mesh: wp.uint64,
+    points: wp.array(dtype=wp.vec3),
+    accuracy: float,
+    threshold: float,
+    radius: float,
+    distance: wp.array(dtype=float),
+    closest: wp.array(dtype=wp.vec3),
+    face: wp.array(dtype=int),
+):
+    i = wp.tid()
+    hit = wp.mesh_query_point_sign_winding_number(mesh, points[i], radius, accuracy, threshold)
+    c = wp.mesh_eval_position(mesh, hit.face, hit.u, hit.v)
+    distance[i] = hit.sign * wp.length(points[i] - c)
+    closest[i] = c
+    face[i] = hit.face
+
+
+class ExactDistance:
+    """Signed distance of points to one mesh [m], exact to single precision, negative inside.
+
+    Args:
+        mesh: triangles in the frame in which the points will be given. Must have at least one face.
+    """
+
+    def __init__(self, mesh: trimesh.Trimesh, *, device: str = "cpu") -> None:
+        self.device = device
+        # The mesh is queried about its own centre: single precision is finest there.
+        self.origin = mesh.bounds.mean(axis=0)
+        vertices = np.asarray(mesh.vertices - self.origin, dtype=np.float32)
+        self._mesh = wp.Mesh(
+            points=wp.array(vertices, dtype=wp.vec3, device=device),
+            indices=wp.array(np.asarray(mesh.faces, dtype=np.int32).ravel(), dtype=wp.int32, device=device),
+            support_winding_number=True,
+        )
+        self._face_normals = np.asarray(mesh.face_normals)
+
+    def __call__(self, points: Float[np.ndarray, "n 3"]) -> ExactHit:
+        count = len(points)
+        if count == 0:
+            return ExactHit(np.zeros(0), np.zeros((0, 3)), np.zeros((0, 3)), np.zeros(0, dtype=np.int32))
+        local = wp.array(np.asarray(points - self.origin, dtype=np.float32), dtype=wp.vec3, device=self.device)
+        distance = wp.empty(count, dtype=float, device=self.device)
+        closest = wp.empty(count, dtype=wp.vec3, device=self.device)
+        face = wp.empty(count, dtype=int, device=self.device)
+        wp.launch(
+            _query,
+            dim=count,
+            inputs=[self._mesh.id, local, WINDING_ACCURACY, INSIDE_WINDING_NUMBER, SEARCH_RADIUS],
+            outputs=[distance, closest, face],
+            device=self.device,
+        )
+        faces = face.numpy()
+        return ExactHit(
+            distance.numpy().astype(np.float64),
+            closest.numpy().astype(np.float64) + self.origin,
+            self._face_normals[faces],
+            faces,
+        )

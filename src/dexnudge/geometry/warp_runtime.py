@@ -1,0 +1,35 @@
+"""Warp, made ready once and quietly: every module with a kernel imports `wp` from here.
+
+Warp's own log level keeps its banner and its module lines back. One line does not obey it: the native library writes to
+stderr that it found no CUDA driver, on every machine without one. That line alone is filtered out, during start-up only.
+"""
+
+import os
+import sys
+import tempfile
+
+import warp as wp
+
+NO_DRIVER = "Could not find or load the NVIDIA CUDA driver"
+
+__all__ = ["wp"]
+
+
+def _start() -> None:
+    if wp.config.log_level == wp.LOG_INFO:  # the default; a level that the user chose stays
+        wp.config.log_level = wp.LOG_WARNING
+    with tempfile.TemporaryFile() as caught:
+        stderr = os.dup(2)
+        os.dup2(caught.fileno(), 2)
+        try:
+            wp.init()
+        finally:
+            os.dup2(stderr, 2)
+            os.close(stderr)
+        caught.seek(0)
+        for line in caught.read().decode(errors="replace").splitlines():
+            if NO_DRIVER not in line:
+                print(line, file=sys.stderr)
+
+
+_start()

@@ -1,0 +1,135 @@
+"""What a URDF or MJCF cannot say about a hand: its palm, its fingertips, where the palm faces, which joints share a tendon."""
+
+from dataclasses import dataclass, field, fields
+from pathlib import Path
+from typing import Any
+
+import numpy as np
+import yaml
+
+from dexnudge.errors import HandError
+
+MAX_CONFIG_BYTES = 100_000
+GEOMETRIES = ("collision", "visual")
+
+
+@dataclass(frozen=True)
+class HandConfig:
+    """Facts that stand beside a robot description.
+
+    Attributes:
+        palm: link that becomes the root; its pose is the first nine numbers of q.
+        fingertips: digit name -> last link of that digit.
+        palm_normal: direction in which the palm faces, palm frame; any length.
+        couplings: (follower, leader) joints with the hard constraint angle(follower) <= angle(leader).
+        base_link: forearm or adapter behind the palm; left out with `base=False`.
+        geometry: which of the description's geometry is judged, "collision" or "visual".
+        name: the hand's name; None: the description's own.
+    """
+
+    palm: str
+    fingertips: dict[str, str]
+    palm_normal: tuple[float, float, float]
+    couplings: tuple[tuple[str, str], ...] = field(default=())
+    base_link: str | None = None
+    geometry: str = "collision"
+    name: str | None = None
+
+
+def read_hand_config(path: Path) -> HandConfig:
+    """The configuration in a YAML file.
+
+    Raises:
+        HandError: missing file, not YAML, an unknown or missing key, or a value of another kind.
+    """
+    if not path.is_file():
+        raise HandError(f"the hand's YAML is missing: expected a file at {path}, found none; mend the path")
+    if path.stat().st_size > MAX_CONFIG_BYTES:
+        raise HandError(
+            f"{path}: the file is too large: expected at most {MAX_CONFIG_BYTES} bytes, got {path.stat().st_size}; "
+            "keep only the hand's own keys"
+        )
+    try:
+        raw = yaml.safe_load(path.read_text(encoding="utf-8"))
+    except (yaml.YAMLError, UnicodeDecodeError) as error:
+        summary = " ".join(str(error).split())
+        raise HandError(f"{path}: not a YAML file: expected 'key: value' lines, got '{summary}'; mend the file") from error
+    if not isinstance(raw, dict):
+        raise HandError(f"{path}: expected 'key: value' lines, got {type(raw).__name__}; write palm, fingertips, palm_normal")
+    known = [f.name for f in fields(HandConfig)]
+    unknown = [key for key in raw if key not in known]
+    if unknown:
+        raise HandError(f"{path}: unknown keys {unknown}; expected some of {known}; remove or rename them")
+    missing = [key for key in ("palm", "fingertips", "palm_normal") if key not in raw]
+    if missing:
+        raise HandError(f"{path}: missing keys {missing}; expected palm, fingertips and palm_normal; add them")
+    return HandConfig(
+        palm=_text(raw["palm"], "palm", path),
+        fingertips=_fingertips(raw["fingertips"], path),
+        palm_normal=_direction(raw["palm_normal"], path),
+        couplings=_couplings(raw.get("couplings") or [], path),
+        base_link=_optional_text(raw.get("base_link"), "base_link", path),
+        geometry=_geometry(raw.get("geometry", "collision"), path),
+        name=_optional_text(raw.get("name"), "name", path),
+    )
+
+
+def write_hand_config(config: HandConfig, path: Path) -> None:
+    """Write what `read_hand_config` reads."""
+    raw = {
+        "name": config.name,
+        "palm": config.palm,
+        "fingertips": dict(config.fingertips),
+        "palm_normal": [float(value) for value in config.palm_normal],
+        "couplings": [list(pair) for pair in config.couplings],
+        "base_link": config.base_link,
+        "geometry": config.geometry,
+    }
+    kept = {key: value for key, value in raw.items() if value is not None}
+    path.write_text(yaml.safe_dump(kept, sort_keys=False, default_flow_style=None), encoding="utf-8")
+
+
+def _wrong(path: Path, key: str, expected: str, got: Any) -> HandError:
+    return HandError(f"{path}: key '{key}': expected {expected}, got {got!r}; mend it")
+
+
+def _text(value: Any, key: str, path: Path) -> str:
+    if not isinstance(value, str) or not value:
+        raise _wrong(path, key, "a name", value)
+    return value
+
+
+def _optional_text(value: Any, key: str, path: Path) -> str | None:
+    return None if value is None else _text(value, key, path)
+
+
+def _fingertips(value: Any, path: Path) -> dict[str, str]:
+    valid = isinstance(value, dict) and value and all(isinstance(v, str) for pair in value.items() for v in pair)
+    if not valid:
+        raise _wrong(path, "fingertips", "at least one line 'digit: link'", value)
+    return dict(value)
+
+
+def _direction(value: Any, path: Path) -> tuple[float, float, float]:
+    expected = "three numbers [x, y, z], not all zero"
+    if not isinstance(value, list) or len(value) != 3 or not all(type(v) in (int, float) for v in value):
+        raise _wrong(path, "palm_normal", expected, value)
+    length = float(np.linalg.norm(value))
+    if not np.isfinite(length) or length == 0.0:
+        raise _wrong(path, "palm_normal", expected, value)
+    return (float(value[0]), float(value[1]), float(value[2]))
+
+
+def _couplings(value: Any, path: Path) -> tuple[tuple[str, str], ...]:
+    if not isinstance(value, list):
+        raise _wrong(path, "couplings", "pairs of joints [follower, leader]", value)
+    for pair in value:
+        if not isinstance(pair, list) or len(pair) != 2 or not all(isinstance(name, str) for name in pair):
+            raise _wrong(path, "couplings", "pairs of joints [follower, leader]", pair)
+    return tuple((pair[0], pair[1]) for pair in value)
+
+
+def _geometry(value: Any, path: Path) -> str:
+    if value not in GEOMETRIES:
+        raise _wrong(path, "geometry", f"one of {list(GEOMETRIES)}", value)
+    return str(value)

@@ -1,0 +1,133 @@
+"""A hand written to a folder: URDF, meshes, the YAML beside them, and MJCF. What `load_hand` reads back is the same hand.
+
+Meshes are OBJ with every digit, so that points drawn on them after reading are the same points.
+"""
+
+import re
+from pathlib import Path
+from xml.etree import ElementTree
+from xml.etree.ElementTree import Element, SubElement
+
+import numpy as np
+import trimesh
+from jaxtyping import Float
+
+from dexnudge.hands.config import HandConfig, write_hand_config
+from dexnudge.hands.export_mjcf import mjcf_of_hand
+from dexnudge.hands.hand import Hand, Joint
+from dexnudge.hands.physical import JOINT_EFFORT, JOINT_VELOCITY, body_inertia
+from dexnudge.hands.xml_numbers import numbers
+
+MESH_FOLDER = "meshes"
+
+
+def export_hand(hand: Hand, folder: Path | str) -> Path:
+    """Write hand.urdf, hand.yaml, hand.xml (MJCF) and meshes/*.obj into `folder`, made if need be.
+
+    The root link is the palm. `collision` and `visual` meshes are both the geometry that is judged. Masses and motor
+    limits are nominal (see `physical.py`).
+
+    Returns:
+        the path of hand.urdf.
+    """
+    folder = Path(folder)
+    (folder / MESH_FOLDER).mkdir(parents=True, exist_ok=True)
+    files = mesh_files(hand)
+    for link, mesh in enumerate(hand.link_meshes):
+        if files[link] is not None:
+            (folder / MESH_FOLDER / files[link]).write_text(obj_text(mesh), encoding="ascii")
+    write_hand_config(
+        HandConfig(
+            palm=hand.link_names[0],
+            fingertips=hand.fingertips,
+            palm_normal=tuple(hand.palm_normal.tolist()),
+            couplings=hand.couplings,
+            base_link=hand.base_link,
+            name=hand.name,
+        ),
+        folder / "hand.yaml",
+    )
+    _write(mjcf_of_hand(hand, files, MESH_FOLDER), folder / "hand.xml")
+    _write(urdf_of_hand(hand, files), folder / "hand.urdf")
+    return folder / "hand.urdf"
+
+
+def mesh_files(hand: Hand) -> list[str | None]:
+    """A file name for each link with geometry, safe on every file system whatever the link is called."""
+    safe = [re.sub(r"[^A-Za-z0-9_-]", "_", name) for name in hand.link_names]
+    return [f"{link:02d}_{safe[link]}.obj" if len(mesh.faces) else None for link, mesh in enumerate(hand.link_meshes)]
+
+
+def obj_text(mesh: trimesh.Trimesh) -> str:
+    """Wavefront OBJ with vertices and faces in the mesh's order, every coordinate in as many digits as make it exact."""
+    vertices = "\n".join(f"v {x!r} {y!r} {z!r}" for x, y, z in mesh.vertices.tolist())
+    faces = "\n".join(f"f {a} {b} {c}" for a, b, c in (mesh.faces + 1).tolist())
+    return f"{vertices}\n{faces}\n"
+
+
+def urdf_of_hand(hand: Hand, files: list[str | None]) -> Element:
+    """The URDF's root element; independent joints stand first, in the order of q."""
+    robot = Element("robot", name=hand.name)
+    # MuJoCo's own defaults would drop the folder of the meshes and merge fixed links into their parents.
+    compiler = {"strippath": "false", "discardvisual": "true", "fusestatic": "false", "balanceinertia": "true"}
+    SubElement(SubElement(robot, "mujoco"), "compiler", compiler)
+    for link, name in enumerate(hand.link_names):
+        element = SubElement(robot, "link", name=name)
+        _add_inertial(element, hand.link_meshes[link])
+        if files[link] is not None:
+            for kind in ("visual", "collision"):
+                geometry = SubElement(SubElement(element, kind), "geometry")
+                SubElement(geometry, "mesh", filename=f"{MESH_FOLDER}/{files[link]}")
+    for link in sorted(range(1, len(hand.link_names)), key=lambda link: _rank(hand, link)):
+        joint = hand.joints[link]
+        assert joint is not None
+        _add_joint(robot, hand, joint, hand.link_names[hand.link_parent[link]], hand.link_names[link])
+    return robot
+
+
+def euler_angles(rotation: Float[np.ndarray, "3 3"]) -> tuple[float, float, float]:
+    """Roll, pitch, yaw [rad] with R = Rz(yaw) Ry(pitch) Rx(roll), exact also where pitch comes near 90 degrees."""
+    yaw = np.arctan2(rotation[1, 0], rotation[0, 0])
+    rest = np.array([[np.cos(yaw), np.sin(yaw), 0], [-np.sin(yaw), np.cos(yaw), 0], [0, 0, 1]]) @ rotation
+    return (
+        float(np.arctan2(-rest[1, 2], rest[1, 1])),
+        float(np.arctan2(-rest[2, 0], rest[0, 0])),
+        float(yaw),
+    )
+
+
+def _rank(hand: Hand, link: int) -> tuple[int, int]:
+    joint = hand.joints[link]
+    assert joint is not None
+    return (hand.joint_names.index(joint.name) if joint.name in hand.joint_names else hand.num_joints, link)
+
+
+def _add_joint(robot: Element, hand: Hand, joint: Joint, parent: str, child: str) -> None:
+    element = SubElement(robot, "joint", name=joint.name, type="fixed" if joint.index is None else "revolute")
+    SubElement(element, "parent", link=parent)
+    SubElement(element, "child", link=child)
+    SubElement(element, "origin", xyz=numbers(joint.origin[:3, 3]), rpy=numbers(euler_angles(joint.origin[:3, :3])))
+    if joint.index is None:
+        return
+    SubElement(element, "axis", xyz=numbers(joint.axis))
+    leader = hand.joint_names[joint.index]
+    ends = joint.multiplier * np.array([hand.lower[joint.index], hand.upper[joint.index]]) + joint.offset
+    limits = {"lower": numbers([ends.min()]), "upper": numbers([ends.max()])}
+    SubElement(element, "limit", limits, effort=numbers([JOINT_EFFORT]), velocity=numbers([JOINT_VELOCITY]))
+    if joint.name != leader:
+        multiplier, offset = numbers([joint.multiplier]), numbers([joint.offset])
+        SubElement(element, "mimic", joint=leader, multiplier=multiplier, offset=offset)
+
+
+def _add_inertial(link: Element, mesh: trimesh.Trimesh) -> None:
+    body = body_inertia(mesh)
+    inertial = SubElement(link, "inertial")
+    SubElement(inertial, "origin", xyz=numbers(body.centre), rpy="0 0 0")
+    SubElement(inertial, "mass", value=numbers([body.mass]))
+    diagonal = dict(zip(("ixx", "iyy", "izz"), (numbers([value]) for value in body.diagonal), strict=True))
+    SubElement(inertial, "inertia", diagonal, ixy="0", ixz="0", iyz="0")
+
+
+def _write(root: Element, path: Path) -> None:
+    ElementTree.indent(root)
+    ElementTree.ElementTree(root).write(path, encoding="utf-8", xml_declaration=True)

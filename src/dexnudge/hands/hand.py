@@ -1,0 +1,261 @@
+"""A robot hand: its kinematic tree, its limits and couplings, and the geometry that is judged."""
+
+from dataclasses import dataclass
+from functools import cached_property
+
+import numpy as np
+import torch
+import trimesh
+from jaxtyping import Float, Int
+from torch import Tensor
+
+from dexnudge.errors import HandError
+from dexnudge.geometry.exact_distance import ExactDistance
+from dexnudge.geometry.rotations import rotation_6d_to_matrix
+from dexnudge.geometry.surface_points import surface_points
+
+DENSE_SPACING = 0.002  # [m] between the points that judge
+FINGERTIP_SPACING = 0.004  # [m] between the points that guide, where contact is made
+DIGIT_SPACING = 0.006  # [m] on the other links of a digit
+PALM_SPACING = 0.010  # [m] on the palm and the base, which are large and smooth
+ALWAYS_OVERLAPPING = 0.001  # [m] links that overlap by this at zero joint angles are no collision pair
+ROOT_COORDINATES = 9  # translation (3) and 6D rotation (6) stand before the joint angles in q
+
+
+@dataclass(frozen=True)
+class LinkPoints:
+    """Surface points of all links [m], each in the frame of its own link, grouped by link in ascending order."""
+
+    points: Float[np.ndarray, "p 3"]
+    normals: Float[np.ndarray, "p 3"]
+    link: Int[np.ndarray, " p"]
+
+
+@dataclass(frozen=True)
+class Joint:
+    """One revolute joint between a parent and a child link.
+
+    T_parent_child = origin @ rotation(axis, multiplier * angle + offset), `angle` being the entry `index` of the joint
+    angles; `index` is None where the joint is fixed.
+    """
+
+    name: str
+    origin: Float[np.ndarray, "4 4"]
+    axis: Float[np.ndarray, " 3"]
+    index: int | None
+    multiplier: float = 1.0
+    offset: float = 0.0
+
+
+@dataclass(frozen=True)
+class Hand:
+    """A hand with d joint angles and L links, link 0 being the palm, parents before children.
+
+    Attributes:
+        joint_names: the d independent joints in the order in which q holds them.
+        lower, upper: joint limits [rad].
+        link_parent: index of each link's parent, -1 for the palm.
+        joints: for each link the joint that carries it; None for the palm.
+        link_meshes: collision geometry in the link frame [m]; an empty mesh for a link without geometry.
+        fingertips: digit name -> its last link.
+        couplings: (follower, leader) pairs with the hard constraint angle(follower) <= angle(leader).
+        palm_normal: direction in which the palm faces, palm frame.
+        base_link: the forearm or adapter behind the palm, if it is part of the geometry.
+    """
+
+    name: str
+    joint_names: tuple[str, ...]
+    lower: Float[np.ndarray, " d"]
+    upper: Float[np.ndarray, " d"]
+    link_names: tuple[str, ...]
+    link_parent: Int[np.ndarray, " link"]
+    joints: tuple[Joint | None, ...]
+    link_meshes: tuple[trimesh.Trimesh, ...]
+    fingertips: dict[str, str]
+    couplings: tuple[tuple[str, str], ...]
+    palm_normal: Float[np.ndarray, " 3"]
+    base_link: str | None = None
+
+    def __post_init__(self) -> None:
+        missing = [link for link in self.fingertips.values() if link not in self.link_names]
+        if missing:
+            raise HandError(
+                f"hand '{self.name}' names fingertip links that it does not have: {missing}; "
+                f"expected some of {list(self.link_names)}; mend 'fingertips' in the hand's YAML"
+            )
+        unknown = [name for pair in self.couplings for name in pair if name not in self.joint_names]
+        if unknown:
+            raise HandError(
+                f"hand '{self.name}' couples joints that it does not have: {unknown}; "
+                f"expected some of {list(self.joint_names)}; mend 'couplings' in the hand's YAML"
+            )
+
+    @property
+    def num_joints(self) -> int:
+        """d, the number of joint angles."""
+        return len(self.joint_names)
+
+    @property
+    def fingertip_links(self) -> tuple[str, ...]:
+        """The last link of each digit."""
+        return tuple(self.fingertips.values())
+
+    @cached_property
+    def digit_of_link(self) -> dict[str, str | None]:
+        """The digit that each link belongs to; None for the palm, the base and what else lies between digits."""
+        digits: dict[str, str | None] = dict.fromkeys(self.link_names)
+        for digit, tip in self.fingertips.items():
+            link = self.link_names.index(tip)
+            while link > 0 and self.link_names[link] != self.base_link:
+                digits[self.link_names[link]] = digit
+                link = int(self.link_parent[link])
+        return digits
+
+    @cached_property
+    def coupled_indices(self) -> Int[np.ndarray, "pair 2"]:
+        """Indices (follower, leader) of the coupled joints."""
+        pairs = [[self.joint_names.index(name) for name in pair] for pair in self.couplings]
+        return np.asarray(pairs, dtype=np.int64).reshape(-1, 2)
+
+    def forward_kinematics(self, q: Float[Tensor, "batch coordinates"]) -> Float[Tensor, "batch link 4 4"]:
+        """T_world_link of every link for q = [root translation (3) | 6D rotation (6) | joint angles (d)]; differentiable."""
+        root = torch.eye(4, dtype=q.dtype, device=q.device).repeat(len(q), 1, 1)
+        root = torch.cat(
+            [torch.cat([rotation_6d_to_matrix(q[:, 3:9]), q[:, :3, None]], dim=2), root[:, 3:]], dim=1
+        )
+        transforms = [root]
+        for link in range(1, len(self.link_names)):
+            joint = self.joints[link]
+            assert joint is not None
+            local = torch.as_tensor(joint.origin, dtype=q.dtype, device=q.device).expand(len(q), 4, 4)
+            if joint.index is not None:
+                angle = joint.multiplier * q[:, ROOT_COORDINATES + joint.index] + joint.offset
+                local = local @ _axis_rotation(joint.axis, angle)
+            transforms.append(transforms[self.link_parent[link]] @ local)
+        return torch.stack(transforms, dim=1)
+
+    def clamp(self, q: Float[Tensor, "batch coordinates"]) -> Float[Tensor, "batch coordinates"]:
+        """q with joint angles within limits and every follower at most its leader, by the least move of each pair."""
+        lower = torch.as_tensor(self.lower, dtype=q.dtype, device=q.device)
+        upper = torch.as_tensor(self.upper, dtype=q.dtype, device=q.device)
+        angles = q[:, ROOT_COORDINATES:]
+        for follower, leader in self.coupled_indices:
+            excess = (angles[:, follower] - angles[:, leader]).clamp_min(0.0) / 2
+            step = torch.zeros_like(angles)
+            step[:, follower], step[:, leader] = -excess, excess
+            angles = angles + step
+        angles = torch.minimum(torch.maximum(angles, lower), upper)
+        for follower, leader in self.coupled_indices:  # rounding and limits may have split a pair again
+            angles[:, follower] = torch.minimum(angles[:, follower], angles[:, leader])
+        return torch.cat([q[:, :ROOT_COORDINATES], angles], dim=1)
+
+    def link_spacing(self, link: int, *, dense: bool) -> float:
+        """Distance between neighbouring surface points of a link [m]."""
+        if dense:
+            return DENSE_SPACING
+        if self.link_names[link] in self.fingertip_links:
+            return FINGERTIP_SPACING
+        return DIGIT_SPACING if self.digit_of_link[self.link_names[link]] else PALM_SPACING
+
+    @cached_property
+    def finger_axis(self) -> Float[np.ndarray, " 3"]:
+        """Unit direction in which the digits point at zero joint angles, perpendicular to the palm normal; palm frame."""
+        zero = torch.zeros(1, ROOT_COORDINATES + self.num_joints, dtype=torch.float64)
+        zero[0, 3], zero[0, 7] = 1.0, 1.0
+        mean = self.keypoints(zero)[0].mean(dim=0).numpy()
+        normal = self.palm_normal / np.linalg.norm(self.palm_normal)
+        axis = mean - (mean @ normal) * normal
+        return axis / np.linalg.norm(axis)
+
+    @cached_property
+    def finger_length(self) -> float:
+        """Mean distance of the fingertip keypoints from the palm's origin along the finger axis [m]."""
+        zero = torch.zeros(1, ROOT_COORDINATES + self.num_joints, dtype=torch.float64)
+        zero[0, 3], zero[0, 7] = 1.0, 1.0
+        return float((self.keypoints(zero)[0].mean(dim=0).numpy() @ self.finger_axis))
+
+    def keypoints(self, q: Float[Tensor, "batch coordinates"]) -> Float[Tensor, "batch digit 3"]:
+        """The place on each fingertip that reaches for a target: see `fingertip_keypoints` [m]."""
+        transforms = self.forward_kinematics(q)
+        links = [self.link_names.index(link) for link in self.fingertip_links]
+        own = torch.as_tensor(self.fingertip_keypoints, dtype=q.dtype, device=q.device)
+        return torch.einsum("bdij,dj->bdi", transforms[:, links, :3, :3], own) + transforms[:, links, :3, 3]
+
+    @cached_property
+    def fingertip_keypoints(self) -> Float[np.ndarray, "digit 3"]:
+        """Keypoint of each fingertip in its link's frame [m]: two thirds of the way from its joint to its far end."""
+        points = []
+        for tip in self.fingertip_links:
+            vertices = self.link_meshes[self.link_names.index(tip)].vertices
+            far = vertices[np.linalg.norm(vertices, axis=1).argmax()]
+            points.append(2.0 / 3.0 * far)
+        return np.asarray(points)
+
+    @cached_property
+    def dense_points(self) -> LinkPoints:
+        """Points that judge: no two neighbours farther apart than 2 mm."""
+        return self._points(dense=True)
+
+    @cached_property
+    def sparse_points(self) -> LinkPoints:
+        """Points that guide: few enough to be fast."""
+        return self._points(dense=False)
+
+    def _points(self, *, dense: bool) -> LinkPoints:
+        points, normals, links = [], [], []
+        for link, mesh in enumerate(self.link_meshes):
+            if len(mesh.faces):
+                spread = surface_points(mesh, spacing=self.link_spacing(link, dense=dense), seed=link)
+                points.append(spread.points)
+                normals.append(spread.normals)
+                links.append(np.full(len(spread.points), link, dtype=np.int32))
+        return LinkPoints(np.concatenate(points), np.concatenate(normals), np.concatenate(links))
+
+    @cached_property
+    def self_collision_pairs(self) -> tuple[tuple[int, int], ...]:
+        """Pairs of links that must not touch: neither parent and child, nor grandparent and grandchild, nor overlapping
+        by 1 mm or more at zero joint angles."""
+        zero = torch.zeros(1, ROOT_COORDINATES + self.num_joints, dtype=torch.float64)
+        zero[0, 3], zero[0, 7] = 1.0, 1.0
+        transforms = self.forward_kinematics(zero)[0].numpy()
+        solid = [link for link, mesh in enumerate(self.link_meshes) if len(mesh.faces)]
+        distances = {link: ExactDistance(self.link_meshes[link]) for link in solid}
+        dense = self.dense_points
+        pairs = []
+        for one in solid:
+            for other in solid:
+                if one >= other or self._related(one, other):
+                    continue
+                overlap = max(
+                    _depth(dense.points[dense.link == a], transforms[a], distances[b], transforms[b])
+                    for a, b in ((one, other), (other, one))
+                )
+                if overlap < ALWAYS_OVERLAPPING:
+                    pairs.append((one, other))
+        return tuple(pairs)
+
+    def _related(self, one: int, other: int) -> bool:
+        parent = self.link_parent
+        for a, b in ((one, other), (other, one)):
+            if parent[a] == b or (parent[a] >= 0 and parent[parent[a]] == b):
+                return True
+        return False
+
+
+def _axis_rotation(axis: Float[np.ndarray, " 3"], angle: Float[Tensor, " batch"]) -> Float[Tensor, "batch 4 4"]:
+    x, y, z = (float(v) for v in axis)
+    skew = torch.tensor([[0.0, -z, y], [z, 0.0, -x], [-y, x, 0.0]], dtype=angle.dtype, device=angle.device)
+    rotation = torch.eye(4, dtype=angle.dtype, device=angle.device).repeat(len(angle), 1, 1)
+    rotation[:, :3, :3] += angle.sin()[:, None, None] * skew + (1 - angle.cos())[:, None, None] * (skew @ skew)
+    return rotation
+
+
+def _depth(
+    points: Float[np.ndarray, "n 3"],
+    T_world_a: Float[np.ndarray, "4 4"],
+    distance_b: ExactDistance,
+    T_world_b: Float[np.ndarray, "4 4"],
+) -> float:
+    """Depth [m] of the deepest of link a's points inside link b; 0 if none is inside."""
+    in_b = trimesh.transform_points(points, np.linalg.inv(T_world_b) @ T_world_a)
+    return float(max(0.0, -distance_b(in_b).distance.min(initial=0.0)))

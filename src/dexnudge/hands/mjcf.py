@@ -1,0 +1,186 @@
+"""Any hand from a MuJoCo model (MJCF) and a short YAML beside it.
+
+MuJoCo itself compiles the file, so defaults, includes and every way to write an orientation mean here what they mean there.
+Joints of the topmost body are left out: they place the hand in the world, and the root of q does that.
+"""
+
+from collections.abc import Callable
+from pathlib import Path
+
+import mujoco
+import numpy as np
+import trimesh
+
+from dexnudge.errors import HandError
+from dexnudge.hands import primitives
+from dexnudge.hands.config import HandConfig, read_hand_config
+from dexnudge.hands.hand import Hand
+from dexnudge.hands.tree import Mimic, Tree, TreeJoint, hand_from_tree
+from dexnudge.hands.urdf import CONTINUOUS_LIMIT, config_path
+from dexnudge.hands.xml_text import read_xml
+
+FILE_ATTRIBUTES = ("file", "meshdir", "texturedir", "assetdir")
+
+
+def hand_from_mjcf(path: Path | str, config: HandConfig | Path | str | None = None, *, base: bool = True) -> Hand:
+    """The hand that an MJCF file describes, its palm as the root.
+
+    Args:
+        path: the MJCF. Every file that it names must lie in its folder or below.
+        config: facts that MJCF does not state, or their YAML file; None: `<stem>.yaml` or `hand.yaml` beside it.
+        base: whether the links behind the palm (those on the side of `base_link`) are kept.
+
+    Raises:
+        HandError: anything that cannot be used as given, with the place and the remedy.
+    """
+    path = Path(path)
+    _check_files(path, path.parent.resolve())
+    try:
+        model = mujoco.MjModel.from_xml_path(str(path))
+    except ValueError as error:
+        raise HandError(
+            f"{path}: MuJoCo cannot compile it: expected a valid MJCF model, got '{' '.join(str(error).split())}'; mend the file"
+        ) from error
+    name = path.stem
+    if not isinstance(config, HandConfig):
+        config = read_hand_config(config_path(path, config, tree_of_model(model, name, None, lambda geom: False)))
+    wanted = config.geometry == "collision"
+    collides = (model.geom_contype | model.geom_conaffinity) != 0
+    tree = tree_of_model(model, name, config.palm, lambda geom: bool(collides[geom]) == wanted)
+    return hand_from_tree(tree, config, base=base)
+
+
+def tree_of_model(model: mujoco.MjModel, name: str, palm: str | None, select: Callable[[int], bool]) -> Tree:
+    """The bodies of the tree in which the palm hangs, with the geoms that `select` admits.
+
+    A body with several joints, or with one away from its origin, becomes several links.
+
+    Raises:
+        HandError: an unknown palm, sliding or ball joints, non-linear joint equalities, or shapes without a volume.
+    """
+    bodies = _bodies(model, palm)
+    mimics = _mimics(model)
+    links: dict[str, trimesh.Trimesh] = {}
+    joints: list[TreeJoint] = []
+    for body in bodies:
+        link = _name(model.body(body).name, "body", body)
+        if body != bodies[0]:
+            parent = _name(model.body(model.body_parentid[body]).name, "body", model.body_parentid[body])
+            for joint in _chain(model, body, parent, link, mimics):
+                joints.append(joint)
+                links[joint.child] = trimesh.Trimesh()
+        pieces = [_geom_mesh(model, geom) for geom in range(model.ngeom) if model.geom_bodyid[geom] == body and select(geom)]
+        links[link] = trimesh.util.concatenate(pieces) if pieces else trimesh.Trimesh()
+    return Tree(name, links, tuple(joints))
+
+
+def _check_files(path: Path, home: Path) -> None:
+    """Refuse entities, and files outside the folder `home`, in an MJCF file and all that it includes."""
+    root = read_xml(path, root_tag="mujoco")
+    folders = [home] + [home / value for element in root.iter("compiler") for key in FILE_ATTRIBUTES[1:] if (value := element.get(key))]
+    for element in root.iter():
+        for key in FILE_ATTRIBUTES:
+            value = element.get(key)
+            if value is None:
+                continue
+            if not all((folder / value).resolve().is_relative_to(home) for folder in folders):
+                raise HandError(
+                    f"{path}: '{value}' lies outside the hand's folder: expected a file below {home}; "
+                    "copy the files beside the description and name them relative to it"
+                )
+            if element.tag == "include" and home / value != path:
+                _check_files(home / value, home)
+
+
+def _bodies(model: mujoco.MjModel, palm: str | None) -> list[int]:
+    names = [model.body(body).name for body in range(1, model.nbody)]
+    if not names:
+        raise HandError("the MJCF has no bodies: expected a hand below <worldbody>, found none; mend the file")
+    if palm is not None and palm not in names:
+        raise HandError(
+            f"the hand's YAML names an unknown link: key 'palm': expected one of {names}, got '{palm}'; mend it"
+        )
+    root = model.body_rootid[1 if palm is None else model.body(palm).id]
+    return [body for body in range(1, model.nbody) if model.body_rootid[body] == root]
+
+
+def _chain(model: mujoco.MjModel, body: int, parent: str, link: str, mimics: dict[int, Mimic]) -> list[TreeJoint]:
+    """The joints from a body's parent to the body; several, with empty links between, where one hinge does not say it."""
+    origin = _transform(model.body_pos[body], model.body_quat[body])
+    hinges = [joint for joint in range(model.njnt) if model.jnt_bodyid[joint] == body]
+    if not hinges:
+        return [TreeJoint(f"{link}_mount", parent, link, origin, np.asarray((1.0, 0.0, 0.0)), fixed=True)]
+    chain = []
+    for joint in hinges:
+        name = _name(model.joint(joint).name, "joint", joint)
+        if model.jnt_type[joint] != mujoco.mjtJoint.mjJNT_HINGE:
+            raise HandError(f"joint '{name}': expected type hinge, got another; replace the joint or fix it")
+        axis, anchor = model.jnt_axis[joint].copy(), trimesh.transformations.translation_matrix(model.jnt_pos[joint])
+        zero = model.qpos0[model.jnt_qposadr[joint]]
+        limits = model.jnt_range[joint] if model.jnt_limited[joint] else (-CONTINUOUS_LIMIT, CONTINUOUS_LIMIT)
+        # The model's reference angle goes into the origin: R(axis, angle - zero) = R(axis, -zero) R(axis, angle).
+        place = origin @ anchor @ trimesh.transformations.rotation_matrix(-zero, axis)
+        child = link if joint == hinges[-1] and not model.jnt_pos[joint].any() else f"{link}@{name}"
+        chain.append(
+            TreeJoint(name, parent, child, place, axis, False, float(limits[0]), float(limits[1]), mimics.get(joint))
+        )
+        parent, origin = child, np.linalg.inv(anchor)
+    if parent != link:
+        chain.append(TreeJoint(f"{link}_mount", parent, link, origin, np.asarray((1.0, 0.0, 0.0)), fixed=True))
+    return chain
+
+
+def _mimics(model: mujoco.MjModel) -> dict[int, Mimic]:
+    """Joints that an equality ties to another: angle - zero = c0 + c1 (leader - leader's zero)."""
+    mimics = {}
+    for equality in range(model.neq):
+        follower, leader = int(model.eq_obj1id[equality]), int(model.eq_obj2id[equality])
+        if model.eq_type[equality] != mujoco.mjtEq.mjEQ_JOINT or not model.eq_active0[equality] or leader < 0:
+            continue
+        constant, slope, *higher = model.eq_data[equality, :5]
+        name = _name(model.joint(follower).name, "joint", follower)
+        if any(higher):
+            raise HandError(f"joint '{name}': expected a linear joint equality, got polycoef {higher}; make it linear")
+        zero, leader_zero = (model.qpos0[model.jnt_qposadr[joint]] for joint in (follower, leader))
+        mimics[follower] = Mimic(
+            _name(model.joint(leader).name, "joint", leader), float(slope), float(zero + constant - slope * leader_zero)
+        )
+    return mimics
+
+
+def _geom_mesh(model: mujoco.MjModel, geom: int) -> trimesh.Trimesh:
+    kind, size = mujoco.mjtGeom(model.geom_type[geom]), model.geom_size[geom].astype(float)
+    if kind == mujoco.mjtGeom.mjGEOM_MESH:
+        data = model.geom_dataid[geom]
+        vertices = model.mesh_vert[model.mesh_vertadr[data] :][: model.mesh_vertnum[data]]
+        faces = model.mesh_face[model.mesh_faceadr[data] :][: model.mesh_facenum[data]]
+        mesh = trimesh.Trimesh(vertices.astype(float), faces, process=False)
+        if mesh.volume < 0.0:
+            mesh.invert()
+    elif kind == mujoco.mjtGeom.mjGEOM_BOX:
+        mesh = primitives.box(2 * size)
+    elif kind == mujoco.mjtGeom.mjGEOM_CYLINDER:
+        mesh = primitives.cylinder(size[0], 2 * size[1])
+    elif kind == mujoco.mjtGeom.mjGEOM_CAPSULE:
+        mesh = primitives.capsule(size[0], 2 * size[1])
+    elif kind == mujoco.mjtGeom.mjGEOM_SPHERE:
+        mesh = primitives.sphere(size[0])
+    elif kind == mujoco.mjtGeom.mjGEOM_ELLIPSOID:
+        mesh = primitives.ellipsoid(size)
+    else:
+        raise HandError(
+            f"geom '{model.geom(geom).name}': expected mesh, box, cylinder, capsule, sphere or ellipsoid, got {kind.name}; "
+            "replace it by a mesh"
+        )
+    mesh.apply_transform(_transform(model.geom_pos[geom], model.geom_quat[geom]))
+    return mesh
+
+
+def _transform(position: np.ndarray, quaternion: np.ndarray) -> np.ndarray:
+    transform = trimesh.transformations.quaternion_matrix(quaternion)
+    transform[:3, 3] = position
+    return transform
+
+
+def _name(name: str, kind: str, number: int) -> str:
+    return name or f"{kind}{number}"

@@ -1,0 +1,39 @@
+"""The hands that can be asked for by name, and the one way to load any hand."""
+
+from collections.abc import Callable
+from pathlib import Path
+
+from dexnudge.errors import HandError, UnknownNameError
+from dexnudge.hands.hand import Hand
+from dexnudge.hands.mjcf import hand_from_mjcf
+from dexnudge.hands.shadow_full import shadow_full
+from dexnudge.hands.shadow_lite import shadow_lite
+from dexnudge.hands.urdf import hand_from_urdf
+
+HANDS: dict[str, Callable[..., Hand]] = {"shadow_full": shadow_full, "shadow_lite": shadow_lite}
+READERS: dict[str, Callable[..., Hand]] = {".urdf": hand_from_urdf, ".xml": hand_from_mjcf}
+
+
+def load_hand(name_or_urdf: str | Path, *, base: bool = True) -> Hand:
+    """The hand of that name, or the one in a URDF (.urdf) or MJCF (.xml) file with its YAML beside it.
+
+    Args:
+        name_or_urdf: a name in `HANDS` or a path.
+        base: whether the forearm or adapter behind the palm is part of the hand.
+
+    Raises:
+        UnknownNameError: neither a known name nor a path of a description.
+        HandError: a description that cannot be used as given.
+    """
+    name = str(name_or_urdf)
+    if name in HANDS:
+        return HANDS[name](base=base)
+    path = Path(name_or_urdf)
+    if path.suffix.lower() in READERS:
+        return READERS[path.suffix.lower()](path, base=base)
+    if path.exists():
+        raise HandError(f"{path}: expected a description that ends in {' or '.join(READERS)}, got '{path.suffix}'; mend the path")
+    raise UnknownNameError(
+        f"unknown hand '{name}': expected one of {', '.join(sorted(HANDS))}, "
+        f"or the path of a {' or '.join(READERS)} file; mend the name"
+    )

@@ -1,0 +1,222 @@
+"""A hand's kinematic tree as a description file states it, checked, hung up at the palm, and made into a `Hand`."""
+
+from dataclasses import dataclass, replace
+
+import numpy as np
+import trimesh
+from jaxtyping import Float
+
+from dexnudge.errors import HandError
+from dexnudge.hands.config import HandConfig
+from dexnudge.hands.hand import Hand, Joint
+
+
+@dataclass(frozen=True)
+class Mimic:
+    """angle = multiplier * angle(leader) + offset."""
+
+    leader: str
+    multiplier: float
+    offset: float
+
+
+@dataclass(frozen=True)
+class TreeJoint:
+    """T_parent_child = origin @ rotation(axis, angle), or `origin` alone where the joint is fixed."""
+
+    name: str
+    parent: str
+    child: str
+    origin: Float[np.ndarray, "4 4"]
+    axis: Float[np.ndarray, " 3"]
+    fixed: bool
+    lower: float = 0.0
+    upper: float = 0.0
+    mimic: Mimic | None = None
+
+
+@dataclass(frozen=True)
+class Tree:
+    """Links with their geometry (in the link frame [m], possibly empty) and joints, both in the file's order."""
+
+    name: str
+    links: dict[str, trimesh.Trimesh]
+    joints: tuple[TreeJoint, ...]
+
+
+def hand_from_tree(tree: Tree, config: HandConfig, *, base: bool = True) -> Hand:
+    """The hand with the palm as its root.
+
+    Links keep the file's order as far as parents come before children; joints keep it strictly.
+
+    Raises:
+        HandError: a structure that is no tree, names that do not exist, or no joint to move.
+    """
+    check_tree(tree)
+    _check_names(tree, config)
+    tree = rerooted(tree, config.palm)
+    if not base and config.base_link is not None:
+        tree = _without_base(tree, config)
+    carrier = {joint.child: joint for joint in tree.joints}
+    links = _parents_first(tree, config.palm)
+    independent = [joint for joint in tree.joints if not joint.fixed and joint.mimic is None]
+    if not independent:
+        raise HandError(f"hand '{tree.name}' cannot move: expected at least one revolute joint, found none; mend the description")
+    if all(len(mesh.faces) == 0 for mesh in tree.links.values()):
+        raise HandError(
+            f"hand '{tree.name}' has no {config.geometry} geometry: expected it on at least one link, found none; "
+            f"add <{config.geometry}> elements or set 'geometry' in the hand's YAML to the other kind"
+        )
+    names = [joint.name for joint in independent]
+    return Hand(
+        name=config.name or tree.name,
+        joint_names=tuple(names),
+        lower=np.asarray([joint.lower for joint in independent]),
+        upper=np.asarray([joint.upper for joint in independent]),
+        link_names=tuple(links),
+        link_parent=np.asarray([links.index(carrier[link].parent) if link in carrier else -1 for link in links]),
+        joints=tuple(_hand_joint(carrier[link], names, tree) if link in carrier else None for link in links),
+        link_meshes=tuple(tree.links[link] for link in links),
+        fingertips=dict(config.fingertips),
+        couplings=config.couplings,
+        palm_normal=np.asarray(config.palm_normal) / np.linalg.norm(config.palm_normal),
+        base_link=config.base_link if config.base_link in links else None,
+    )
+
+
+def check_tree(tree: Tree) -> None:
+    """Raise HandError unless every link but one has exactly one parent and hangs below that one."""
+    parent_joint: dict[str, TreeJoint] = {}
+    for joint in tree.joints:
+        for role, link in (("parent", joint.parent), ("child", joint.child)):
+            if link not in tree.links:
+                raise HandError(
+                    f"joint '{joint.name}' names an unknown {role} link '{link}'; "
+                    f"expected one of {list(tree.links)}; mend the name or add the link"
+                )
+        if joint.child in parent_joint:
+            raise HandError(
+                f"kinematic loop: expected one joint above each link, got '{parent_joint[joint.child].name}' and "
+                f"'{joint.name}' above link '{joint.child}'; cut the loop (closed chains are not supported)"
+            )
+        parent_joint[joint.child] = joint
+    roots = [link for link in tree.links if link not in parent_joint]
+    if len(roots) > 1:
+        raise HandError(f"expected one root link, got {roots}; connect them with joints or remove the loose ones")
+    for link in tree.links:
+        seen = {link}
+        while link in parent_joint:
+            link = parent_joint[link].parent
+            if link in seen:
+                raise HandError(
+                    f"kinematic loop: expected a tree, got link '{link}' below itself; "
+                    "cut the loop (closed chains are not supported)"
+                )
+            seen.add(link)
+
+
+def rerooted(tree: Tree, palm: str) -> Tree:
+    """The same tree hanging from `palm`.
+
+    A joint on the way from the old root, T_parent_child = O R(a, t), is turned round: the former child carries the former
+    parent by R(-a, t). For that the former parent's frame moves by O, and its geometry and other joints by O^-1; the
+    frames of links between the old root and the palm therefore differ from the file's.
+    """
+    carrier = {joint.child: joint for joint in tree.joints}
+    shift: dict[str, np.ndarray] = {}  # T_old_new of the links whose frames move
+    reversed_joints: set[str] = set()
+    link = palm
+    while link in carrier:
+        joint = carrier[link]
+        shift[joint.parent] = joint.origin
+        reversed_joints.add(joint.name)
+        link = joint.parent
+    if not shift:
+        return tree
+    joints = []
+    for joint in tree.joints:
+        if joint.name in reversed_joints:
+            origin = np.linalg.inv(shift.get(joint.child, np.eye(4)))
+            joints.append(replace(joint, parent=joint.child, child=joint.parent, origin=origin, axis=-joint.axis))
+        else:
+            origin = np.linalg.inv(shift.get(joint.parent, np.eye(4))) @ joint.origin
+            joints.append(replace(joint, origin=origin))
+    links = {}
+    for name, mesh in tree.links.items():
+        links[name] = mesh
+        if name in shift and len(mesh.faces):
+            links[name] = mesh.copy()
+            links[name].apply_transform(np.linalg.inv(shift[name]))
+    return Tree(tree.name, links, tuple(joints))
+
+
+def _check_names(tree: Tree, config: HandConfig) -> None:
+    named = {"palm": config.palm, "base_link": config.base_link}
+    named |= {f"fingertips.{digit}": link for digit, link in config.fingertips.items()}
+    for key, link in named.items():
+        if link is not None and link not in tree.links:
+            raise HandError(
+                f"the hand's YAML names an unknown link: key '{key}': expected one of {list(tree.links)}, got '{link}'; mend it"
+            )
+    movable = [joint.name for joint in tree.joints if not joint.fixed and joint.mimic is None]
+    for follower, leader in config.couplings:
+        for name in (follower, leader):
+            if name not in movable:
+                raise HandError(
+                    "the hand's YAML couples an unknown joint: key 'couplings': "
+                    f"expected some of {movable}, got '{name}'; mend it"
+                )
+        limits = {joint.name: joint for joint in tree.joints}
+        if limits[follower].lower > limits[leader].upper:
+            raise HandError(
+                f"coupling {follower} <= {leader} cannot hold: expected {follower}'s lower limit at most {leader}'s upper, "
+                f"got {limits[follower].lower} and {limits[leader].upper} rad; swap the pair or mend the limits"
+            )
+
+
+def _without_base(tree: Tree, config: HandConfig) -> Tree:
+    """The tree without the links on the base's side of the palm that lead to no fingertip."""
+    parent = {joint.child: joint.parent for joint in tree.joints}
+
+    def above(link: str) -> list[str]:
+        chain = [link]
+        while chain[-1] in parent:
+            chain.append(parent[chain[-1]])
+        return chain
+
+    assert config.base_link is not None
+    if config.base_link == config.palm:
+        return tree
+    arm = above(config.base_link)[-2]
+    kept = {link for tip in config.fingertips.values() for link in above(tip)}
+    gone = {link for link in tree.links if arm in above(link) and link not in kept}
+    links = {name: mesh for name, mesh in tree.links.items() if name not in gone}
+    return Tree(tree.name, links, tuple(joint for joint in tree.joints if joint.child not in gone))
+
+
+def _parents_first(tree: Tree, palm: str) -> list[str]:
+    parent = {joint.child: joint.parent for joint in tree.joints}
+    placed, waiting = [palm], [link for link in tree.links if link != palm]
+    while waiting:
+        following = next(link for link in waiting if parent[link] in placed)
+        placed.append(following)
+        waiting.remove(following)
+    return placed
+
+
+def _hand_joint(joint: TreeJoint, names: list[str], tree: Tree) -> Joint:
+    if joint.fixed:
+        return Joint(joint.name, joint.origin, joint.axis, None)
+    by_name = {other.name: other for other in tree.joints}
+    multiplier, offset, leader, seen = 1.0, 0.0, joint, {joint.name}
+    while leader.mimic is not None:  # a leader may itself mimic another joint
+        mimic = leader.mimic
+        multiplier, offset = multiplier * mimic.multiplier, multiplier * mimic.offset + offset
+        if mimic.leader not in by_name or by_name[mimic.leader].fixed or mimic.leader in seen:
+            raise HandError(
+                f"joint '{joint.name}' mimics '{mimic.leader}': expected one of {names}, or a joint that mimics one; "
+                "mend the <mimic> element"
+            )
+        leader = by_name[mimic.leader]
+        seen.add(leader.name)
+    return Joint(joint.name, joint.origin, joint.axis, names.index(leader.name), multiplier, offset)

@@ -1,0 +1,186 @@
+"""Any hand from a URDF and a short YAML beside it.
+
+Geometry is what the YAML's `geometry` key says (`collision` by default) and never a mixture: a link without such elements
+has no geometry. Several elements of one link are taken together. Read: mesh, box, cylinder, sphere, capsule.
+"""
+
+from collections import Counter
+from pathlib import Path
+from xml.etree.ElementTree import Element
+
+import numpy as np
+import trimesh
+from jaxtyping import Float
+
+from dexnudge.errors import HandError
+from dexnudge.hands import primitives
+from dexnudge.hands.config import HandConfig, read_hand_config
+from dexnudge.hands.hand import Hand
+from dexnudge.hands.mesh_files import load_link_mesh, mesh_path
+from dexnudge.hands.tree import Mimic, Tree, TreeJoint, check_tree, hand_from_tree
+from dexnudge.hands.xml_text import read_xml
+
+JOINT_TYPES = ("revolute", "continuous", "fixed")
+CONTINUOUS_LIMIT = np.pi  # [rad] either way: a joint without limits still needs a finite range to sample from
+
+
+def hand_from_urdf(path: Path | str, config: HandConfig | Path | str | None = None, *, base: bool = True) -> Hand:
+    """The hand that a URDF describes, its palm as the root.
+
+    Args:
+        path: the URDF. Meshes must lie in its folder or below.
+        config: facts that URDF cannot state, or their YAML file; None: `<stem>.yaml` or `hand.yaml` beside the URDF.
+        base: whether the links behind the palm (those on the side of `base_link`) are kept.
+
+    Raises:
+        HandError: anything that cannot be used as given, with the place and the remedy.
+    """
+    path = Path(path)
+    robot = read_xml(path, root_tag="robot")
+    joints = _joints(robot, path)
+    link_names = [_attribute(link, "name", path, "link") for link in robot.findall("link")]
+    _refuse_doubles("link", link_names, path)
+    _refuse_doubles("joint", [joint.name for joint in joints], path)
+    structure = Tree(robot.get("name") or path.stem, {name: trimesh.Trimesh() for name in link_names}, tuple(joints))
+    if not link_names:
+        raise HandError(f"{path}: expected <link> elements, found none; mend or re-export the URDF")
+    check_tree(structure)
+    settings = config if isinstance(config, HandConfig) else read_hand_config(config_path(path, config, structure))
+    links = {
+        name: _link_mesh(link, settings.geometry, path)
+        for name, link in zip(link_names, robot.findall("link"), strict=True)
+    }
+    return hand_from_tree(Tree(structure.name, links, structure.joints), settings, base=base)
+
+
+def config_path(path: Path, config: Path | str | None, tree: Tree) -> Path:
+    """The YAML of a description file; without one, HandError says what to write, filled in as far as the tree tells."""
+    if config is not None:
+        return Path(config)
+    for candidate in (path.with_suffix(".yaml"), path.with_name("hand.yaml")):
+        if candidate.is_file():
+            return candidate
+    parents = {joint.parent for joint in tree.joints}
+    leaves = [link for link in tree.links if link not in parents]
+    palms = [link for link in tree.links if "palm" in link.lower()] or list(tree.links)
+    raise HandError(
+        f"{path} has no YAML beside it: expected {path.with_suffix('.yaml').name} or hand.yaml with the palm, the fingertips "
+        f"and the direction in which the palm faces; write there, after checking:\npalm: {palms[0]}\n"
+        f"fingertips: {{{', '.join(f'{link}: {link}' for link in leaves)}}}\npalm_normal: [0, 0, 1]"
+    )
+
+
+def _joints(robot: Element, path: Path) -> list[TreeJoint]:
+    joints = []
+    for element in robot.findall("joint"):
+        name = _attribute(element, "name", path, "joint")
+        where = f"{path}: joint '{name}'"
+        kind = element.get("type")
+        if kind not in JOINT_TYPES:
+            raise HandError(f"{where}: expected type {', '.join(JOINT_TYPES)}, got '{kind}'; replace the joint or fix it")
+        ends = []
+        for role in ("parent", "child"):
+            end = element.find(role)
+            if end is None or not end.get("link"):
+                raise HandError(f"{where}: expected <{role} link=...>, found none; add it")
+            ends.append(end.get("link") or "")
+        axis = _numbers(element.find("axis"), "xyz", (1.0, 0.0, 0.0), where)
+        length = np.linalg.norm(axis)
+        if length == 0.0:
+            raise HandError(f"{where}: expected an axis of non-zero length, got {axis.tolist()}; mend <axis>")
+        mimic = _mimic(element.find("mimic"), where) if kind != "fixed" else None
+        lower, upper = _limits(element, kind, where) if mimic is None else (0.0, 0.0)
+        joints.append(
+            TreeJoint(name, ends[0], ends[1], _origin(element, where), axis / length, kind == "fixed", lower, upper, mimic)
+        )
+    return joints
+
+
+def _limits(joint: Element, kind: str, where: str) -> tuple[float, float]:
+    if kind == "fixed":
+        return 0.0, 0.0
+    if kind == "continuous":
+        return -CONTINUOUS_LIMIT, CONTINUOUS_LIMIT
+    limit = joint.find("limit")
+    missing = [key for key in ("lower", "upper") if limit is None or limit.get(key) is None]
+    if missing:
+        raise HandError(f"{where}: expected <limit lower=... upper=...> in radians, missing {missing}; add them")
+    lower, upper = (float(_numbers(limit, key, (0.0,), where)[0]) for key in ("lower", "upper"))
+    if lower > upper:
+        raise HandError(f"{where}: expected lower limit <= upper limit, got {lower} > {upper}; swap or mend them")
+    return lower, upper
+
+
+def _mimic(element: Element | None, where: str) -> Mimic | None:
+    if element is None:
+        return None
+    leader = element.get("joint")
+    if not leader:
+        raise HandError(f"{where}: expected <mimic joint=...>, found no joint; add it")
+    multiplier = float(_numbers(element, "multiplier", (1.0,), where)[0])
+    return Mimic(leader, multiplier, float(_numbers(element, "offset", (0.0,), where)[0]))
+
+
+def _link_mesh(link: Element, geometry: str, path: Path) -> trimesh.Trimesh:
+    where = f"{path}: link '{link.get('name')}'"
+    pieces = []
+    for element in link.findall(geometry):
+        shape = element.find("geometry")
+        if shape is None or len(shape) != 1:
+            raise HandError(f"{where}: expected <{geometry}> with one shape in <geometry>, found none; add it")
+        piece = _shape(shape[0], where, path.parent)
+        piece.apply_transform(_origin(element, where))
+        pieces.append(piece)
+    if not pieces:
+        return trimesh.Trimesh()
+    return pieces[0] if len(pieces) == 1 else trimesh.util.concatenate(pieces)
+
+
+def _shape(shape: Element, where: str, folder: Path) -> trimesh.Trimesh:
+    if shape.tag == "mesh":
+        file = mesh_path(shape.get("filename") or "", folder)
+        scale = _numbers(shape, "scale", (1.0, 1.0, 1.0), where)
+        return load_link_mesh(file, scale)
+    if shape.tag not in ("box", "cylinder", "sphere", "capsule"):
+        raise HandError(f"{where}: expected mesh, box, cylinder, sphere or capsule, got <{shape.tag}>; replace it by a mesh")
+    keys = {"box": ("size",), "sphere": ("radius",)}.get(shape.tag, ("radius", "length"))
+    sizes = [_numbers(shape, key, (0.0,) * (3 if key == "size" else 1), where) for key in keys]
+    if not all((size > 0.0).all() for size in sizes):
+        raise HandError(f"{where}: <{shape.tag}>: expected {' and '.join(keys)} above zero, got {shape.attrib}; mend it")
+    if shape.tag == "box":
+        return primitives.box(sizes[0])
+    return getattr(primitives, shape.tag)(*(float(size[0]) for size in sizes))
+
+
+def _origin(element: Element, where: str) -> Float[np.ndarray, "4 4"]:
+    origin = element.find("origin")
+    transform = trimesh.transformations.euler_matrix(*_numbers(origin, "rpy", (0.0, 0.0, 0.0), where), axes="sxyz")
+    transform[:3, 3] = _numbers(origin, "xyz", (0.0, 0.0, 0.0), where)
+    return transform
+
+
+def _numbers(element: Element | None, key: str, default: tuple[float, ...], where: str) -> np.ndarray:
+    """The numbers in an attribute, as many as the default has; the default where there is no such attribute."""
+    text = None if element is None else element.get(key)
+    if text is None:
+        return np.asarray(default)
+    try:
+        values = np.asarray([float(word) for word in text.split()])
+    except ValueError:
+        values = np.zeros(0)
+    if len(values) != len(default) or not np.isfinite(values).all():
+        raise HandError(f"{where}: expected {len(default)} finite number(s) in '{key}', got '{text}'; mend it")
+    return values
+
+
+def _attribute(element: Element, key: str, path: Path, kind: str) -> str:
+    value = element.get(key)
+    if not value:
+        raise HandError(f"{path}: expected a {key} on every <{kind}>, found one without; add it")
+    return value
+
+
+def _refuse_doubles(kind: str, names: list[str], path: Path) -> None:
+    doubles = [name for name, count in Counter(names).items() if count > 1]
+    if doubles:
+        raise HandError(f"{path}: expected each {kind} name once, got {doubles} more than once; rename them")

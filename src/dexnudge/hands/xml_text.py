@@ -1,0 +1,54 @@
+"""Robot descriptions read as text: small, UTF-8, and without entities, which could expand or fetch without limit."""
+
+import xml.etree.ElementTree as ElementTree
+from pathlib import Path
+
+from dexnudge.errors import HandError
+
+MAX_DESCRIPTION_BYTES = 10_000_000  # a hand's description has some ten kilobytes
+
+
+def read_xml(path: Path, *, root_tag: str) -> ElementTree.Element:
+    """The root element of an XML file.
+
+    Args:
+        path: the file.
+        root_tag: the tag that the root must have.
+
+    Raises:
+        HandError: missing, too large, not UTF-8, with a DOCTYPE or entities, not well-formed, or another root.
+    """
+    if not path.is_file():
+        raise HandError(f"the hand's description is missing: expected a file at {path}, found none; mend the path")
+    size = path.stat().st_size
+    if size > MAX_DESCRIPTION_BYTES:
+        raise HandError(
+            f"{path}: the file is too large: expected at most {MAX_DESCRIPTION_BYTES} bytes of XML, got {size}; "
+            "keep meshes in files of their own"
+        )
+    try:
+        text = path.read_bytes().decode("utf-8-sig")
+    except UnicodeDecodeError as error:
+        raise HandError(f"{path}: not a text file: expected XML in UTF-8, got {error.reason}; save it as UTF-8") from error
+    refuse_entities(text, path)
+    try:
+        # From a str the parser takes no encoding that the file may declare, so nothing hides from the check above.
+        root = ElementTree.fromstring(text)
+    except (ElementTree.ParseError, ValueError) as error:
+        raise HandError(
+            f"{path}: not well-formed XML: expected a complete <{root_tag}> element, got an error at '{error}'; "
+            "mend or re-export the file"
+        ) from error
+    if root.tag != root_tag:
+        raise HandError(f"{path}: wrong kind of file: expected a root element <{root_tag}>, got <{root.tag}>; mend the path")
+    return root
+
+
+def refuse_entities(text: str, path: Path) -> None:
+    """Raise HandError where an XML text declares a document type or entities."""
+    for word in ("<!DOCTYPE", "<!ENTITY"):
+        if word in text.upper():
+            raise HandError(
+                f"{path}: document types and entities are not read: expected plain XML, got '{word}'; "
+                "remove it (for xacro: expand the file first)"
+            )

@@ -1,0 +1,1 @@
+"""Contacts, friction cones and the quasi-static force balance of an object that slides."""

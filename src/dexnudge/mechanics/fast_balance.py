@@ -1,0 +1,147 @@
+"""Force margins in batches, equal to the reference in `balance`, by a Warp kernel on the CPU or on CUDA."""
+
+from __future__ import annotations
+
+from collections.abc import Sequence
+from concurrent.futures import ThreadPoolExecutor
+from typing import Any, NamedTuple
+
+import numpy as np
+import warp as wp
+from jaxtyping import Bool, Float
+
+from dexnudge.mechanics.balance import (
+    BISECTIONS,
+    MAX_FACTOR,
+    SCAN_STEP,
+    balance_problem,
+    problem_margin,
+    solve_balance,
+)
+from dexnudge.mechanics.contacts import HandContacts, SupportContacts
+from dexnudge.mechanics.friction_cone import EDGE_COUNT
+from dexnudge.mechanics.margin_kernel import FAILED_MARGIN, margin_kernel
+from dexnudge.mechanics.simplex_basis import vec6
+from dexnudge.mechanics.sliding_task import SlidingTask
+
+WORKERS_CUDA = 4096
+"""Problems solved at once on CUDA; each worker holds about 25 kB of scratch memory."""
+PROBLEMS_PER_THREAD = 32
+"""Problems below which a second CPU thread costs more than it saves."""
+
+
+class Margins(NamedTuple):
+    """Force margins and whether the forces balance at factor 1, per configuration and motion."""
+
+    factor: Float[np.ndarray, "configuration motion"]
+    balanced: Bool[np.ndarray, "configuration motion"]
+
+
+def force_margins(
+    contacts: Sequence[HandContacts],
+    supports: SupportContacts,
+    task: SlidingTask,
+    *,
+    motions: Float[np.ndarray, "motion 3"] | None = None,
+    device: str = "cpu",
+    threads: int = 2,
+) -> Margins:
+    """Return the force margin of every configuration's contacts for every motion.
+
+    The factor is that of `balance.problem_margin`, found by the same scan and bisection; a problem that the kernel
+    gives up on is passed to that reference. motions: unit vectors, world; the task's own by default.
+    device: "cpu" or "cuda:0". threads: CPU threads, each running its share of the problems.
+    """
+    motions = task.motion[None] if motions is None else np.asarray(motions, dtype=np.float64).reshape(-1, 3)
+    count = len(contacts) * len(motions)
+    if count == 0:
+        shape = (len(contacts), len(motions))
+        return Margins(np.zeros(shape), np.zeros(shape, dtype=bool))
+    on_cpu = wp.get_device(device).is_cpu
+    shares = min(threads, max(1, count // PROBLEMS_PER_THREAD)) if on_cpu else 1
+    workers = shares if on_cpu else min(count, WORKERS_CUDA)
+    factor = wp.zeros(count, dtype=wp.float64, device=device)
+    balanced = wp.zeros(count, dtype=wp.int32, device=device)
+    inputs = _inputs(contacts, supports, task, motions, device) + _scratch(contacts, supports, workers, device)
+
+    def run(share: int) -> None:
+        bounds = [count * share // shares, count * (share + 1) // shares]
+        wp.launch(
+            margin_kernel,
+            dim=workers // shares,
+            inputs=[*bounds, share, workers // shares, *inputs],
+            outputs=[factor, balanced],
+            device=device,
+        )
+
+    if shares == 1:
+        run(0)
+    else:
+        wp.load_module(margin_kernel.module, device=device)
+        with ThreadPoolExecutor(shares) as pool:
+            list(pool.map(run, range(shares)))
+    shape = (len(contacts), len(motions))
+    margins = Margins(factor.numpy().reshape(shape).copy(), balanced.numpy().reshape(shape).astype(bool))
+    for row, motion in np.argwhere(margins.factor == FAILED_MARGIN):
+        problem = balance_problem(contacts[row], supports, task.along(motions[motion]))
+        margins.factor[row, motion] = problem_margin(problem)
+        margins.balanced[row, motion] = solve_balance(problem, factor=1.0) is not None
+    return margins
+
+
+def _inputs(
+    contacts: Sequence[HandContacts],
+    supports: SupportContacts,
+    task: SlidingTask,
+    motions: Float[np.ndarray, "motion 3"],
+    device: str,
+) -> list[Any]:
+    """Return the kernel's inputs: points relative to the centre of mass in half-lengths, ragged by offsets."""
+
+    def vectors(rows: Float[np.ndarray, "row 3"]) -> Any:
+        return wp.array(np.ascontiguousarray(rows), dtype=wp.vec3d, device=device)
+
+    def integers(values: Any) -> Any:
+        return wp.array(np.asarray(values, dtype=np.int32), dtype=wp.int32, device=device)
+
+    def scaled(points: Float[np.ndarray, "point 3"]) -> Float[np.ndarray, "point 3"]:
+        return (points - task.centre) / task.half_length
+
+    links = [np.unique(each.link, return_inverse=True) for each in contacts]
+    return [
+        vectors(scaled(np.concatenate([each.points for each in contacts]))),
+        vectors(np.concatenate([each.normals for each in contacts])),
+        integers(np.concatenate([inverse.reshape(-1) for _, inverse in links])),
+        integers(np.cumsum([0] + [len(each.points) for each in contacts])),
+        integers([len(unique) for unique, _ in links]),
+        vectors(scaled(supports.points)),
+        vectors(supports.normals),
+        vectors(motions),
+        task.friction_hand,
+        task.friction_environment,
+        task.max_normal_force / task.weight,
+        MAX_FACTOR,
+        SCAN_STEP,
+        BISECTIONS,
+    ]
+
+
+def _scratch(contacts: Sequence[HandContacts], supports: SupportContacts, workers: int, device: str) -> list[Any]:
+    """Return the workers' memory: wrench columns, keys per link, and the working basis."""
+    most = max(1, max(len(each.points) for each in contacts))
+
+    def empty(columns: int, dtype: Any) -> Any:
+        return wp.empty((workers, max(1, columns)), dtype=dtype, device=device)
+
+    return [
+        empty(EDGE_COUNT * most, vec6),
+        empty(len(supports.points), vec6),
+        empty(len(supports.points), vec6),
+        empty(most, wp.int32),
+        empty(most, wp.float64),
+        empty(most, wp.float64),
+        empty(6, wp.int32),
+        empty(6, wp.float64),
+        empty(6, vec6),
+        empty(6, vec6),
+    ]

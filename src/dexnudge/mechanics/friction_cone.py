@@ -1,0 +1,61 @@
+"""Friction cones as pyramids, and the wrenches of forces."""
+
+from __future__ import annotations
+
+import numpy as np
+from jaxtyping import Float
+
+EDGE_COUNT = 8
+"""Edges of the inner pyramid of a hand contact's friction cone."""
+
+ALIGNMENT_LIMIT = 0.2
+"""Length of the motion's tangential part below which it no longer orients a pyramid [-]: within 11.5 degrees of the
+normal that part is mostly noise of the mesh's normals, and the vertical takes its place."""
+
+UP = np.array([0.0, 0.0, 1.0])
+
+
+def contact_tangents(
+    normals: Float[np.ndarray, "contact 3"], motion: Float[np.ndarray, "3"]
+) -> tuple[Float[np.ndarray, "contact 3"], Float[np.ndarray, "contact 3"]]:
+    """Return two unit tangents per contact, the first along the motion as far as the surface allows.
+
+    t1 = (u - (u.n) n) / |.|, t2 = n x t1. Where u is nearly normal to the surface, the vertical takes its place, and
+    where that is normal too, the world's x axis. The choice turns with the scene, so a rigid motion of everything
+    changes no result; and an edge of the pyramid lies along the motion, so that a press has its exact closed form.
+    """
+    chosen = np.zeros_like(normals)
+    missing = np.ones(len(normals), dtype=bool)
+    for reference in (motion, UP, np.array([1.0, 0.0, 0.0])):
+        tangential = reference - normals * (normals @ reference)[:, None]
+        length = np.linalg.norm(tangential, axis=1)
+        usable = missing & (length >= ALIGNMENT_LIMIT)
+        chosen[usable] = tangential[usable] / length[usable, None]
+        missing &= ~usable
+    return chosen, np.cross(normals, chosen)
+
+
+def friction_cone_edges(
+    normals: Float[np.ndarray, "contact 3"], motion: Float[np.ndarray, "3"], *, friction: float
+) -> Float[np.ndarray, "contact edge 3"]:
+    """Return the edges of each contact's pyramid as forces ON the object with unit normal component.
+
+    f_k = -n + friction * (cos(2 pi k / 8) t1 + sin(2 pi k / 8) t2), k = 0..7, with n the OUTWARD normal of the object
+    (world, unit) and t1, t2 from `contact_tangents`. The edges lie on the cone: the pyramid is inside it.
+    """
+    first, second = contact_tangents(normals, motion)
+    angle = 2.0 * np.pi * np.arange(EDGE_COUNT) / EDGE_COUNT
+    tangential = np.cos(angle)[:, None] * first[:, None] + np.sin(angle)[:, None] * second[:, None]
+    return -normals[:, None] + friction * tangential
+
+
+def wrenches(
+    points: Float[np.ndarray, "*batch 3"],
+    forces: Float[np.ndarray, "*batch 3"],
+    *,
+    centre: Float[np.ndarray, "3"],
+    half_length: float,
+) -> Float[np.ndarray, "*batch 6"]:
+    """Return force then torque about `centre`, the torque divided by `half_length`: all six in units of the force."""
+    torques = np.cross((points - centre) / half_length, forces)
+    return np.concatenate([np.broadcast_to(forces, torques.shape), torques], axis=-1)

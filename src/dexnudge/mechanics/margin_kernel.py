@@ -1,0 +1,158 @@
+"""The Warp kernel that builds each force balance from contacts and searches its force margin."""
+
+import math
+
+import warp as wp
+
+from dexnudge.mechanics import balance, friction_cone
+from dexnudge.mechanics.simplex_basis import ONE, ZERO, Program, cold_start, vec6
+from dexnudge.mechanics.simplex_kernel import FAILED, FEASIBLE, solve
+
+wp.set_module_options({"enable_backward": False, "max_unroll": 1})
+
+FAILED_MARGIN = -1.0
+"""Margin written where the simplex method gave up."""
+MOTION_TOLERANCE = wp.constant(wp.float64(balance.MOTION_TOLERANCE))
+ALIGNMENT_LIMIT = wp.constant(wp.float64(friction_cone.ALIGNMENT_LIMIT))
+EDGE_COUNT = wp.constant(friction_cone.EDGE_COUNT)
+EDGE_ANGLE = wp.constant(wp.float64(2.0 * math.pi / friction_cone.EDGE_COUNT))
+_FAILED_MARGIN = wp.constant(wp.float64(FAILED_MARGIN))
+
+
+@wp.func
+def wrench(point: wp.vec3d, force: wp.vec3d) -> vec6:
+    """Return force then torque about the origin."""
+    torque = wp.cross(point, force)
+    return vec6(force[0], force[1], force[2], torque[0], torque[1], torque[2])
+
+
+@wp.func
+def first_tangent(normal: wp.vec3d, motion: wp.vec3d) -> wp.vec3d:
+    """Return the unit tangent that `friction_cone.contact_tangents` puts first."""
+    tangent = motion - wp.dot(motion, normal) * normal
+    if wp.length(tangent) < ALIGNMENT_LIMIT:
+        up = wp.vec3d(ZERO, ZERO, ONE)
+        tangent = up - normal[2] * normal
+        if wp.length(tangent) < ALIGNMENT_LIMIT:
+            tangent = wp.vec3d(ONE, ZERO, ZERO) - normal[0] * normal
+    return wp.normalize(tangent)
+
+
+@wp.func
+def search(p: Program, top: wp.float64, scan_step: wp.float64, bisections: wp.int32) -> wp.vec2d:
+    """Return the margin (scan from above, then bisection; -1 if the method failed) and 1 if balanced at factor 1."""
+    cold_start(p)
+    low = top
+    status = solve(p, low)
+    while status != FEASIBLE and status != FAILED and low > ZERO:
+        low = low - scan_step
+        status = solve(p, low)
+    if status == FAILED:
+        return wp.vec2d(_FAILED_MARGIN, ZERO)
+    if status != FEASIBLE:
+        return wp.vec2d(ZERO, ZERO)
+    width = scan_step
+    if low < top:
+        for _halving in range(bisections):
+            width = width * wp.float64(0.5)
+            status = solve(p, low + width)
+            if status == FEASIBLE:
+                low = low + width
+            elif status == FAILED:
+                return wp.vec2d(_FAILED_MARGIN, ZERO)
+    balanced = ZERO
+    if low >= ONE:
+        status = solve(p, ONE)
+        if status == FAILED:
+            return wp.vec2d(_FAILED_MARGIN, ZERO)
+        if status == FEASIBLE:
+            balanced = ONE
+    return wp.vec2d(low, balanced)
+
+
+@wp.kernel
+def margin_kernel(
+    first: wp.int32,
+    last: wp.int32,
+    first_worker: wp.int32,
+    stride: wp.int32,
+    contact_point: wp.array(dtype=wp.vec3d),
+    contact_normal: wp.array(dtype=wp.vec3d),
+    contact_link: wp.array(dtype=wp.int32),
+    contact_offset: wp.array(dtype=wp.int32),
+    link_count: wp.array(dtype=wp.int32),
+    support_point: wp.array(dtype=wp.vec3d),
+    support_normal: wp.array(dtype=wp.vec3d),
+    motions: wp.array(dtype=wp.vec3d),
+    friction_hand: wp.float64,
+    friction_environment: wp.float64,
+    cap: wp.float64,
+    top: wp.float64,
+    scan_step: wp.float64,
+    bisections: wp.int32,
+    edges: wp.array2d(dtype=vec6),
+    normals: wp.array2d(dtype=vec6),
+    frictions: wp.array2d(dtype=vec6),
+    key: wp.array2d(dtype=wp.int32),
+    key_value: wp.array2d(dtype=wp.float64),
+    key_price: wp.array2d(dtype=wp.float64),
+    basis: wp.array2d(dtype=wp.int32),
+    value: wp.array2d(dtype=wp.float64),
+    inverse: wp.array2d(dtype=vec6),
+    scratch: wp.array2d(dtype=vec6),
+    margin: wp.array(dtype=wp.float64),
+    balanced: wp.array(dtype=wp.int32),
+):
+    """Solve problems first <= i < last with `stride` workers; i = configuration * motions + motion.
+
+    Points are relative to the centre of mass, in half-lengths of the object; forces in weights.
+    """
+    worker = first_worker + wp.tid()
+    p = Program()
+    p.edges = edges[worker]
+    p.normal = normals[worker]
+    p.friction = frictions[worker]
+    p.key = key[worker]
+    p.key_value = key_value[worker]
+    p.key_price = key_price[worker]
+    p.basis = basis[worker]
+    p.value = value[worker]
+    p.inverse = inverse[worker]
+    p.scratch = scratch[worker]
+    p.cap = cap
+    p.right_side = vec6(ZERO, ZERO, ONE, ZERO, ZERO, ZERO)
+    index = first + wp.tid()
+    while index < last:
+        configuration = index // motions.shape[0]
+        motion = motions[index % motions.shape[0]]
+        start = contact_offset[configuration]
+        p.contacts = contact_offset[configuration + 1] - start
+        p.links = link_count[configuration]
+        p.edge_link = contact_link[start : start + p.contacts]
+        for contact in range(p.contacts):
+            normal = contact_normal[start + contact]
+            tangent = first_tangent(normal, motion)
+            other = wp.cross(normal, tangent)
+            for edge in range(EDGE_COUNT):
+                angle = EDGE_ANGLE * wp.float64(edge)
+                slip = wp.cos(angle) * tangent + wp.sin(angle) * other
+                force = friction_hand * slip - normal
+                p.edges[contact * EDGE_COUNT + edge] = wrench(contact_point[start + contact], force)
+        p.supports = wp.int32(0)
+        blocked = wp.bool(False)
+        for support in range(support_point.shape[0]):
+            normal = support_normal[support]
+            approach = wp.dot(normal, motion)
+            if approach < -MOTION_TOLERANCE:
+                blocked = wp.bool(True)
+            elif approach <= MOTION_TOLERANCE:
+                slip = wp.normalize(motion - approach * normal)
+                p.normal[p.supports] = wrench(support_point[support], normal)
+                p.friction[p.supports] = wrench(support_point[support], -friction_environment * slip)
+                p.supports = p.supports + 1
+        result = wp.vec2d(ZERO, ZERO)
+        if not blocked:
+            result = search(p, top, scan_step, bisections)
+        margin[index] = result[0]
+        balanced[index] = wp.int32(result[1])
+        index += stride

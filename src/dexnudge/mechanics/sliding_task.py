@@ -1,0 +1,89 @@
+"""What the force balance needs to know about the object, besides where it is touched."""
+
+from __future__ import annotations
+
+from dataclasses import dataclass, replace
+from typing import TYPE_CHECKING
+
+import numpy as np
+import trimesh
+from jaxtyping import Float
+
+from dexnudge.errors import InputError
+
+if TYPE_CHECKING:
+    from dexnudge.scenes.scene import Scene
+
+GRAVITY = 9.81
+"""Acceleration of gravity along world -z [m/s^2]."""
+
+
+@dataclass(frozen=True, kw_only=True)
+class SlidingTask:
+    """An object that is to translate slowly along `motion` under gravity.
+
+    centre: centre of mass, world [m]. half_length: half of the longest bounding-box side [m]; torques are divided
+    by it, so that all six rows of a wrench are forces. mass [kg]. motion: unit vector, world.
+    friction_hand, friction_environment: Coulomb coefficients. max_normal_force: bound on the sum of the normal
+    components over the points of one hand link [N].
+
+    Raises InputError on a value outside its domain.
+    """
+
+    centre: Float[np.ndarray, "3"]
+    half_length: float
+    mass: float
+    motion: Float[np.ndarray, "3"]
+    friction_hand: float
+    friction_environment: float
+    max_normal_force: float
+
+    def __post_init__(self) -> None:
+        """Refuse values for which the balance has no meaning."""
+        positive = {"half_length": self.half_length, "mass": self.mass}
+        not_negative = {
+            "friction_hand": self.friction_hand,
+            "friction_environment": self.friction_environment,
+            "max_normal_force": self.max_normal_force,
+        }
+        for name, value in (positive | not_negative).items():
+            if not np.isfinite(value) or value < 0 or (name in positive and value == 0):
+                bound = "above 0" if name in positive else "0 or more"
+                raise InputError(f"{name} is {value}; expected a finite number {bound}.")
+        length = float(np.linalg.norm(self.motion))
+        if not abs(length - 1.0) <= 1e-6:
+            raise InputError(f"motion has length {length:.6g}; expected a unit vector: divide it by its length.")
+
+    @property
+    def weight(self) -> float:
+        """Weight of the object [N]."""
+        return self.mass * GRAVITY
+
+    def along(self, motion: Float[np.ndarray, "3"]) -> SlidingTask:
+        """Return the same task with another direction of motion (unit vector, world)."""
+        return replace(self, motion=np.asarray(motion, dtype=np.float64))
+
+
+def centre_of_mass(mesh: trimesh.Trimesh) -> Float[np.ndarray, "3"]:
+    """Return the centre of mass at uniform density, in the mesh's frame [m].
+
+    A mesh that is not closed, or that is inside out, encloses no volume; its convex hull stands in.
+    """
+    if mesh.is_watertight and mesh.volume > 0:
+        return np.asarray(mesh.center_mass, dtype=np.float64)
+    return np.asarray(mesh.convex_hull.center_mass, dtype=np.float64)
+
+
+def sliding_task(scene: Scene) -> SlidingTask:
+    """Return the sliding task of a scene; the length is that of the object in its own frame."""
+    T_world_object = np.asarray(scene.T_world_object, dtype=np.float64)
+    motion = np.asarray(scene.motion, dtype=np.float64)
+    return SlidingTask(
+        centre=T_world_object[:3, :3] @ centre_of_mass(scene.object_mesh) + T_world_object[:3, 3],
+        half_length=0.5 * float(np.max(scene.object_mesh.extents)),
+        mass=scene.mass,
+        motion=motion / np.linalg.norm(motion),
+        friction_hand=scene.friction_hand,
+        friction_environment=scene.friction_environment,
+        max_normal_force=scene.max_normal_force,
+    )

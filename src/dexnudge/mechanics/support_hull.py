@@ -1,0 +1,93 @@
+"""Support contacts on one plane act through the corners of their convex hull; the rest can go."""
+
+from __future__ import annotations
+
+import numpy as np
+from jaxtyping import Float, Int
+from scipy.spatial import ConvexHull, QhullError
+
+NORMAL_STEP = 1e-3
+"""Normals and plane offsets over half_length that round to the same multiple of this are one plane [-]."""
+COARSE_NORMAL_STEP = 0.1
+"""The same for surroundings so rough that single planes leave too many points [-]."""
+MANY_SUPPORTS = 96
+"""Number of points from which the coarse step is used; the balance's cost grows with it."""
+HULL_TOLERANCE = 5e-4
+"""A corner that stands out this little over its neighbours' chord, over half_length, is left out [-]."""
+MAX_CORNERS = 32
+"""Corners kept per plane: a circle loses 0.5 % of its radius."""
+
+_Points = Float[np.ndarray, "point 3"]
+
+
+def reduce_supports(points: _Points, normals: _Points, *, half_length: float) -> tuple[_Points, _Points]:
+    """Return the points [m] and normals that span the same cone of support wrenches, to about 1e-3.
+
+    On one plane all wrenches N (n - mu t) share n and t and are affine in the point, so the convex hull's corners
+    generate every non-negative combination; corners that stand out by less than 5e-4 * half_length go too, and the
+    cone can only shrink. Where the surroundings have so many planes that over 96 points remain, planes
+    within about 6 degrees share a hull; the kept points keep their own normals.
+    """
+    if len(points) == 0:
+        return points, normals
+    kept = _corners_by_plane(points, normals, half_length=half_length, step=NORMAL_STEP, use_offset=True)
+    if len(kept) > MANY_SUPPORTS:
+        coarse = _corners_by_plane(
+            points[kept], normals[kept], half_length=half_length, step=COARSE_NORMAL_STEP, use_offset=False
+        )
+        kept = kept[coarse]
+    return points[kept], normals[kept]
+
+
+def _corners_by_plane(
+    points: _Points, normals: _Points, *, half_length: float, step: float, use_offset: bool
+) -> Int[np.ndarray, "kept"]:
+    """Return the indices of the hull corners of each group of like planes."""
+    offset = np.einsum("px,px->p", points - points.mean(axis=0), normals) / half_length
+    keys = np.concatenate([normals, offset[:, None]], axis=1) if use_offset else normals
+    plane = np.unique(np.round(keys / step).astype(np.int64), axis=0, return_inverse=True)[1].reshape(-1)
+    order = np.argsort(plane, kind="stable")
+    groups = np.split(order, np.flatnonzero(np.diff(plane[order])) + 1)
+    return np.concatenate(
+        [group[hull_corners(points[group], normals[group[0]], tolerance=HULL_TOLERANCE * half_length)] for group in groups]
+    )
+
+
+def hull_corners(
+    points: _Points, normal: Float[np.ndarray, "3"], *, tolerance: float
+) -> Int[np.ndarray, "corner"]:
+    """Return the indices of the corners of the convex hull of `points` seen along `normal`.
+
+    A corner less than `tolerance` [m] outside the chord of its neighbours is dropped, the flattest first, and so are
+    corners beyond 32. Points on one line give its two ends; one point gives itself.
+    """
+    axis = np.eye(3)[np.argmin(np.abs(normal))]
+    first = np.cross(normal, axis)
+    first /= np.linalg.norm(first)
+    flat = (points - points[0]) @ np.stack([first, np.cross(normal, first)]).T
+    spread = flat - flat.mean(axis=0)
+    directions = np.linalg.svd(spread, full_matrices=False)[2]
+    along, across = spread @ directions[0], spread @ directions[-1]
+    if len(points) < 3 or np.ptp(across) <= tolerance:
+        ends = [int(np.argmin(along)), int(np.argmax(along))]
+        return np.array(ends if np.ptp(along) > tolerance else ends[:1])
+    try:
+        corners = list(ConvexHull(flat).vertices)
+    except QhullError:
+        return np.array([int(np.argmin(along)), int(np.argmax(along))])
+    while len(corners) > 3:
+        outline = flat[corners]
+        height = _height_over_chord(outline)
+        flattest = int(np.argmin(height))
+        if height[flattest] > tolerance and len(corners) <= MAX_CORNERS:
+            break
+        del corners[flattest]
+    return np.array(corners)
+
+
+def _height_over_chord(outline: Float[np.ndarray, "corner 2"]) -> Float[np.ndarray, "corner"]:
+    """Return each corner's distance from the line through its two neighbours [m]."""
+    before, after = np.roll(outline, 1, axis=0), np.roll(outline, -1, axis=0)
+    chord, arm = after - before, outline - before
+    area = np.abs(chord[:, 0] * arm[:, 1] - chord[:, 1] * arm[:, 0])
+    return area / np.maximum(np.linalg.norm(chord, axis=1), 1e-12)

@@ -1,0 +1,93 @@
+"""The built-in objects: phones, remotes, tablets, books and boxes, closed and metric, made from their names alone.
+
+Object frame: x = length, y = width, z = thickness, origin at the centre of the bounding box.
+"""
+
+from __future__ import annotations
+
+import re
+import zlib
+
+import numpy as np
+import trimesh
+
+from dexnudge.errors import UnknownNameError
+from dexnudge.objects.parameters import draw_size
+from dexnudge.objects.slab import SlabShape, slab_mesh
+from dexnudge.objects.styles import STYLES, camera_phone, cardboard_box, hardcover_book, plain_tablet, waisted_remote
+
+TRAIN_COUNTS = {"phone": 96, "remote": 112, "tablet": 32, "book": 32, "box": 48}
+TEST_COUNTS = {"phone": 14, "remote": 16, "tablet": 4, "book": 4, "box": 4}
+FIRST_TEST_NUMBER = 200  # phone-000.. are for training, phone-200.. for testing
+
+# The plain names: a common object of each kind, for demonstrations. Sizes in metres, as on the makers' data sheets
+# of a current phone, a television remote, a small tablet, a hardback in octavo and a shoe-care box.
+PLAIN = {
+    "phone": (camera_phone, (0.150, 0.072, 0.0100)),
+    "remote": (waisted_remote, (0.180, 0.045, 0.0220)),
+    "tablet": (plain_tablet, (0.200, 0.134, 0.0085)),
+    "book": (hardcover_book, (0.215, 0.140, 0.0250)),
+    "box": (cardboard_box, (0.160, 0.090, 0.0350)),
+}
+
+
+def builtin_names(set_name: str) -> list[str]:
+    """Names of a set: "train" (320 objects) or "test" (42, with proportions that no training object has).
+
+    Raises:
+        UnknownNameError: another set name.
+    """
+    counts = {"train": (TRAIN_COUNTS, 0), "test": (TEST_COUNTS, FIRST_TEST_NUMBER)}
+    if set_name not in counts:
+        raise UnknownNameError(f"unknown built-in set {set_name!r}; expected builtin:train or builtin:test")
+    per_kind, first = counts[set_name]
+    return [f"{kind}-{first + k:03d}" for kind, count in per_kind.items() for k in range(count)]
+
+
+def is_builtin(name: str) -> bool:
+    """Whether `builtin_object` knows the name."""
+    if name in PLAIN:
+        return True
+    match = re.fullmatch(r"([a-z]+)-(\d{3})", name)
+    if match is None or match[1] not in TRAIN_COUNTS:
+        return False
+    number = int(match[2])
+    return number < TRAIN_COUNTS[match[1]] or 0 <= number - FIRST_TEST_NUMBER < TEST_COUNTS[match[1]]
+
+
+def builtin_shape(name: str) -> SlabShape:
+    """The parameters behind a built-in name; the name is the seed.
+
+    Raises:
+        UnknownNameError: no such object; the message lists those that exist.
+    """
+    if not is_builtin(name):
+        raise UnknownNameError(f"unknown built-in object {name!r}; expected {describe_builtin_names()}")
+    kind, _, number = name.partition("-")
+    generator = np.random.default_rng(zlib.crc32(name.encode()))
+    if not number:
+        style, size = PLAIN[kind]
+        return style(size, generator)
+    size = draw_size(kind, generator, test=int(number) >= FIRST_TEST_NUMBER)
+    styles = STYLES[kind]
+    return styles[int(number) % len(styles)](size, generator)
+
+
+def builtin_object(name: str) -> trimesh.Trimesh:
+    """Mesh [m] of a built-in object such as "phone", "phone-017" or "remote-203".
+
+    Raises:
+        UnknownNameError: no such object; the message lists those that exist.
+    """
+    mesh = slab_mesh(builtin_shape(name))
+    mesh.metadata["name"] = name
+    return mesh
+
+
+def describe_builtin_names() -> str:
+    """All built-in names in one line."""
+    ranges = [
+        f"{kind}-000..{count - 1:03d} and {kind}-{FIRST_TEST_NUMBER}..{FIRST_TEST_NUMBER + TEST_COUNTS[kind] - 1}"
+        for kind, count in TRAIN_COUNTS.items()
+    ]
+    return f"{', '.join(PLAIN)}, {', '.join(ranges)}"

@@ -1,0 +1,114 @@
+"""Sets of objects: a folder of meshes, a text file of paths, the built-in sets, a DexGraspNet `meshdata` folder."""
+
+from __future__ import annotations
+
+from collections.abc import Callable
+from dataclasses import dataclass
+from functools import partial
+from pathlib import Path
+
+import trimesh
+
+from dexnudge.errors import MeshError
+from dexnudge.geometry.mesh_files import FORMATS
+from dexnudge.geometry.meshes import load_mesh, load_scaled_mesh
+from dexnudge.objects.builtin import builtin_names, builtin_object
+from dexnudge.objects.named import scaled_to_length
+
+BUILTIN_PREFIX = "builtin:"
+DEXGRASPNET_MESH = Path("coacd") / "decomposed.obj"  # below <code>/
+DEXGRASPNET_SCALE = 0.08  # metres per unit: its meshes fill the unit ball, so the half-diagonal becomes 8 cm
+
+
+@dataclass(frozen=True)
+class ObjectEntry:
+    """One object of a set; `load()` reads or builds its mesh [m] and raises MeshError where it cannot be used."""
+
+    name: str
+    load: Callable[[], trimesh.Trimesh]
+
+
+def resolve_object_set(text: str, *, units: str = "m", length: float | None = None) -> list[ObjectEntry]:
+    """The objects that `text` means, in a fixed order, with unique names; nothing is loaded yet.
+
+    Args:
+        text: `builtin:train` or `builtin:test`; a DexGraspNet `meshdata` folder; a folder of mesh files; one mesh
+            file; or a text file with one path per line, relative to the file's folder (blank lines and lines that
+            begin with # are skipped).
+        units: of mesh files that are not in the DexGraspNet layout.
+        length: longest side [m] to scale every object to. Without it, meshes in the layout
+            `<code>/coacd/decomposed.obj` are scaled by 0.08, others by `units`.
+
+    Raises:
+        UnknownNameError: an unknown built-in set.
+        MeshError: the path does not exist or holds no meshes; a text file names a file that does not exist.
+    """
+    if text.startswith(BUILTIN_PREFIX):
+        names = builtin_names(text.removeprefix(BUILTIN_PREFIX))
+        return [ObjectEntry(name, partial(_builtin, name, length)) for name in names]
+    path = Path(text)
+    if path.is_dir():
+        files = _files_in(path)
+    elif path.is_file() and path.suffix.lower().lstrip(".") in FORMATS:
+        files = [path]
+    elif path.is_file():
+        files = _listed_in(path)
+    else:
+        raise MeshError(
+            f"{text}: no such set of objects; expected builtin:train, builtin:test, a folder of meshes, "
+            "a DexGraspNet meshdata folder, or a text file of paths"
+        )
+    return _entries(files, units, length)
+
+
+def is_dexgraspnet(path: Path) -> bool:
+    """Whether the path has the layout `<code>/coacd/decomposed.obj`."""
+    return Path(*path.parts[-2:]) == DEXGRASPNET_MESH and len(path.parts) > 2
+
+
+def _files_in(folder: Path) -> list[Path]:
+    nested = sorted(code / DEXGRASPNET_MESH for code in folder.iterdir() if (code / DEXGRASPNET_MESH).is_file())
+    flat = sorted(file for file in folder.iterdir() if file.is_file() and file.suffix.lower().lstrip(".") in FORMATS)
+    if not nested and not flat:
+        raise MeshError(
+            f"{folder}: no meshes in this folder; expected files of format {', '.join(FORMATS)}, "
+            f"or <code>/{DEXGRASPNET_MESH.as_posix()}"
+        )
+    return nested + flat
+
+
+def _listed_in(file: Path) -> list[Path]:
+    try:
+        lines = [line.strip() for line in file.read_text(encoding="utf-8").splitlines()]
+    except (UnicodeDecodeError, OSError) as error:
+        raise MeshError(f"{file}: cannot be read as a text file of mesh paths ({error})") from error
+    files = [file.parent / line for line in lines if line and not line.startswith("#")]
+    if not files:
+        raise MeshError(f"{file}: the list is empty; expected one mesh path per line")
+    for number, entry in enumerate(files, 1):
+        if entry.suffix.lower().lstrip(".") not in FORMATS or not entry.is_file():
+            raise MeshError(
+                f"{file}: entry {number}, {str(entry)!r}, is not a mesh file; "
+                f"expected the path of an existing file of format {', '.join(FORMATS)}"
+            )
+    return files
+
+
+def _entries(files: list[Path], units: str, length: float | None) -> list[ObjectEntry]:
+    entries: dict[str, ObjectEntry] = {}
+    for file in files:
+        stem = file.parent.parent.name if is_dexgraspnet(file) else file.stem
+        name, copy = stem, 1
+        while name in entries:
+            copy += 1
+            name = f"{stem}-{copy}"
+        if length is None and is_dexgraspnet(file):
+            load = partial(load_scaled_mesh, file, DEXGRASPNET_SCALE)
+        else:
+            load = partial(load_mesh, file, units=units, length=length)
+        entries[name] = ObjectEntry(name, load)
+    return list(entries.values())
+
+
+def _builtin(name: str, length: float | None) -> trimesh.Trimesh:
+    return scaled_to_length(builtin_object(name), length)

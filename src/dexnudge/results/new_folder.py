@@ -1,0 +1,101 @@
+"""An output folder that appears complete or not at all."""
+
+import errno
+import os
+import shutil
+from collections.abc import Iterator
+from contextlib import contextmanager
+from pathlib import Path
+
+from dexnudge.errors import DexnudgeError, OutputError
+
+# What a full, read-only or failing disk raises, with or without the name of a file.
+DISK_ERRORS = frozenset({errno.ENOSPC, errno.EDQUOT, errno.EFBIG, errno.EROFS, errno.EIO})
+
+
+@contextmanager
+def new_folder(out: Path | str, *, overwrite: bool = False, marker: str) -> Iterator[Path]:
+    """Yield an empty folder beside `out`; when the block ends well it becomes `out` in one step.
+
+    However else the block ends (an error, Ctrl-C, a full disk), the folder and the parents made for it are removed and
+    `out` is as it was.
+
+    Args:
+        out: the folder to make. It must not exist, unless `overwrite`.
+        overwrite: replace an existing `out`, provided that it is empty or holds the file `marker`.
+        marker: name of a file that only such an output folder has; it keeps `overwrite` from deleting anything else.
+
+    Raises:
+        OutputError: `out` exists, is no folder of ours, or cannot be written.
+    """
+    target = Path(out).absolute()
+    _refuse_existing(target, overwrite=overwrite, marker=marker)
+    made_parents = [parent for parent in [target.parent, *target.parents[1:]] if not parent.exists()]
+    partial = target.with_name(f".{target.name}.partial-{os.getpid()}")
+    finished = False
+    try:
+        partial.mkdir(parents=True)
+        yield partial
+        _put_in_place(partial, target)
+        finished = True
+    except OSError as error:
+        if isinstance(error, DexnudgeError) or not _concerns(error, partial, target):
+            raise
+        raise OutputError(
+            f"cannot write the output folder {target}: {error.strerror or error}; expected a writable place with free "
+            "space; nothing was left behind; choose another --out"
+        ) from error
+    finally:
+        if not finished:
+            shutil.rmtree(partial, ignore_errors=True)
+            _remove_empty(made_parents)
+
+
+def _refuse_existing(target: Path, *, overwrite: bool, marker: str) -> None:
+    if not target.exists() and not target.is_symlink():
+        return
+    if not target.is_dir() or target.is_symlink():
+        raise OutputError(
+            f"the output {target} exists and is not a folder; expected a new folder; choose another --out"
+        )
+    if not overwrite:
+        raise OutputError(
+            f"the output folder {target} exists; expected a new one; choose another --out, or replace it with --overwrite"
+        )
+    if any(target.iterdir()) and not (target / marker).is_file():
+        raise OutputError(
+            f"the output folder {target} exists and has no {marker}, so it was not written by this command; "
+            "--overwrite replaces only such folders; choose another --out"
+        )
+
+
+def _put_in_place(partial: Path, target: Path) -> None:
+    if not target.exists():
+        partial.rename(target)
+        return
+    old = target.with_name(f".{target.name}.replaced-{os.getpid()}")
+    target.rename(old)
+    try:
+        partial.rename(target)
+    except OSError:
+        old.rename(target)
+        raise
+    shutil.rmtree(old)
+
+
+def _concerns(error: OSError, partial: Path, target: Path) -> bool:
+    """Whether an error is about writing the folder, and not, say, about reading an input file."""
+    if error.errno in DISK_ERRORS:
+        return True
+    if not isinstance(error.filename, str | os.PathLike):
+        return False
+    path = Path(error.filename).absolute()
+    return path in (target, partial) or partial in path.parents or path in partial.parents
+
+
+def _remove_empty(folders: list[Path]) -> None:
+    for folder in folders:
+        try:
+            folder.rmdir()
+        except OSError:  # not made, or in use by somebody else by now
+            return

@@ -1,0 +1,113 @@
+"""Write the folder of `sample`: first the problem, then, judged from those files, the answer."""
+
+import time
+from pathlib import Path
+from typing import Any
+
+import numpy as np
+from jaxtyping import Float
+
+from dexnudge.evaluation.draws import JudgedDraws
+from dexnudge.evaluation.provenance import machine, peak_memory_mb, versions
+from dexnudge.evaluation.success import Verdicts
+from dexnudge.hands.export import export_hand
+from dexnudge.hands.hand import Hand
+from dexnudge.hands.registry import load_hand
+from dexnudge.results.configurations import Configurations
+from dexnudge.results.summary import count_draws, write_summary
+from dexnudge.scenes.files import load_scene, save_scene
+from dexnudge.scenes.scene import Scene
+
+HAND_FOLDER = "hand"
+URDF_FILE = "hand.urdf"
+PAGE_FILE, PICTURE_FILE = "view.html", "view.png"
+CONFIGURATIONS_ON_PAGE = 12  # more would make the page large and tell nothing new
+
+
+def write_problem(folder: Path, scene: Scene, hand: Hand) -> tuple[Scene, Hand]:
+    """Write scene and hand into `folder` and return them as read back.
+
+    What is read back is what draws are judged with: then the verdicts are those of the files, rounding included, and
+    `check` finds the same.
+    """
+    save_scene(scene, folder)
+    export_hand(hand, folder / HAND_FOLDER)
+    return read_problem(folder)
+
+
+def read_problem(folder: Path) -> tuple[Scene, Hand]:
+    """Scene and hand of a result folder.
+
+    Raises:
+        InputError: a file is missing, damaged, or points outside the folder.
+    """
+    return load_scene(folder), load_hand(str(folder / HAND_FOLDER / URDF_FILE))
+
+
+def as_configurations(q: Float[np.ndarray, "n coordinates"], verdicts: Verdicts, hand: Hand) -> Configurations:
+    """Configurations and their verdicts as the arrays of configurations.npz."""
+    return Configurations(
+        q=q,
+        joint_names=tuple(hand.joint_names),
+        success=verdicts.success,
+        penetration_object=verdicts.penetration_object,
+        penetration_environment=verdicts.penetration_environment,
+        penetration_self=verdicts.penetration_self,
+        force_margin=verdicts.force_margin,
+        contact_links=tuple(tuple(links) for links in verdicts.contact_links),
+    )
+
+
+def write_answer(
+    folder: Path,
+    scene: Scene,
+    hand: Hand,
+    draws: JudgedDraws,
+    *,
+    title: str,
+    seconds: dict[str, float],
+    details: dict[str, Any],
+) -> dict[str, Any]:
+    """Write configurations, page, picture and summary beside the problem; return the summary.
+
+    Args:
+        folder: where `write_problem` wrote.
+        scene: as `write_problem` returned it.
+        hand: the same.
+        draws: in ranked order.
+        title: plain text above page and picture.
+        seconds: of the stages before the first draw; those of drawing and writing are added.
+        details: further entries of the summary, such as the options of the run.
+    """
+    configurations = as_configurations(draws.q, draws.verdicts, hand)
+    configurations.save(folder)
+    seconds = {**seconds, **draws.seconds}
+    start = time.perf_counter()
+    write_views(folder, scene, hand, configurations, title=title)
+    seconds["picture"] = time.perf_counter() - start
+    summary = {
+        **count_draws(configurations, draws.rejections()),
+        **details,
+        "seconds": {stage: round(value, 4) for stage, value in seconds.items()},
+        "seconds_total": round(sum(seconds.values()), 4),
+        "peak_memory_mb": round(peak_memory_mb(), 1),
+        "machine": machine(),
+        "versions": versions(),
+        "sampler": list(draws.reports),
+    }
+    write_summary(folder, summary)
+    return summary
+
+
+def write_views(folder: Path, scene: Scene, hand: Hand, configurations: Configurations, *, title: str) -> None:
+    """Write the 3-D page with the best configurations, and the picture of the best one."""
+    from dexnudge.evaluation.success import contact_points
+    from dexnudge.viewer.drawing import drawings
+    from dexnudge.viewer.page import write_page
+    from dexnudge.viewer.picture import render_png
+
+    verified = int(configurations.success.sum())
+    shown = configurations.q[: max(1, min(verified, CONFIGURATIONS_ON_PAGE))].astype(np.float64)
+    drawn = drawings(scene, hand, shown, contacts=contact_points(hand, scene, shown), title=title)
+    write_page(drawn, folder / PAGE_FILE)
+    render_png(drawn[0], folder / PICTURE_FILE)

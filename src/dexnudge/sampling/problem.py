@@ -1,0 +1,102 @@
+"""A scene made ready for sampling: its canonical frame, its distance fields and its force balance."""
+
+from dataclasses import dataclass
+
+import numpy as np
+import torch
+import trimesh
+from jaxtyping import Float
+from torch import Tensor
+
+from dexnudge.energies.force_residual import SlidingBalance, support_wrenches
+from dexnudge.energies.hand_kernel import SceneFields
+from dexnudge.energies.scene_fields import build_scene_fields
+from dexnudge.geometry.frames import canonical_frame, transform_configurations
+from dexnudge.geometry.surface_points import surface_points
+from dexnudge.mechanics.contacts import support_contacts
+from dexnudge.mechanics.sliding_task import sliding_task
+from dexnudge.scenes.scene import Scene
+
+CLOUD_POINTS = 1024
+FRICTION_MARGIN = 1.6  # factor on friction_environment that the contacts are asked to overcome: above robust's 1.5
+
+
+@dataclass(frozen=True)
+class SamplingProblem:
+    """Everything about a scene that a sampler needs, in the canonical frame C (x the motion, z up).
+
+    Attributes:
+        T_world_canonical: frame C in the world.
+        fields: distance grids of object and environment for the fused kernel.
+        balance: the force balance to reach; None when nothing supports the object or its supports block the motion.
+        cloud: (1024, 6) points [m] and outward normals of the object.
+        object_mesh: in frame C.
+    """
+
+    scene: Scene
+    T_world_canonical: Float[np.ndarray, "4 4"]
+    fields: SceneFields
+    balance: SlidingBalance | None
+    cloud: Float[Tensor, "point 6"]
+    object_mesh: trimesh.Trimesh
+
+    def to_world(self, q: Float[Tensor, "n coordinates"]) -> Float[np.ndarray, "n coordinates"]:
+        """Configurations of frame C in the world, as they are written to files."""
+        return transform_configurations(self.T_world_canonical, q.double().numpy()).astype(np.float32)
+
+
+def prepare(scene: Scene, *, device: str = "cpu") -> SamplingProblem:
+    """Builds the fields of a scene in its canonical frame."""
+    T_world_canonical = canonical_frame(scene.object_in_world(), scene.motion)
+    T_canonical_world = np.linalg.inv(T_world_canonical)
+    object_mesh = scene.object_in_world()
+    object_mesh.apply_transform(T_canonical_world)
+    environment_mesh = scene.environment_mesh.copy()
+    environment_mesh.apply_transform(T_canonical_world)
+    return SamplingProblem(
+        scene=scene,
+        T_world_canonical=T_world_canonical,
+        fields=build_scene_fields(object_mesh, environment_mesh, device=device),
+        balance=_balance(scene, T_canonical_world),
+        cloud=object_cloud(object_mesh),
+        object_mesh=object_mesh,
+    )
+
+
+def object_cloud(mesh: trimesh.Trimesh, *, seed: int = 0) -> Float[Tensor, "point 6"]:
+    """1024 points [m] with outward normals, spread evenly over the surface."""
+    spacing = float(np.sqrt(mesh.area / CLOUD_POINTS))
+    spread = surface_points(mesh, spacing=spacing, seed=seed)
+    chosen = np.random.default_rng(seed).permutation(len(spread.points))
+    chosen = np.resize(chosen, CLOUD_POINTS)
+    return torch.as_tensor(np.concatenate([spread.points, spread.normals], axis=1)[chosen], dtype=torch.float32)
+
+
+def _balance(scene: Scene, T_canonical_world: Float[np.ndarray, "4 4"]) -> SlidingBalance | None:
+    supports, task = support_contacts(scene), sliding_task(scene)
+    along = supports.normals @ task.motion
+    sliding = np.abs(along) <= 1e-3
+    if not sliding.any() or (along < -1e-3).any():
+        return None
+    rotation, translation = T_canonical_world[:3, :3], T_canonical_world[:3, 3]
+    centre = _tensor(rotation @ task.centre + translation)
+    wrenches = support_wrenches(
+        _tensor(supports.points[sliding] @ rotation.T + translation),
+        _tensor(supports.normals[sliding] @ rotation.T),
+        _tensor(rotation @ task.motion),
+        centre,
+        task.half_length,
+        FRICTION_MARGIN * task.friction_environment,
+    )
+    return SlidingBalance(
+        centre_of_mass=centre,
+        half_length=task.half_length,
+        support_wrenches=wrenches,
+        gravity=_tensor(rotation @ np.asarray([0.0, 0.0, -1.0])),
+        friction_hand=task.friction_hand,
+        max_normal=task.max_normal_force / task.weight,
+    )
+
+
+def _tensor(values: np.ndarray) -> Tensor:
+    return torch.as_tensor(np.asarray(values), dtype=torch.float32)

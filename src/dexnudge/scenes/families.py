@@ -1,0 +1,59 @@
+"""The table of scene families. A new family is one file and one line here."""
+
+from __future__ import annotations
+
+from collections.abc import Callable
+from dataclasses import replace
+from typing import Any
+
+import numpy as np
+import trimesh
+
+from dexnudge.errors import SceneError, UnknownNameError
+from dexnudge.scenes.clutter import clutter
+from dexnudge.scenes.corner import corner
+from dexnudge.scenes.deep import deep
+from dexnudge.scenes.drawer import drawer
+from dexnudge.scenes.layers import layers
+from dexnudge.scenes.ramp import ramp
+from dexnudge.scenes.scene import Scene
+from dexnudge.scenes.shelf import shelf
+from dexnudge.scenes.slot import slot
+from dexnudge.scenes.stack import stack
+from dexnudge.scenes.table import table
+
+SceneFamily = Callable[[trimesh.Trimesh, np.random.Generator], Scene]
+
+MAIN_FAMILIES: dict[str, SceneFamily] = {"table": table, "layers": layers, "shelf": shelf}
+HARD_FAMILIES: dict[str, SceneFamily] = {"slot": slot, "deep": deep, "corner": corner, "clutter": clutter}
+# Nothing is ever tuned on these.
+GENERALISATION_FAMILIES: dict[str, SceneFamily] = {"drawer": drawer, "ramp": ramp, "stack": stack}
+SCENE_FAMILIES: dict[str, SceneFamily] = {**MAIN_FAMILIES, **HARD_FAMILIES, **GENERALISATION_FAMILIES}
+
+PHYSICS = ("motion_length", "mass", "friction_hand", "friction_environment", "max_normal_force")
+
+
+def build_scene(family: str, mesh: trimesh.Trimesh, *, seed: int, **physics: Any) -> Scene:
+    """Draw a scene of a family for an object.
+
+    Args:
+        family: a name in `SCENE_FAMILIES`.
+        mesh: the object, metres, object frame.
+        seed: of the draw. Same family, object and seed: same scene.
+        physics: motion_length [m], mass [kg], friction_hand, friction_environment, max_normal_force [N]; defaults
+            as in `Scene`.
+
+    Raises:
+        UnknownNameError: no such family; the message lists those that exist.
+        SceneError: the object does not fit, or a physical number is out of its domain.
+    """
+    if family not in SCENE_FAMILIES:
+        raise UnknownNameError(
+            f"unknown scene {family!r}; expected one of {', '.join(SCENE_FAMILIES)}, "
+            "or your own surroundings through --environment"
+        )
+    unknown = sorted(set(physics) - set(PHYSICS))
+    if unknown:
+        raise SceneError(f"unknown physical parameter {unknown[0]!r}; expected {', '.join(PHYSICS)}")
+    scene = SCENE_FAMILIES[family](mesh, np.random.default_rng(seed))
+    return replace(scene, seed=seed, **physics)

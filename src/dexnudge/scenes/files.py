@@ -1,0 +1,151 @@
+"""A scene as a folder: scene.json, object.obj and environment.obj."""
+
+from __future__ import annotations
+
+import json
+from importlib.metadata import PackageNotFoundError, version
+from pathlib import Path
+from typing import Any
+
+import numpy as np
+import trimesh
+
+from dexnudge.errors import OutputError, SceneError
+from dexnudge.geometry.meshes import load_environment, load_mesh
+from dexnudge.scenes.scene import Scene
+
+SCENE_FILE, OBJECT_FILE, ENVIRONMENT_FILE = "scene.json", "object.obj", "environment.obj"
+MESH_DIGITS = 9  # decimals of a coordinate in metres: a nanometre
+NUMBERS = ("motion_length", "mass", "friction_hand", "friction_environment", "max_normal_force")
+REQUIRED = ("object_mesh", "environment_mesh", "T_world_object", "motion", *NUMBERS)
+RECORDED_VERSIONS = ("dexnudge", "numpy", "scipy", "trimesh", "torch", "warp-lang")
+
+
+def save_scene(scene: Scene, folder: str | Path) -> Path:
+    """Write the three files into `folder`, made if need be; returns the path of scene.json.
+
+    Raises:
+        OutputError: the folder cannot be written.
+    """
+    folder = Path(folder)
+    content = {
+        "object_mesh": OBJECT_FILE,
+        "environment_mesh": ENVIRONMENT_FILE,
+        "T_world_object": scene.T_world_object.tolist(),
+        "motion": scene.motion.tolist(),
+        **{key: float(getattr(scene, key)) for key in NUMBERS},
+        "scene": scene.name,
+        "parameters": _plain(scene.parameters),
+        "seed": scene.seed,
+        "versions": recorded_versions(),
+    }
+    try:
+        folder.mkdir(parents=True, exist_ok=True)
+        _write_obj(scene.object_mesh, folder / OBJECT_FILE, "object, metres, object frame")
+        _write_obj(scene.environment_mesh, folder / ENVIRONMENT_FILE, "environment, metres, world frame, z up")
+        path = folder / SCENE_FILE
+        path.write_text(json.dumps(content, indent=2, allow_nan=False) + "\n", encoding="utf-8")
+    except OSError as error:
+        raise OutputError(
+            f"{folder}: the scene cannot be written ({error.strerror}); expected a folder that you may write to; "
+            "pass another --out"
+        ) from error
+    return path
+
+
+def load_scene(folder: str | Path) -> Scene:
+    """Read what `save_scene` wrote, trusting nothing in it.
+
+    Raises:
+        SceneError: a file is missing, the JSON is malformed, a key is missing, a path is absolute or leaves the
+            folder, or a value is out of its domain.
+        MeshError: a mesh cannot be used.
+    """
+    folder = Path(folder)
+    path = folder / SCENE_FILE
+    content = read_json_object(path)
+    missing = [key for key in REQUIRED if key not in content]
+    if missing:
+        raise SceneError(f"{path}: the key {missing[0]!r} is missing; expected {', '.join(REQUIRED)}")
+    for key in NUMBERS:
+        if isinstance(content[key], bool) or not isinstance(content[key], int | float):
+            raise SceneError(f"{path}: {key} is {content[key]!r}; expected a number")
+    parameters, seed = content.get("parameters", {}), content.get("seed")
+    if not isinstance(parameters, dict):
+        raise SceneError(f"{path}: parameters is {parameters!r}; expected an object of names and values")
+    if seed is not None and (isinstance(seed, bool) or not isinstance(seed, int)):
+        raise SceneError(f"{path}: seed is {seed!r}; expected an integer or null")
+    return Scene(
+        object_mesh=load_mesh(_inside(folder, content["object_mesh"], "object_mesh")),
+        environment_mesh=load_environment(_inside(folder, content["environment_mesh"], "environment_mesh")),
+        T_world_object=content["T_world_object"],
+        motion=content["motion"],
+        name=str(content.get("scene", "user")),
+        parameters=parameters,
+        seed=seed,
+        **{key: float(content[key]) for key in NUMBERS},
+    )
+
+
+def read_json_object(path: Path) -> dict[str, Any]:
+    """The JSON object in a file.
+
+    Raises:
+        SceneError: missing, unreadable, malformed, not an object, or with NaN or infinity in it.
+    """
+    if not path.is_file():
+        raise SceneError(f"{path}: no such file; expected a JSON file")
+    try:
+        content = json.loads(path.read_text(encoding="utf-8"), parse_constant=_refuse_constant)
+    except (ValueError, OSError, RecursionError) as error:
+        raise SceneError(f"{path}: cannot be read as JSON ({error}); the file is truncated or damaged") from error
+    if not isinstance(content, dict):
+        raise SceneError(f"{path}: holds a JSON {type(content).__name__}; expected an object with named values")
+    return content
+
+
+def recorded_versions() -> dict[str, str]:
+    """Versions of what decides the numbers, for a later reader."""
+    found = {}
+    for package in RECORDED_VERSIONS:
+        try:
+            found[package] = version(package)
+        except PackageNotFoundError:
+            continue
+    return found
+
+
+def _inside(folder: Path, value: Any, key: str) -> Path:
+    """The path of a mesh below the folder; SceneError when it points anywhere else."""
+    if not isinstance(value, str) or not value or "\0" in value:
+        raise SceneError(f"{key} is {value!r}; expected a path relative to the folder of {SCENE_FILE}")
+    target = (folder / value).resolve()
+    if Path(value).is_absolute() or "\\" in value or not target.is_relative_to(folder.resolve()):
+        raise SceneError(
+            f"{key} is {value!r}, outside the folder of {SCENE_FILE}; expected a relative path inside it; "
+            "copy the mesh into the folder"
+        )
+    return target
+
+
+def _write_obj(mesh: trimesh.Trimesh, path: Path, title: str) -> None:
+    """Vertices and faces only, in order, so that a reader gets the same triangles."""
+    lines = [f"# {title}\n"]
+    lines += [f"v {x:.{MESH_DIGITS}f} {y:.{MESH_DIGITS}f} {z:.{MESH_DIGITS}f}\n" for x, y, z in mesh.vertices.tolist()]
+    lines += [f"f {a} {b} {c}\n" for a, b, c in (np.asarray(mesh.faces) + 1).tolist()]
+    path.write_text("".join(lines), encoding="ascii")
+
+
+def _plain(value: Any) -> Any:
+    """`value` with numpy numbers and arrays as plain ones, for JSON."""
+    if isinstance(value, dict):
+        return {str(key): _plain(item) for key, item in value.items()}
+    if isinstance(value, list | tuple):
+        return [_plain(item) for item in value]
+    if isinstance(value, np.ndarray | np.generic):
+        return value.tolist()
+    return value
+
+
+def _refuse_constant(text: str) -> float:
+    raise ValueError(f"{text} is not a JSON number")

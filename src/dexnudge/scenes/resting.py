@@ -1,0 +1,102 @@
+"""How an object comes to lie on a plane: on its most stable face, long side along x."""
+
+from __future__ import annotations
+
+import numpy as np
+import trimesh
+from jaxtyping import Float
+from scipy.spatial import ConvexHull
+
+from dexnudge.errors import SceneError
+from dexnudge.geometry.meshes import centre_of_mass
+
+SAME_FACE_ANGLE = 5.0  # [deg] hull triangles this close in direction count as one face: scans are never quite flat
+TIE = 0.02  # two faces whose sizes differ by less than this fraction are equally stable
+EDGE_TOLERANCE = 1e-9  # barycentric; the foot of the centre of mass may lie on the edge between two triangles
+
+
+def resting_pose(mesh: trimesh.Trimesh) -> Float[np.ndarray, "4 4"]:
+    """Pose of the object (object frame to a frame on the support plane) when it lies on its most stable face.
+
+    The plane is z = 0, z up; the lowest vertices touch it exactly; the centre of the bounding box is above the
+    origin; the long side of the smallest rectangle around the footprint lies along x.
+
+    A triangle of the convex hull can carry the object where the centre of mass stands over it. Among those the
+    most stable is the one whose face (all hull triangles within 5 deg of its direction) fills the largest solid
+    angle seen from the centre of mass, the chance of landing there of an object thrown at random without rolling.
+    Ties go to the face that points most along the object's -z, then -y, then -x.
+
+    Raises:
+        SceneError: no face can carry the object.
+    """
+    rotation = _face_down(_most_stable_direction(mesh))
+    placed = np.asarray(mesh.convex_hull.vertices) @ rotation.T
+    rotation = _long_side_along_x(placed[:, :2]) @ rotation
+    # All vertices, not the hull's: the lowest one decides to the last digit.
+    placed = np.asarray(mesh.vertices) @ rotation.T
+    low, high = placed.min(axis=0), placed.max(axis=0)
+    pose = np.eye(4)
+    pose[:3, :3] = rotation
+    pose[:3, 3] = [-(low[0] + high[0]) / 2, -(low[1] + high[1]) / 2, -low[2]]
+    return pose
+
+
+def _most_stable_direction(mesh: trimesh.Trimesh) -> Float[np.ndarray, "3"]:
+    """Outward unit normal, object frame, of the hull triangle that the object rests on."""
+    hull = mesh.convex_hull
+    corners = np.asarray(hull.triangles) - centre_of_mass(mesh)
+    normals = np.asarray(hull.face_normals)
+    angles = _solid_angles(corners)
+    height = np.einsum("ij,ij->i", corners[:, 0], normals)
+    feet = normals * height[:, None]
+    inside = trimesh.triangles.points_to_barycentric(corners, feet).min(axis=1) >= -EDGE_TOLERANCE
+    candidates = np.flatnonzero(inside & (height > 0))
+    if len(candidates) == 0:
+        raise SceneError("the object has no face that it can rest on; expected a closed body; check its mesh")
+    same_face = normals[candidates] @ normals.T >= np.cos(np.radians(SAME_FACE_ANGLE))
+    size = same_face @ angles
+    best = candidates[size >= (1 - TIE) * size.max()]
+    # Rounded so that noise in the last digits does not decide between equal directions.
+    keys = np.round(normals[best], 6)
+    return normals[best[np.lexsort((keys[:, 0], keys[:, 1], keys[:, 2]))[0]]]
+
+
+def _solid_angles(corners: Float[np.ndarray, "n 3 3"]) -> Float[np.ndarray, " n"]:
+    """Solid angle [sr] of triangles seen from the origin (Van Oosterom and Strackee, 1983)."""
+    a, b, c = corners[:, 0], corners[:, 1], corners[:, 2]
+    na, nb, nc = (np.linalg.norm(v, axis=1) for v in (a, b, c))
+    volume = np.abs(np.einsum("ij,ij->i", a, np.cross(b, c)))
+    ab, bc, ca = (np.einsum("ij,ij->i", u, v) for u, v in ((a, b), (b, c), (c, a)))
+    return 2 * np.arctan2(volume, na * nb * nc + ab * nc + bc * na + ca * nb)
+
+
+def _face_down(normal: Float[np.ndarray, "3"]) -> Float[np.ndarray, "3 3"]:
+    """Smallest rotation that turns `normal` to -z."""
+    down = np.array([0.0, 0.0, -1.0])
+    cosine = float(normal @ down)
+    if cosine < -1 + 1e-12:
+        return np.diag([1.0, -1.0, -1.0])
+    v = np.cross(normal, down)
+    skew = np.array([[0, -v[2], v[1]], [v[2], 0, -v[0]], [-v[1], v[0], 0]])
+    return np.eye(3) + skew + skew @ skew / (1 + cosine)
+
+
+def _long_side_along_x(footprint: Float[np.ndarray, "n 2"]) -> Float[np.ndarray, "3 3"]:
+    """Rotation about z that lays the long side of the smallest rectangle around the footprint along x.
+
+    One side of that rectangle lies along an edge of the footprint's hull, so all edges are tried. Of the two ways
+    round, the smaller turn.
+    """
+    outline = footprint[ConvexHull(footprint).vertices]
+    edges = np.roll(outline, -1, axis=0) - outline
+    directions = edges / np.linalg.norm(edges, axis=1, keepdims=True)
+    along = outline @ directions.T
+    across = outline @ np.stack([-directions[:, 1], directions[:, 0]])
+    sides = np.stack([np.ptp(along, axis=0), np.ptp(across, axis=0)])
+    best = int(np.argmin(np.round(sides.prod(axis=0), 12)))
+    angle = np.arctan2(directions[best, 1], directions[best, 0])
+    if sides[1, best] > sides[0, best]:
+        angle += np.pi / 2
+    angle -= np.pi * np.round(angle / np.pi)
+    c, s = np.cos(-angle), np.sin(-angle)
+    return np.array([[c, -s, 0.0], [s, c, 0.0], [0.0, 0.0, 1.0]])

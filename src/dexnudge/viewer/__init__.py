@@ -1,0 +1,1 @@
+"""Pictures and self-contained 3-D pages of hand configurations."""

@@ -1,0 +1,38 @@
+"""Where rays first meet a mesh, on Warp's bounding-volume tree."""
+
+import numpy as np
+import warp as wp
+from jaxtyping import Float, Int
+
+from dexnudge.viewer.parallel_launch import parallel_launch
+from dexnudge.viewer.trace_kernel import first_hits_kernel
+
+FAR = 100.0  # [m] beyond every scene; the kernel's own constant of this name
+
+
+def warp_mesh(triangles: Float[np.ndarray, "face 3 3"]) -> wp.Mesh:
+    """A tree over triangles given by their corners [m]; at least one."""
+    points = np.ascontiguousarray(triangles, dtype=np.float32).reshape(-1, 3)
+    return wp.Mesh(
+        points=wp.array(points, dtype=wp.vec3, device="cpu"),
+        indices=wp.array(np.arange(len(points), dtype=np.int32), dtype=wp.int32, device="cpu"),
+    )
+
+
+def first_hits(
+    mesh: wp.Mesh, origins: Float[np.ndarray, "n 3"], directions: Float[np.ndarray, "n 3"]
+) -> tuple[Float[np.ndarray, " n"], Int[np.ndarray, " n"]]:
+    """Distance along each ray [m] to the first triangle, and that triangle; 100 m and -1 where there is none.
+
+    Args:
+        mesh: as `warp_mesh` makes it.
+        origins: where the rays start [m].
+        directions: unit vectors.
+    """
+    count = len(origins)
+    distance = wp.empty(count, dtype=float, device="cpu")
+    face = wp.empty(count, dtype=int, device="cpu")
+    if count:
+        arrays = [wp.array(np.asarray(a, dtype=np.float32), dtype=wp.vec3, device="cpu") for a in (origins, directions)]
+        parallel_launch(first_hits_kernel, count, [mesh.id, *arrays, distance, face])
+    return distance.numpy(), face.numpy()

@@ -1,0 +1,138 @@
+"""A drawing packed for the ray kernels."""
+
+from dataclasses import dataclass, fields, replace
+
+import numpy as np
+import trimesh
+import warp as wp
+from jaxtyping import Bool, Float
+
+from dexnudge.viewer.camera import Camera
+from dexnudge.viewer.corner_normals import CREASE_ANGLE, corner_normals
+from dexnudge.viewer.drawing import Drawing, Part
+from dexnudge.viewer.palette import PALETTE, Role
+from dexnudge.viewer.ray_hits import warp_mesh
+from dexnudge.viewer.trace_kernel import Geometry
+from dexnudge.viewer.viewpoint import hiding_faces
+
+GLOSS: dict[Role, float] = {"object": 0.10, "link": 0.06, "fingertip": 0.08}  # strength of the highlight
+CONTACT_RADIUS = 0.0035  # [m]
+GLASS_OPACITY = 0.22  # of a wall that hides object or hand
+EDGE_OPACITY = 0.75  # of the lines along the edges of such a wall
+EDGE_WIDTH = 0.0011  # of the distance to the camera: about two pixels of a picture 960 high
+EDGE_COLOUR = (0.45, 0.50, 0.57)  # sRGB
+
+
+@dataclass(frozen=True, eq=False)
+class Triangles:
+    """Triangles in the world with what the kernels need of each: corner normals, linear colour, gloss, opacity."""
+
+    corners: Float[np.ndarray, "face 3 3"]
+    normals: Float[np.ndarray, "face 3 3"]
+    colour: Float[np.ndarray, "face 3"]
+    gloss: Float[np.ndarray, " face"]
+    opacity: Float[np.ndarray, " face"]
+
+    def select(self, which: Bool[np.ndarray, " face"]) -> "Triangles":
+        """Some of the triangles."""
+        return Triangles(*(getattr(self, field.name)[which] for field in fields(self)))
+
+
+@dataclass(frozen=True, eq=False)
+class RayScene:
+    """The kernels' geometry; keeps alive the trees that it refers to by number."""
+
+    geometry: Geometry
+    trees: tuple[wp.Mesh, ...]
+
+
+def linear_colour(srgb: tuple[float, float, float]) -> Float[np.ndarray, "3"]:
+    """Linear light of an sRGB colour (IEC 61966-2-1)."""
+    value = np.asarray(srgb)
+    return np.where(value <= 0.04045, value / 12.92, ((value + 0.055) / 1.055) ** 2.4)
+
+
+def ray_scene(drawing: Drawing, camera: Camera, *, aspect: float) -> RayScene:
+    """Everything solid, what of the environment hides the subject as glass, and contacts as markers that show through."""
+    solid = [_triangles(part) for part in (*drawing.with_role("object", "base", "link", "fingertip"), drawing.arrow())]
+    glass, blocking = [], [triangles.corners for triangles in solid]
+    for part in drawing.with_role("environment"):
+        placed = _triangles(part)
+        mesh = trimesh.Trimesh(part.vertices_in_world(), part.mesh.faces, process=False)
+        hiding = hiding_faces(mesh, drawing, camera, aspect=aspect)
+        # The back of a closed body cannot be seen, and shows as soon as its front is glass; an open one has two sides.
+        towards = np.einsum("ij,ij->i", mesh.face_normals, camera.position - mesh.triangles_center) > 0
+        facing = towards if mesh.is_watertight else np.ones_like(towards)
+        solid.append(placed.select(facing & ~hiding))
+        glass += [
+            replace(placed, colour=_same_colour("glass", len(hiding))).select(facing & hiding),
+            _edge_lines(mesh, hiding, camera),
+        ]
+        blocking.append(placed.corners[~hiding])
+    ball = trimesh.creation.icosphere(subdivisions=2, radius=CONTACT_RADIUS)
+    markers = [
+        _triangles(Part("contact", "contact", ball, trimesh.transformations.translation_matrix(point)))
+        for point in drawing.contacts
+    ]
+    return _pack(solid, glass, markers, np.concatenate(blocking))
+
+
+def _triangles(part: Part) -> Triangles:
+    count = len(part.mesh.faces)
+    rotation = np.asarray(part.T_world_part)[:3, :3]
+    return Triangles(
+        part.vertices_in_world()[part.mesh.faces],
+        corner_normals(part.mesh) @ rotation.T,
+        _same_colour(part.role, count),
+        np.full(count, GLOSS.get(part.role, 0.0)),
+        np.full(count, GLASS_OPACITY),
+    )
+
+
+def _same_colour(role: Role, count: int) -> Float[np.ndarray, "face 3"]:
+    return np.tile(linear_colour(PALETTE[role]), (count, 1))
+
+
+def _edge_lines(mesh: trimesh.Trimesh, which: Bool[np.ndarray, " face"], camera: Camera) -> Triangles:
+    """Ribbons that face the camera along the creases of some triangles, so that glass keeps its shape."""
+    sharp = mesh.face_adjacency_angles > np.radians(CREASE_ANGLE)
+    sharp &= which[mesh.face_adjacency].any(axis=1)
+    ends = np.asarray(mesh.vertices)[mesh.face_adjacency_edges[sharp]]
+    towards = camera.position - ends
+    distance = np.linalg.norm(towards, axis=2, keepdims=True)
+    side = np.cross((ends[:, 1] - ends[:, 0])[:, None], towards)
+    side /= np.maximum(np.linalg.norm(side, axis=2, keepdims=True), 1e-12)
+    side *= distance * EDGE_WIDTH / 2
+    (a, b), (c, d) = np.moveaxis(ends - side, 1, 0), np.moveaxis(ends + side, 1, 0)
+    corners = np.concatenate([np.stack([a, b, d], axis=1), np.stack([a, d, c], axis=1)])
+    count = len(corners)
+    normals = np.broadcast_to(-camera.forward, (count, 3, 3))
+    colour = np.tile(linear_colour(EDGE_COLOUR), (count, 1))
+    return Triangles(corners, normals, colour, np.zeros(count), np.full(count, EDGE_OPACITY))
+
+
+def _pack(
+    solid: list[Triangles], glass: list[Triangles], markers: list[Triangles], blocking: Float[np.ndarray, "face 3 3"]
+) -> RayScene:
+    def stack(name: str, groups: list[Triangles]) -> np.ndarray:
+        return np.concatenate([getattr(group, name) for group in groups]).astype(np.float32)
+
+    trees = [warp_mesh(stack("corners", solid)), warp_mesh(blocking)]
+    geometry = Geometry()
+    geometry.solid, geometry.blocking = trees[0].id, trees[1].id
+    geometry.first_glass = sum(len(group.corners) for group in solid)
+    geometry.first_marker = geometry.first_glass + sum(len(group.corners) for group in glass)
+    geometry.has_glass = int(geometry.first_marker > geometry.first_glass)
+    geometry.has_markers = int(bool(markers))
+    if geometry.has_glass:
+        trees.append(warp_mesh(stack("corners", glass)))
+        geometry.glass = trees[-1].id
+    if geometry.has_markers:
+        trees.append(warp_mesh(stack("corners", markers)))
+        geometry.markers = trees[-1].id
+    groups = [*solid, *glass, *markers]
+    geometry.normals = wp.array(stack("normals", groups).reshape(-1, 3), dtype=wp.vec3, device="cpu")
+    geometry.colours = wp.array(stack("colour", groups), dtype=wp.vec3, device="cpu")
+    geometry.gloss = wp.array(stack("gloss", groups), dtype=float, device="cpu")
+    geometry.opacity = wp.array(stack("opacity", groups), dtype=float, device="cpu")
+    return RayScene(geometry, tuple(trees))

@@ -1,0 +1,34 @@
+"""Shape and type checks on every call into dexnudge, and settings that all tests share."""
+
+import re
+from pathlib import Path
+
+import pytest
+from jaxtyping import install_import_hook
+
+SOURCE = Path(__file__).parents[1] / "src"
+# Warp compiles the source of a kernel as it stands, so nothing may be wrapped around it; and a name that is imported
+# for the type checker alone cannot be looked up when the program runs.
+UNCHECKABLE = re.compile(r"^@wp\.(kernel|func)|^if TYPE_CHECKING:", re.MULTILINE)
+
+
+def checkable_modules() -> list[str]:
+    """Names of the modules whose annotations can be checked while they run."""
+    names = []
+    for file in sorted((SOURCE / "dexnudge").rglob("*.py")):
+        if file.name != "__init__.py" and not UNCHECKABLE.search(file.read_text(encoding="utf-8")):
+            names.append(".".join(file.relative_to(SOURCE).with_suffix("").parts))
+    return names
+
+
+# Before any test module imports dexnudge.
+install_import_hook(checkable_modules(), "beartype.beartype")
+
+
+@pytest.fixture(scope="session", autouse=True)
+def one_torch_thread_per_worker(request: pytest.FixtureRequest) -> None:
+    """Workers share the cores; more threads than cores would only wait for each other."""
+    if hasattr(request.config, "workerinput"):
+        import torch
+
+        torch.set_num_threads(1)
