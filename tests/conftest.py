@@ -7,18 +7,16 @@ import pytest
 from jaxtyping import install_import_hook
 
 SOURCE = Path(__file__).parents[1] / "src"
-# Warp compiles the source of a kernel as it stands, so nothing may be wrapped around it; and a name that is imported
-# for the type checker alone cannot be looked up when the program runs.
-UNCHECKABLE = re.compile(r"^@wp\.(kernel|func)|^if TYPE_CHECKING:", re.MULTILINE)
+# Warp compiles the source of a kernel as it stands, so nothing may be wrapped around it, and its structs are no types
+# that could be checked; a name that is imported for the type checker alone cannot be looked up when the program runs.
+UNCHECKABLE = re.compile(r"^@wp\.(kernel|func|struct)|^from \S+_kernel import|^if TYPE_CHECKING:", re.MULTILINE)
 
 
 def checkable_modules() -> list[str]:
     """Names of the modules whose annotations can be checked while they run."""
-    names = []
-    for file in sorted((SOURCE / "dexnudge").rglob("*.py")):
-        if file.name != "__init__.py" and not UNCHECKABLE.search(file.read_text(encoding="utf-8")):
-            names.append(".".join(file.relative_to(SOURCE).with_suffix("").parts))
-    return names
+    files = sorted(file for file in (SOURCE / "dexnudge").rglob("*.py") if file.name != "__init__.py")
+    checkable = [file for file in files if not UNCHECKABLE.search(file.read_text(encoding="utf-8"))]
+    return [".".join(file.relative_to(SOURCE).with_suffix("").parts) for file in checkable]
 
 
 # Before any test module imports dexnudge.

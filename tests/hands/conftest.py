@@ -13,7 +13,9 @@ from dexnudge.hands.registry import load_hand
 
 SMALL_URDF = """<?xml version="1.0"?>
 <robot name="small">
-  <link name="forearm"><collision><origin xyz="0 0 0.02" rpy="0.1 0 0"/><geometry><box size="0.04 0.05 0.06"/></geometry></collision></link>
+  <link name="forearm">
+    <collision><origin xyz="0 0 0.02" rpy="0.1 0 0"/><geometry><box size="0.04 0.05 0.06"/></geometry></collision>
+  </link>
   <joint name="wrist" type="revolute">
     <parent link="forearm"/><child link="palm"/>
     <origin xyz="0.01 0.02 0.06" rpy="0.3 -0.2 0.5"/><axis xyz="0 3 4"/><limit lower="-0.5" upper="0.7"/>
@@ -40,9 +42,16 @@ SMALL_URDF = """<?xml version="1.0"?>
     <parent link="thumb"/><child link="thumbtip"/><origin xyz="0 0.01 0.04"/><axis xyz="0 1 0"/>
   </joint>
   <joint name="mount" type="fixed"><parent link="tip"/><child link="pad"/><origin xyz="0 0 0.02" rpy="0 0 1"/></joint>
-  <link name="finger"><collision><origin xyz="0 0 0.025"/><geometry><cylinder radius="0.008" length="0.05"/></geometry></collision></link>
+  <link name="finger">
+    <collision><origin xyz="0 0 0.025"/><geometry><cylinder radius="0.008" length="0.05"/></geometry></collision>
+  </link>
   <link name="tip"><collision><geometry><sphere radius="0.009"/></geometry></collision></link>
-  <link name="thumbtip"><collision><origin xyz="0 0 0.01"/><geometry><mesh filename="package://small/wedge.stl" scale="0.001 0.002 0.001"/></geometry></collision></link>
+  <link name="thumbtip">
+    <collision>
+      <origin xyz="0 0 0.01"/>
+      <geometry><mesh filename="package://small/wedge.stl" scale="0.001 0.002 0.001"/></geometry>
+    </collision>
+  </link>
   <link name="pad"><collision><geometry><box size="0.01 0.01 0.004"/></geometry></collision></link>
 </robot>
 """

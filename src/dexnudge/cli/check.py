@@ -1,5 +1,9 @@
 """`dexnudge check`: is what a result folder says true?"""
 
+from __future__ import annotations
+
+import math
+from collections.abc import Iterable
 from dataclasses import dataclass
 from pathlib import Path
 from typing import Annotated
@@ -10,6 +14,13 @@ from dexnudge.cli.arguments import metavar
 from dexnudge.errors import InputError
 
 MOST_DIFFERENCES = 20  # in one message; the rest is counted
+# Name of a figure in the file, factor to the unit shown, and that unit.
+FIGURES = (
+    ("penetration_object", 1e3, " [mm]"),
+    ("penetration_environment", 1e3, " [mm]"),
+    ("penetration_self", 1e3, " [mm]"),
+    ("force_margin", 1.0, ""),
+)
 
 
 @dataclass(frozen=True)
@@ -32,16 +43,9 @@ class Check:
         shown = table("figure", "written", "found", "largest difference")
         shown.add_row("configurations", str(len(written.q)), str(len(found.q)), "")
         shown.add_row("verified", str(int(written.success.sum())), str(int(found.success.sum())), "")
-        for key, scale, unit in (
-            ("penetration_object", 1e3, "mm"),
-            ("penetration_environment", 1e3, "mm"),
-            ("penetration_self", 1e3, "mm"),
-            ("force_margin", 1.0, ""),
-        ):
+        for key, scale, unit in FIGURES:
             one, other = scale * getattr(written, key), scale * getattr(found, key)
-            label = f"{key} {f'[{unit}], max' if unit else 'min'}"
-            extreme = max if unit else min
-            shown.add_row(label, f"{extreme(one):.3f}", f"{extreme(other):.3f}", f"{abs(one - other).max():.4f}")
+            shown.add_row(f"{key}{unit}, largest", *(f"{_largest(x):.3f}" for x in (one, other, abs(one - other))))
         stdout().print(shown)
         if not check.agrees:
             listed = "\n".join(f"  {difference}" for difference in check.differences[:MOST_DIFFERENCES])
@@ -53,3 +57,8 @@ class Check:
             )
         stdout().print("every figure agrees")
         return 0
+
+
+def _largest(values: Iterable[float]) -> float:
+    """The largest of the values that are not NaN, which marks draws that are no pose; NaN when all are."""
+    return max((value for value in values if not math.isnan(value)), default=math.nan)

@@ -12,8 +12,8 @@ TABLE_WIDTH = 100  # columns when the output is a file or a pipe, so that tables
 
 def stdout() -> Console:
     """Console for results."""
-    console = Console(highlight=False)
-    return console if console.is_terminal else Console(highlight=False, width=TABLE_WIDTH)
+    console = Console(highlight=False, markup=False)  # names of files and objects may hold brackets
+    return console if console.is_terminal else Console(highlight=False, markup=False, width=TABLE_WIDTH)
 
 
 @contextmanager

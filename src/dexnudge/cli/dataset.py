@@ -28,6 +28,10 @@ class Generate:
     """Scale every object so that its longest side has this length [m]."""
     hand: Text = "shadow_lite"
     """Built-in hand or URDF file."""
+    non_prehensile: Count = 256
+    """Attempts at pushing, pressing and hooking for each object."""
+    grasps: Count = 256
+    """Attempts at grasps for each object."""
 
     def run(self) -> int:
         """Generate what is missing and print the counts."""
@@ -37,7 +41,13 @@ class Generate:
         generate_dataset(
             self.objects,
             Path(self.out),
-            GenerationConfig(hand=self.hand, units=self.units, length=self.length),
+            GenerationConfig(
+                hand=self.hand,
+                units=self.units,
+                length=self.length,
+                non_prehensile=self.non_prehensile,
+                grasps=self.grasps,
+            ),
             seed=self.seed,
             workers=self.workers,
         )
@@ -62,12 +72,14 @@ class Info:
 
 @dataclass(frozen=True)
 class CheckDataset:
-    """Read every shard of a dataset and judge a sample of its configurations again."""
+    """Read every shard of a dataset and, with --objects, verify some of its configurations again."""
 
     folder: tyro.conf.Positional[Annotated[str, metavar("DIR")]]
     """Folder that `dataset generate` wrote."""
+    objects: Annotated[str | None, metavar("SET")] = None
+    """The set of objects that it was generated from."""
     num: Count = 64
-    """Configurations to judge again, spread over the objects."""
+    """Configurations to verify again, spread over the objects."""
     seed: Count = 0
     """Which ones."""
 
@@ -75,13 +87,15 @@ class CheckDataset:
         """Print what was checked; InputError when something does not hold."""
         from dexnudge.synthesis.checking import check_dataset
 
-        report = check_dataset(Path(self.folder), num=self.num, seed=self.seed)
+        report = check_dataset(Path(self.folder), objects=self.objects, num=self.num, seed=self.seed)
         if report.differences:
             listed = "\n".join(f"  {difference}" for difference in report.differences)
             raise InputError(
                 f"{self.folder}: does not hold what it says:\n{listed}\nexpected all to agree; generate again"
             )
-        print(f"{report.rows} configurations of {report.objects} objects read, {report.judged} judged again: all agree")
+        print(
+            f"{report.rows} configurations of {report.objects} objects read, {report.verified} verified again: all agree"
+        )
         return 0
 
 

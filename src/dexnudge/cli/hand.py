@@ -32,31 +32,35 @@ class HandCommand:
     """Replace an existing exported hand."""
 
     def run(self) -> int:
-        """Print the tables; write the folder if asked."""
-        from dexnudge.cli.console import stdout
+        """Write the folder if asked; print the tables."""
         from dexnudge.hands.registry import load_hand
 
-        hand = load_hand(self.hand, base=self.base)
-        console = stdout()
-        console.print(f"{hand.name}: {len(hand.link_names)} links, {hand.num_joints} joints in the order of q")
-        console.print(_joint_table(hand))
-        console.print(_link_table(hand))
-        couplings = ", ".join(f"{follower} <= {leader}" for follower, leader in hand.couplings)
-        console.print(f"palm: {hand.link_names[0]}, facing ({', '.join(f'{x:g}' for x in hand.palm_normal)})")
-        console.print(f"couplings: {couplings or 'none'}", soft_wrap=True)
-        console.print(f"collision pairs: {len(hand.self_collision_pairs)}")
-        if self.export is not None:
-            self._export(hand)
-            console.print(f"written: {self.export}", soft_wrap=True)
-        return 0
-
-    def _export(self, hand: Hand) -> None:
+        if self.export is None:
+            _print(load_hand(self.hand, base=self.base))
+            return 0
+        from dexnudge.cli.console import stdout
         from dexnudge.hands.export import export_hand
         from dexnudge.results.new_folder import new_folder
 
-        assert self.export is not None
         with new_folder(self.export, overwrite=self.overwrite, marker=MARKER) as folder:
+            hand = load_hand(self.hand, base=self.base)
             export_hand(hand, folder)
+        _print(hand)
+        stdout().print(f"written: {self.export}", soft_wrap=True)
+        return 0
+
+
+def _print(hand: Hand) -> None:
+    from dexnudge.cli.console import stdout
+
+    console = stdout()
+    console.print(f"{hand.name}: {len(hand.link_names)} links, {hand.num_joints} joints in the order of q")
+    console.print(_joint_table(hand))
+    console.print(_link_table(hand))
+    couplings = ", ".join(f"{follower} <= {leader}" for follower, leader in hand.couplings)
+    console.print(f"palm: {hand.link_names[0]}, facing ({', '.join(f'{x:g}' for x in hand.palm_normal)})")
+    console.print(f"couplings: {couplings or 'none'}", soft_wrap=True)
+    console.print(f"collision pairs: {len(hand.self_collision_pairs)}")
 
 
 def _joint_table(hand: Hand) -> Table:

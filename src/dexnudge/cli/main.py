@@ -41,7 +41,7 @@ def main(argv: Sequence[str] | None = None) -> int:
         SystemExit: 2 on arguments that do not parse, 0 after --help.
     """
     command = tyro.cli(
-        Command,  # type: ignore[arg-type]  # tyro accepts a union of types
+        Command,
         args=argv,
         prog="dexnudge",
         description=DESCRIPTION,

@@ -75,13 +75,16 @@ class Sample:
 
     def run(self) -> int:
         """Sample, verify, write, print."""
+        self._print(self.write())
+        return 0
+
+    def write(self) -> dict[str, Any]:
+        """Sample, verify, write; return the summary."""
         self._check_options()
         from dexnudge.results.new_folder import new_folder
 
         with new_folder(self.out, overwrite=self.overwrite, marker=MARKER) as folder:
-            summary = self._sample_into(folder)
-        self._print(summary)
-        return 0
+            return self._sample_into(folder)
 
     def _check_options(self) -> None:
         if (self.scene is None) == (self.environment is None):
@@ -106,14 +109,14 @@ class Sample:
         from dexnudge.evaluation.draws import check_counts, draw_and_judge
         from dexnudge.hands.registry import load_hand
         from dexnudge.results.writing import write_answer, write_problem
-        from dexnudge.sampling.sampler import Sampler
+        from dexnudge.sampling.loading import load_sampler
 
         check_counts(self.num, self.verified, self.max_draws)
         start = time.perf_counter()
         name, scene = self._scene()
         scene.validate()
         hand = load_hand(self.hand, base=self.base)
-        sampler = Sampler.from_pretrained(hand, weights=self.weights, device=self.device)
+        sampler = load_sampler(hand, [self.method], weights=self.weights, device=self.device)
         written_scene, written_hand = write_problem(folder, scene, hand)
         seconds = {"load": time.perf_counter() - start}
         with progress() as bars:
@@ -193,7 +196,6 @@ class Sample:
         console.print(f"{summary['object']}, {summary['scene']}, {summary['hand']}", soft_wrap=True)
         console.print(counts)
         console.print(f"best force margin: {'none verified' if best is None else f'{best:.2f}'}")
-        console.print(
-            f"seconds: {stages}; total {summary['seconds_total']:.1f}; memory {summary['peak_memory_mb']:.0f} MB"
-        )
+        used = f"total {summary['seconds_total']:.1f}; memory {summary['peak_memory_mb']:.0f} MB"
+        console.print(f"seconds: {stages}; {used}", soft_wrap=True)
         console.print(f"written: {self.out}", soft_wrap=True)

@@ -1,6 +1,5 @@
 """Which joint angles belong to which digit of a hand."""
 
-from dexnudge.errors import DatasetError
 from dexnudge.hands.hand import Hand
 
 
@@ -8,7 +7,7 @@ def digit_joints(hand: Hand) -> dict[str, tuple[int, ...]]:
     """Digit name -> indices into `hand.joint_names`, from the palm outwards.
 
     A digit owns the joints between its fingertip and the palm; a joint that several digits share goes to the first of
-    them, so that every joint has one digit. Raises DatasetError for a joint that leads to no fingertip.
+    them, so that every joint has one digit. Joints that lead to no fingertip, such as a wrist's, come last as "wrist".
     """
     owned: set[int] = set()
     digits: dict[str, tuple[int, ...]] = {}
@@ -23,10 +22,7 @@ def digit_joints(hand: Hand) -> dict[str, tuple[int, ...]]:
             link = int(hand.link_parent[link])
         if joints:
             digits[digit] = tuple(reversed(joints))
-    orphans = [name for index, name in enumerate(hand.joint_names) if index not in owned]
-    if orphans:
-        raise DatasetError(
-            f"joints {', '.join(orphans)} of hand {hand.name!r} lead to no fingertip; "
-            f"expected every joint between the palm and one of {', '.join(hand.fingertips)}; add the fingertip link."
-        )
+    others = tuple(index for index in range(len(hand.joint_names)) if index not in owned)
+    if others:
+        digits["wrist"] = others
     return digits

@@ -33,10 +33,6 @@ class Manifest:
     versions: dict[str, str] = field(default_factory=dict)
     counts: dict[str, dict[str, object]] = field(default_factory=dict)
 
-    def __post_init__(self) -> None:
-        self.joint_names = tuple(self.joint_names)
-        self.digit_joints = {name: tuple(joints) for name, joints in self.digit_joints.items()}
-
 
 def check_object_name(name: str) -> str:
     """Return `name` if it can be part of a file name inside the dataset folder; else raise DatasetError."""
@@ -81,6 +77,8 @@ def read_manifest(folder: Path | str) -> Manifest:
         raise DatasetError(f"{path} has units {content.get('units')!r}, expected {UNITS}; convert the dataset.")
     fields = {key: value for key, value in content.items() if key not in ("format_version", "units")}
     try:
+        fields["joint_names"] = tuple(fields["joint_names"])
+        fields["digit_joints"] = {name: tuple(joints) for name, joints in fields["digit_joints"].items()}
         return Manifest(**fields)
-    except TypeError as error:
-        raise DatasetError(f"{path} has unexpected fields: {error}; generate the dataset again.") from error
+    except (AttributeError, KeyError, TypeError) as error:
+        raise DatasetError(f"{path} has missing or unexpected fields: {error}; generate the dataset again.") from error

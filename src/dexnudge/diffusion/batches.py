@@ -52,16 +52,21 @@ class BatchSampler:
         self._clouds = torch.from_numpy(dataset.clouds)
         is_grasp = dataset.behaviour == BEHAVIOURS.index("grasp")
         feasible = dataset.direction_margin >= config.min_direction_margin
-        self._grasps: dict[int, np.ndarray] = {}
-        self._moves: dict[int, list[np.ndarray]] = {}  # object -> direction -> rows that can move it there
+        self._grasps: dict[int, _Pool] = {}
+        self._moves: dict[int, dict[int, _Pool]] = {}  # object -> direction -> rows that can move it there
         for index in objects:
             of_object = dataset.object_index == index
             grasps = np.flatnonzero(of_object & is_grasp)
-            moves = [np.flatnonzero(of_object & ~is_grasp & feasible[:, k]) for k in range(NUM_DIRECTIONS)]
+            moves = {k: np.flatnonzero(of_object & ~is_grasp & feasible[:, k]) for k in range(NUM_DIRECTIONS)}
+            pools = {
+                k: _Pool.of(rows, dataset.behaviour[rows], config.behaviour_balance)
+                for k, rows in moves.items()
+                if len(rows)
+            }
             if len(grasps) and config.grasp_fraction > 0.0:
-                self._grasps[index] = grasps
-            if any(len(rows) for rows in moves) and config.grasp_fraction < 1.0:
-                self._moves[index] = moves
+                self._grasps[index] = _Pool.of(grasps, dataset.behaviour[grasps], config.behaviour_balance)
+            if pools and config.grasp_fraction < 1.0:
+                self._moves[index] = pools
         self._grasp_objects, self._move_objects = list(self._grasps), list(self._moves)
         if not self._grasps and not self._moves:
             raise DatasetError(
@@ -101,14 +106,32 @@ class BatchSampler:
         else:
             index = int(rng.choice(self._move_objects))
             moves = self._moves[index]
-            chosen = rng.choice([k for k in range(NUM_DIRECTIONS) if len(moves[k])])
+            chosen = int(rng.choice(list(moves)))
             pool, behaviour, has_direction = moves[chosen], NON_PREHENSILE, not (unconditional or drops_direction)
             jitter = rng.uniform(-config.yaw_jitter, config.yaw_jitter)
             yaw = jitter - direction_angles()[chosen] if has_direction else any_yaw
         if unconditional or drops_behaviour:
             behaviour = NULL_CLASS
-        rows = rng.choice(pool, size=config.rows_per_group)
-        return _Group(index, rows, float(yaw), behaviour, has_direction)
+        return _Group(index, pool.draw(rng, config.rows_per_group), float(yaw), behaviour, has_direction)
+
+
+@dataclass(frozen=True)
+class _Pool:
+    """Rows, drawn with replacement, row k with probability cumulative[k] - cumulative[k - 1]."""
+
+    rows: np.ndarray
+    cumulative: np.ndarray
+
+    @classmethod
+    def of(cls, rows: np.ndarray, behaviour: np.ndarray, balance: float) -> "_Pool":
+        """Weight count^-balance for each row, count being the rows of its behaviour in this pool."""
+        counts = np.bincount(behaviour)[behaviour].astype(np.float64)
+        cumulative = np.cumsum(counts**-balance)
+        return cls(rows, cumulative / cumulative[-1])
+
+    def draw(self, rng: np.random.Generator, num: int) -> np.ndarray:
+        chosen = np.searchsorted(self.cumulative, rng.random(num), side="right")
+        return self.rows[np.minimum(chosen, len(self.rows) - 1)]
 
 
 @dataclass(frozen=True)

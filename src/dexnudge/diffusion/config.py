@@ -24,12 +24,11 @@ class Architecture:
     feature_width: int = 256
     schedule: ScheduleName = "cosine"
     num_train_timesteps: int = 1000
-    prediction_type: PredictionType = "sample"
+    prediction_type: PredictionType = "v_prediction"
     zero_terminal_snr: bool = True
     clean_limit: float = 6.0
 
     def __post_init__(self) -> None:
-        object.__setattr__(self, "encoder_widths", tuple(self.encoder_widths))
         if self.width % self.num_heads:
             raise CheckpointError(
                 f"width {self.width} is not a multiple of num_heads {self.num_heads}; choose one that is."
@@ -58,8 +57,6 @@ class ModelConfig:
     architecture: Architecture = field(default_factory=Architecture)
 
     def __post_init__(self) -> None:
-        object.__setattr__(self, "joint_names", tuple(self.joint_names))
-        object.__setattr__(self, "digit_joints", tuple(tuple(joints) for joints in self.digit_joints))
         owned = sorted(joint for joints in self.digit_joints for joint in joints)
         if owned != list(range(len(self.joint_names))):
             raise CheckpointError(
@@ -87,7 +84,11 @@ class ModelConfig:
                 "train the model again with this version of dexnudge."
             )
         try:
-            values["architecture"] = Architecture(**values["architecture"])  # type: ignore[arg-type]
+            shape = dict(values["architecture"])  # type: ignore[call-overload]
+            shape["encoder_widths"] = tuple(shape["encoder_widths"])
+            values["architecture"] = Architecture(**shape)
+            values["joint_names"] = tuple(values["joint_names"])  # type: ignore[arg-type]
+            values["digit_joints"] = tuple(tuple(joints) for joints in values["digit_joints"])  # type: ignore[attr-defined]
             return cls(**values)  # type: ignore[arg-type]
         except (KeyError, TypeError) as error:
             raise CheckpointError(

@@ -27,7 +27,7 @@ def ddim_mean_and_sigma(
     x0_hat: the clean estimate, guided or not; epsilon is recomputed from it, so that x_t stays consistent with both.
     t_previous: the next timestep on the way down, -1 for clean data. eta: 0 deterministic, 1 as much noise as DDPM.
     """
-    alpha_bar, alpha_bar_previous = (float(value) for value in schedule.alpha_bar(torch.tensor([t, t_previous])))
+    alpha_bar, alpha_bar_previous = (_alpha_bar(schedule, step) for step in (t, t_previous))
     variance = (1.0 - alpha_bar_previous) / (1.0 - alpha_bar) * (1.0 - alpha_bar / alpha_bar_previous)
     sigma = eta * variance**0.5
     epsilon = (x_t - alpha_bar**0.5 * x0_hat) / (1.0 - alpha_bar) ** 0.5
@@ -51,3 +51,7 @@ def ddim_step(
         return mean
     noise = torch.randn(x_t.shape, generator=generator, device=x_t.device, dtype=x_t.dtype)
     return mean + sigma * noise
+
+
+def _alpha_bar(schedule: NoiseSchedule, t: int) -> float:
+    return 1.0 if t < 0 else float(schedule.alphas_cumprod[t])  # float64: 1 - abar_t / abar_{t-1} cancels

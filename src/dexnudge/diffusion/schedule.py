@@ -45,10 +45,10 @@ class NoiseSchedule:
 
     def __init__(
         self,
-        name: ScheduleName = "cosine",
+        name: str = "cosine",
         *,
         num_train_timesteps: int = 1000,
-        prediction_type: PredictionType = "sample",
+        prediction_type: str = "sample",
         zero_terminal_snr: bool = True,
     ) -> None:
         if name not in SCHEDULES:

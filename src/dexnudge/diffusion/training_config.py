@@ -8,7 +8,7 @@ from dexnudge.errors import InputError
 
 # may differ between a run and its continuation, because they do not change the weights of a run with max_minutes unset
 _BUDGET_FIELDS = ("max_minutes", "checkpoint_every", "validate_every", "log_every", "num_threads")
-_SHARES = ("grasp_fraction", "unconditional_fraction", "direction_dropout", "behaviour_dropout")
+_SHARES = ("grasp_fraction", "behaviour_balance", "unconditional_fraction", "direction_dropout", "behaviour_dropout")
 
 
 @dataclass(frozen=True, kw_only=True)
@@ -23,6 +23,8 @@ class TrainingConfig:
         max_minutes: time budget over all continuations; the learning rate then follows whichever of steps and time is
             further advanced, and weights are no longer reproducible bit by bit.
         grasp_fraction: share of groups that are grasps; 1 trains on grasps only, 0 on none.
+        behaviour_balance: 0 draws the rows of a group evenly; 1 draws push, press and hook equally often where a group has
+            them, however many rows each of them has; between, counts are evened out by that power.
         unconditional_fraction, direction_dropout, behaviour_dropout: shares of groups that lose class and direction, the
             direction, the class.
         min_direction_margin: force margin from which a configuration counts as able to move the object in a direction.
@@ -42,6 +44,7 @@ class TrainingConfig:
     gradient_clip: float = 1.0
     ema_decay: float = 0.999
     grasp_fraction: float = 0.25
+    behaviour_balance: float = 0.5
     unconditional_fraction: float = 0.1
     direction_dropout: float = 0.1
     behaviour_dropout: float = 0.1
@@ -49,7 +52,7 @@ class TrainingConfig:
     yaw_jitter: float = 0.0873
     point_noise: float = 5e-4
     num_points: int = 256
-    loss_weighting: LossWeighting = "min_snr"
+    loss_weighting: LossWeighting = "uniform"
     snr_limit: float = 5.0
     validate_every: int = 1000
     checkpoint_every: int = 1000

@@ -160,7 +160,8 @@ class TrainingRun:
         self.optimizer.step()
         decay = min(self.config.ema_decay, (1.0 + self.step) / (10.0 + self.step))  # forgets the random start early
         with torch.no_grad():
-            torch._foreach_lerp_(list(self.average.values()), list(self.parameters.values()), 1.0 - decay)
+            average = [self.average[name] for name in self.parameters]  # a restored state comes in another order
+            torch._foreach_lerp_(average, list(self.parameters.values()), 1.0 - decay)
         return float(loss.detach())
 
     def _validate(self, sampler: BatchSampler) -> dict[str, float]:

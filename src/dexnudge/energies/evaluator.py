@@ -4,7 +4,7 @@ from concurrent.futures import ThreadPoolExecutor
 from dataclasses import dataclass, field
 
 import torch
-from dexnudge.geometry.warp_runtime import wp
+from dexnudge.geometry.warp_runtime import WarpStruct, wp
 from jaxtyping import Float
 from torch import Tensor
 
@@ -12,7 +12,6 @@ from dexnudge.energies import hand_kernel
 from dexnudge.energies.hand_kernel import (
     NUM_TERMS,
     EnergyWeights,
-    SceneFields,
     State,
     energies,
     kinematics,
@@ -22,7 +21,6 @@ from dexnudge.energies.hand_model import build_hand_model
 from dexnudge.energies.weights import TermWeights
 from dexnudge.hands.hand import Hand
 
-CPU_THREADS = 2  # a Warp launch on the CPU holds one thread and releases the interpreter
 SMALLEST_PART = 8  # hands; fewer per thread cost more in launching than they save
 
 
@@ -51,7 +49,7 @@ class HandEnergy:
     """
 
     hand: Hand
-    scene: SceneFields
+    scene: WarpStruct
     batch: int
     weights: TermWeights = field(default_factory=TermWeights)
     device: str = "cpu"
@@ -90,7 +88,8 @@ class HandEnergy:
         for name, tensor in self._tensors.items():
             setattr(self._state, name, wp.from_torch(tensor, dtype=types.get(name, wp.float32)))
         self.set_weights(self.weights)
-        parts = min(CPU_THREADS, max(1, self.batch // SMALLEST_PART)) if self.device == "cpu" else 1
+        # A launch on the CPU holds one thread and releases the interpreter.
+        parts = min(torch.get_num_threads(), max(1, self.batch // SMALLEST_PART)) if self.device == "cpu" else 1
         bounds = [round(self.batch * part / parts) for part in range(parts + 1)]
         self._parts = [(low, high - low) for low, high in zip(bounds[:-1], bounds[1:], strict=True)]
         self._pool = ThreadPoolExecutor(parts) if parts > 1 else None

@@ -3,7 +3,7 @@
 from functools import lru_cache
 
 import numpy as np
-from dexnudge.geometry.warp_runtime import wp
+from dexnudge.geometry.warp_runtime import WarpStruct, wp
 
 from dexnudge.energies.grid_kernel import pack_grids
 from dexnudge.energies.hand_kernel import HandModel
@@ -17,7 +17,7 @@ GRID_PADDING = 0.004  # [m] around a link; clearances are smaller
 FREE = 1.0  # [m] distance reported by the grid of a link without geometry
 
 
-def build_hand_model(hand: Hand, *, device: str = "cpu") -> HandModel:
+def build_hand_model(hand: Hand, *, device: str = "cpu") -> WarpStruct:
     """Packs the tree, the sparse points, the bounding spheres and the link grids; cached per hand object."""
     return _build(_ByIdentity(hand), device)
 
@@ -36,7 +36,7 @@ class _ByIdentity:
 
 
 @lru_cache(maxsize=8)
-def _build(key: _ByIdentity, device: str) -> HandModel:
+def _build(key: _ByIdentity, device: str) -> WarpStruct:
     hand = key.hand
     links = len(hand.link_names)
     joints = [joint for joint in hand.joints]

@@ -4,7 +4,7 @@ from dataclasses import dataclass
 
 import numpy as np
 import trimesh
-from dexnudge.geometry.warp_runtime import wp
+from dexnudge.geometry.warp_runtime import WarpStruct, wp
 from jaxtyping import Float
 
 from dexnudge.energies.grid_kernel import pack_grids
@@ -33,7 +33,7 @@ class FieldMeshes:
 
 def build_scene_fields(
     object_mesh: trimesh.Trimesh, environment_mesh: trimesh.Trimesh | None, *, device: str = "cpu"
-) -> SceneFields:
+) -> WarpStruct:
     """Grids and test points from meshes that are already in the working frame [m]."""
     lower, upper = object_mesh.bounds
     exact = ExactDistance(object_mesh, device=device)

@@ -6,7 +6,7 @@ import time
 from collections import Counter
 from collections.abc import Callable
 from dataclasses import dataclass
-from typing import Any, Protocol
+from typing import Any
 
 import numpy as np
 from jaxtyping import Float, Int
@@ -14,24 +14,10 @@ from jaxtyping import Float, Int
 from dexnudge.errors import InputError
 from dexnudge.evaluation.success import Verdicts, judge
 from dexnudge.hands.hand import Hand
+from dexnudge.sampling.sampler import Sampler
 from dexnudge.scenes.scene import Scene
 
 MAX_DRAWS_FACTOR = 32  # a search for K verified ones gives up after this many draws each, unless told otherwise
-
-
-class Draws(Protocol):
-    """What a sampler returns."""
-
-    q: Float[np.ndarray, "n coordinates"]
-    timings: dict[str, float]
-    report: dict[str, Any]
-
-
-class DrawsConfigurations(Protocol):
-    """A sampler, as far as judging its draws needs to know it."""
-
-    def sample(self, scene: Scene, *, num: int, seed: int, method: str) -> Draws:
-        """Draw `num` configurations for a scene."""
 
 
 @dataclass(frozen=True)
@@ -60,7 +46,7 @@ class JudgedDraws:
 
 
 def draw_and_judge(
-    sampler: DrawsConfigurations,
+    sampler: Sampler,
     hand: Hand,
     scene: Scene,
     *,
@@ -124,7 +110,7 @@ def best_first(verdicts: Verdicts) -> Int[np.ndarray, " n"]:
 
 def take(verdicts: Verdicts, order: Int[np.ndarray, " m"]) -> Verdicts:
     """The verdicts at the given places, in that order."""
-    picked = {}
+    picked: dict[str, Any] = {}
     for field in dataclasses.fields(verdicts):
         value = getattr(verdicts, field.name)
         picked[field.name] = value[order] if isinstance(value, np.ndarray) else [value[i] for i in order]
@@ -132,7 +118,7 @@ def take(verdicts: Verdicts, order: Int[np.ndarray, " m"]) -> Verdicts:
 
 
 def _concatenate(parts: list[Verdicts]) -> Verdicts:
-    joined = {}
+    joined: dict[str, Any] = {}
     for field in dataclasses.fields(parts[0]):
         values = [getattr(part, field.name) for part in parts]
         arrays = isinstance(values[0], np.ndarray)

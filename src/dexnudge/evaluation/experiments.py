@@ -4,6 +4,7 @@ import json
 import time
 import zlib
 from collections.abc import Callable, Sequence
+from contextlib import closing
 from dataclasses import asdict, dataclass
 from functools import partial
 from pathlib import Path
@@ -93,8 +94,7 @@ def run_experiment(
     tasks = [Task(name, scene, method) for name in names for scene in config.scenes for method in config.methods]
     rows = {row.key: row for row in read_rows(out)}
     todo = [task for task in tasks if task.key not in rows]
-    writer = RowWriter(out)
-    try:
+    with closing(RowWriter(out)) as writer:
         for task, result in run_tasks(partial(RowMaker, config), todo, workers=workers):
             if isinstance(result, WorkerDied):
                 row = failed_row(config, task, f"the worker process died with exit code {result.exit_code}")
@@ -104,8 +104,6 @@ def run_experiment(
             rows[row.key] = row
             if on_row:
                 on_row(row, len(rows), len(tasks))
-    finally:
-        writer.close()
     return [rows[task.key] for task in tasks]
 
 
@@ -115,13 +113,13 @@ class RowMaker:
     def __init__(self, config: ExperimentConfig) -> None:
         from dexnudge.hands.registry import load_hand
         from dexnudge.objects.sets import resolve_object_set
-        from dexnudge.sampling.sampler import Sampler
+        from dexnudge.sampling.loading import load_sampler
 
         self._config = config
         entries = resolve_object_set(config.objects, units=config.units, length=config.length)
         self._objects = {entry.name: entry for entry in entries}
         self._hand = load_hand(config.hand, base=config.base)
-        self._sampler = Sampler.from_pretrained(self._hand, weights=config.weights, device=config.device)
+        self._sampler = load_sampler(self._hand, config.methods, weights=config.weights, device=config.device)
 
     def __call__(self, task: Task) -> Row:
         """The row of a task. An object that cannot be read or does not fit its scene gives a failed row."""
@@ -155,7 +153,7 @@ def sampled_row(task: Task, draws: JudgedDraws, *, seed: int, loading: float) ->
         seed=seed,
         success=verdicts.success.tolist(),
         force_margin=[round(float(margin), 4) for margin in verdicts.force_margin],
-        penetration_mm=[round(1e3 * float(depth), 4) for depth in deepest],
+        penetration_mm=[round(1e3 * depth, 4) if np.isfinite(depth) else None for depth in deepest.tolist()],
         own_rank=draws.own_rank.tolist(),
         rejected=draws.rejections(),
         seconds={stage: round(value, 4) for stage, value in {"load": loading, **draws.seconds}.items()},

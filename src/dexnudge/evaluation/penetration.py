@@ -99,9 +99,7 @@ class PenetrationCheck:
 
     def _in_environment(self, T_world_link: np.ndarray) -> np.ndarray:
         deepest = np.zeros(len(T_world_link))
-        query_tree(
-            self._hand.tree, T_world_link, self._environment, links=self._all_links, reach=0.0, deepest=deepest
-        )
+        query_tree(self._hand.tree, T_world_link, self._environment, links=self._all_links, reach=0.0, deepest=deepest)
         self._into_links(self._environment_triangles, T_world_link, deepest)
         return deepest
 

@@ -9,8 +9,8 @@ from jaxtyping import Bool, Float, Int
 from dexnudge.geometry.exact_distance import ExactDistance
 from dexnudge.hands.hand import LinkPoints
 
-CLUSTER_SIZES = (256, 16, 1)
-"""Most points in a cluster at each level; in the last one every cluster is a point."""
+CLUSTER_SIZES = (256, 16)
+"""Most points in a cluster at each level; below the last one stand the points themselves."""
 
 
 @dataclass(frozen=True)
@@ -47,11 +47,13 @@ def build_tree(points: LinkPoints) -> PointTree:
         parts = [_split(points.points, cluster, size) for cluster in clusters]
         levels.append(_level(points.points, clusters, np.array([len(part) for part in parts])))
         clusters = [cluster for part in parts for cluster in part]
-    levels.append(_level(points.points, clusters, np.zeros(len(clusters), dtype=np.int64)))
+    levels.append(_level(points.points, clusters, np.array([len(cluster) for cluster in clusters])))
+    alone = np.concatenate(clusters)
+    levels.append(Level(alone, np.zeros(len(alone)), np.zeros_like(alone), np.zeros_like(alone)))
     return PointTree(points, tuple(levels))
 
 
-def _split(points: Float[np.ndarray, "p 3"], cluster: Int[np.ndarray, " n"], size: int) -> list[Int[np.ndarray, " m"]]:
+def _split(points: Float[np.ndarray, "p 3"], cluster: Int[np.ndarray, " n"], size: int) -> list[Int[np.ndarray, " _"]]:
     if len(cluster) <= size:
         return [cluster]
     widest = int(np.argmax(np.ptp(points[cluster], axis=0)))
@@ -60,7 +62,9 @@ def _split(points: Float[np.ndarray, "p 3"], cluster: Int[np.ndarray, " n"], siz
     return _split(points, order[:middle], size) + _split(points, order[middle:], size)
 
 
-def _level(points: Float[np.ndarray, "p 3"], clusters: list[Int[np.ndarray, " n"]], count: Int[np.ndarray, " c"]) -> Level:
+def _level(
+    points: Float[np.ndarray, "p 3"], clusters: list[Int[np.ndarray, " _"]], count: Int[np.ndarray, " c"]
+) -> Level:
     centre, radius = [], []
     for cluster in clusters:
         own = points[cluster]
@@ -98,8 +102,7 @@ def hole_diameter(mesh: trimesh.Trimesh) -> float:
 
 @dataclass(frozen=True)
 class PointHits:
-    """Points that came within reach: configuration, point index, and what the distance query found, in the solid's
-    frame."""
+    """Points within reach of a solid: whose they are, and what the distance query found, in the solid's frame."""
 
     configuration: Int[np.ndarray, " hit"]
     point: Int[np.ndarray, " hit"]

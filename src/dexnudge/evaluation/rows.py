@@ -28,7 +28,7 @@ class Row:
         seed: of the scene and of the draws.
         success: of each draw, in ranked order: verified ones first, best first.
         force_margin: of each draw, same order.
-        penetration_mm: the deepest of the three penetrations of each draw, same order.
+        penetration_mm: the deepest of the three penetrations of each draw, same order; null where the draw is no pose.
         own_rank: place of each draw in the sampler's own order, before verification; same order.
         rejected: draws that did not succeed, by reason.
         seconds: by stage.
@@ -43,7 +43,7 @@ class Row:
     seed: int
     success: list[bool] = field(default_factory=list)
     force_margin: list[float] = field(default_factory=list)
-    penetration_mm: list[float] = field(default_factory=list)
+    penetration_mm: list[float | None] = field(default_factory=list)
     own_rank: list[int] = field(default_factory=list)
     rejected: dict[str, int] = field(default_factory=dict)
     seconds: dict[str, float] = field(default_factory=dict)

@@ -1,6 +1,7 @@
 """Run many tasks in a few processes; a process that dies costs one task, not the run."""
 
 import multiprocessing
+import sys
 import traceback
 from collections.abc import Callable, Iterator, Sequence
 from dataclasses import dataclass
@@ -99,9 +100,8 @@ def _stop(worker: _Worker[Any]) -> None:
 
 def _serve(connection: Connection, make_handler: Callable[[], Callable[[Any], Any]]) -> None:
     """Answer tasks until the other side closes the pipe or dies."""
-    import torch
-
-    torch.set_num_threads(1)
+    if "torch" in sys.modules:  # imported along with the handler, if it is needed at all
+        sys.modules["torch"].set_num_threads(1)
     handle: Callable[[Any], Any] | None = None
     while True:
         try:

@@ -12,7 +12,7 @@ from dexnudge.geometry.warp_runtime import wp
 from jaxtyping import Float, Int
 
 INSIDE_WINDING_NUMBER = 0.5  # a point is inside where the surface winds around it at least half a turn
-WINDING_ACCURACY = 3.0  # Barnes-Hut opening ratio of Warp's fast winding number; 2 is Warp's default
+WINDING_ACCURACY = 2.0  # Barnes-Hut opening ratio of Warp's fast winding number; 2 is Warp's default
 SEARCH_RADIUS = 1.0e3  # [m] farther than any scene is wide
 
 
@@ -34,6 +34,8 @@ class ExactHit:
 def _query(
     mesh: wp.uint64,
     points: wp.array(dtype=wp.vec3),
+    low: wp.vec3,
+    high: wp.vec3,
     accuracy: float,
     threshold: float,
     radius: float,
@@ -42,9 +44,17 @@ def _query(
     face: wp.array(dtype=int),
 ):
     i = wp.tid()
-    hit = wp.mesh_query_point_sign_winding_number(mesh, points[i], radius, accuracy, threshold)
+    p = points[i]
+    # Outside the bounding box the winding number of any simple surface, even one with holes, is at most a half.
+    outside = p[0] < low[0] or p[1] < low[1] or p[2] < low[2] or p[0] > high[0] or p[1] > high[1] or p[2] > high[2]
+    if outside:
+        hit = wp.mesh_query_point_no_sign(mesh, p, radius)
+        sign = float(1.0)
+    else:
+        hit = wp.mesh_query_point_sign_winding_number(mesh, p, radius, accuracy, threshold)
+        sign = float(hit.sign)
     c = wp.mesh_eval_position(mesh, hit.face, hit.u, hit.v)
-    distance[i] = hit.sign * wp.length(points[i] - c)
+    distance[i] = sign * wp.length(p - c)
     closest[i] = c
     face[i] = hit.face
 
@@ -66,6 +76,7 @@ class ExactDistance:
             indices=wp.array(np.asarray(mesh.faces, dtype=np.int32).ravel(), dtype=wp.int32, device=device),
             support_winding_number=True,
         )
+        self._low, self._high = (wp.vec3(*corner.tolist()) for corner in (vertices.min(axis=0), vertices.max(axis=0)))
         self._face_normals = np.asarray(mesh.face_normals)
 
     def __call__(self, points: Float[np.ndarray, "n 3"]) -> ExactHit:
@@ -79,7 +90,7 @@ class ExactDistance:
         wp.launch(
             _query,
             dim=count,
-            inputs=[self._mesh.id, local, WINDING_ACCURACY, INSIDE_WINDING_NUMBER, SEARCH_RADIUS],
+            inputs=[self._mesh.id, local, self._low, self._high, WINDING_ACCURACY, INSIDE_WINDING_NUMBER, SEARCH_RADIUS],
             outputs=[distance, closest, face],
             device=self.device,
         )

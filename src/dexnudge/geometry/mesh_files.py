@@ -15,6 +15,7 @@ from dexnudge.errors import MeshError
 FORMATS = ("obj", "stl", "ply", "glb", "off", "dae")
 MAX_FACES = 200_000  # a BVH over so many is built in under a second and queried at 10^5 points a second
 MAX_BYTES = 100_000_000  # 200,000 faces in the wordiest of the formats take a third of this
+STL_HEADER, STL_FACE = 84, 50  # bytes of a binary STL: comment and count; one triangle
 
 # What the parsers raise on damaged files. A defect of ours would surface in the tests of intact files.
 PARSE_ERRORS = (
@@ -57,8 +58,10 @@ def read_triangles(path: Path) -> trimesh.Trimesh:
     try:
         data = path.read_bytes()
     except OSError as error:
-        raise MeshError(f"{path.name}: the mesh file cannot be read ({error.strerror}); check its permissions") from error
-    declared = _declared_faces(data, kind)
+        raise MeshError(
+            f"{path.name}: the mesh file cannot be read ({error.strerror}); check its permissions"
+        ) from error
+    declared = _declared_faces(data, kind, path.name)
     if declared is not None and declared > MAX_FACES:
         raise too_many_faces(path.name, declared)
     if kind == "dae" and re.search(rb"<!\s*(DOCTYPE|ENTITY)", data, re.IGNORECASE):
@@ -66,19 +69,31 @@ def read_triangles(path: Path) -> trimesh.Trimesh:
     mesh = _parsed(data, kind, path.name)
     if kind in ("off", "ply") and declared is not None and len(mesh.faces) < declared:
         raise _damaged(path.name, kind, f"{declared} faces announced, {len(mesh.faces)} read")
+    if len(mesh.vertices) == 0:
+        raise _damaged(path.name, kind, "no triangles in it; a point cloud must be meshed first")
+    if kind == "obj" and not data.endswith(b"\n") and not mesh.is_watertight:
+        # An obj does not say how long it is: its last line and the vertices without a face tell.
+        unused = data.count(b"\nv ") + data.startswith(b"v ") - len(np.unique(mesh.faces))
+        if unused > 0:
+            raise _damaged(path.name, kind, f"the last line is not ended and {unused} vertices belong to no face")
     return mesh
 
 
 def _parsed(data: bytes, kind: str, name: str) -> trimesh.Trimesh:
     options = {"skip_materials": True} if kind in ("obj", "glb") else {}
+    errors: tuple[type[Exception], ...] = PARSE_ERRORS
+    if kind == "dae":
+        from collada.common import DaeError  # type: ignore[import-untyped]
+
+        errors = (*PARSE_ERRORS, DaeError)
     try:
         with np.errstate(all="ignore"):
             scene = trimesh.load_scene(io.BytesIO(data), file_type=kind, process=False, **options)
             mesh = scene.to_mesh()
-    except PARSE_ERRORS as error:
+    except errors as error:
         raise _damaged(name, kind, f"{type(error).__name__}: {str(error)[:120]}") from error
     if not isinstance(mesh, trimesh.Trimesh):
-        raise _damaged(name, kind, "no triangles in it")
+        raise _damaged(name, kind, "no triangles in it; a point cloud must be meshed first")
     return mesh
 
 
@@ -88,12 +103,16 @@ def _damaged(name: str, kind: str, detail: str) -> MeshError:
     )
 
 
-def _declared_faces(data: bytes, kind: str) -> int | None:
+def _declared_faces(data: bytes, kind: str, name: str) -> int | None:
     """How many faces the file announces, without parsing it; None where the format does not say."""
     if kind == "obj":
         return data.count(b"\nf ") + data.startswith(b"f ")
-    if kind == "stl" and len(data) >= 84 and not data[:512].lstrip().startswith(b"solid "):
-        return int(struct.unpack("<I", data[80:84])[0]) if len(data) >= 84 else None
+    if kind == "stl" and len(data) >= STL_HEADER and b"facet" not in data[:4096]:
+        announced = int(struct.unpack("<I", data[STL_HEADER - 4 : STL_HEADER])[0])
+        room = (len(data) - STL_HEADER) // STL_FACE
+        if room < announced:
+            raise _damaged(name, kind, f"{announced} faces announced, room for {room}")
+        return announced
     if kind == "ply" and (match := re.search(rb"element face (\d+)", data[:4096])):
         return int(match[1])
     if kind == "off" and (match := re.match(rb"OFF\s+(?:#[^\n]*\s+)*(\d+)\s+(\d+)", data[:4096])):

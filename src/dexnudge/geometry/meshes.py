@@ -125,7 +125,7 @@ def centre_of_mass(mesh: trimesh.Trimesh) -> np.ndarray:
     the volume integral of an open mesh means nothing.
     """
     hull = mesh.convex_hull
-    if mesh.is_watertight and mesh.is_winding_consistent and 0 < mesh.volume:
+    if mesh.is_watertight and mesh.is_winding_consistent and mesh.volume > 0:
         centre = np.asarray(mesh.center_mass)
         equations = ConvexHull(hull.vertices).equations
         if (equations[:, :3] @ centre + equations[:, 3]).max() < 0:
@@ -188,9 +188,9 @@ def _unit_factor(units: str) -> float:
 
 def _unit_hint(raw: float, lowest: float, highest: float, *, with_length: bool) -> str:
     """What to pass so that `raw` file units come out in `lowest`..`highest` metres."""
-    fitting = [f"--units {unit} ({raw * factor:.3g} m)" for unit, factor in UNITS.items()
-               if lowest <= raw * factor <= highest]
+    fitting = [
+        f"--units {unit} ({raw * factor:.3g} m)" for unit, factor in UNITS.items() if lowest <= raw * factor <= highest
+    ]
     if with_length:
         fitting.append("--length METRES (sets the longest side)")
     return f"Pass {' or '.join(fitting)}" if fitting else "Scale the mesh to metres"
-

@@ -141,7 +141,9 @@ def _along_edges(
     return start[edge] + share[:, None] * along[edge], np.repeat(label, 3)[edge]
 
 
-def _clip_edges(local: Float[np.ndarray, "pair 3 3"], half: Float[np.ndarray, "pair 3"]) -> Float[np.ndarray, "pair 3 2"]:
+def _clip_edges(
+    local: Float[np.ndarray, "pair 3 3"], half: Float[np.ndarray, "pair 3"]
+) -> Float[np.ndarray, "pair 3 2"]:
     """Part of each edge inside the box, in box coordinates; an empty part ends before it starts."""
     along = np.roll(local, -1, axis=1) - local
     slope = np.where(np.abs(along) < 1e-12, 1e-12, along)

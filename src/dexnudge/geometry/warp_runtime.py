@@ -7,12 +7,15 @@ stderr that it found no CUDA driver, on every machine without one. That line alo
 import os
 import sys
 import tempfile
+from typing import Any
 
 import warp as wp
 
 NO_DRIVER = "Could not find or load the NVIDIA CUDA driver"
 
-__all__ = ["wp"]
+__all__ = ["WarpStruct", "wp"]
+
+WarpStruct = Any  # an instance of a Warp struct: Warp makes no Python type that an annotation could name
 
 
 def _start() -> None:

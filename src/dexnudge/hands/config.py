@@ -1,4 +1,4 @@
-"""What a URDF or MJCF cannot say about a hand: its palm, its fingertips, where the palm faces, which joints share a tendon."""
+"""What a URDF or MJCF cannot say about a hand: palm, fingertips, where the palm faces, joints that share a tendon."""
 
 from dataclasses import dataclass, field, fields
 from pathlib import Path
@@ -53,9 +53,13 @@ def read_hand_config(path: Path) -> HandConfig:
         raw = yaml.safe_load(path.read_text(encoding="utf-8"))
     except (yaml.YAMLError, UnicodeDecodeError) as error:
         summary = " ".join(str(error).split())
-        raise HandError(f"{path}: not a YAML file: expected 'key: value' lines, got '{summary}'; mend the file") from error
+        raise HandError(
+            f"{path}: not a YAML file: expected 'key: value' lines, got '{summary}'; mend the file"
+        ) from error
     if not isinstance(raw, dict):
-        raise HandError(f"{path}: expected 'key: value' lines, got {type(raw).__name__}; write palm, fingertips, palm_normal")
+        raise HandError(
+            f"{path}: expected 'key: value' lines, got {type(raw).__name__}; write palm, fingertips, palm_normal"
+        )
     known = [f.name for f in fields(HandConfig)]
     unknown = [key for key in raw if key not in known]
     if unknown:

@@ -33,9 +33,9 @@ def export_hand(hand: Hand, folder: Path | str) -> Path:
     folder = Path(folder)
     (folder / MESH_FOLDER).mkdir(parents=True, exist_ok=True)
     files = mesh_files(hand)
-    for link, mesh in enumerate(hand.link_meshes):
-        if files[link] is not None:
-            (folder / MESH_FOLDER / files[link]).write_text(obj_text(mesh), encoding="ascii")
+    for file, mesh in zip(files, hand.link_meshes, strict=True):
+        if file is not None:
+            (folder / MESH_FOLDER / file).write_text(obj_text(mesh), encoding="ascii")
     write_hand_config(
         HandConfig(
             palm=hand.link_names[0],

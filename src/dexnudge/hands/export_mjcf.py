@@ -31,9 +31,11 @@ def mjcf_of_hand(hand: Hand, files: list[str | None], mesh_folder: str) -> Eleme
     parents = [SubElement(model, "worldbody")]
     for link, name in enumerate(hand.link_names):
         parent = parents[0] if link == 0 else parents[hand.link_parent[link] + 1]
-        body = SubElement(parent, "body", name=name, **_placement(hand, link))
+        body = SubElement(parent, "body", {"name": name, **_placement(hand, link)})
         parents.append(body)
-        _fill_body(body, hand, link, files[link] is not None)
+        _fill_body(body, hand, link)
+        if files[link] is not None:
+            SubElement(body, "geom", type="mesh", mesh=name)
     _add_exclusions(model, hand)
     _add_equalities(model, hand)
     _add_motors(model, hand)
@@ -48,7 +50,7 @@ def _placement(hand: Hand, link: int) -> dict[str, str]:
     return {"pos": numbers(joint.origin[:3, 3]), "quat": numbers(quaternion)}
 
 
-def _fill_body(body: Element, hand: Hand, link: int, has_mesh: bool) -> None:
+def _fill_body(body: Element, hand: Hand, link: int) -> None:
     inertia = body_inertia(hand.link_meshes[link])
     diagonal = numbers(inertia.diagonal)
     SubElement(body, "inertial", pos=numbers(inertia.centre), mass=numbers([inertia.mass]), diaginertia=diagonal)
@@ -56,8 +58,6 @@ def _fill_body(body: Element, hand: Hand, link: int, has_mesh: bool) -> None:
     if joint is not None and joint.index is not None:
         ends = joint.multiplier * np.array([hand.lower[joint.index], hand.upper[joint.index]]) + joint.offset
         SubElement(body, "joint", name=joint.name, axis=numbers(joint.axis), range=numbers(np.sort(ends)))
-    if has_mesh:
-        SubElement(body, "geom", type="mesh", mesh=hand.link_names[link])
 
 
 def _add_exclusions(model: Element, hand: Hand) -> None:
@@ -74,7 +74,7 @@ def _add_equalities(model: Element, hand: Hand) -> None:
     equality = SubElement(model, "equality")
     for joint in hand.joints:
         if joint is not None and joint.index is not None and joint.name != hand.joint_names[joint.index]:
-            polynomial = numbers([joint.offset, joint.multiplier, 0, 0, 0])
+            polynomial = numbers([joint.offset, joint.multiplier, 0.0, 0.0, 0.0])
             SubElement(equality, "joint", joint1=joint.name, joint2=hand.joint_names[joint.index], polycoef=polynomial)
 
 
@@ -93,4 +93,11 @@ def _add_motors(model: Element, hand: Hand) -> None:
             SubElement(element, "joint", joint=follower, coef="1")
             SubElement(element, "joint", joint=leader, coef=numbers([sign]))
         limits = numbers([hand.lower[pair].sum(), hand.upper[pair].sum()])
-        SubElement(actuator, "position", gains, name=shared.get("name") or "", tendon=shared.get("name") or "", ctrlrange=limits)
+        SubElement(
+            actuator,
+            "position",
+            gains,
+            name=shared.get("name") or "",
+            tendon=shared.get("name") or "",
+            ctrlrange=limits,
+        )

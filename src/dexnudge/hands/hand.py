@@ -120,9 +120,7 @@ class Hand:
     def forward_kinematics(self, q: Float[Tensor, "batch coordinates"]) -> Float[Tensor, "batch link 4 4"]:
         """T_world_link of every link for q = [root translation (3) | 6D rotation (6) | joint angles (d)]; differentiable."""
         root = torch.eye(4, dtype=q.dtype, device=q.device).repeat(len(q), 1, 1)
-        root = torch.cat(
-            [torch.cat([rotation_6d_to_matrix(q[:, 3:9]), q[:, :3, None]], dim=2), root[:, 3:]], dim=1
-        )
+        root = torch.cat([torch.cat([rotation_6d_to_matrix(q[:, 3:9]), q[:, :3, None]], dim=2), root[:, 3:]], dim=1)
         transforms = [root]
         for link in range(1, len(self.link_names)):
             joint = self.joints[link]
@@ -166,6 +164,15 @@ class Hand:
         normal = self.palm_normal / np.linalg.norm(self.palm_normal)
         axis = mean - (mean @ normal) * normal
         return axis / np.linalg.norm(axis)
+
+    @cached_property
+    def thumb(self) -> int:
+        """Index of the digit that opposes the others: at zero joint angles its tip is farthest from their mean."""
+        zero = torch.zeros(1, ROOT_COORDINATES + self.num_joints, dtype=torch.float64)
+        zero[0, 3], zero[0, 7] = 1.0, 1.0
+        tips = self.keypoints(zero)[0].numpy()
+        others = (tips.sum(axis=0) - tips) / max(len(tips) - 1, 1)
+        return int(np.linalg.norm(tips - others, axis=1).argmax())
 
     @cached_property
     def finger_length(self) -> float:

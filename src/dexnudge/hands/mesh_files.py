@@ -52,7 +52,9 @@ def load_link_mesh(path: Path, scale: Float[np.ndarray, " 3"]) -> trimesh.Trimes
     if path.suffix.lower() not in MESH_SUFFIXES:
         raise HandError(f"{path}: expected a mesh of {', '.join(MESH_SUFFIXES)}, got '{path.suffix}'; convert it")
     if path.stat().st_size > MAX_MESH_BYTES:
-        raise HandError(f"{path}: expected at most {MAX_MESH_BYTES} bytes, got {path.stat().st_size}; simplify the mesh")
+        raise HandError(
+            f"{path}: expected at most {MAX_MESH_BYTES} bytes, got {path.stat().st_size}; simplify the mesh"
+        )
     mesh = _parse(path)
     if len(mesh.faces) == 0 or not np.isfinite(mesh.vertices).all() or not np.isfinite(scale).all() or not scale.all():
         raise HandError(
@@ -60,7 +62,9 @@ def load_link_mesh(path: Path, scale: Float[np.ndarray, " 3"]) -> trimesh.Trimes
             f"got {len(mesh.faces)} triangles and scale {scale.tolist()}; mend or re-export the mesh"
         )
     if len(mesh.faces) > MAX_LINK_FACES:
-        raise HandError(f"{path}: expected at most {MAX_LINK_FACES} triangles, got {len(mesh.faces)}; simplify the mesh")
+        raise HandError(
+            f"{path}: expected at most {MAX_LINK_FACES} triangles, got {len(mesh.faces)}; simplify the mesh"
+        )
     if not (scale == 1.0).all():
         mesh.apply_scale(scale)
     if mesh.volume < 0.0:

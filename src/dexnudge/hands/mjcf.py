@@ -34,16 +34,17 @@ def hand_from_mjcf(path: Path | str, config: HandConfig | Path | str | None = No
         HandError: anything that cannot be used as given, with the place and the remedy.
     """
     path = Path(path)
-    _check_files(path, path.parent.resolve())
+    _check_files(path)
     try:
         model = mujoco.MjModel.from_xml_path(str(path))
-    except ValueError as error:
+    except (ValueError, mujoco.FatalError) as error:
         raise HandError(
-            f"{path}: MuJoCo cannot compile it: expected a valid MJCF model, got '{' '.join(str(error).split())}'; mend the file"
+            f"{path}: MuJoCo cannot compile it: expected a valid MJCF model, got '{' '.join(str(error).split())}'; "
+            "mend the file"
         ) from error
     name = path.stem
     if not isinstance(config, HandConfig):
-        config = read_hand_config(config_path(path, config, tree_of_model(model, name, None, lambda geom: False)))
+        config = read_hand_config(config_path(path, config, tree_of_model(model, name, None, lambda _: False)))
     wanted = config.geometry == "collision"
     collides = (model.geom_contype | model.geom_conaffinity) != 0
     tree = tree_of_model(model, name, config.palm, lambda geom: bool(collides[geom]) == wanted)
@@ -65,31 +66,37 @@ def tree_of_model(model: mujoco.MjModel, name: str, palm: str | None, select: Ca
     for body in bodies:
         link = _name(model.body(body).name, "body", body)
         if body != bodies[0]:
-            parent = _name(model.body(model.body_parentid[body]).name, "body", model.body_parentid[body])
+            above = int(model.body_parentid[body])
+            parent = _name(model.body(above).name, "body", above)
             for joint in _chain(model, body, parent, link, mimics):
                 joints.append(joint)
                 links[joint.child] = trimesh.Trimesh()
-        pieces = [_geom_mesh(model, geom) for geom in range(model.ngeom) if model.geom_bodyid[geom] == body and select(geom)]
+        pieces = [
+            _geom_mesh(model, geom) for geom in range(model.ngeom) if model.geom_bodyid[geom] == body and select(geom)
+        ]
         links[link] = trimesh.util.concatenate(pieces) if pieces else trimesh.Trimesh()
     return Tree(name, links, tuple(joints))
 
 
-def _check_files(path: Path, home: Path) -> None:
-    """Refuse entities, and files outside the folder `home`, in an MJCF file and all that it includes."""
-    root = read_xml(path, root_tag="mujoco")
-    folders = [home] + [home / value for element in root.iter("compiler") for key in FILE_ATTRIBUTES[1:] if (value := element.get(key))]
-    for element in root.iter():
-        for key in FILE_ATTRIBUTES:
-            value = element.get(key)
-            if value is None:
-                continue
-            if not all((folder / value).resolve().is_relative_to(home) for folder in folders):
-                raise HandError(
-                    f"{path}: '{value}' lies outside the hand's folder: expected a file below {home}; "
-                    "copy the files beside the description and name them relative to it"
-                )
-            if element.tag == "include" and home / value != path:
-                _check_files(home / value, home)
+def _check_files(path: Path) -> None:
+    """Refuse entities, and files outside the main file's folder, in an MJCF file and all that it includes."""
+    home = path.parent.resolve()
+    waiting, checked, folders = [path.resolve()], set(), {home}
+    while waiting:
+        file = waiting.pop()
+        checked.add(file)
+        root = read_xml(file, root_tag="mujoco" if file == path.resolve() else None)
+        for element in root.iter("compiler"):
+            folders |= {home / element.get(key, "") for key in FILE_ATTRIBUTES[1:]}
+        for element in root.iter():
+            for value in filter(None, (element.get(key) for key in FILE_ATTRIBUTES)):
+                if not all((folder / value).resolve().is_relative_to(home) for folder in folders):
+                    raise HandError(
+                        f"{file}: '{value}' lies outside the hand's folder: expected a file below {home}; "
+                        "copy the files beside the description and name them relative to it"
+                    )
+                if element.tag == "include" and (home / value).resolve() not in checked:
+                    waiting.append((home / value).resolve())
 
 
 def _bodies(model: mujoco.MjModel, palm: str | None) -> list[int]:
@@ -137,13 +144,13 @@ def _mimics(model: mujoco.MjModel) -> dict[int, Mimic]:
         follower, leader = int(model.eq_obj1id[equality]), int(model.eq_obj2id[equality])
         if model.eq_type[equality] != mujoco.mjtEq.mjEQ_JOINT or not model.eq_active0[equality] or leader < 0:
             continue
-        constant, slope, *higher = model.eq_data[equality, :5]
+        constant, slope, *higher = model.eq_data[equality, :5].tolist()
         name = _name(model.joint(follower).name, "joint", follower)
         if any(higher):
             raise HandError(f"joint '{name}': expected a linear joint equality, got polycoef {higher}; make it linear")
         zero, leader_zero = (model.qpos0[model.jnt_qposadr[joint]] for joint in (follower, leader))
         mimics[follower] = Mimic(
-            _name(model.joint(leader).name, "joint", leader), float(slope), float(zero + constant - slope * leader_zero)
+            _name(model.joint(leader).name, "joint", leader), slope, float(zero + constant - slope * leader_zero)
         )
     return mimics
 

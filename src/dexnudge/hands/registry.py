@@ -32,7 +32,9 @@ def load_hand(name_or_urdf: str | Path, *, base: bool = True) -> Hand:
     if path.suffix.lower() in READERS:
         return READERS[path.suffix.lower()](path, base=base)
     if path.exists():
-        raise HandError(f"{path}: expected a description that ends in {' or '.join(READERS)}, got '{path.suffix}'; mend the path")
+        raise HandError(
+            f"{path}: expected a description that ends in {' or '.join(READERS)}, got '{path.suffix}'; mend the path"
+        )
     raise UnknownNameError(
         f"unknown hand '{name}': expected one of {', '.join(sorted(HANDS))}, "
         f"or the path of a {' or '.join(READERS)} file; mend the name"

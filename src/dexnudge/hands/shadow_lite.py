@@ -23,6 +23,7 @@ PALM_IN_BASE, PALM_TILT = (0.0, -0.015, 0.149), -40.0  # [m], [deg] about x
 DISTAL_MESH_OFFSET = (0.0, 0.0, 0.001)  # [m] as the package mounts it
 THUMB_MESH_TURN = 90.0  # [deg] about z, from the package's thumb frames to Shadow's
 X, Z = (1.0, 0.0, 0.0), (0.0, 0.0, 1.0)
+Vector = tuple[float, float, float]
 
 
 def shadow_lite(*, base: bool = True) -> Hand:
@@ -35,28 +36,58 @@ def shadow_lite(*, base: bool = True) -> Hand:
     limits: list[tuple[float, float]] = []
     links: list[tuple[str, int, Joint | None, trimesh.Trimesh]] = [("palm", -1, None, gymnasium_mesh("palm"))]
 
-    def add(link: str, parent: int, joint: str, origin, axis, limit, mesh) -> int:
+    def add(
+        link: str,
+        parent: int,
+        joint: str,
+        origin: np.ndarray,
+        axis: Vector,
+        limit: tuple[float, float],
+        mesh: trimesh.Trimesh,
+    ) -> int:
         joint_names.append(joint)
         limits.append(limit)
-        links.append((link, parent, Joint(joint, origin, np.asarray(axis), len(joint_names) - 1), mesh))
+        links.append(
+            (link, parent, Joint(joint, origin, np.asarray(axis, dtype=np.float64), len(joint_names) - 1), mesh)
+        )
         return len(links) - 1
 
     for finger, knuckle in KNUCKLES.items():
         names = [f"{finger}J{number}" for number in (4, 3, 2, 1)]
         low = finger.lower()
         ranges = [FINGER_RANGES[number] for number in (4, 3, 2, 1)]
-        link = add(f"{low}knuckle", 0, names[0], _shift(knuckle), ABDUCTION_AXES[finger], ranges[0], gymnasium_mesh("knuckle"))
+        link = add(
+            f"{low}knuckle", 0, names[0], _shift(knuckle), ABDUCTION_AXES[finger], ranges[0], gymnasium_mesh("knuckle")
+        )
         link = add(f"{low}proximal", link, names[1], np.eye(4), X, ranges[1], gymnasium_mesh("F3"))
-        link = add(f"{low}middle", link, names[2], _shift((0, 0, PROXIMAL_LENGTH)), X, ranges[2], gymnasium_mesh("F2"))
+        link = add(
+            f"{low}middle", link, names[2], _shift((0.0, 0.0, PROXIMAL_LENGTH)), X, ranges[2], gymnasium_mesh("F2")
+        )
         distal = gymnasium_mesh("F1", _shift(DISTAL_MESH_OFFSET))
-        add(f"{low}distal", link, names[3], _shift((0, 0, MIDDLE_LENGTH)), X, ranges[3], distal)
+        add(f"{low}distal", link, names[3], _shift((0.0, 0.0, MIDDLE_LENGTH)), X, ranges[3], distal)
 
     turn = trimesh.transformations.rotation_matrix(np.radians(THUMB_MESH_TURN), Z)
     origin = _shift(THUMB_ORIGIN) @ trimesh.transformations.euler_matrix(*np.radians(THUMB_RPY), axes="sxyz")
-    link = add("thbase", 0, "THJ5", origin, (0, 0, -1), THUMB_RANGES[5], trimesh.Trimesh())
-    link = add("thproximal", link, "THJ4", np.eye(4), (0, 1, 0), THUMB_RANGES[4], gymnasium_mesh("TH3_z", turn))
-    link = add("thmiddle", link, "THJ2", _shift((0, 0, THUMB_PROXIMAL_LENGTH)), X, THUMB_RANGES[2], gymnasium_mesh("TH2_z", turn))
-    add("thdistal", link, "THJ1", _shift((0, 0, THUMB_MIDDLE_LENGTH)), X, THUMB_RANGES[1], gymnasium_mesh("TH1_z", turn))
+    link = add("thbase", 0, "THJ5", origin, (0.0, 0.0, -1.0), THUMB_RANGES[5], trimesh.Trimesh())
+    link = add("thproximal", link, "THJ4", np.eye(4), (0.0, 1.0, 0.0), THUMB_RANGES[4], gymnasium_mesh("TH3_z", turn))
+    link = add(
+        "thmiddle",
+        link,
+        "THJ2",
+        _shift((0.0, 0.0, THUMB_PROXIMAL_LENGTH)),
+        X,
+        THUMB_RANGES[2],
+        gymnasium_mesh("TH2_z", turn),
+    )
+    add(
+        "thdistal",
+        link,
+        "THJ1",
+        _shift((0.0, 0.0, THUMB_MIDDLE_LENGTH)),
+        X,
+        THUMB_RANGES[1],
+        gymnasium_mesh("TH1_z", turn),
+    )
 
     if base:
         T_base_palm = _shift(PALM_IN_BASE) @ trimesh.transformations.rotation_matrix(np.radians(PALM_TILT), X)
@@ -80,5 +111,5 @@ def shadow_lite(*, base: bool = True) -> Hand:
     )
 
 
-def _shift(translation) -> np.ndarray:
+def _shift(translation: Vector) -> np.ndarray:
     return trimesh.transformations.translation_matrix(translation)

@@ -61,7 +61,9 @@ def hand_from_tree(tree: Tree, config: HandConfig, *, base: bool = True) -> Hand
     links = _parents_first(tree, config.palm)
     independent = [joint for joint in tree.joints if not joint.fixed and joint.mimic is None]
     if not independent:
-        raise HandError(f"hand '{tree.name}' cannot move: expected at least one revolute joint, found none; mend the description")
+        raise HandError(
+            f"hand '{tree.name}' cannot move: expected at least one revolute joint, found none; mend the description"
+        )
     if all(len(mesh.faces) == 0 for mesh in tree.links.values()):
         raise HandError(
             f"hand '{tree.name}' has no {config.geometry} geometry: expected it on at least one link, found none; "
@@ -103,8 +105,8 @@ def check_tree(tree: Tree) -> None:
     roots = [link for link in tree.links if link not in parent_joint]
     if len(roots) > 1:
         raise HandError(f"expected one root link, got {roots}; connect them with joints or remove the loose ones")
-    for link in tree.links:
-        seen = {link}
+    for start in tree.links:
+        link, seen = start, {start}
         while link in parent_joint:
             link = parent_joint[link].parent
             if link in seen:
@@ -156,7 +158,8 @@ def _check_names(tree: Tree, config: HandConfig) -> None:
     for key, link in named.items():
         if link is not None and link not in tree.links:
             raise HandError(
-                f"the hand's YAML names an unknown link: key '{key}': expected one of {list(tree.links)}, got '{link}'; mend it"
+                f"the hand's YAML names an unknown link: key '{key}': "
+                f"expected one of {list(tree.links)}, got '{link}'; mend it"
             )
     movable = [joint.name for joint in tree.joints if not joint.fixed and joint.mimic is None]
     for follower, leader in config.couplings:
@@ -214,7 +217,7 @@ def _hand_joint(joint: TreeJoint, names: list[str], tree: Tree) -> Joint:
         multiplier, offset = multiplier * mimic.multiplier, multiplier * mimic.offset + offset
         if mimic.leader not in by_name or by_name[mimic.leader].fixed or mimic.leader in seen:
             raise HandError(
-                f"joint '{joint.name}' mimics '{mimic.leader}': expected one of {names}, or a joint that mimics one; "
+                f"joint '{leader.name}' mimics '{mimic.leader}': expected one of {names}, or a joint that mimics one; "
                 "mend the <mimic> element"
             )
         leader = by_name[mimic.leader]

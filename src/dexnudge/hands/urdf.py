@@ -62,10 +62,10 @@ def config_path(path: Path, config: Path | str | None, tree: Tree) -> Path:
             return candidate
     parents = {joint.parent for joint in tree.joints}
     leaves = [link for link in tree.links if link not in parents]
-    palms = [link for link in tree.links if "palm" in link.lower()] or list(tree.links)
+    palm = min([link for link in tree.links if "palm" in link.lower()] or list(tree.links)[:1], key=len)
     raise HandError(
-        f"{path} has no YAML beside it: expected {path.with_suffix('.yaml').name} or hand.yaml with the palm, the fingertips "
-        f"and the direction in which the palm faces; write there, after checking:\npalm: {palms[0]}\n"
+        f"{path} has no YAML beside it: expected {path.with_suffix('.yaml').name} or hand.yaml with the palm, "
+        f"the fingertips and the direction in which the palm faces; write there, after checking:\npalm: {palm}\n"
         f"fingertips: {{{', '.join(f'{link}: {link}' for link in leaves)}}}\npalm_normal: [0, 0, 1]"
     )
 
@@ -77,7 +77,9 @@ def _joints(robot: Element, path: Path) -> list[TreeJoint]:
         where = f"{path}: joint '{name}'"
         kind = element.get("type")
         if kind not in JOINT_TYPES:
-            raise HandError(f"{where}: expected type {', '.join(JOINT_TYPES)}, got '{kind}'; replace the joint or fix it")
+            raise HandError(
+                f"{where}: expected type {', '.join(JOINT_TYPES)}, got '{kind}'; replace the joint or fix it"
+            )
         ends = []
         for role in ("parent", "child"):
             end = element.find(role)
@@ -91,7 +93,9 @@ def _joints(robot: Element, path: Path) -> list[TreeJoint]:
         mimic = _mimic(element.find("mimic"), where) if kind != "fixed" else None
         lower, upper = _limits(element, kind, where) if mimic is None else (0.0, 0.0)
         joints.append(
-            TreeJoint(name, ends[0], ends[1], _origin(element, where), axis / length, kind == "fixed", lower, upper, mimic)
+            TreeJoint(
+                name, ends[0], ends[1], _origin(element, where), axis / length, kind == "fixed", lower, upper, mimic
+            )
         )
     return joints
 
@@ -142,11 +146,15 @@ def _shape(shape: Element, where: str, folder: Path) -> trimesh.Trimesh:
         scale = _numbers(shape, "scale", (1.0, 1.0, 1.0), where)
         return load_link_mesh(file, scale)
     if shape.tag not in ("box", "cylinder", "sphere", "capsule"):
-        raise HandError(f"{where}: expected mesh, box, cylinder, sphere or capsule, got <{shape.tag}>; replace it by a mesh")
+        raise HandError(
+            f"{where}: expected mesh, box, cylinder, sphere or capsule, got <{shape.tag}>; replace it by a mesh"
+        )
     keys = {"box": ("size",), "sphere": ("radius",)}.get(shape.tag, ("radius", "length"))
     sizes = [_numbers(shape, key, (0.0,) * (3 if key == "size" else 1), where) for key in keys]
     if not all((size > 0.0).all() for size in sizes):
-        raise HandError(f"{where}: <{shape.tag}>: expected {' and '.join(keys)} above zero, got {shape.attrib}; mend it")
+        raise HandError(
+            f"{where}: <{shape.tag}>: expected {' and '.join(keys)} above zero, got {shape.attrib}; mend it"
+        )
     if shape.tag == "box":
         return primitives.box(sizes[0])
     return getattr(primitives, shape.tag)(*(float(size[0]) for size in sizes))

@@ -8,12 +8,12 @@ from dexnudge.errors import HandError
 MAX_DESCRIPTION_BYTES = 10_000_000  # a hand's description has some ten kilobytes
 
 
-def read_xml(path: Path, *, root_tag: str) -> ElementTree.Element:
+def read_xml(path: Path, *, root_tag: str | None) -> ElementTree.Element:
     """The root element of an XML file.
 
     Args:
         path: the file.
-        root_tag: the tag that the root must have.
+        root_tag: the tag that the root must have; None: any.
 
     Raises:
         HandError: missing, too large, not UTF-8, with a DOCTYPE or entities, not well-formed, or another root.
@@ -29,18 +29,22 @@ def read_xml(path: Path, *, root_tag: str) -> ElementTree.Element:
     try:
         text = path.read_bytes().decode("utf-8-sig")
     except UnicodeDecodeError as error:
-        raise HandError(f"{path}: not a text file: expected XML in UTF-8, got {error.reason}; save it as UTF-8") from error
+        raise HandError(
+            f"{path}: not a text file: expected XML in UTF-8, got {error.reason}; save it as UTF-8"
+        ) from error
     refuse_entities(text, path)
     try:
         # From a str the parser takes no encoding that the file may declare, so nothing hides from the check above.
         root = ElementTree.fromstring(text)
     except (ElementTree.ParseError, ValueError) as error:
         raise HandError(
-            f"{path}: not well-formed XML: expected a complete <{root_tag}> element, got an error at '{error}'; "
-            "mend or re-export the file"
+            f"{path}: not well-formed XML: expected a complete <{root_tag or 'mujocoinclude'}> element, "
+            f"got an error at '{error}'; mend or re-export the file"
         ) from error
-    if root.tag != root_tag:
-        raise HandError(f"{path}: wrong kind of file: expected a root element <{root_tag}>, got <{root.tag}>; mend the path")
+    if root_tag is not None and root.tag != root_tag:
+        raise HandError(
+            f"{path}: wrong kind of file: expected a root element <{root_tag}>, got <{root.tag}>; mend the path"
+        )
     return root
 
 

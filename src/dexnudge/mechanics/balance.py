@@ -3,7 +3,6 @@
 from __future__ import annotations
 
 from dataclasses import dataclass
-from typing import TYPE_CHECKING
 
 import numpy as np
 from jaxtyping import Bool, Float, Int
@@ -12,9 +11,7 @@ from scipy.optimize import OptimizeResult, linprog
 from dexnudge.mechanics.contacts import HandContacts, SupportContacts
 from dexnudge.mechanics.friction_cone import EDGE_COUNT, friction_cone_edges, wrenches
 from dexnudge.mechanics.sliding_task import SlidingTask, sliding_task
-
-if TYPE_CHECKING:
-    from dexnudge.scenes.scene import Scene
+from dexnudge.scenes.scene import Scene
 
 MAX_FACTOR = 3.0
 """Largest factor on friction_environment that is tried [-]."""
@@ -54,8 +51,7 @@ class BalanceProblem:
 
 @dataclass(frozen=True, kw_only=True)
 class ContactForces:
-    """Forces on the object that balance it [N, world]: at the hand's contacts, at the supports, and the hand's total
-    of normal components."""
+    """Forces on the object that balance it [N, world], and the sum of the hand's normal components."""
 
     hand: Float[np.ndarray, "contact 3"]
     support: Float[np.ndarray, "support 3"]
@@ -69,7 +65,6 @@ def balance_problem(contacts: HandContacts, supports: SupportContacts, task: Sli
     n.u > 1e-3 separates and carries nothing; n.u < -1e-3 blocks the motion; else it slides along
     t = (u - (u.n) n) / |.| and carries N (n - friction_environment t).
     """
-    frame = {"centre": task.centre, "half_length": task.half_length}
     approach = supports.normals @ task.motion
     sliding = np.abs(approach) <= MOTION_TOLERANCE
     normals, points = supports.normals[sliding], supports.points[sliding]
@@ -77,10 +72,12 @@ def balance_problem(contacts: HandContacts, supports: SupportContacts, task: Sli
     slip /= np.linalg.norm(slip, axis=1, keepdims=True)
     edges = friction_cone_edges(contacts.normals, task.motion, friction=task.friction_hand)
     return BalanceProblem(
-        hand=wrenches(contacts.points[:, None], edges, **frame),
+        hand=wrenches(contacts.points[:, None], edges, centre=task.centre, half_length=task.half_length),
         link=np.unique(contacts.link, return_inverse=True)[1].reshape(-1),
-        support_normal=wrenches(points, normals, **frame),
-        support_friction=wrenches(points, -task.friction_environment * slip, **frame),
+        support_normal=wrenches(points, normals, centre=task.centre, half_length=task.half_length),
+        support_friction=wrenches(
+            points, -task.friction_environment * slip, centre=task.centre, half_length=task.half_length
+        ),
         sliding=sliding,
         load=np.array([0.0, 0.0, -1.0, 0.0, 0.0, 0.0]),
         cap=task.max_normal_force / task.weight,
@@ -104,14 +101,18 @@ def solve_balance(problem: BalanceProblem, *, factor: float) -> Float[np.ndarray
     links = int(problem.link.max()) + 1 if len(problem.link) else 0
     caps = np.zeros((links, columns.shape[1]))
     caps[np.repeat(problem.link, EDGE_COUNT), np.arange(len(hand))] = 1.0
-    result: OptimizeResult = linprog(
-        np.concatenate([np.ones(len(hand)), np.zeros(len(support))]),
-        A_ub=caps if links else None,
-        b_ub=np.full(links, problem.cap) if links else None,
-        A_eq=columns,
-        b_eq=-problem.load,
-        method="highs",
-    )
+    for presolve in (True, False):  # on rare degenerate problems HiGHS's presolve ends in "unknown"
+        result: OptimizeResult = linprog(
+            np.concatenate([np.ones(len(hand)), np.zeros(len(support))]),
+            A_ub=caps if links else None,
+            b_ub=np.full(links, problem.cap) if links else None,
+            A_eq=columns,
+            b_eq=-problem.load,
+            method="highs",
+            options={"presolve": presolve},
+        )
+        if result.success or result.status == LINPROG_INFEASIBLE:
+            break
     if result.status == LINPROG_INFEASIBLE:
         return None
     if not result.success:

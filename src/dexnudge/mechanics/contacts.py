@@ -3,17 +3,14 @@
 from __future__ import annotations
 
 from dataclasses import dataclass
-from typing import TYPE_CHECKING
 
 import numpy as np
 from jaxtyping import Bool, Float, Int
 
 from dexnudge.geometry.exact_distance import ExactDistance
-from dexnudge.geometry.surface_points import surface_points
+from dexnudge.geometry.surface_lattice import surface_lattice
 from dexnudge.mechanics.support_hull import reduce_supports
-
-if TYPE_CHECKING:
-    from dexnudge.scenes.scene import Scene
+from dexnudge.scenes.scene import Scene
 
 HAND_CONTACT_DISTANCE = 2e-3
 """A hand point this close to the object is in contact [m]: what fingertips yield, and what a position controller
@@ -27,6 +24,8 @@ SUPPORT_SPACING = 2e-3
 FACING_COSINE = -0.1
 """Largest cosine between the object's and the environment's normals of a support contact [-]: opposite surfaces, not
 the flank of the object seen by the floor."""
+SAME_PLACE = 1e-7
+"""Points of the object closer than about this are looked up once [m]."""
 DISTINCT_DISTANCE = 1e-6
 """Contact points closer than this are one point [m]."""
 
@@ -110,23 +109,26 @@ def support_mask(
 def support_contacts(scene: Scene) -> SupportContacts:
     """Return the contacts of a scene's object with its environment, reduced to the extreme ones.
 
-    Looks at every corner of every triangle of the object (with that triangle's normal) and at surface points 2 mm
-    apart. The position is the closest point of the environment: there both bodies meet, and contacts with one plane
+    Looks at points on every triangle of the object, 2 mm apart, its edges and corners included, with that triangle's
+    normal. The position is the closest point of the environment: there both bodies meet, and contacts with one plane
     are exactly coplanar. See `reduce_supports` for what may be left out.
     """
     mesh = scene.object_in_world()
-    samples = surface_points(mesh, spacing=SUPPORT_SPACING)
-    points = np.concatenate([mesh.triangles.reshape(-1, 3), samples.points])
-    normals = np.concatenate([np.repeat(mesh.face_normals, 3, axis=0), samples.normals])
+    points, face = surface_lattice(np.asarray(mesh.triangles, dtype=np.float64), spacing=SUPPORT_SPACING)
+    normals = np.asarray(mesh.face_normals, dtype=np.float64)[face]
     low, high = scene.environment_mesh.bounds
     near = np.all((points >= low - SUPPORT_DISTANCE) & (points <= high + SUPPORT_DISTANCE), axis=1)
     points, normals = points[near], normals[near]
-    hit = ExactDistance(scene.environment_mesh)(points)
-    kept = support_mask(normals, distance=hit.distance, environment_normals=hit.normal)
+    # neighbouring triangles share corners and edges: each place is looked up once
+    _, first, place = np.unique(np.round(points / SAME_PLACE), axis=0, return_index=True, return_inverse=True)
+    hit = ExactDistance(scene.environment_mesh)(points[first])
+    place = place.reshape(-1)
+    environment_normals = np.asarray(hit.normal, dtype=np.float64)[place]
+    kept = support_mask(normals, distance=hit.distance[place], environment_normals=environment_normals)
     half_length = 0.5 * float(np.max(scene.object_mesh.extents))
     reduced_points, reduced_normals = reduce_supports(
-        np.asarray(hit.closest[kept], dtype=np.float64),
-        np.asarray(hit.normal[kept], dtype=np.float64),
+        np.asarray(hit.closest, dtype=np.float64)[place][kept],
+        environment_normals[kept],
         half_length=half_length,
     )
     return SupportContacts(points=reduced_points, normals=reduced_normals)

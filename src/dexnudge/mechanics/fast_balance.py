@@ -7,9 +7,9 @@ from concurrent.futures import ThreadPoolExecutor
 from typing import Any, NamedTuple
 
 import numpy as np
-import warp as wp
 from jaxtyping import Bool, Float
 
+from dexnudge.geometry.warp_runtime import wp
 from dexnudge.mechanics.balance import (
     BISECTIONS,
     MAX_FACTOR,
@@ -128,7 +128,7 @@ def _inputs(
 
 def _scratch(contacts: Sequence[HandContacts], supports: SupportContacts, workers: int, device: str) -> list[Any]:
     """Return the workers' memory: wrench columns, keys per link, and the working basis."""
-    most = max(1, max(len(each.points) for each in contacts))
+    most = max(len(each.points) for each in contacts)
 
     def empty(columns: int, dtype: Any) -> Any:
         return wp.empty((workers, max(1, columns)), dtype=dtype, device=device)

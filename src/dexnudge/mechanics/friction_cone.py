@@ -50,8 +50,8 @@ def friction_cone_edges(
 
 
 def wrenches(
-    points: Float[np.ndarray, "*batch 3"],
-    forces: Float[np.ndarray, "*batch 3"],
+    points: Float[np.ndarray, "*#batch 3"],
+    forces: Float[np.ndarray, "*#batch 3"],
     *,
     centre: Float[np.ndarray, "3"],
     half_length: float,

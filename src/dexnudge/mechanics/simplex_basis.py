@@ -6,8 +6,10 @@ column, and only the 6 x 6 working basis of the other basic columns, less their 
 Column numbers: hand edges (8 per contact) | sliding supports | one slack per link | 6 artificials, fixed at zero.
 """
 
-import warp as wp
+# Warp's annotations are values, not types.
+# mypy: ignore-errors
 
+from dexnudge.geometry.warp_runtime import wp
 from dexnudge.mechanics import friction_cone
 
 wp.set_module_options({"enable_backward": False, "max_unroll": 1})
@@ -161,9 +163,7 @@ def exchange(p: Program, leave: wp.int32, enter: wp.int32, enter_link: wp.int32,
         for other in range(6):
             if link_of(p, p.basis[other]) == link:
                 members[other] = ONE
-                if slot < 0:
-                    slot = other
-                elif p.value[other] > p.value[slot]:
+                if slot < 0 or p.value[other] > p.value[slot]:
                     slot = other
         if slot < 0:
             p.key[link] = enter

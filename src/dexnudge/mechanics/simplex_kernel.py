@@ -6,8 +6,10 @@ values' bound violations is minimised, so any basis can start it, and the next f
 Dantzig's rule prices; a streak of degenerate pivots switches to Bland's rule, which cannot cycle.
 """
 
-import warp as wp
+# Warp's annotations are values, not types.
+# mypy: ignore-errors
 
+from dexnudge.geometry.warp_runtime import wp
 from dexnudge.mechanics.simplex_basis import (
     EDGES,
     ONE,
@@ -99,34 +101,86 @@ def entering(p: Program, y: vec6, factor: wp.float64, bland: wp.bool) -> wp.int3
 
 
 @wp.func
-def solve(p: Program, factor: wp.float64) -> wp.int32:
-    """Minimise the violations from the present basis; return FEASIBLE, INFEASIBLE or FAILED."""
+def price(p: Program, factor: wp.float64):
+    """Return the multipliers of the balance rows and the sum of violations; set each link's share of the prices."""
+    violation = ZERO
+    slopes = vec6()
+    for slot in range(6):
+        slope = violation_slope(p.value[slot], is_artificial(p, p.basis[slot]))
+        violation += slope * p.value[slot]
+        link = link_of(p, p.basis[slot])
+        if link >= 0:
+            slope -= violation_slope(p.key_value[link], False)
+        slopes[slot] = slope
+    y = vec6()
+    for row in range(6):
+        y[row] = wp.dot(p.inverse[row], slopes)
+    for link in range(p.links):
+        slope = violation_slope(p.key_value[link], False)
+        violation += slope * p.key_value[link]
+        p.key_price[link] = wp.dot(y, column(p, p.key[link], factor)) - slope
+    return y, violation
+
+
+@wp.func
+def longest_step(p: Program, rate: vec6, enter_link: wp.int32) -> wp.float64:
+    """Return the step at which the first basic value reaches its bound; infinity if none does."""
+    step = wp.float64(wp.inf)
+    for slot in range(6):
+        limit = step_limit(p.value[slot], rate[slot], is_artificial(p, p.basis[slot]))
+        if limit >= ZERO:
+            step = wp.min(step, limit)
+    for link in range(p.links):
+        limit = step_limit(p.key_value[link], rate_of_key(p, link, rate, enter_link), False)
+        if limit >= ZERO:
+            step = wp.min(step, limit)
+    return step
+
+
+@wp.func
+def leaving(p: Program, rate: vec6, enter_link: wp.int32, step: wp.float64, bland: wp.bool) -> wp.int32:
+    """Return who leaves at `step` (slots 0..5, then keys): the largest pivot, under Bland's rule the first column."""
+    place = wp.int32(-1)
+    best = ZERO
+    for candidate in range(6 + p.links):
+        index = wp.int32(0)
+        value = ZERO
+        fall = ZERO
+        if candidate < 6:
+            index = p.basis[candidate]
+            value = p.value[candidate]
+            fall = rate[candidate]
+        else:
+            index = p.key[candidate - 6]
+            value = p.key_value[candidate - 6]
+            fall = rate_of_key(p, candidate - 6, rate, enter_link)
+        limit = step_limit(value, fall, is_artificial(p, index))
+        if limit >= ZERO and limit <= step + TIE_TOLERANCE:
+            score = wp.abs(fall)
+            if bland:
+                score = ONE / wp.float64(index + 1)
+            if score > best:
+                best = score
+                place = candidate
+    return place
+
+
+@wp.func
+def restart_if_singular(p: Program, factor: wp.float64):
+    """Factorise the basis; where that fails, begin again with slacks and artificials, whose basis is the identity."""
     if not factorise(p, factor):
         cold_start(p)
         factorise(p, factor)
+
+
+@wp.func
+def solve(p: Program, factor: wp.float64) -> wp.int32:
+    """Minimise the violations from the present basis; return FEASIBLE, INFEASIBLE or FAILED."""
     streak = wp.int32(0)
     for pivot in range(MAX_PIVOTS):
-        if pivot % REFACTOR_INTERVAL == REFACTOR_INTERVAL - 1:
-            if not factorise(p, factor):
-                cold_start(p)
-                factorise(p, factor)
-        # multipliers y of the balance rows, and each link's share of the reduced costs
-        violation = ZERO
-        slopes = vec6()
-        for slot in range(6):
-            slope = violation_slope(p.value[slot], is_artificial(p, p.basis[slot]))
-            violation += slope * p.value[slot]
-            link = link_of(p, p.basis[slot])
-            if link >= 0:
-                slope -= violation_slope(p.key_value[link], False)
-            slopes[slot] = slope
-        y = vec6()
-        for row in range(6):
-            y[row] = wp.dot(p.inverse[row], slopes)
-        for link in range(p.links):
-            slope = violation_slope(p.key_value[link], False)
-            violation += slope * p.key_value[link]
-            p.key_price[link] = wp.dot(y, column(p, p.key[link], factor)) - slope
+        if pivot % REFACTOR_INTERVAL == 0:
+            restart_if_singular(p, factor)
+        y, violation = price(p, factor)
         if violation == ZERO:
             return FEASIBLE
         bland = streak > DEGENERATE_STREAK
@@ -140,44 +194,11 @@ def solve(p: Program, factor: wp.float64) -> wp.int32:
         rate = vec6()
         for row in range(6):
             rate = rate + direction[row] * p.inverse[row]
-        # ratio test: slots 0..5, then the keys; ties go to the largest pivot, under Bland's rule to the first column
-        step = wp.float64(wp.inf)
-        for slot in range(6):
-            limit = step_limit(p.value[slot], rate[slot], is_artificial(p, p.basis[slot]))
-            if limit >= ZERO:
-                step = wp.min(step, limit)
-        for link in range(p.links):
-            limit = step_limit(p.key_value[link], rate_of_key(p, link, rate, enter_link), False)
-            if limit >= ZERO:
-                step = wp.min(step, limit)
+        step = longest_step(p, rate, enter_link)
         if not wp.isfinite(step):
             return FAILED
-        leave = wp.int32(-1)
-        size = ZERO
-        for place in range(6 + p.links):
-            fall = ZERO
-            value = ZERO
-            index = wp.int32(0)
-            if place < 6:
-                fall = rate[place]
-                value = p.value[place]
-                index = p.basis[place]
-            else:
-                fall = rate_of_key(p, place - 6, rate, enter_link)
-                value = p.key_value[place - 6]
-                index = p.key[place - 6]
-            limit = step_limit(value, fall, is_artificial(p, index))
-            if limit >= ZERO and limit <= step + TIE_TOLERANCE:
-                score = wp.abs(fall)
-                if bland:
-                    score = ONE / wp.float64(index + 1)
-                if score > size:
-                    size = score
-                    leave = place
-        if step > TIE_TOLERANCE:
-            streak = 0
-        else:
-            streak += 1
+        leave = leaving(p, rate, enter_link, step, bland)
+        streak = wp.int32(0) if step > TIE_TOLERANCE else streak + 1
         for link in range(p.links):
             p.key_value[link] = p.key_value[link] - step * rate_of_key(p, link, rate, enter_link)
         for slot in range(6):

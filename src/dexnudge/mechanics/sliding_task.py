@@ -3,16 +3,13 @@
 from __future__ import annotations
 
 from dataclasses import dataclass, replace
-from typing import TYPE_CHECKING
 
 import numpy as np
 import trimesh
 from jaxtyping import Float
 
 from dexnudge.errors import InputError
-
-if TYPE_CHECKING:
-    from dexnudge.scenes.scene import Scene
+from dexnudge.scenes.scene import Scene
 
 GRAVITY = 9.81
 """Acceleration of gravity along world -z [m/s^2]."""
@@ -81,9 +78,9 @@ def sliding_task(scene: Scene) -> SlidingTask:
     return SlidingTask(
         centre=T_world_object[:3, :3] @ centre_of_mass(scene.object_mesh) + T_world_object[:3, 3],
         half_length=0.5 * float(np.max(scene.object_mesh.extents)),
-        mass=scene.mass,
+        mass=float(scene.mass),
         motion=motion / np.linalg.norm(motion),
-        friction_hand=scene.friction_hand,
-        friction_environment=scene.friction_environment,
-        max_normal_force=scene.max_normal_force,
+        friction_hand=float(scene.friction_hand),
+        friction_environment=float(scene.friction_environment),
+        max_normal_force=float(scene.max_normal_force),
     )

@@ -18,9 +18,10 @@ MAX_CORNERS = 32
 """Corners kept per plane: a circle loses 0.5 % of its radius."""
 
 _Points = Float[np.ndarray, "point 3"]
+_Kept = Float[np.ndarray, "kept 3"]
 
 
-def reduce_supports(points: _Points, normals: _Points, *, half_length: float) -> tuple[_Points, _Points]:
+def reduce_supports(points: _Points, normals: _Points, *, half_length: float) -> tuple[_Kept, _Kept]:
     """Return the points [m] and normals that span the same cone of support wrenches, to about 1e-3.
 
     On one plane all wrenches N (n - mu t) share n and t and are affine in the point, so the convex hull's corners
@@ -49,13 +50,14 @@ def _corners_by_plane(
     order = np.argsort(plane, kind="stable")
     groups = np.split(order, np.flatnonzero(np.diff(plane[order])) + 1)
     return np.concatenate(
-        [group[hull_corners(points[group], normals[group[0]], tolerance=HULL_TOLERANCE * half_length)] for group in groups]
+        [
+            group[hull_corners(points[group], normals[group[0]], tolerance=HULL_TOLERANCE * half_length)]
+            for group in groups
+        ]
     )
 
 
-def hull_corners(
-    points: _Points, normal: Float[np.ndarray, "3"], *, tolerance: float
-) -> Int[np.ndarray, "corner"]:
+def hull_corners(points: _Points, normal: Float[np.ndarray, "3"], *, tolerance: float) -> Int[np.ndarray, "corner"]:
     """Return the indices of the corners of the convex hull of `points` seen along `normal`.
 
     A corner less than `tolerance` [m] outside the chord of its neighbours is dropped, the flattest first, and so are

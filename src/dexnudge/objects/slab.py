@@ -8,7 +8,8 @@ body is closed by construction, whatever the heights are.
 from __future__ import annotations
 
 from collections.abc import Callable
-from dataclasses import dataclass, field
+from dataclasses import dataclass
+from itertools import pairwise
 
 import numpy as np
 import trimesh
@@ -19,6 +20,9 @@ Profile = Callable[[Float[np.ndarray, " u"]], Float[np.ndarray, " u"]]
 
 CORNER_STATIONS = 5  # rows of the grid over each rounded end
 EDGE_RINGS = 3  # rings over each rounded edge
+ROUND = 0.5  # of the thickness here: two roundings that meet
+FLATTEST_SIDE = 0.45  # of the thickness here: the highest rounding that leaves a side
+LEDGE = 0.05  # of the height of a recess: the drop of its ledges
 
 
 def level(x: Float[np.ndarray, "..."], _y: object) -> Float[np.ndarray, "..."]:
@@ -43,6 +47,7 @@ class SlabShape:
         width_at: fraction of the width at x in -1..1.
         top, bottom: displacement of the faces along +z [m] at (x, y), before the body is fitted to `size`.
         rows, columns: positions in -1..1 at which the grid must have a line, for steps in `top` or `bottom`.
+        cells: how many cells each face has along x, without its rounded ends, and along y.
         recess: how far the middle of the side is set in [m], at the outline's points where `recess_at` (x, y) is 1.
     """
 
@@ -57,7 +62,7 @@ class SlabShape:
     columns: tuple[float, ...] = ()
     cells: tuple[int, int] = (22, 10)
     recess: float = 0.0
-    recess_at: Heights = field(default=level)
+    recess_at: Heights = level
 
 
 def slab_mesh(shape: SlabShape) -> trimesh.Trimesh:
@@ -139,7 +144,8 @@ def _side_rings(
     normal = np.stack([tangent[:, 1], -tangent[:, 0]], -1)
     normal /= np.linalg.norm(normal, axis=1, keepdims=True)
     high, low = top.ravel()[border], bottom.ravel()[border]
-    drop = np.minimum(edge, 0.5 * (high - low))
+    # Where the body is thinner than its roundings, these flatten, and a side is left between them.
+    drop = np.minimum(edge, (ROUND if shape.edge >= 1 else FLATTEST_SIDE) * (high - low))
     angles = np.linspace(0, np.pi / 2, EDGE_RINGS + 1)[1:]
     levels = [(edge * np.sin(a), high - drop * (1 - np.cos(a))) for a in angles]
     under = [(edge * np.sin(a), low + drop * (1 - np.cos(a))) for a in angles[::-1]]
@@ -148,7 +154,15 @@ def _side_rings(
         cover = 0.12 * (high - low)
         upper, lower = high - drop - cover, low + drop + cover
         out = np.full_like(high, edge)
-        levels += [(out, upper), (inset, upper), (inset, (upper + lower) / 2), (inset, lower), (out, lower)]
+        # The ledges slope, so that no triangle vanishes where the side is not set in.
+        slope = LEDGE * (upper - lower)
+        levels += [
+            (out, upper),
+            (inset, upper - slope),
+            (inset, (upper + lower) / 2),
+            (inset, lower + slope),
+            (out, lower),
+        ]
     elif shape.edge < 1:
         levels.append((edge, (high + low) / 2))
     else:
@@ -180,7 +194,7 @@ def _faces(
     size = len(border)
     loops = [border, *(2 * count + k * size + np.arange(size) for k in range(rings)), border + count]
     sides = []
-    for upper, lower in zip(loops[:-1], loops[1:], strict=True):
+    for upper, lower in pairwise(loops):
         following, below = np.roll(upper, -1), np.roll(lower, -1)
         sides += [np.stack([upper, lower, below], -1), np.stack([upper, below, following], -1)]
     return np.concatenate([face, face[:, ::-1] + count, *sides])

@@ -7,6 +7,7 @@ whatever bulges or bends. x runs along the length, y along the width, both in -1
 from __future__ import annotations
 
 from collections.abc import Callable
+from dataclasses import replace
 
 import numpy as np
 from numpy.random import Generator
@@ -19,33 +20,35 @@ Style = Callable[[Size, Generator], SlabShape]
 
 def plain_phone(size: Size, generator: Generator) -> SlabShape:
     """A bar with rounded corners and edges."""
-    return SlabShape(size, **_phone_outline(generator))
+    return _phone(size, generator)
 
 
 def camera_phone(size: Size, generator: Generator) -> SlabShape:
     """A bar with a raised camera block on its upper face, in a corner or in the middle of one end."""
     top, rows, columns = _camera(size, generator)
-    return SlabShape(size, **_phone_outline(generator), top=top, rows=rows, columns=columns)
+    return replace(_phone(size, generator), top=top, rows=rows, columns=columns)
 
 
 def curved_phone(size: Size, generator: Generator) -> SlabShape:
     """A bar whose back (below) bulges."""
-    return SlabShape(size, **_phone_outline(generator), bottom=_dome(-generator.uniform(0.3, 0.8) * size[2]))
+    bar = _phone(size, generator)
+    return replace(bar, bottom=_dome(-generator.uniform(0.3, 0.8) * size[2]))
 
 
 def open_flip_phone(size: Size, generator: Generator) -> SlabShape:
     """Two halves at an angle, with a groove at the hinge."""
     bend, hinge = _bend(generator.uniform(0.6, 1.2) * size[2]), _groove(-generator.uniform(0.1, 0.25) * size[2])
-    return SlabShape(
-        size, **_phone_outline(generator), top=lambda x, y: bend(x, y) + hinge(x, y), bottom=bend, rows=(-0.06, 0.0, 0.06)
+    return replace(
+        _phone(size, generator), top=lambda x, y: bend(x, y) + hinge(x, y), bottom=bend, rows=(-0.06, 0.0, 0.06)
     )
 
 
 def closed_flip_phone(size: Size, generator: Generator) -> SlabShape:
     """Two halves on each other, with a seam around three sides and a domed upper half."""
-    return SlabShape(
-        size,
-        **{**_phone_outline(generator), "edge": generator.uniform(0.3, 0.6)},
+    bar = _phone(size, generator)
+    return replace(
+        bar,
+        edge=generator.uniform(0.3, 0.6),
         top=_dome(generator.uniform(0.05, 0.3) * size[2]),
         recess=generator.uniform(0.0008, 0.0015),
         recess_at=lambda x, _y: (x > -0.9).astype(float),
@@ -54,15 +57,15 @@ def closed_flip_phone(size: Size, generator: Generator) -> SlabShape:
 
 def straight_remote(size: Size, generator: Generator) -> SlabShape:
     """A bar, its upper face flat or slightly domed."""
-    return SlabShape(size, **_remote_outline(generator), top=_dome(generator.uniform(0.0, 0.25) * size[2]))
+    bar = _remote(size, generator)
+    return replace(bar, top=_dome(generator.uniform(0.0, 0.25) * size[2]))
 
 
 def tapered_remote(size: Size, generator: Generator) -> SlabShape:
     """Narrower and thinner toward one end."""
     narrowing, thinning = generator.uniform(0.1, 0.4), generator.uniform(0.0, 0.4) * size[2]
-    return SlabShape(
-        size,
-        **_remote_outline(generator),
+    return replace(
+        _remote(size, generator),
         width_at=lambda x: 1 - narrowing * (1 + x) / 2,
         top=lambda x, _y: -thinning * (1 + x) / 2,
     )
@@ -70,37 +73,32 @@ def tapered_remote(size: Size, generator: Generator) -> SlabShape:
 
 def waisted_remote(size: Size, generator: Generator) -> SlabShape:
     """Narrower in the middle, bulging below."""
-    return SlabShape(
-        size,
-        **_remote_outline(generator),
-        width_at=_waist(generator.uniform(0.1, 0.35)),
-        bottom=_dome(-generator.uniform(0.1, 0.6) * size[2]),
-    )
+    bar = _remote(size, generator)
+    waist = _waist(generator.uniform(0.1, 0.35))
+    return replace(bar, width_at=waist, bottom=_dome(-generator.uniform(0.1, 0.6) * size[2]))
 
 
 def curved_remote(size: Size, generator: Generator) -> SlabShape:
     """Arched along its length."""
     arch = _arch(generator.uniform(0.2, 0.7) * size[2])
-    return SlabShape(size, **_remote_outline(generator), top=arch, bottom=arch)
+    return replace(_remote(size, generator), top=arch, bottom=arch)
 
 
 def battery_remote(size: Size, generator: Generator) -> SlabShape:
     """A bar with a compartment that bulges below one end."""
     depth, start = generator.uniform(0.2, 0.5) * size[2], generator.uniform(-0.3, 0.3)
-    return SlabShape(
-        size, **_remote_outline(generator), bottom=lambda x, _y: -depth * _smooth_step((start - x) / 0.3)
-    )
+    return replace(_remote(size, generator), bottom=lambda x, _y: -depth * _smooth_step((start - x) / 0.3))
 
 
 def plain_tablet(size: Size, generator: Generator) -> SlabShape:
     """A thin plate with rounded corners."""
-    return SlabShape(size, **_tablet_outline(generator), cells=(20, 14))
+    return _tablet(size, generator)
 
 
 def camera_tablet(size: Size, generator: Generator) -> SlabShape:
     """A thin plate with a raised camera block."""
     top, rows, columns = _camera(size, generator, extent=0.10)
-    return SlabShape(size, **_tablet_outline(generator), top=top, rows=rows, columns=columns, cells=(20, 14))
+    return replace(_tablet(size, generator), top=top, rows=rows, columns=columns)
 
 
 def hardcover_book(size: Size, generator: Generator) -> SlabShape:
@@ -143,19 +141,21 @@ STYLES: dict[str, tuple[Style, ...]] = {
 }
 
 
-def _phone_outline(generator: Generator) -> dict[str, float]:
+def _phone(size: Size, generator: Generator) -> SlabShape:
     corner = generator.uniform(0.15, 0.45)
-    return {"corner": corner, "corner_length": corner, "edge": generator.uniform(0.4, 1.0)}
+    return SlabShape(size, corner=corner, corner_length=corner, edge=generator.uniform(0.4, 1.0))
 
 
-def _remote_outline(generator: Generator) -> dict[str, float]:
+def _remote(size: Size, generator: Generator) -> SlabShape:
     corner = generator.uniform(0.2, 0.7)
-    return {"corner": corner, "corner_length": generator.uniform(0.6, 1.4) * corner, "edge": generator.uniform(0.3, 1.0)}
+    corner_length = generator.uniform(0.6, 1.4) * corner
+    return SlabShape(size, corner=corner, corner_length=corner_length, edge=generator.uniform(0.3, 1.0))
 
 
-def _tablet_outline(generator: Generator) -> dict[str, float]:
+def _tablet(size: Size, generator: Generator) -> SlabShape:
     corner = generator.uniform(0.08, 0.2)
-    return {"corner": corner, "corner_length": corner, "edge": generator.uniform(0.4, 1.0)}
+    edge = generator.uniform(0.4, 1.0)
+    return SlabShape(size, corner=corner, corner_length=corner, edge=edge, cells=(20, 14))
 
 
 def _camera(

@@ -90,7 +90,7 @@ def _number_differences(
     tolerance: Float[np.ndarray, " n"],
 ) -> list[str]:
     one, other = getattr(written, key), getattr(found, key)
-    differing = ~(np.abs(one - other) <= tolerance)  # written so that NaN differs
+    differing = ~(np.abs(one - other) <= tolerance) & ~(np.isnan(one) & np.isnan(other))  # NaN: never had a pose
     return [
         f"configuration {i}: {key} is {scale * one[i]:.3f}{unit} in the file, {scale * other[i]:.3f}{unit} found"
         for i in np.flatnonzero(differing)

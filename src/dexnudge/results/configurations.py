@@ -67,7 +67,7 @@ def load_configurations(folder: Path) -> Configurations:
     if not path.is_file():
         raise InputError(f"{path} is missing; expected the folder that `dexnudge sample --out` wrote")
     try:
-        with np.load(path, allow_pickle=False) as archive:
+        with path.open("rb") as file, np.lib.npyio.NpzFile(file, allow_pickle=False) as archive:  # never a bare .npy
             arrays = {key: archive[key] for key in archive.files}
     except (OSError, ValueError, EOFError, zipfile.BadZipFile, zlib.error) as error:
         raise InputError(

@@ -7,10 +7,10 @@ from typing import Any
 import numpy as np
 
 from dexnudge.errors import InputError
+from dexnudge.evaluation.success import ROBUST_MARGIN
 from dexnudge.results.configurations import Configurations
 
 FILE = "summary.json"
-ROBUST_MARGIN = 1.5  # a verified configuration with this force margin is called robust
 
 
 def count_draws(configurations: Configurations, rejected: dict[str, int]) -> dict[str, Any]:

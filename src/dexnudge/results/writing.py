@@ -9,7 +9,7 @@ from jaxtyping import Float
 
 from dexnudge.evaluation.draws import JudgedDraws
 from dexnudge.evaluation.provenance import machine, peak_memory_mb, versions
-from dexnudge.evaluation.success import Verdicts
+from dexnudge.evaluation.success import Verdicts, contact_points
 from dexnudge.hands.export import export_hand
 from dexnudge.hands.hand import Hand
 from dexnudge.hands.registry import load_hand
@@ -21,7 +21,7 @@ from dexnudge.scenes.scene import Scene
 HAND_FOLDER = "hand"
 URDF_FILE = "hand.urdf"
 PAGE_FILE, PICTURE_FILE = "view.html", "view.png"
-CONFIGURATIONS_ON_PAGE = 12  # more would make the page large and tell nothing new
+MOST_ON_PAGE = 500  # what a page can show
 
 
 def write_problem(folder: Path, scene: Scene, hand: Hand) -> tuple[Scene, Hand]:
@@ -83,7 +83,7 @@ def write_answer(
     configurations.save(folder)
     seconds = {**seconds, **draws.seconds}
     start = time.perf_counter()
-    write_views(folder, scene, hand, configurations, title=title)
+    write_views(folder, scene, hand, draws, title=title)
     seconds["picture"] = time.perf_counter() - start
     summary = {
         **count_draws(configurations, draws.rejections()),
@@ -99,15 +99,26 @@ def write_answer(
     return summary
 
 
-def write_views(folder: Path, scene: Scene, hand: Hand, configurations: Configurations, *, title: str) -> None:
-    """Write the 3-D page with the best configurations, and the picture of the best one."""
-    from dexnudge.evaluation.success import contact_points
+def write_views(folder: Path, scene: Scene, hand: Hand, draws: JudgedDraws, *, title: str) -> None:
+    """Write the 3-D page with all draws, and the picture of the best one."""
     from dexnudge.viewer.drawing import drawings
-    from dexnudge.viewer.page import write_page
+    from dexnudge.viewer.page import Figures, write_page
     from dexnudge.viewer.picture import render_png
 
-    verified = int(configurations.success.sum())
-    shown = configurations.q[: max(1, min(verified, CONFIGURATIONS_ON_PAGE))].astype(np.float64)
+    verdicts = draws.verdicts
+    shown = draws.q[:MOST_ON_PAGE].astype(np.float64)
+    figures = [
+        Figures(
+            success=bool(verdicts.success[i]),
+            penetration_object=float(verdicts.penetration_object[i]),
+            penetration_environment=float(verdicts.penetration_environment[i]),
+            penetration_self=float(verdicts.penetration_self[i]),
+            force_margin=float(verdicts.force_margin[i]),
+            contact_links=tuple(verdicts.contact_links[i]),
+            reason=verdicts.reason[i],
+        )
+        for i in range(len(shown))
+    ]
     drawn = drawings(scene, hand, shown, contacts=contact_points(hand, scene, shown), title=title)
-    write_page(drawn, folder / PAGE_FILE)
+    write_page(drawn, folder / PAGE_FILE, title=title, figures=figures)
     render_png(drawn[0], folder / PICTURE_FILE)

@@ -9,15 +9,14 @@ from jaxtyping import Float
 from torch import Tensor
 
 from dexnudge.energies.force_residual import SlidingBalance, support_wrenches
-from dexnudge.energies.hand_kernel import SceneFields
 from dexnudge.energies.scene_fields import build_scene_fields
 from dexnudge.geometry.frames import canonical_frame, transform_configurations
-from dexnudge.geometry.surface_points import surface_points
+from dexnudge.geometry.object_cloud import object_cloud
 from dexnudge.mechanics.contacts import support_contacts
 from dexnudge.mechanics.sliding_task import sliding_task
+from dexnudge.geometry.warp_runtime import WarpStruct
 from dexnudge.scenes.scene import Scene
 
-CLOUD_POINTS = 1024
 FRICTION_MARGIN = 1.6  # factor on friction_environment that the contacts are asked to overcome: above robust's 1.5
 
 
@@ -35,7 +34,7 @@ class SamplingProblem:
 
     scene: Scene
     T_world_canonical: Float[np.ndarray, "4 4"]
-    fields: SceneFields
+    fields: WarpStruct
     balance: SlidingBalance | None
     cloud: Float[Tensor, "point 6"]
     object_mesh: trimesh.Trimesh
@@ -61,15 +60,6 @@ def prepare(scene: Scene, *, device: str = "cpu") -> SamplingProblem:
         cloud=object_cloud(object_mesh),
         object_mesh=object_mesh,
     )
-
-
-def object_cloud(mesh: trimesh.Trimesh, *, seed: int = 0) -> Float[Tensor, "point 6"]:
-    """1024 points [m] with outward normals, spread evenly over the surface."""
-    spacing = float(np.sqrt(mesh.area / CLOUD_POINTS))
-    spread = surface_points(mesh, spacing=spacing, seed=seed)
-    chosen = np.random.default_rng(seed).permutation(len(spread.points))
-    chosen = np.resize(chosen, CLOUD_POINTS)
-    return torch.as_tensor(np.concatenate([spread.points, spread.normals], axis=1)[chosen], dtype=torch.float32)
 
 
 def _balance(scene: Scene, T_canonical_world: Float[np.ndarray, "4 4"]) -> SlidingBalance | None:

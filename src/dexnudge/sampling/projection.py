@@ -20,6 +20,7 @@ from dexnudge.energies.evaluator import HandEnergy
 from dexnudge.energies.force_residual import ForceResidual
 from dexnudge.energies.weights import TermWeights
 from dexnudge.hands.hand import Hand
+from dexnudge.sampling.guidance.contacts import wanted_contacts
 from dexnudge.sampling.problem import SamplingProblem
 
 
@@ -114,11 +115,6 @@ def project(
         depth_before=depth_before,
     )
     return projected, report
-
-
-def wanted_contacts(distance: Float[Tensor, "batch digit"], *, reach: float) -> Float[Tensor, "batch digit"]:
-    """1 for the fingertips within `reach` [m] of the object, and for the nearest one in any case."""
-    return ((distance < reach) | (distance == distance.min(dim=1, keepdim=True).values)).float()
 
 
 def touching(energy: HandEnergy, tips: list[int], config: ProjectionConfig) -> Bool[Tensor, "batch digit"]:

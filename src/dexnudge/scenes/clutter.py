@@ -32,7 +32,7 @@ def clutter(mesh: trimesh.Trimesh, generator: np.random.Generator) -> Scene:
     """
     lying = lay_down(mesh, generator.uniform(-np.pi, np.pi))
     (x, y), motion, drawn = place_near_edge(lying.size, generator)
-    outline = outline_of(lying.footprint()) + (x, y)
+    outline = outline_of(lying.footprint()) + np.array([x, y])
     way = swept(outline, MOTION_LENGTH * motion[:2])
     for scale in SCALES:
         places = _six_places(outline, way, scale, generator)
@@ -49,7 +49,12 @@ def clutter(mesh: trimesh.Trimesh, generator: np.random.Generator) -> Scene:
         for place, height in zip(places, heights, strict=True)
     ]
     described = [
-        {"centre": place.centre.tolist(), "size": [*place.size.tolist(), float(height)], "yaw": place.yaw, "gap": place.gap}
+        {
+            "centre": place.centre.tolist(),
+            "size": [*place.size.tolist(), float(height)],
+            "yaw": place.yaw,
+            "gap": place.gap,
+        }
         for place, height in zip(places, heights, strict=True)
     ]
     parameters = {"yaw": lying.yaw, **drawn, "boxes": described}
@@ -82,9 +87,7 @@ def _six_places(outline: Outline, way: Outline, scale: float, generator: np.rand
     return places
 
 
-def _place(
-    outline: Outline, occupied: list[Outline], scale: float, generator: np.random.Generator
-) -> _Place | None:
+def _place(outline: Outline, occupied: list[Outline], scale: float, generator: np.random.Generator) -> _Place | None:
     """One more box at the outline, on the table, apart from what is occupied; None where none was found.
 
     The corner of the box that reaches farthest toward the object stands off a random point of the outline by the

@@ -12,7 +12,7 @@ import trimesh
 
 from dexnudge.errors import OutputError, SceneError
 from dexnudge.geometry.meshes import load_environment, load_mesh
-from dexnudge.scenes.scene import Scene
+from dexnudge.scenes.scene import Scene, rigid_transform, unit_motion
 
 SCENE_FILE, OBJECT_FILE, ENVIRONMENT_FILE = "scene.json", "object.obj", "environment.obj"
 MESH_DIGITS = 9  # decimals of a coordinate in metres: a nanometre
@@ -78,8 +78,8 @@ def load_scene(folder: str | Path) -> Scene:
     return Scene(
         object_mesh=load_mesh(_inside(folder, content["object_mesh"], "object_mesh")),
         environment_mesh=load_environment(_inside(folder, content["environment_mesh"], "environment_mesh")),
-        T_world_object=content["T_world_object"],
-        motion=content["motion"],
+        T_world_object=rigid_transform(content["T_world_object"]),
+        motion=unit_motion(content["motion"]),
         name=str(content.get("scene", "user")),
         parameters=parameters,
         seed=seed,

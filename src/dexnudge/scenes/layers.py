@@ -54,4 +54,6 @@ def between_boards(
         ]
     )
     parameters = {"yaw": lying.yaw, "gap": drawn_gap, "exposed_fraction": drawn_exposed}
-    return Scene(mesh, environment, lying.at(-length / 2, 0.0), np.array([1.0, 0.0, 0.0]), name=name, parameters=parameters)
+    return Scene(
+        mesh, environment, lying.at(-length / 2, 0.0), np.array([1.0, 0.0, 0.0]), name=name, parameters=parameters
+    )

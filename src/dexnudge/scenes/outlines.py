@@ -6,10 +6,10 @@ import numpy as np
 from jaxtyping import Float
 from scipy.spatial import ConvexHull
 
-Outline = Float[np.ndarray, "n 2"]
+Outline = Float[np.ndarray, "_ 2"]
 
 
-def outline_of(points: Float[np.ndarray, "n 2"]) -> Outline:
+def outline_of(points: Float[np.ndarray, "_ 2"]) -> Outline:
     """Convex hull of points in the plane, counter-clockwise."""
     return np.asarray(points)[ConvexHull(points).vertices]
 

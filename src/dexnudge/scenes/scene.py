@@ -118,10 +118,10 @@ def rigid_transform(value: Any) -> Float[np.ndarray, "4 4"]:
     if not np.isfinite(pose).all():
         raise SceneError("T_world_object holds NaN or infinity; expected finite numbers")
     rotation = pose[:3, :3]
-    error = float(np.abs(rotation.T @ rotation - np.eye(3)).max())
-    if error > RIGID_TOLERANCE or np.linalg.det(rotation) < 0 or np.abs(pose[3] - [0, 0, 0, 1]).max() > 0:
+    skew = float(np.abs(rotation.T @ rotation - np.eye(3)).max())
+    if skew > RIGID_TOLERANCE or np.linalg.det(rotation) < 0 or np.abs(pose[3] - [0, 0, 0, 1]).max() > 0:
         raise SceneError(
-            f"T_world_object is not a rigid transform: |R^T R - I| = {error:.2g}, det R = {np.linalg.det(rotation):.3g}, "
+            f"T_world_object is not a rigid transform: |R^T R - I| = {skew:.2g}, det R = {np.linalg.det(rotation):.3g}, "
             f"last row {pose[3].tolist()}; expected a rotation (tolerance {RIGID_TOLERANCE:g}, det 1) and last row "
             "[0, 0, 0, 1]; scale the mesh, not the pose"
         )
@@ -145,7 +145,7 @@ def unit_motion(value: Any) -> Float[np.ndarray, "3"]:
     return motion / length
 
 
-def _check_number(label: str, value: float, *, minimum_excluded: bool) -> None:
-    valid = isinstance(value, Real) and np.isfinite(value) and (value > 0 if minimum_excluded else value >= 0)
-    if not valid:
+def _check_number(label: str, value: object, *, minimum_excluded: bool) -> None:
+    number = float(value) if isinstance(value, Real) else np.nan
+    if not np.isfinite(number) or number < 0 or (minimum_excluded and number == 0):
         raise SceneError(f"{label} is {value!r}; expected a finite number {'> 0' if minimum_excluded else '>= 0'}")

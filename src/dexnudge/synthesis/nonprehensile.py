@@ -9,8 +9,8 @@ from torch import Tensor
 
 from dexnudge.energies import HandEnergy, TermWeights
 from dexnudge.energies.descent import HandDescent, StepSizes, configuration_from_pose
-from dexnudge.energies.hand_kernel import SceneFields
 from dexnudge.geometry.surface_points import SurfacePoints
+from dexnudge.geometry.warp_runtime import WarpStruct
 from dexnudge.hands.hand import Hand
 from dexnudge.synthesis.pre_contact import sample_pre_contact
 
@@ -32,14 +32,15 @@ class NonPrehensileConfig:
 
 def descend_to_contact(
     hand: Hand,
-    fields: SceneFields,
+    fields: WarpStruct,
     surface: SurfacePoints,
     centre_of_mass: Float[np.ndarray, " 3"],
     *,
     config: NonPrehensileConfig,
     generator: np.random.Generator,
-) -> Float[Tensor, "batch coordinates"]:
-    """A batch of configurations q (resting frame) at the end of the descent, checked by nobody yet."""
+) -> tuple[Float[Tensor, "batch coordinates"], list[str]]:
+    """A batch of configurations q (resting frame) at the end of the descent, checked by nobody yet, and what each
+    was meant to be: push, press or hook."""
     start = sample_pre_contact(hand, surface, centre_of_mass, count=config.batch, generator=generator)
     energy = HandEnergy(hand, fields, config.batch, config.weights)
     tips = [hand.link_names.index(link) for link in hand.fingertip_links]
@@ -54,4 +55,4 @@ def descend_to_contact(
             energy.set_weights(replace(config.weights, target=0.0))
         energy(pose)
         pose = descent.step(pose, energy.gradient, scale=config.final_scale ** (step / total))
-    return configuration_from_pose(pose)
+    return configuration_from_pose(pose), start.intents

@@ -8,13 +8,12 @@ on top (press), on both sides of the line through the centre of mass where sever
 from dataclasses import dataclass
 
 import numpy as np
+import torch
 from jaxtyping import Bool, Float
 
 from dexnudge.energies.evaluator import HandPose
 from dexnudge.geometry.surface_points import SurfacePoints
 from dexnudge.hands.hand import Hand
-
-import torch
 
 TOP_NORMAL = 0.9  # smallest vertical part of a normal on which one presses
 SIDE_NORMAL = 0.8  # smallest part of a side normal against the motion
@@ -30,12 +29,12 @@ ABDUCTION_SPREAD = 0.15  # [rad]
 
 @dataclass(frozen=True)
 class PreContact:
-    """Start poses, and the target on the object's surface of each digit that shall touch [m]."""
+    """Start poses, the target on the object's surface of each digit that shall touch [m], and the intended behaviour."""
 
     pose: HandPose
     target: Float[np.ndarray, "batch digit 3"]
     touches: Bool[np.ndarray, "batch digit"]
-    direction: Float[np.ndarray, "batch 2"]
+    intents: list[str]
 
 
 def sample_pre_contact(
@@ -59,7 +58,9 @@ def sample_pre_contact(
         touches[item, chosen] = True
         target[item], outward[item] = _targets(surface, centre_of_mass, direction[item], chosen, digits, generator)
     pose = _poses(hand, target, touches, outward, generator)
-    return PreContact(pose, target, touches, direction)
+    ahead = (pose.translation[:, :2].numpy() * direction).sum(axis=1) > 0
+    intents = ["press" if up else "hook" if pulls else "push" for up, pulls in zip(outward[:, 2] > 0.5, ahead, strict=True)]
+    return PreContact(pose, target, touches, intents)
 
 
 def _targets(surface, centre_of_mass, direction, chosen, digits, generator):

@@ -32,7 +32,7 @@ def motion_arrow(object_points: Float[np.ndarray, "n 3"], motion: Float[np.ndarr
     outline = np.array(
         [[0, -shaft], [neck, -shaft], [neck, -head], [length, 0], [neck, head], [neck, shaft], [0, shaft]]
     )
-    flat = [[0, 1, 5], [0, 5, 6], [2, 3, 4]]
+    flat = [[0, 1, 5], [0, 5, 6], [1, 2, 3], [1, 3, 5], [5, 3, 4]]
     count = len(outline)
     top = np.column_stack([outline, np.full(count, THICKNESS / 2)])
     bottom = np.column_stack([outline, np.full(count, -THICKNESS / 2)])

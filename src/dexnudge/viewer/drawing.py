@@ -81,7 +81,7 @@ def drawings(
     hand: Hand,
     q: Float[np.ndarray, "batch coordinates"],
     *,
-    contacts: Sequence[Float[np.ndarray, "n 3"]] | None = None,
+    contacts: Sequence[Float[np.ndarray, "_ 3"]] | None = None,
     title: str = "",
 ) -> list[Drawing]:
     """The drawings of many configurations q (n, 9 + d) in one scene; they share their meshes.

@@ -63,9 +63,8 @@
   gl.bindAttribLocation(program, 1, "normal");
   gl.linkProgram(program);
   gl.useProgram(program);
-  const at = (name) => gl.getUniformLocation(program, name);
-  const uniform = Object.fromEntries(
-    ["clip", "pose", "colour", "camera", "light", "opacity", "flat_colour"].map((name) => [name, at(name)]));
+  const uniform = Object.fromEntries(["clip", "pose", "colour", "camera", "light", "opacity", "flat_colour"].map(
+    (name) => [name, gl.getUniformLocation(program, name)]));
 
   const buffer = (kind, content) => {
     const made = gl.createBuffer();
@@ -82,7 +81,6 @@
     buffer(gl.ARRAY_BUFFER, bytes(geometry.normals));
     gl.enableVertexAttribArray(1);
     gl.vertexAttribPointer(1, 3, gl.BYTE, true, 4, 0);
-    const wide = geometry.index_bytes === 4;
     const indices = bytes(geometry.indices);
     buffer(gl.ELEMENT_ARRAY_BUFFER, indices);
     const edges = gl.createVertexArray();
@@ -93,7 +91,7 @@
     gl.vertexAttribPointer(0, 3, gl.FLOAT, false, 0, 0);
     return {
       faces, edges, edgeCount: ends.byteLength / 12, closed: geometry.closed,
-      count: indices.byteLength / geometry.index_bytes, type: wide ? gl.UNSIGNED_INT : gl.UNSIGNED_SHORT,
+      count: indices.byteLength / geometry.index_bytes, type: geometry.index_bytes === 4 ? gl.UNSIGNED_INT : gl.UNSIGNED_SHORT,
     };
   });
   const configurations = data.configurations.map((entry) => ({

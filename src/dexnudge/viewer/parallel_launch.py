@@ -5,10 +5,15 @@ from collections.abc import Sequence
 from concurrent.futures import ThreadPoolExecutor
 from typing import Any
 
-import warp as wp
+from dexnudge.geometry.warp_runtime import wp
 
 BANDS_PER_WORKER = 8  # so that workers that drew cheap rows help with the costly ones
 SMALLEST_BAND = 4096  # below this the threads cost more than they bring
+
+
+def available_cores() -> int:
+    """Cores that this process may use, which in a container are fewer than the machine has."""
+    return len(os.sched_getaffinity(0)) if hasattr(os, "sched_getaffinity") else os.cpu_count() or 1
 
 
 def parallel_launch(kernel: wp.Kernel, count: int, arguments: Sequence[Any]) -> None:
@@ -16,7 +21,7 @@ def parallel_launch(kernel: wp.Kernel, count: int, arguments: Sequence[Any]) -> 
 
     Every item must write only its own outputs; then the result does not depend on the number of cores.
     """
-    workers = len(os.sched_getaffinity(0)) if hasattr(os, "sched_getaffinity") else os.cpu_count() or 1
+    workers = available_cores()
     band = max(SMALLEST_BAND, -(-count // (workers * BANDS_PER_WORKER)))
 
     def launch(first: int) -> None:

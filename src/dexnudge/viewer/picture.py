@@ -1,13 +1,14 @@
 """Pictures of a drawing, ray-cast on the CPU: no GPU, no display, no system packages."""
 
 from pathlib import Path
+from typing import Any
 
 import numpy as np
-import warp as wp
 from jaxtyping import Float, UInt8
 from PIL import Image
 
 from dexnudge.errors import InputError, OutputError
+from dexnudge.geometry.warp_runtime import wp
 from dexnudge.viewer.camera import Camera
 from dexnudge.viewer.drawing import Drawing
 from dexnudge.viewer.parallel_launch import parallel_launch
@@ -77,7 +78,8 @@ def write_png(picture: UInt8[np.ndarray, "height width 3"], path: Path | str) ->
     return path
 
 
-def _view(camera: Camera, size: tuple[int, int]) -> View:
+def _view(camera: Camera, size: tuple[int, int]) -> Any:
+    # A Warp struct is no type that a checker knows.
     azimuth = np.arctan2(-camera.forward[1], -camera.forward[0]) + np.radians(LIGHT_TURN)
     level, rise = np.cos(np.radians(LIGHT_ELEVATION)), np.sin(np.radians(LIGHT_ELEVATION))
     view = View()

@@ -1,9 +1,9 @@
 """Where rays first meet a mesh, on Warp's bounding-volume tree."""
 
 import numpy as np
-import warp as wp
 from jaxtyping import Float, Int
 
+from dexnudge.geometry.warp_runtime import wp
 from dexnudge.viewer.parallel_launch import parallel_launch
 from dexnudge.viewer.trace_kernel import first_hits_kernel
 

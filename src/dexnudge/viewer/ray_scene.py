@@ -1,12 +1,13 @@
 """A drawing packed for the ray kernels."""
 
 from dataclasses import dataclass, fields, replace
+from typing import Any
 
 import numpy as np
 import trimesh
-import warp as wp
 from jaxtyping import Bool, Float
 
+from dexnudge.geometry.warp_runtime import wp
 from dexnudge.viewer.camera import Camera
 from dexnudge.viewer.corner_normals import CREASE_ANGLE, corner_normals
 from dexnudge.viewer.drawing import Drawing, Part
@@ -17,7 +18,7 @@ from dexnudge.viewer.viewpoint import hiding_faces
 
 GLOSS: dict[Role, float] = {"object": 0.10, "link": 0.06, "fingertip": 0.08}  # strength of the highlight
 CONTACT_RADIUS = 0.0035  # [m]
-GLASS_OPACITY = 0.22  # of a wall that hides object or hand
+GLASS_OPACITY = 0.18  # of a wall that hides object or hand
 EDGE_OPACITY = 0.75  # of the lines along the edges of such a wall
 EDGE_WIDTH = 0.0011  # of the distance to the camera: about two pixels of a picture 960 high
 EDGE_COLOUR = (0.45, 0.50, 0.57)  # sRGB
@@ -40,9 +41,9 @@ class Triangles:
 
 @dataclass(frozen=True, eq=False)
 class RayScene:
-    """The kernels' geometry; keeps alive the trees that it refers to by number."""
+    """The kernels' `Geometry`; keeps alive the trees that it refers to by number."""
 
-    geometry: Geometry
+    geometry: Any  # a Warp struct is no type that a checker knows
     trees: tuple[wp.Mesh, ...]
 
 
@@ -55,7 +56,8 @@ def linear_colour(srgb: tuple[float, float, float]) -> Float[np.ndarray, "3"]:
 def ray_scene(drawing: Drawing, camera: Camera, *, aspect: float) -> RayScene:
     """Everything solid, what of the environment hides the subject as glass, and contacts as markers that show through."""
     solid = [_triangles(part) for part in (*drawing.with_role("object", "base", "link", "fingertip"), drawing.arrow())]
-    glass, blocking = [], [triangles.corners for triangles in solid]
+    casting = np.concatenate([triangles.corners for triangles in solid])
+    glass, blocking = [], [casting]
     for part in drawing.with_role("environment"):
         placed = _triangles(part)
         mesh = trimesh.Trimesh(part.vertices_in_world(), part.mesh.faces, process=False)
@@ -74,7 +76,7 @@ def ray_scene(drawing: Drawing, camera: Camera, *, aspect: float) -> RayScene:
         _triangles(Part("contact", "contact", ball, trimesh.transformations.translation_matrix(point)))
         for point in drawing.contacts
     ]
-    return _pack(solid, glass, markers, np.concatenate(blocking))
+    return _pack(solid, glass, markers, blocking=np.concatenate(blocking), casting=casting)
 
 
 def _triangles(part: Part) -> Triangles:
@@ -112,14 +114,19 @@ def _edge_lines(mesh: trimesh.Trimesh, which: Bool[np.ndarray, " face"], camera:
 
 
 def _pack(
-    solid: list[Triangles], glass: list[Triangles], markers: list[Triangles], blocking: Float[np.ndarray, "face 3 3"]
+    solid: list[Triangles],
+    glass: list[Triangles],
+    markers: list[Triangles],
+    *,
+    blocking: Float[np.ndarray, "blocker 3 3"],
+    casting: Float[np.ndarray, "caster 3 3"],
 ) -> RayScene:
     def stack(name: str, groups: list[Triangles]) -> np.ndarray:
         return np.concatenate([getattr(group, name) for group in groups]).astype(np.float32)
 
-    trees = [warp_mesh(stack("corners", solid)), warp_mesh(blocking)]
+    trees = [warp_mesh(stack("corners", solid)), warp_mesh(blocking), warp_mesh(casting)]
     geometry = Geometry()
-    geometry.solid, geometry.blocking = trees[0].id, trees[1].id
+    geometry.solid, geometry.blocking, geometry.casting = (tree.id for tree in trees)
     geometry.first_glass = sum(len(group.corners) for group in solid)
     geometry.first_marker = geometry.first_glass + sum(len(group.corners) for group in glass)
     geometry.has_glass = int(geometry.first_marker > geometry.first_glass)

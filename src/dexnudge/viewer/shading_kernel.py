@@ -2,17 +2,19 @@
 
 # mypy: ignore-errors
 # Warp's declarations are values, not types, and what a kernel computes with is not what Python sees.
-import warp as wp
-
+from dexnudge.geometry.warp_runtime import wp
 from dexnudge.viewer.trace_kernel import FAR, STEP_ON, Geometry, Surface, View, ray_direction, trace
 
 GRID = wp.constant(2)  # pixels between those whose light is measured; the others share it
 PATTERN = wp.constant(4)  # each block of 4 x 4 measured pixels has 16 sets of directions; windows of 4 x 4 average them
 SHADOW_RAYS = wp.constant(5)  # for each measured pixel
 AMBIENT_RAYS = wp.constant(8)  # for each measured pixel
-AMBIENT_REACH = wp.constant(0.12)  # [m] farther things do not darken a surface
-LIGHT_RADIUS = wp.constant(0.13)  # tangent of half the angle of the key light: soft shadow edges
+AMBIENT_REACH = wp.constant(0.10)  # [m] farther things do not darken a surface
+LIGHT_RADIUS = wp.constant(0.10)  # tangent of half the angle of the key light: soft shadow edges
 SUBSAMPLES = wp.constant(8)  # rays for each pixel on an edge
+OTHER_DEPTH = wp.constant(4.0e-3)  # [m] between neighbouring pixels of one surface there is less than this
+OTHER_COVER = wp.constant(0.02)  # difference in opacity of what stands in front, above which there is an edge
+OTHER_COLOUR = wp.constant(0.01)  # difference in linear colour, likewise
 SAME_PLANE = wp.constant(2.0e-3)  # [m] pixels farther than this off the surface do not share their light
 SAME_NORMAL = wp.constant(0.9)  # cosine, likewise
 FEW = wp.constant(4.0)  # measured pixels on one surface in the small window, below which a larger one is taken
@@ -68,9 +70,9 @@ def fraction(pattern: int, sample: int, base: float):
 
 
 @wp.func
-def unblocked(g: Geometry, point: wp.vec3, direction: wp.vec3, reach: float):
+def unblocked(mesh: wp.uint64, point: wp.vec3, direction: wp.vec3, reach: float):
     """1 where nothing stands within `reach` in a direction, else 0."""
-    if wp.mesh_query_ray_anyhit(g.blocking, point, direction, reach):
+    if wp.mesh_query_ray_anyhit(mesh, point, direction, reach):
         return 0.0
     return 1.0
 
@@ -102,14 +104,14 @@ def trace_picture(
             radius = wp.sqrt(fraction(pattern, k, 0.7548776662)) * LIGHT_RADIUS
             angle = 6.2831853 * fraction(pattern, k, 0.5698402910)
             aim = wp.normalize(around(view.light, radius * wp.cos(angle), radius * wp.sin(angle), 1.0))
-            key = key + unblocked(g, point, aim, FAR) / float(SHADOW_RAYS)
+            key = key + unblocked(g.casting, point, aim, FAR) / float(SHADOW_RAYS)
     ambient = float(0.0)
     for k in range(AMBIENT_RAYS):
         square = fraction(pattern, k, 0.7548776662)
         angle = 6.2831853 * fraction(pattern, k, 0.5698402910)
         radius = wp.sqrt(square)
         aim = around(s.normal, radius * wp.cos(angle), radius * wp.sin(angle), wp.sqrt(1.0 - square))
-        ambient = ambient + unblocked(g, point, aim, AMBIENT_REACH) / float(AMBIENT_RAYS)
+        ambient = ambient + unblocked(g.blocking, point, aim, AMBIENT_REACH) / float(AMBIENT_RAYS)
     light[i] = wp.vec2(key, ambient)
 
 
@@ -137,10 +139,9 @@ def gather_light(
                     if wp.abs(wp.dot(there - point, s.normal)) < SAME_PLANE:
                         total = total + light[j]
                         weight = weight + 1.0
-    if weight > 0.0:
-        total = total / weight
-    else:
-        total = light[y * view.width + x]
+    if weight == 0.0:
+        return wp.vec3(light[y * view.width + x][0], light[y * view.width + x][1], 0.0)
+    total = total / weight
     return wp.vec3(total[0], total[1], weight)
 
 
@@ -159,15 +160,13 @@ def shade_picture(
         column = wp.clamp(x + (k % 2) * (2 * (k // 2) - 1), 0, view.width - 1)
         row = wp.clamp(y + ((k + 1) % 2) * (2 * (k // 2) - 1), 0, view.height - 1)
         j = row * view.width + column
-        if (face[i] < 0) != (face[j] < 0) or wp.abs(opacity[i] - opacity[j]) > 0.02:
+        differs = (face[i] < 0) != (face[j] < 0) or wp.abs(opacity[i] - opacity[j]) > OTHER_COVER
+        if not differs and face[i] >= 0 and face[i] != face[j]:
+            bends = wp.dot(normal[i], normal[j]) < SAME_NORMAL or wp.abs(depth[i] - depth[j]) > OTHER_DEPTH
+            differs = bends or wp.length(g.colours[face[i]] - g.colours[face[j]]) > OTHER_COLOUR
+        if differs:
             edge = True
-        elif face[i] >= 0 and face[i] != face[j]:
-            step = wp.abs(depth[i] - depth[j])
-            if wp.dot(normal[i], normal[j]) < SAME_NORMAL or step > 0.004:
-                edge = True
-            elif wp.length(g.colours[face[i]] - g.colours[face[j]]) > 0.01:
-                edge = True
-    count = int(1)
+    count = int(1)  # noqa: RUF046 (Warp: this declares a variable)
     if edge:
         count = SUBSAMPLES
     total = wp.vec3(0.0)

@@ -2,7 +2,7 @@
 
 # mypy: ignore-errors
 # Warp's declarations are values, not types, and what a kernel computes with is not what Python sees.
-import warp as wp
+from dexnudge.geometry.warp_runtime import wp
 
 FAR = wp.constant(100.0)  # [m] beyond every scene
 STEP_ON = wp.constant(1.0e-4)  # [m] a ray starts again this far behind or above a surface
@@ -15,11 +15,13 @@ class Geometry:
     """What the camera sees, in one table of triangles: solids, then glass, then markers; and what blocks light.
 
     `normals` has three per triangle; `colours` (linear), `gloss` and `opacity` (of glass) one. `blocking` is not in
-    the table: it also holds the walls that face away from the camera.
+    the table: it also holds the walls that face away from the camera. `casting` blocks the key light: object, hand and
+    arrow, but no walls, or the inside of a shelf would lie in the dark.
     """
 
     solid: wp.uint64
     blocking: wp.uint64
+    casting: wp.uint64
     glass: wp.uint64
     markers: wp.uint64
     first_glass: int

@@ -4,21 +4,21 @@ from dataclasses import dataclass
 
 import numpy as np
 import trimesh
-import warp as wp
 from jaxtyping import Bool, Float
 
+from dexnudge.geometry.warp_runtime import wp
 from dexnudge.viewer.camera import Camera, framing_camera
 from dexnudge.viewer.drawing import Drawing, Part
-from dexnudge.viewer.ray_hits import FAR, first_hits, warp_mesh
+from dexnudge.viewer.ray_hits import first_hits, warp_mesh
 
 AZIMUTHS = 12  # candidate directions around the object
 ELEVATIONS = (20.0, 38.0, 58.0)  # [deg] above the horizon
-COARSE_HEIGHT = 60  # pixels of the trial pictures
+COARSE_HEIGHT = 48  # pixels of the trial pictures
 GLASS_HEIGHT = 120  # pixels of the picture that finds what stands in front
-GLASS_SHARE = 0.002  # of the pixels of object and hand: a wall that hides fewer stays solid
+GLASS_SHARE = {"object": 0.01, "hand": 0.06}  # of its pixels: a wall that hides less of both stays solid
 CONTACT_ROOM = 0.006  # [m] a contact lies between two surfaces; this much in front of it does not hide it
 MAX_WALLS = 8  # surfaces of the environment that are looked through
-WEIGHTS = {"contacts": 1.0, "object": 1.0, "hand": 0.5, "sideways": 0.4, "height": 0.25}
+WEIGHTS = {"contacts": 1.0, "object": 1.0, "hand": 0.5, "sideways": 0.4, "height": 0.25, "base": -0.6}
 BEHIND_GLASS = 0.4  # worth of what is seen through the environment, against what is seen freely
 PREFERRED_ELEVATION = 32.0  # [deg] where both the top and the side of a flat object show
 
@@ -92,7 +92,14 @@ def _score(drawing: Drawing, camera: Camera, trial: Trial, aspect: float) -> flo
             clear[first_hits(trial.environment, eyes, lines)[0] < far - CONTACT_ROOM] = BEHIND_GLASS
         contacts_seen = float((free * clear).mean())
     sideways = float(np.linalg.norm(np.cross(drawing.motion, camera.forward)))
-    seen = {"contacts": contacts_seen, "object": object_seen, "hand": hand_seen, "sideways": sideways}
+    base_seen = float((face >= trial.object_faces + trial.hand_faces).mean())
+    seen = {
+        "contacts": contacts_seen,
+        "object": object_seen,
+        "hand": hand_seen,
+        "base": base_seen,
+        "sideways": sideways,
+    }
     return float(sum(WEIGHTS[name] * value for name, value in seen.items()))
 
 
@@ -102,25 +109,33 @@ def hiding_faces(
     """Which triangles of `environment` (world frame) hide object or hand: whole flat faces, and whole convex bodies."""
     rays = camera.rays((round(GLASS_HEIGHT * aspect), GLASS_HEIGHT))
     origins = np.broadcast_to(camera.position, rays.shape).copy()
-    subject = warp_mesh(world_triangles(drawing.with_role("object", "link", "fingertip")))
-    goal = first_hits(subject, origins, rays)[0]
-    rays, origins, goal = rays[goal < FAR], origins[goal < FAR], goal[goal < FAR]
-    needed = max(2, GLASS_SHARE * len(rays))
+    bodies = [world_triangles(drawing.with_role(*roles)) for roles in (("object",), ("link", "fingertip"))]
+    goal, met = first_hits(warp_mesh(np.concatenate(bodies)), origins, rays)
+    seen = met >= 0
+    rays, origins, goal, of_object = rays[seen], origins[seen], goal[seen], met[seen] < len(bodies[0])
+    needed = np.where(
+        of_object, GLASS_SHARE["object"] * of_object.sum(), GLASS_SHARE["hand"] * (~of_object).sum()
+    ).clip(min=2)
 
     flat = np.arange(len(environment.faces))
     for index, facet in enumerate(environment.facets):
         flat[facet] = len(environment.faces) + index
-    crossings = np.zeros(flat.max(initial=0) + 1)
+    hidden = np.zeros(flat.max(initial=0) + 1)
     walls = warp_mesh(environment.triangles)
     for _ in range(MAX_WALLS):
         depth, face = first_hits(walls, origins, rays)
         in_front = depth < goal
         if not in_front.any():
             break
-        crossings += np.bincount(flat[face[in_front]], minlength=len(crossings))
+        hidden += np.bincount(flat[face[in_front]], weights=1 / needed[in_front], minlength=len(hidden))
         step = depth[in_front] + 1e-4  # [m] the next ray starts just behind this wall
-        origins, rays, goal = origins[in_front] + rays[in_front] * step[:, None], rays[in_front], goal[in_front] - step
-    hiding = crossings[flat] >= needed
+        origins, goal, needed = (
+            origins[in_front] + rays[in_front] * step[:, None],
+            goal[in_front] - step,
+            needed[in_front],
+        )
+        rays = rays[in_front]
+    hiding = hidden[flat] >= 1
     for body in trimesh.graph.connected_components(environment.face_adjacency, nodes=np.arange(len(flat)), min_len=2):
         if hiding[body].any() and environment.submesh([body], append=True).is_convex:
             hiding[body] = True

@@ -1,0 +1,63 @@
+"""Seconds per stage of one sampling run, by scene and method, and how many verified configurations that makes."""
+
+from dataclasses import dataclass
+
+import tyro
+
+from dexnudge.cli.console import stdout, table
+from dexnudge.evaluation.draws import draw_and_judge
+from dexnudge.evaluation.provenance import machine, peak_memory_mb, versions
+from dexnudge.hands.registry import load_hand
+from dexnudge.objects.builtin import builtin_object
+from dexnudge.sampling.loading import load_sampler
+from dexnudge.scenes.families import build_scene
+
+STAGES = ("prepare", "draw", "project", "verify")
+
+
+@dataclass(frozen=True)
+class Benchmark:
+    """Time sampling on this machine; the first run of each scene warms up and is not counted."""
+
+    object: str = "phone"
+    """Built-in object."""
+    scenes: tuple[str, ...] = ("table", "layers", "shelf")
+    """Scene families."""
+    methods: tuple[str, ...] = ("ours", "random_start_projection")
+    """Methods to compare."""
+    num: int = 32
+    """Draws of one run."""
+    repeats: int = 3
+    """Runs, with seeds 0, 1, 2 and so on."""
+
+    def run(self) -> None:
+        """Print machine, versions and one line for each scene and method."""
+        console = stdout()
+        console.print("; ".join(f"{key} {value}" for key, value in {**machine(), **versions()}.items()), soft_wrap=True)
+        hand = load_hand("shadow_lite")
+        sampler = load_sampler(hand, self.methods)
+        mesh = builtin_object(self.object)
+        shown = table("scene, method", *STAGES, "total", "verified", "verified/s")
+        for scene_name in self.scenes:
+            scene = build_scene(scene_name, mesh, seed=0)
+            for method in self.methods:
+                draw_and_judge(sampler, hand, scene, num=self.num, seed=self.repeats, method=method)
+                runs = [
+                    draw_and_judge(sampler, hand, scene, num=self.num, seed=seed, method=method)
+                    for seed in range(self.repeats)
+                ]
+                seconds = {stage: sum(run.seconds[stage] for run in runs) for stage in STAGES}
+                verified, total = sum(run.num_verified for run in runs), sum(seconds.values())
+                shown.add_row(
+                    f"{scene_name}, {method}",
+                    *(f"{seconds[stage] / self.repeats:.2f}" for stage in STAGES),
+                    f"{total / self.repeats:.2f}",
+                    f"{verified}/{self.num * self.repeats}",
+                    f"{verified / total:.1f}",
+                )
+        console.print(shown)
+        console.print(f"peak memory {peak_memory_mb():.0f} MB")
+
+
+if __name__ == "__main__":
+    tyro.cli(Benchmark).run()

@@ -1,0 +1,1 @@
+"""Sampling: guided reverse diffusion, projection, and the baselines."""

@@ -1,0 +1,1 @@
+"""Guidance rules: how the scene's losses steer the reverse diffusion."""

@@ -1,0 +1,26 @@
+"""Which fingertips guidance holds to the object: those that the clean estimate brings near it."""
+
+import torch
+from jaxtyping import Float
+from torch import Tensor
+
+from dexnudge.energies.descent import pose_from_configuration
+from dexnudge.sampling.guidance.rule import ReverseStep
+
+REACH_CLEAN, REACH_NOISY = 0.010, 0.030  # [m] of a fingertip from the object at the end and at the start
+
+
+def set_wanted_contacts(step: ReverseStep, q: Float[Tensor, "batch coordinates"]) -> None:
+    """Sets the energy's contact weights from the clean estimate q (frame C)."""
+    energy, hand = step.energy, step.hand
+    tips = [hand.link_names.index(link) for link in hand.fingertip_links]
+    energy.contact_weight[:, tips] = 1.0
+    energy(pose_from_configuration(q))
+    reach = REACH_CLEAN + (REACH_NOISY - REACH_CLEAN) * (1.0 - step.alpha_bar)
+    energy.contact_weight[:, tips] = wanted_contacts(energy.contact_distance[:, tips], reach=reach)
+
+
+def wanted_contacts(distance: Float[Tensor, "batch digit"], *, reach: float) -> Float[Tensor, "batch digit"]:
+    """1 for the fingertips within `reach` [m] of the object, and for the nearest one in any case."""
+    nearest = torch.zeros_like(distance).scatter_(1, distance.argmin(dim=1, keepdim=True), 1.0)
+    return torch.maximum((distance < reach).float(), nearest)

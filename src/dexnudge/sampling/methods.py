@@ -1,0 +1,47 @@
+"""Named ways to draw configurations: ours, the paper's, and the baselines, all with the same data, checks and projection."""
+
+from dataclasses import dataclass, field, replace
+
+from dexnudge.sampling.denoise import DenoisingConfig
+from dexnudge.sampling.guidance.clean_descent import CleanDescent
+from dexnudge.sampling.guidance.paper import PaperGuidance
+from dexnudge.sampling.guidance.unguided import unguided
+from dexnudge.sampling.projection import ProjectionConfig
+
+
+@dataclass(frozen=True)
+class Method:
+    """How configurations are drawn.
+
+    Attributes:
+        summary: one line for `--help` and reports.
+        start: "prior" (reverse diffusion) or "random" (no model).
+        behaviour: class asked of the prior.
+        make_rule: makes the guidance rule of one run; rules may keep state.
+        denoising, projection: their configurations; projection None leaves the samples as they are.
+    """
+
+    summary: str
+    start: str = "prior"
+    behaviour: str = "non_prehensile"
+    make_rule: type | object = field(default=CleanDescent)
+    denoising: DenoisingConfig = DenoisingConfig()
+    projection: ProjectionConfig | None = ProjectionConfig()
+
+
+OURS = Method(
+    "prior, guided by descent on the clean estimate, then projected",
+    denoising=DenoisingConfig(particles=8),
+)
+METHODS: dict[str, Method] = {
+    "ours": OURS,
+    "guidance_only": replace(OURS, summary="ours without the projection", projection=None),
+    "paper": Method("Eq. 5 as printed, then projected", make_rule=PaperGuidance),
+    "paper_guidance_only": Method("Eq. 5 as printed, not projected", make_rule=PaperGuidance, projection=None),
+    "unguided": Method("the prior alone", make_rule=lambda: unguided, projection=None),
+    "unguided_projection": Method("the prior alone, then projected", make_rule=lambda: unguided),
+    "grasp_projection": Method(
+        "asked for grasps, guided, then projected: what a grasp-only model would do", behaviour="grasp"
+    ),
+    "random_start_projection": Method("no model: a random hand around the object, then projected", start="random"),
+}

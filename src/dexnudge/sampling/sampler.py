@@ -1,0 +1,126 @@
+"""Draws hand configurations for a scene."""
+
+import time
+from dataclasses import dataclass
+from pathlib import Path
+from typing import Any
+
+import numpy as np
+import torch
+from jaxtyping import Float
+from torch import Tensor
+
+from dexnudge.diffusion.prior import DiffusionPrior
+from dexnudge.errors import CheckpointError, InputError, UnknownNameError
+from dexnudge.hands.hand import Hand
+from dexnudge.sampling.denoise import denoise
+from dexnudge.sampling.methods import METHODS, Method
+from dexnudge.sampling.problem import SamplingProblem, prepare
+from dexnudge.sampling.projection import ProjectionReport, project
+from dexnudge.sampling.random_start import random_start
+from dexnudge.scenes.scene import Scene
+
+SHIPPED_WEIGHTS = Path(__file__).parent.parent / "weights"
+
+
+@dataclass(frozen=True)
+class SampleResult:
+    """Draws for one scene; nothing is judged here.
+
+    q: world frame, in the order in which the sampler would try them (its own measure: converged, then least residual).
+    timings: seconds per stage. report: what guidance and projection did, means over the draws.
+    """
+
+    q: Float[np.ndarray, "n coordinates"]
+    timings: dict[str, float]
+    report: dict[str, Any]
+
+
+class Sampler:
+    """A hand with its learned prior.
+
+    Example:
+        sampler = Sampler.from_pretrained(load_hand("shadow_lite"))
+        result = sampler.sample(scene, num=32, seed=0)
+    """
+
+    def __init__(self, hand: Hand, prior: DiffusionPrior | None, *, device: str = "cpu") -> None:
+        self.hand, self.prior, self.device = hand, prior, device
+
+    @classmethod
+    def from_pretrained(cls, hand: Hand, *, weights: Path | str | None = None, device: str = "cpu") -> "Sampler":
+        """A sampler with the weights that ship for this hand, or those in the folder `weights`.
+
+        Raises:
+            CheckpointError: no weights for this hand, or weights that are broken or made for another.
+        """
+        folder = Path(weights) if weights is not None else SHIPPED_WEIGHTS / hand.name
+        if not folder.is_dir():
+            raise CheckpointError(
+                f"no weights for hand '{hand.name}': expected a model folder, got {folder}, which does not exist; "
+                "train some with `dexnudge train` and pass them with --weights"
+            )
+        return cls(hand, DiffusionPrior.from_folder(folder, hand, device=device), device=device)
+
+    def sample(self, scene: Scene, *, num: int = 32, seed: int = 0, method: str = "ours") -> SampleResult:
+        """`num` draws for a scene; the same seed gives the same draws on the same machine.
+
+        Raises:
+            UnknownNameError: no such method. InputError: num below 1.
+        """
+        if method not in METHODS:
+            raise UnknownNameError(f"unknown method '{method}'; expected one of {', '.join(METHODS)}")
+        if num < 1:
+            raise InputError(f"cannot draw {num} configurations; expected at least 1; mend --num")
+        begin = time.perf_counter()
+        problem = prepare(scene, device=self.device)
+        prepared = time.perf_counter()
+        result = self.draw(problem, num=num, seed=seed, method=METHODS[method])
+        result.timings["prepare"] = prepared - begin
+        return result
+
+    def draw(self, problem: SamplingProblem, *, num: int, seed: int, method: Method) -> SampleResult:
+        """`num` draws for a scene whose fields are already built."""
+        generator = torch.Generator().manual_seed(seed)
+        begin = time.perf_counter()
+        q = self._start(problem, num, method, generator)
+        drawn = time.perf_counter()
+        report: dict[str, Any] = {}
+        if method.projection is not None:
+            q, projection = project(self.hand, problem, q, config=method.projection)
+            order = torch.argsort(projection.residual_after + 10.0 * (~projection.converged), stable=True)
+            q, report = q[order], _summary(projection)
+        timings = {"draw": drawn - begin, "project": time.perf_counter() - drawn}
+        return SampleResult(problem.to_world(q), timings, report)
+
+    def _start(
+        self, problem: SamplingProblem, num: int, method: Method, generator: torch.Generator
+    ) -> Float[Tensor, "num coordinates"]:
+        if method.start == "random":
+            return random_start(self.hand, problem.cloud, count=num, generator=generator)
+        if self.prior is None:
+            raise CheckpointError("this sampler has no prior; expected weights; use Sampler.from_pretrained")
+        return denoise(
+            self.hand,
+            problem,
+            self.prior,
+            num=num,
+            rule=method.make_rule(),
+            behaviour=method.behaviour,
+            config=method.denoising,
+            generator=generator,
+        )
+
+
+def _summary(report: ProjectionReport) -> dict[str, float]:
+    """Means over the draws."""
+    return {
+        "projection_converged": float(report.converged.float().mean()),
+        "projection_iterations": float(report.iterations.float().mean()),
+        "projection_moved_mm": float(report.moved.mean()) * 1e3,
+        "contacts_before": float(report.contacts_before.float().mean()),
+        "contacts_after": float(report.contacts_after.float().mean()),
+        "force_residual_before": float(report.residual_before.mean()),
+        "force_residual_after": float(report.residual_after.mean()),
+        "depth_before_mm": float(report.depth_before.mean()) * 1e3,
+    }

@@ -1,0 +1,1 @@
+"""Generation of configurations to learn from."""

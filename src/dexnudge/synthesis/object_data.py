@@ -1,0 +1,148 @@
+"""All configurations of one object: generated, verified, labelled, counted."""
+
+from collections import Counter
+
+import numpy as np
+import torch
+import trimesh
+from jaxtyping import Float
+
+from dexnudge.dataset.schema import BehaviourCounts, ConfigurationRow
+from dexnudge.energies import HandEnergy, TermWeights, build_scene_fields
+from dexnudge.energies.descent import pose_from_configuration
+from dexnudge.geometry.frames import resting_origin
+from dexnudge.geometry.object_cloud import object_cloud
+from dexnudge.geometry.surface_points import surface_points
+from dexnudge.geometry.warp_runtime import WarpStruct
+from dexnudge.hands.hand import Hand
+from dexnudge.mechanics.sliding_task import centre_of_mass
+from dexnudge.scenes.resting import resting_pose
+from dexnudge.synthesis.grasps import GraspConfig, descend_to_grasp
+from dexnudge.synthesis.nonprehensile import NonPrehensileConfig, descend_to_contact
+from dexnudge.synthesis.verification import (
+    GraspVerifier,
+    NonPrehensileVerifier,
+    Verified,
+    behaviour_of,
+    floating_scene,
+    resting_scene,
+)
+
+BATCH = 256  # hands that descend together
+TARGET_SPACING = 0.004  # [m] between the surface points that fingertips may aim at
+OBVIOUSLY_DEEP = 0.0015  # [m] on guiding points: not worth the exact check
+OUT_OF_REACH = 0.003  # [m] from the object to the nearest fingertip: not worth it either
+
+
+def generate_object(
+    hand: Hand,
+    mesh: trimesh.Trimesh,
+    *,
+    non_prehensile: int,
+    grasps: int,
+    generator: np.random.Generator,
+    seed: int,
+) -> tuple[list[ConfigurationRow], Float[np.ndarray, "point 6"], dict[str, BehaviourCounts]]:
+    """(kept rows, surface points, counts per behaviour) of one object, in its resting frame.
+
+    Args:
+        mesh: the object, metres, any frame. non_prehensile, grasps: attempts of each kind.
+    """
+    mesh = mesh.copy()
+    mesh.apply_transform(resting_pose(mesh))
+    mesh.apply_translation(-resting_origin(mesh))
+    surface = surface_points(mesh, spacing=TARGET_SPACING)
+    centre = centre_of_mass(mesh)
+    rows: list[ConfigurationRow] = []
+    counts = {behaviour: BehaviourCounts() for behaviour in ("push", "press", "hook", "grasp")}
+
+    scene = resting_scene(mesh)
+    fields = build_scene_fields(mesh, scene.environment_mesh)
+    verifier = NonPrehensileVerifier(hand, scene)
+    for batch in _batches(non_prehensile):
+        config = NonPrehensileConfig(batch=batch)
+        q, intents = descend_to_contact(hand, fields, surface, centre, config=config, generator=generator)
+        _verify(hand, fields, q.numpy(), intents, verifier, rows, counts, seed)
+
+    scene = floating_scene(mesh)
+    fields = build_scene_fields(mesh, None)
+    verifier = GraspVerifier(hand, scene)
+    for batch in _batches(grasps):
+        config = GraspConfig(batch=batch)
+        q = descend_to_grasp(hand, fields, surface, mesh, centre, config=config, generator=generator)
+        _verify(hand, fields, q.numpy(), ["grasp"] * batch, verifier, rows, counts, seed)
+    return rows, object_cloud(mesh).numpy(), counts
+
+
+def _batches(total: int) -> list[int]:
+    return [min(BATCH, total - start) for start in range(0, total, BATCH)]
+
+
+def _verify(
+    hand: Hand,
+    fields: WarpStruct,
+    q: Float[np.ndarray, "n coordinates"],
+    intents: list[str],
+    verifier: NonPrehensileVerifier | GraspVerifier,
+    rows: list[ConfigurationRow],
+    counts: dict[str, BehaviourCounts],
+    seed: int,
+) -> None:
+    """Adds kept configurations to `rows` and every attempt to `counts`."""
+    hopeless = _hopeless(hand, fields, q)
+    for row, reason in enumerate(hopeless):
+        if reason:
+            _reject(counts[intents[row]], reason)
+    promising = [row for row, reason in enumerate(hopeless) if not reason]
+    verified = verifier(q[promising])
+    for index, row in enumerate(promising):
+        if verified.reason[index]:
+            _reject(counts[intents[row]], verified.reason[index])
+        else:
+            kept = _row(hand, q[row], intents[row], verified, index, seed)
+            counts[kept.behaviour].attempted += 1
+            counts[kept.behaviour].kept += 1
+            rows.append(kept)
+
+
+def _reject(counts: BehaviourCounts, reason: str) -> None:
+    counts.attempted += 1
+    counts.rejected = dict(Counter(counts.rejected) + Counter([reason]))
+
+
+def _hopeless(hand: Hand, fields: WarpStruct, q: Float[np.ndarray, "n coordinates"]) -> list[str]:
+    """Reason to reject before the exact check, from guiding points and grids; "" where the check must decide."""
+    energy = HandEnergy(hand, fields, len(q), TermWeights())
+    tips = [hand.link_names.index(link) for link in hand.fingertip_links]
+    energy.contact_weight[:, tips] = 1.0
+    energy(pose_from_configuration(torch.as_tensor(q)))
+    depth = energy.depth.amax(dim=1).numpy()
+    distance = energy.contact_distance[:, tips].amin(dim=1).numpy()
+    reasons = []
+    for row in range(len(q)):
+        if depth[row].max() > OBVIOUSLY_DEEP:
+            reasons.append("penetration " + ("environment", "object", "self")[int(depth[row].argmax())])
+        else:
+            reasons.append("no contact" if distance[row] > OUT_OF_REACH else "")
+    return reasons
+
+
+def _row(
+    hand: Hand, q: Float[np.ndarray, " coordinates"], intent: str, verified: Verified, index: int, seed: int
+) -> ConfigurationRow:
+    margin = verified.direction_margin[index]
+    links = verified.contact_links(index)
+    digits = sorted({hand.digit_of_link[link] for link in links} - {None})
+    behaviour = "grasp" if intent == "grasp" else behaviour_of(verified.contacts[index], margin, q[:3])
+    penetration = verified.penetration[index]
+    return ConfigurationRow(
+        behaviour=behaviour,
+        q=q,
+        direction_margin=margin,
+        contact_links=links,
+        digits=tuple(str(digit) for digit in digits),
+        penetration_object=float(penetration[0]),
+        penetration_environment=float(penetration[1]),
+        penetration_self=float(penetration[2]),
+        seed=seed,
+    )

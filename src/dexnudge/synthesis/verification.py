@@ -1,0 +1,181 @@
+"""Which generated configurations are kept: exact penetration, contact, and a planar motion with a feasible force."""
+
+from dataclasses import dataclass, replace
+
+import numpy as np
+import torch
+import trimesh
+from jaxtyping import Bool, Float
+from scipy.optimize import nnls
+
+from dexnudge.dataset.schema import INFEASIBLE, NUM_DIRECTIONS, direction_angles
+from dexnudge.evaluation.penetration import PenetrationCheck
+from dexnudge.hands.hand import Hand
+from dexnudge.mechanics.balance import balance_problem
+from dexnudge.mechanics.contacts import (
+    HAND_CONTACT_DISTANCE,
+    HandContacts,
+    SupportContacts,
+    hand_contacts,
+    support_contacts,
+)
+from dexnudge.mechanics.fast_balance import force_margins
+from dexnudge.mechanics.friction_cone import EDGE_COUNT
+from dexnudge.mechanics.sliding_task import GRAVITY, sliding_task
+from dexnudge.scenes.scene import Scene
+
+DISTURBANCE = 10.0  # [m/s^2] times the mass: the force that a grasp must hold in each of six directions
+PRESSING = 0.7  # mean vertical part of the contacts' normals above which a hand presses
+UNBALANCED = 1.0e-6  # residual wrench over the object's weight
+FAR_BELOW = 5.0  # [m]
+PENETRATION_LIMIT = 0.001  # [m] DESIGN's success criterion
+PLANE_SIDE, PLANE_DEPTH = 2.0, 0.5  # [m] a support so wide and deep that it has no other side
+
+
+@dataclass(frozen=True)
+class Verified:
+    """Verdicts on n configurations in the resting frame.
+
+    `direction_margin` (n, 16): force margin per planar direction, -1 where the forces do not suffice at all.
+    `reason`: empty for what is kept, else why not.
+    """
+
+    reason: list[str]
+    penetration: Float[np.ndarray, "n 3"]
+    direction_margin: Float[np.ndarray, "n direction"]
+    contacts: list[HandContacts]
+    hand: Hand
+
+    @property
+    def kept(self) -> Bool[np.ndarray, " n"]:
+        """Which configurations are kept."""
+        return np.asarray([not reason for reason in self.reason], dtype=bool)
+
+    def contact_links(self, row: int) -> tuple[str, ...]:
+        """Names of the links that touch the object."""
+        return tuple(self.hand.link_names[link] for link in np.unique(self.contacts[row].link))
+
+
+def resting_scene(object_mesh: trimesh.Trimesh) -> Scene:
+    """The object (resting frame, metres) on a wide plane, with DESIGN's default frictions and mass."""
+    plane = trimesh.creation.box((PLANE_SIDE, PLANE_SIDE, PLANE_DEPTH))
+    plane.apply_translation((0.0, 0.0, object_mesh.bounds[0, 2] - PLANE_DEPTH / 2))
+    return Scene(object_mesh, plane, np.eye(4), np.asarray([1.0, 0.0, 0.0]), name="resting")
+
+
+def floating_scene(object_mesh: trimesh.Trimesh) -> Scene:
+    """The object in free space: its only surroundings lie far below."""
+    scene = resting_scene(object_mesh)
+    plane = scene.environment_mesh.copy()
+    plane.apply_translation((0.0, 0.0, -FAR_BELOW))
+    return replace(scene, environment_mesh=plane, name="floating")
+
+
+class GraspVerifier:
+    """Verifies grasps of one hand on one floating object: clean, touching, and holding against a force from six sides.
+
+    Static form of DexGraspBench's test: contact forces within the friction cones and limits balance 10 * mass newtons at
+    the centre of mass along each axis, both ways.
+    """
+
+    def __init__(self, hand: Hand, scene: Scene) -> None:
+        self._hand = hand
+        self._check = PenetrationCheck(hand, scene)
+        self._task = sliding_task(scene)
+        self._no_supports = SupportContacts(points=np.zeros((0, 3)), normals=np.zeros((0, 3)))
+
+    def __call__(self, q: Float[np.ndarray, "n coordinates"]) -> Verified:
+        """Verdicts on grasps in the frame of the object's mesh."""
+        transforms = self._hand.forward_kinematics(torch.as_tensor(q, dtype=torch.float64)).numpy()
+        penetration, reason, contacts = _clean(self._hand, self._check, transforms)
+        for row, text in enumerate(reason):
+            if not text and not self._holds(contacts[row]):
+                reason[row] = "force"
+        margin = np.full((len(q), NUM_DIRECTIONS), INFEASIBLE)
+        return Verified(reason, penetration, margin, contacts, self._hand)
+
+    def _holds(self, contacts: HandContacts) -> bool:
+        problem = balance_problem(contacts, self._no_supports, self._task)
+        columns = problem.hand.reshape(-1, 6).T
+        for axis in np.concatenate([np.eye(3), -np.eye(3)]):
+            forces, residual = nnls(columns, np.concatenate([axis * DISTURBANCE / GRAVITY, np.zeros(3)]))
+            per_link = np.bincount(np.repeat(problem.link, EDGE_COUNT), weights=forces)
+            if residual > UNBALANCED or per_link.max() > problem.cap:
+                return False
+        return True
+
+
+class NonPrehensileVerifier:
+    """Verifies configurations of one hand against one object at rest on a plane."""
+
+    def __init__(self, hand: Hand, scene: Scene) -> None:
+        self._hand = hand
+        self._check = PenetrationCheck(hand, scene)
+        self._supports = support_contacts(scene)
+        self._task = sliding_task(scene)
+        angles = direction_angles()
+        self._motions = np.stack([np.cos(angles), np.sin(angles), np.zeros(NUM_DIRECTIONS)], axis=1)
+
+    def __call__(self, q: Float[np.ndarray, "n coordinates"]) -> Verified:
+        """Verdicts on configurations in the resting frame."""
+        transforms = self._hand.forward_kinematics(torch.as_tensor(q, dtype=torch.float64)).numpy()
+        penetration, reason, contacts = _clean(self._hand, self._check, transforms)
+        clean = [row for row, text in enumerate(reason) if not text]
+        margin = np.full((len(q), NUM_DIRECTIONS), INFEASIBLE)
+        if clean:
+            margins = force_margins(
+                [contacts[row] for row in clean], self._supports, self._task, motions=self._motions, threads=1
+            )
+            margin[clean] = np.where(margins.factor > 0, margins.factor, INFEASIBLE)
+        for row, text in enumerate(reason):
+            if not text and margin[row].max() < 1.0:
+                reason[row] = "force"
+        return Verified(reason, penetration, margin, contacts, self._hand)
+
+
+def _clean(hand: Hand, check: PenetrationCheck, T_world_link: Float[np.ndarray, "n link 4 4"]):
+    """(penetration (n, 3), reason per configuration, its contacts): what both kinds of verification begin with."""
+    found = check(T_world_link, reach=HAND_CONTACT_DISTANCE)
+    penetration = np.stack([found.object, found.environment, found.itself], axis=1)
+    contacts = contacts_per_configuration(hand, T_world_link, found.near_object)
+    reason = []
+    for depths, contact in zip(penetration, contacts, strict=True):
+        if depths.max() > PENETRATION_LIMIT:
+            reason.append("penetration " + ("object", "environment", "self")[int(depths.argmax())])
+        else:
+            reason.append("" if len(contact.points) else "no contact")
+    return penetration, reason, contacts
+
+
+def contacts_per_configuration(hand: Hand, T_world_link: np.ndarray, hits) -> list[HandContacts]:
+    """Contacts of each configuration from the hits of one penetration check, object frame = world."""
+    points = hand.dense_points
+    rotation = T_world_link[hits.configuration, points.link[hits.point], :3, :3]
+    normals = np.einsum("nij,nj->ni", rotation, points.normals[hits.point])
+    found = []
+    for row in range(len(T_world_link)):
+        mine = hits.configuration == row
+        found.append(
+            hand_contacts(
+                normals[mine],
+                points.link[hits.point[mine]],
+                distance=hits.distance[mine],
+                closest=hits.closest[mine],
+                object_normals=hits.normal[mine],
+            )
+        )
+    return found
+
+
+def behaviour_of(
+    contacts: HandContacts, direction_margin: Float[np.ndarray, " direction"], root: Float[np.ndarray, " 3"]
+) -> str:
+    """push, press or hook, by where the contacts lie and from where the hand comes.
+
+    press: the contacts' mean outward normal points up. Otherwise hook if the hand's root lies ahead of the object in the
+    best direction of motion (it pulls), else push.
+    """
+    if contacts.normals[:, 2].mean() > PRESSING:
+        return "press"
+    angle = direction_angles()[int(np.argmax(direction_margin))]
+    return "hook" if root[:2] @ np.asarray([np.cos(angle), np.sin(angle)]) > 0 else "push"

@@ -1,0 +1,51 @@
+"""The manifest survives a round trip and says what is wrong with a bad one."""
+
+import json
+
+import pytest
+
+from dexnudge.dataset.manifest import read_manifest, write_manifest
+from dexnudge.errors import DatasetError
+
+
+def test_round_trip(toy, tmp_path):
+    manifest = toy.toy_manifest()
+    manifest.failed_objects = {"object-2": "not watertight"}
+    manifest.counts = {"push": {"attempted": 3}}
+    write_manifest(tmp_path, manifest)
+    assert read_manifest(tmp_path) == manifest
+
+
+@pytest.mark.parametrize(
+    ("change", "message"),
+    [
+        ({"format_version": 99}, r"has format version 99, expected 1; generate the dataset again"),
+        ({"units": {"length": "mm", "angle": "rad"}}, r"has units .*'mm'.*, expected .*'m'"),
+        ({"surprise": 1}, r"has missing or unexpected fields: .*surprise"),
+    ],
+)
+def test_foreign_content(toy, tmp_path, change, message):
+    path = write_manifest(tmp_path, toy.toy_manifest())
+    path.write_text(json.dumps(json.loads(path.read_text()) | change))
+    with pytest.raises(DatasetError, match=message):
+        read_manifest(tmp_path)
+
+
+def test_missing_broken_or_not_a_mapping(toy, tmp_path):
+    with pytest.raises(DatasetError, match=r"manifest.json does not exist; .*`dexnudge dataset generate`"):
+        read_manifest(tmp_path)
+    path = write_manifest(tmp_path, toy.toy_manifest())
+    path.write_text(path.read_text()[:50])
+    with pytest.raises(DatasetError, match="is not valid JSON"):
+        read_manifest(tmp_path)
+    path.write_text("[]")
+    with pytest.raises(DatasetError, match="has format version 'list', expected 1"):
+        read_manifest(tmp_path)
+
+
+@pytest.mark.parametrize("name", ["../escape", "a/b", "", ".hidden", "with space"])
+def test_object_names_cannot_leave_the_folder(toy, tmp_path, name):
+    manifest = toy.toy_manifest()
+    manifest.objects[name] = "0"
+    with pytest.raises(DatasetError, match="cannot be part of a file name"):
+        write_manifest(tmp_path, manifest)

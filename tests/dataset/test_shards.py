@@ -1,0 +1,157 @@
+"""Shards keep every value, refuse contradictions, and a damaged or foreign file is named."""
+
+import dataclasses
+import json
+
+import numpy as np
+import pyarrow as pa
+import pyarrow.parquet as pq
+import pytest
+
+from dexnudge.dataset.schema import BehaviourCounts
+from dexnudge.dataset.shards import cloud_path, is_complete, read_cloud, read_shard, shard_path, write_shard
+from dexnudge.errors import DatasetError
+
+NAME = "object-0"
+
+
+@pytest.fixture
+def rng():
+    return np.random.default_rng(3)
+
+
+def test_round_trip_keeps_every_value(toy, tmp_path, rng):
+    manifest = toy.toy_manifest()
+    rows = [toy.toy_row(rng, behaviour) for behaviour in ("grasp", "push", "press", "hook", "push")]
+    counts = {
+        "grasp": BehaviourCounts(attempted=4, kept=1, failed=1, rejected={"penetration": 2}),
+        "push": BehaviourCounts(attempted=2, kept=2),
+        "press": BehaviourCounts(attempted=1, kept=1),
+        "hook": BehaviourCounts(attempted=1, kept=1),
+    }
+    cloud = toy.toy_cloud(rng)
+    write_shard(tmp_path, manifest, NAME, rows, cloud, counts)
+    shard = read_shard(tmp_path, manifest, NAME)
+    np.testing.assert_array_equal(shard.column_matrix("q"), np.float32([row.q for row in rows]))
+    np.testing.assert_array_equal(
+        shard.column_matrix("direction_margin"), np.float32([row.direction_margin for row in rows])
+    )
+    for column in ("behaviour", "contact_links", "digits", "seed"):
+        expected = [getattr(row, column) for row in rows]
+        found = [tuple(value) if isinstance(value, list) else value for value in shard.table.column(column).to_pylist()]
+        assert found == expected
+    for column in ("penetration_object", "penetration_environment", "penetration_self"):
+        found = shard.table.column(column).to_numpy()
+        np.testing.assert_array_equal(found, np.float32([getattr(row, column) for row in rows]))
+    assert shard.counts == counts
+    np.testing.assert_array_equal(read_cloud(tmp_path, manifest, NAME), np.float32(cloud))
+
+
+def test_parquet_opens_without_dexnudge(toy_folder):
+    table = pq.read_table(shard_path(toy_folder, NAME))
+    header = json.loads(table.schema.metadata[b"dexnudge"])
+    assert header["format_version"] == 1
+    assert header["hand"] == "toy"
+    assert set(table.column("object").to_pylist()) == {NAME}
+
+
+def test_an_object_without_rows_is_complete(toy, tmp_path, rng):
+    manifest = toy.toy_manifest()
+    counts = {"push": BehaviourCounts(attempted=8, failed=8)}
+    assert not is_complete(tmp_path, NAME)
+    write_shard(tmp_path, manifest, NAME, [], toy.toy_cloud(rng), counts)
+    assert is_complete(tmp_path, NAME)
+    assert read_shard(tmp_path, manifest, NAME).column_matrix("q").shape == (0, toy.DIMENSION)
+
+
+def test_a_shard_is_written_after_its_cloud(toy, tmp_path, rng, monkeypatch):
+    def refuse(table, *_args, **_options):
+        if "q" in table.schema.names:
+            raise OSError("disk full")
+        return write(table, *_args, **_options)
+
+    write = pq.write_table
+    monkeypatch.setattr(pq, "write_table", refuse)
+    with pytest.raises(OSError, match="disk full"):
+        write_shard(tmp_path, toy.toy_manifest(), NAME, [], toy.toy_cloud(rng), {})
+    assert not is_complete(tmp_path, NAME)
+    assert [path.name for path in tmp_path.iterdir()] == [cloud_path(tmp_path, NAME).name]
+
+
+@pytest.mark.parametrize("share", [0.0, 0.1, 0.6, 0.99])
+@pytest.mark.parametrize("path_of", [shard_path, cloud_path])
+def test_truncated(toy, toy_folder, share, path_of):
+    path = path_of(toy_folder, NAME)
+    data = path.read_bytes()
+    path.write_bytes(data[: int(share * len(data))])
+    read = read_shard if path_of is shard_path else read_cloud
+    with pytest.raises(DatasetError, match="cannot be read as Parquet: truncated or not a shard"):
+        read(toy_folder, toy.toy_manifest(), NAME)
+
+
+def test_a_flipped_byte_is_noticed(toy, toy_folder):
+    path = cloud_path(toy_folder, NAME)
+    data = bytearray(path.read_bytes())
+    data[200] ^= 0xFF  # inside the first column's page
+    path.write_bytes(data)
+    with pytest.raises(DatasetError, match="cannot be read as Parquet"):
+        read_cloud(toy_folder, toy.toy_manifest(), NAME)
+
+
+def test_missing(toy, tmp_path):
+    with pytest.raises(DatasetError, match="does not exist; resume"):
+        read_shard(tmp_path, toy.toy_manifest(), NAME)
+
+
+def test_other_hand(toy, toy_folder):
+    manifest = dataclasses.replace(toy.toy_manifest(), hand="allegro")
+    with pytest.raises(DatasetError, match="has hand 'toy', expected 'allegro'"):
+        read_shard(toy_folder, manifest, NAME)
+    manifest = dataclasses.replace(toy.toy_manifest(), joint_names=toy.JOINT_NAMES[::-1])
+    with pytest.raises(DatasetError, match="has joint_names"):
+        read_shard(toy_folder, manifest, NAME)
+
+
+def test_other_version(toy, toy_folder):
+    path = shard_path(toy_folder, NAME)
+    table = pq.read_table(path)
+    header = json.loads(table.schema.metadata[b"dexnudge"]) | {"format_version": 0}
+    pq.write_table(table.replace_schema_metadata({b"dexnudge": json.dumps(header).encode()}), path)
+    with pytest.raises(DatasetError, match="has format_version 0, expected 1"):
+        read_shard(toy_folder, toy.toy_manifest(), NAME)
+
+
+def test_foreign_parquet(toy, toy_folder):
+    path = shard_path(toy_folder, NAME)
+    header = pq.read_table(path).schema.metadata
+    pq.write_table(pa.table({"a": [1]}), path)
+    with pytest.raises(DatasetError, match="was not written by dexnudge"):
+        read_shard(toy_folder, toy.toy_manifest(), NAME)
+    pq.write_table(pa.table({"a": [1]}).replace_schema_metadata(header), path)
+    with pytest.raises(DatasetError, match=r"has columns \['a'\], expected \['object', 'behaviour', 'q'"):
+        read_shard(toy_folder, toy.toy_manifest(), NAME)
+
+
+@pytest.mark.parametrize(
+    ("change", "counts", "message"),
+    [
+        ({}, {"push": BehaviourCounts(attempted=2, kept=1)}, r"do not add up: .* got 2 != 1 \+ 0 \+ 0"),
+        ({}, {}, "has 1 rows of behaviour 'push' but its counts say 0"),
+        ({}, {"push": BehaviourCounts(attempted=2, kept=2)}, "has 1 rows of behaviour 'push' but its counts say 2"),
+        ({"behaviour": "throw"}, None, "unknown behaviour 'throw'; expected one of grasp, push, press, hook"),
+        ({"q": np.zeros(7)}, None, r"has q \(7,\) and direction_margin \(16,\), expected \(25,\) and \(16,\)"),
+        ({"q": np.full(25, np.nan)}, None, "is not finite; count it as failed"),
+    ],
+)
+def test_contradictions_are_not_written(toy, tmp_path, rng, change, counts, message):
+    row = dataclasses.replace(toy.toy_row(rng, "push"), **change)
+    if counts is None:
+        counts = {row.behaviour: BehaviourCounts(attempted=1, kept=1)}
+    with pytest.raises(DatasetError, match=message):
+        write_shard(tmp_path, toy.toy_manifest(), NAME, [row], toy.toy_cloud(rng), counts)
+    assert list(tmp_path.iterdir()) == []
+
+
+def test_a_bad_cloud_is_not_written(toy, tmp_path, rng):
+    with pytest.raises(DatasetError, match=r"has shape \(5, 6\), expected finite values of shape \(1024, 6\)"):
+        write_shard(tmp_path, toy.toy_manifest(), NAME, [], np.zeros((5, 6)), {})

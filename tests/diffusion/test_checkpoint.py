@@ -1,0 +1,110 @@
+"""A model folder gives back what went in, and every kind of damage is named."""
+
+import json
+import pickle
+
+import pytest
+import torch
+from safetensors.torch import load_file, save_file
+
+from dexnudge.diffusion.checkpoint import CONFIG_NAME, WEIGHTS_NAME, load_model, read_provenance, save_model
+from dexnudge.errors import CheckpointError
+
+
+@pytest.fixture
+def folder(network, normaliser, config, tmp_path):
+    return save_model(tmp_path, config, network.state_dict(), normaliser, provenance={"objects": 3})
+
+
+def test_round_trip(folder, network, normaliser, config):
+    loaded, found = load_model(folder)
+    assert loaded.config == config
+    assert not loaded.training
+    assert not any(parameter.requires_grad for parameter in loaded.parameters())
+    for name, tensor in network.state_dict().items():
+        assert torch.equal(loaded.state_dict()[name], tensor.half().float())
+    assert torch.equal(found.mean, normaliser.mean)
+    assert torch.equal(found.std, normaliser.std)
+    assert read_provenance(folder) == {"objects": 3}
+    assert sorted(path.name for path in folder.iterdir()) == [CONFIG_NAME, WEIGHTS_NAME]
+
+
+def test_float32_keeps_every_bit(network, normaliser, config, tmp_path):
+    save_model(tmp_path, config, network.state_dict(), normaliser, dtype=torch.float32)
+    loaded, _ = load_model(tmp_path)
+    assert all(torch.equal(loaded.state_dict()[name], tensor) for name, tensor in network.state_dict().items())
+
+
+def test_files_can_be_read_by_others(folder):
+    assert all(path.stat().st_mode & 0o044 == 0o044 for path in folder.iterdir())
+
+
+@pytest.mark.parametrize("share", [0.0, 0.001, 0.5, 0.999])
+def test_truncated_weights(folder, share):
+    path = folder / WEIGHTS_NAME
+    data = path.read_bytes()
+    path.write_bytes(data[: int(share * len(data))])
+    with pytest.raises(CheckpointError, match=r"model.safetensors \(\d+ bytes\) cannot be read: truncated"):
+        load_model(folder)
+
+
+def test_a_pickle_is_not_read(folder):
+    (folder / WEIGHTS_NAME).write_bytes(pickle.dumps({"weights": [1, 2, 3]}))
+    with pytest.raises(CheckpointError, match="truncated or not safetensors"):
+        load_model(folder)
+
+
+def test_weights_of_another_model(folder):
+    tensors = load_file(folder / WEIGHTS_NAME)
+    tensors["network.token_position"] += 1.0
+    save_file(tensors, folder / WEIGHTS_NAME)
+    with pytest.raises(
+        CheckpointError, match=r"is not the file that config\.json was written for: its SHA-256 differs"
+    ):
+        load_model(folder)
+
+
+@pytest.mark.parametrize("name", [WEIGHTS_NAME, CONFIG_NAME])
+def test_missing_files(folder, name):
+    (folder / name).unlink()
+    with pytest.raises(CheckpointError, match=rf"{name} does not exist"):
+        load_model(folder)
+
+
+@pytest.mark.parametrize(
+    ("change", "message"),
+    [
+        (lambda content: content["model"].update(config_version=7), "model config has version 7, expected 1"),
+        (lambda content: content["model"].update(surprise=7), r"missing or unexpected fields \(.*surprise"),
+        (lambda content: content["model"].pop("architecture"), r"missing or unexpected fields \('architecture'"),
+        (
+            lambda content: content["model"]["architecture"].update(depth=3),
+            r"network.blocks.2.attention_out.bias has shape no entry, expected \(32,\)",
+        ),
+        (
+            lambda content: content["model"]["architecture"].update(feature_width=64),
+            r"network.encoder.head.0.bias has shape \(32,\), expected \(64,\)",
+        ),
+        (lambda content: content.pop("provenance"), "was not written by dexnudge: expected the keys model, provenance"),
+    ],
+)
+def test_foreign_configs(folder, change, message):
+    content = json.loads((folder / CONFIG_NAME).read_text())
+    change(content)
+    (folder / CONFIG_NAME).write_text(json.dumps(content))
+    with pytest.raises(CheckpointError, match=message):
+        load_model(folder)
+
+
+def test_broken_json(folder):
+    path = folder / CONFIG_NAME
+    path.write_text(path.read_text()[:40])
+    with pytest.raises(CheckpointError, match="is not valid JSON"):
+        load_model(folder)
+
+
+def test_weights_that_overflow_are_not_saved(network, normaliser, config, tmp_path):
+    weights = network.state_dict() | {"token_position": torch.full((6, 32), 1e6)}
+    with pytest.raises(CheckpointError, match=r"weight network.token_position is not finite as torch.float16"):
+        save_model(tmp_path, config, weights, normaliser)
+    assert list(tmp_path.iterdir()) == []

@@ -1,0 +1,132 @@
+"""Properties that the architecture must have whatever its weights."""
+
+import dataclasses
+
+import pytest
+import torch
+
+from dexnudge.diffusion.conditioning import GRASP, NON_PREHENSILE, Condition
+from dexnudge.diffusion.config import Architecture, ModelConfig
+from dexnudge.diffusion.network import ConditionalDenoiser, timestep_features
+from dexnudge.diffusion.point_encoder import POINT_SCALE
+from dexnudge.errors import CheckpointError
+
+
+def inputs(config, feature, num=5, behaviour=NON_PREHENSILE, direction=(1.0, 0.0, 0.0), t=300):
+    x_t = torch.randn(num, config.dimension, generator=torch.Generator().manual_seed(4))
+    condition = Condition.of(feature, behaviour, direction=direction)
+    return [
+        x_t,
+        torch.full((len(feature),), t),
+        condition.object_feature,
+        condition.behaviour,
+        condition.direction,
+        condition.has_direction,
+    ]
+
+
+def test_an_untrained_network_returns_zero_whatever_the_condition(untrained, config, points):
+    for arguments in (
+        inputs(config, untrained.encode(points)),
+        inputs(config, untrained.encode(2.0 * points), behaviour=GRASP, direction=None, t=1),
+    ):
+        assert torch.equal(untrained(*arguments), torch.zeros(5, config.dimension))
+
+
+def test_blocks_are_the_identity_at_first(untrained):
+    tokens, zero = torch.randn(3, 6, 32), torch.zeros(3, 1, 32)
+    assert torch.equal(untrained.blocks[0](tokens, *[zero] * 6), tokens)
+
+
+def test_every_condition_matters_once_trained(network, config, points):
+    feature = network.encode(points)
+    base = network(*inputs(config, feature))
+    for changed in (
+        inputs(config, feature, behaviour=GRASP),
+        inputs(config, feature, direction=(0.0, 1.0, 0.0)),
+        inputs(config, feature, direction=None),
+        inputs(config, feature, t=301),
+        inputs(config, network.encode(1.1 * points)),
+    ):
+        assert (network(*changed) - base).abs().max() > 1e-4
+
+
+def test_a_direction_that_does_not_count_is_not_seen(network, config, points):
+    arguments = inputs(config, network.encode(points), direction=None)
+    base = network(*arguments)
+    arguments[4] = torch.tensor([[0.3, 0.4, 0.5]])
+    assert torch.equal(network(*arguments), base)
+
+
+def test_one_condition_row_serves_all_samples(network, config, points):
+    shared = inputs(config, network.encode(points))
+    repeated = [shared[0], *[value.expand(5, *value.shape[1:]) for value in shared[1:]]]
+    torch.testing.assert_close(network(*shared), network(*repeated), atol=1e-5, rtol=1e-5)
+
+
+def test_samples_do_not_see_each_other(network, config, points):
+    arguments = inputs(config, network.encode(points))
+    together = network(*arguments)
+    alone = network(arguments[0][2:3], *arguments[1:])
+    torch.testing.assert_close(together[2:3], alone, atol=1e-5, rtol=1e-5)
+
+
+def test_point_order_does_not_matter(network, points):
+    shuffled = points[:, torch.randperm(points.shape[1], generator=torch.Generator().manual_seed(0))]
+    torch.testing.assert_close(network.encode(points), network.encode(shuffled))
+
+
+def test_support_function_against_a_loop(network, points):
+    directions = network.encoder.support_directions
+    for k in range(directions.shape[1]):
+        u = directions[:, k].double()
+        reach = max(float(p.double() @ u) for p in points[0, :, :3])
+        found = (points[0, :, :3] * POINT_SCALE @ directions).amax(dim=0)[k] / POINT_SCALE
+        assert float(found) == pytest.approx(reach, abs=1e-6)
+        assert float(u.norm()) == pytest.approx(1.0, abs=1e-6)
+
+
+def test_joint_order_is_only_a_name(network, config, points):
+    """The same digits, their joints stored in another order: same function, entries permuted alike."""
+    permutation = torch.randperm(16, generator=torch.Generator().manual_seed(5))
+    inverse = torch.argsort(permutation).tolist()
+    renamed = dataclasses.replace(
+        config,
+        joint_names=tuple(config.joint_names[k] for k in permutation.tolist()),
+        digit_joints=tuple(tuple(inverse[joint] for joint in digit) for digit in config.digit_joints),
+    )
+    other = ConditionalDenoiser(renamed)
+    other.load_state_dict(network.state_dict())
+    arguments = inputs(config, network.encode(points))
+    columns = torch.cat([torch.arange(9), 9 + permutation])
+    found = other(arguments[0][:, columns], *arguments[1:])
+    torch.testing.assert_close(found, network(*arguments)[:, columns])
+
+
+def test_digits_of_different_sizes(points):
+    config = ModelConfig(
+        hand="odd",
+        joint_names=tuple("abcdef"),
+        digit_joints=((5,), (0, 1, 2), (4, 3)),
+        architecture=Architecture(width=16, depth=1, num_heads=2),
+    )
+    network = ConditionalDenoiser(config)
+    assert network(*inputs(config, network.encode(points))).shape == (5, 15)
+
+
+def test_timesteps_are_told_apart():
+    features = timestep_features(torch.arange(1000))
+    distances = torch.cdist(features[None], features[None])[0] + torch.eye(1000) * 9.0
+    assert distances.min() > 0.1
+
+
+def test_the_default_model_fits_into_ten_megabytes(config):
+    network = ConditionalDenoiser(dataclasses.replace(config, architecture=Architecture()))
+    assert 2 * sum(parameter.numel() for parameter in network.parameters()) < 10e6
+
+
+def test_impossible_shapes_are_refused(config):
+    with pytest.raises(CheckpointError, match="width 30 is not a multiple of num_heads 4"):
+        Architecture(width=30)
+    with pytest.raises(CheckpointError, match="do not cover each of the 16 joints exactly once"):
+        dataclasses.replace(config, digit_joints=config.digit_joints[:3])

@@ -1,0 +1,254 @@
+"""Training learns a known distribution, and an interruption changes nothing."""
+
+import dataclasses
+import json
+import os
+import signal
+
+import numpy as np
+import pytest
+import torch
+
+from dexnudge.dataset.manifest import write_manifest
+from dexnudge.dataset.schema import NUM_DIRECTIONS, BehaviourCounts, ConfigurationRow
+from dexnudge.dataset.shards import write_shard
+from dexnudge.diffusion.checkpoint import read_provenance
+from dexnudge.diffusion.ddim import ddim_step
+from dexnudge.diffusion.prior import DiffusionPrior
+from dexnudge.diffusion.training import train
+from dexnudge.diffusion.training_config import TrainingConfig
+from dexnudge.diffusion.training_run import TrainingRun
+from dexnudge.diffusion.training_state import STATE_NAME
+from dexnudge.errors import CheckpointError, DexnudgeError, InputError
+
+
+@pytest.fixture(scope="module")
+def dataset_folder(toy, tmp_path_factory):
+    folder = tmp_path_factory.mktemp("dataset")
+    toy.write_toy_dataset(folder)
+    return folder
+
+
+@pytest.fixture(scope="module")
+def short(architecture):
+    """Twelve steps with everything in them."""
+    return TrainingConfig(
+        steps=12,
+        groups=2,
+        rows_per_group=4,
+        num_points=32,
+        warmup_steps=3,
+        validate_every=6,
+        checkpoint_every=4,
+        log_every=1,
+        architecture=architecture,
+    )
+
+
+@pytest.fixture(scope="module")
+def uninterrupted(dataset_folder, short, tmp_path_factory):
+    folder = tmp_path_factory.mktemp("uninterrupted")
+    result = train(dataset_folder, folder, short, progress=False)
+    assert result.finished
+    return folder
+
+
+def outcome(folder):
+    """Everything a run leaves behind, without the wall-clock times in it."""
+    with (folder / STATE_NAME).open("rb") as file:
+        size = int.from_bytes(file.read(8), "little")
+        header, tensors = json.loads(file.read(size)), file.read()
+    log = [json.loads(line) for line in (folder / "train.jsonl").read_text().splitlines()]
+    for line in log:
+        line.pop("train/steps_per_s", None)
+        line.pop("train/loss", None)  # a running mean that starts afresh with each continuation
+    config = json.loads((folder / "model" / "config.json").read_text())
+    header.pop("__metadata__")
+    return header, tensors, log, config, (folder / "model" / "model.safetensors").read_bytes()
+
+
+def test_a_continued_run_ends_in_the_same_bits(dataset_folder, short, uninterrupted, tmp_path):
+    for stop in (2, 7):
+        result = train(dataset_folder, tmp_path, short, progress=False, stop_at_step=stop)
+        assert (result.step, result.finished) == (stop, False)
+    assert train(dataset_folder, tmp_path, short, progress=False).finished
+    assert outcome(tmp_path) == outcome(uninterrupted)
+
+
+def test_sigterm_saves_and_stops(dataset_folder, short, uninterrupted, tmp_path, monkeypatch):
+    advance = TrainingRun.advance
+
+    def terminated_in_step_5(run, log):
+        if run.step == 5:
+            os.kill(os.getpid(), signal.SIGTERM)
+        advance(run, log)
+
+    former = signal.getsignal(signal.SIGTERM)
+    with monkeypatch.context() as patch:
+        patch.setattr(TrainingRun, "advance", terminated_in_step_5)
+        result = train(dataset_folder, tmp_path, short, progress=False)
+    assert (result.step, result.finished) == (6, False)
+    assert signal.getsignal(signal.SIGTERM) is former
+    train(dataset_folder, tmp_path, short, progress=False)
+    assert outcome(tmp_path) == outcome(uninterrupted)
+
+
+def test_a_crash_costs_only_the_steps_since_the_last_checkpoint(
+    dataset_folder, short, uninterrupted, tmp_path, monkeypatch
+):
+    advance = TrainingRun.advance
+
+    def crash_in_step_6(run, log):
+        if run.step == 6:
+            raise MemoryError
+        advance(run, log)
+
+    with monkeypatch.context() as patch:
+        patch.setattr(TrainingRun, "advance", crash_in_step_6)
+        with pytest.raises(MemoryError):
+            train(dataset_folder, tmp_path, short, progress=False)
+    (tmp_path / f".writing-1-{STATE_NAME}").write_bytes(b"half a state")
+    train(dataset_folder, tmp_path, short, progress=False)
+    assert outcome(tmp_path) == outcome(uninterrupted)
+
+
+def test_a_finished_run_is_not_trained_again(dataset_folder, short, uninterrupted):
+    before = outcome(uninterrupted)
+    assert train(dataset_folder, uninterrupted, short, progress=False).step == 12
+    assert outcome(uninterrupted) == before
+
+
+def test_another_run_is_not_continued(toy, dataset_folder, short, uninterrupted, tmp_path):
+    with pytest.raises(
+        CheckpointError, match=r"cannot be continued: learning_rate was 0.001, is now 0.5; use the same"
+    ):
+        train(dataset_folder, uninterrupted, dataclasses.replace(short, learning_rate=0.5), progress=False)
+    toy.write_toy_dataset(tmp_path, seed=1)
+    with pytest.raises(CheckpointError, match="cannot be continued: dataset was"):
+        train(tmp_path, uninterrupted, short, progress=False)
+
+
+def test_a_truncated_state_is_named(dataset_folder, short, uninterrupted, tmp_path):
+    data = (uninterrupted / STATE_NAME).read_bytes()
+    for share in (0.0, 0.01, 0.9):
+        (tmp_path / STATE_NAME).write_bytes(data[: int(share * len(data))])
+        with pytest.raises(CheckpointError, match="truncated or not a training state"):
+            train(dataset_folder, tmp_path, short, progress=False)
+
+
+def test_stopping_before_the_first_step_writes_no_model(dataset_folder, short, tmp_path):
+    result = train(dataset_folder, tmp_path, short, progress=False, stop_at_step=0)
+    assert not result.model_folder.exists()
+
+
+def test_a_time_budget_ends_the_run_at_the_lowest_learning_rate(dataset_folder, short, tmp_path):
+    config = dataclasses.replace(short, steps=10**9, max_minutes=0.01)
+    result = train(dataset_folder, tmp_path, config, progress=False)
+    assert result.finished
+    assert 1 <= result.step < 10_000
+    assert result.minutes == pytest.approx(0.01, abs=0.05)
+    last = [json.loads(line) for line in (tmp_path / "train.jsonl").read_text().splitlines()]
+    rates = [line["train/learning_rate"] for line in last if "train/learning_rate" in line]
+    assert rates[-1] <= 0.05 * max(rates)
+
+
+def test_a_diverging_run_stops_with_the_reason(dataset_folder, short, tmp_path):
+    config = dataclasses.replace(short, learning_rate=1e30, gradient_clip=1e30, warmup_steps=1)
+    with pytest.raises(
+        DexnudgeError, match=r"training diverged at step \d+: the loss is (nan|inf); .*lower learning_rate"
+    ):
+        train(dataset_folder, tmp_path, config, progress=False)
+
+
+def test_held_out_objects_are_named_and_not_trained_on(dataset_folder, uninterrupted):
+    provenance = read_provenance(uninterrupted / "model")
+    assert provenance["objects"] == 2
+    assert len(provenance["held_out_objects"]) == 1
+
+
+def test_impossible_settings():
+    with pytest.raises(InputError, match="steps is 0, expected at least 1"):
+        TrainingConfig(steps=0)
+    with pytest.raises(InputError, match=r"grasp_fraction is 1.5, expected a share between 0 and 1"):
+        TrainingConfig(grasp_fraction=1.5)
+    with pytest.raises(InputError, match=r"max_minutes is 0.0, expected more than 0"):
+        TrainingConfig(max_minutes=0.0)
+
+
+def modes_in_frame_c(dimension):
+    """Two ways to push toward +x, from behind left and behind right, and one grasp from above."""
+    push_left, push_right, grasp = np.zeros((3, dimension))
+    push_left[:9] = [-0.15, 0.08, 0.02, 0, 0, -1, 0, 1, 0]
+    push_right[:9] = [-0.15, -0.08, 0.02, 0, 1, 0, 0, 0, -1]
+    grasp[:9] = [0.0, 0.0, 0.2, 1, 0, 0, 0, -1, 0]
+    push_left[9:], push_right[9:], grasp[9:] = 0.2, 1.2, 0.7
+    return push_left, push_right, grasp
+
+
+def test_samples_recover_the_modes_that_belong_to_the_condition(toy, architecture, tmp_path):
+    rng = np.random.default_rng(0)
+    manifest = toy.toy_manifest(2)
+    push_left, push_right, grasp = modes_in_frame_c(toy.DIMENSION)
+    write_manifest(tmp_path / "data", manifest)
+    margin = np.full(NUM_DIRECTIONS, -1.0)
+    margin[4] = 2.0  # only toward +y of the resting frame: frame C is turned by -90 degrees against it
+    quarter = np.array([[0.0, -1.0, 0.0], [1.0, 0.0, 0.0], [0.0, 0.0, 1.0]])
+
+    def row(mode, behaviour):
+        q = mode + np.concatenate([rng.normal(0, 0.005, 3), np.zeros(6), rng.normal(0, 0.03, toy.DIMENSION - 9)])
+        q[:9] = (q[:9].reshape(3, 3) @ quarter.T).reshape(-1)
+        return ConfigurationRow(
+            behaviour=behaviour,
+            q=q,
+            direction_margin=margin if behaviour == "push" else np.full(NUM_DIRECTIONS, -1.0),
+            contact_links=(),
+            digits=(),
+            penetration_object=0.0,
+            penetration_environment=0.0,
+            penetration_self=0.0,
+            seed=0,
+        )
+
+    for name in manifest.objects:
+        rows = [row(mode, kind) for mode, kind in [(push_left, "push"), (push_right, "push"), (grasp, "grasp")] * 40]
+        counts = {"push": BehaviourCounts(attempted=80, kept=80), "grasp": BehaviourCounts(attempted=40, kept=40)}
+        write_shard(tmp_path / "data", manifest, name, rows, toy.toy_cloud(rng), counts)
+    config = TrainingConfig(
+        steps=400,
+        groups=4,
+        rows_per_group=32,
+        num_points=64,
+        warmup_steps=20,
+        learning_rate=4e-3,
+        ema_decay=0.98,
+        yaw_jitter=0.0,
+        architecture=architecture,
+    )
+    result = train(tmp_path / "data", tmp_path / "run", config, progress=False)
+    log = [json.loads(line) for line in (tmp_path / "run" / "train.jsonl").read_text().splitlines()]
+    losses = [line["train/loss"] for line in log if "train/loss" in line]
+    assert losses[-1] < 0.25 * losses[0]
+
+    prior = DiffusionPrior.from_folder(result.model_folder)
+    cloud = torch.from_numpy(toy.toy_cloud(rng)).float()[None]
+
+    def sample(behaviour, *, toward_motion):
+        condition = prior.condition(cloud, behaviour, toward_motion=toward_motion)
+        generator = torch.Generator().manual_seed(0)
+        with torch.inference_mode():
+            x = prior.noise(64, generator=generator)
+            timesteps = prior.schedule.timesteps(20)
+            for t, t_previous in zip(timesteps, [*timesteps[1:], -1], strict=True):
+                x = ddim_step(prior.schedule, x, prior.predict_clean(x, t, condition), t, t_previous)
+            return prior.denormalise(x).numpy()
+
+    pushes = sample("non_prehensile", toward_motion=True)
+    left = np.linalg.norm(pushes[:, :3] - push_left[:3], axis=1) < 0.04
+    right = np.linalg.norm(pushes[:, :3] - push_right[:3], axis=1) < 0.04
+    assert (left | right).mean() > 0.9
+    assert 0.2 < left.mean() < 0.8
+    np.testing.assert_allclose(pushes[left, 9:].mean(axis=0), push_left[9:], atol=0.1)
+    np.testing.assert_allclose(pushes[right, 9:].mean(axis=0), push_right[9:], atol=0.1)
+    np.testing.assert_allclose(pushes[left, 3:9].mean(axis=0), push_left[3:9], atol=0.15)
+    grasps = sample("grasp", toward_motion=False)
+    assert (np.linalg.norm(grasps[:, :3] - grasp[:3], axis=1) < 0.04).mean() > 0.9

@@ -1,0 +1,174 @@
+"""The fused kernel against a plain twin: torch, double precision, one hand and one pair of links at a time, autograd."""
+
+import numpy as np
+import pytest
+import torch
+import trimesh
+
+from dexnudge.energies import HandEnergy, HandPose, TermWeights, build_scene_fields
+from dexnudge.energies.hand_model import _link_grid
+from dexnudge.energies.scene_fields import (
+    FAR_CELL,
+    FAR_REACH,
+    NEAR_CELL,
+    NEAR_PADDING,
+    OBJECT_CELL,
+    OBJECT_PADDING,
+)
+from dexnudge.geometry.distance_grid import DistanceGrid, distance_grid
+from dexnudge.geometry.exact_distance import ExactDistance
+from dexnudge.geometry.rotations import matrix_to_rotation_6d, rotation_vector_to_matrix
+from dexnudge.hands.shadow_lite import shadow_lite
+
+BATCH = 6
+WEIGHTS = TermWeights(environment=1.0, object=2.0, self=0.5, contact=3.0, target=1.5, clearance_object=0.001)
+
+
+def trilinear(grid: DistanceGrid, points: torch.Tensor) -> torch.Tensor:
+    """Distances by the definition of trilinear interpolation, plus the distance to the box where outside."""
+    values = torch.as_tensor(grid.values, dtype=torch.float64)
+    origin = torch.as_tensor(np.asarray(grid.origin, dtype=np.float32).astype(np.float64))
+    position = (points - origin) / grid.cell
+    top = torch.as_tensor(grid.values.shape, dtype=torch.float64) - 1 - 1.0e-4
+    inside = torch.minimum(position.clamp_min(0.0), top)
+    low = inside.detach().floor().long()
+    weight = inside - low
+    total = torch.zeros(len(points), dtype=torch.float64)
+    for corner in np.ndindex(2, 2, 2):
+        at = low + torch.as_tensor(corner)
+        share = torch.ones(len(points), dtype=torch.float64)
+        for axis in range(3):
+            share = share * (weight[:, axis] if corner[axis] else 1 - weight[:, axis])
+        total = total + share * values[at[:, 0], at[:, 1], at[:, 2]]
+    beyond = (position - inside) * grid.cell
+    gap = beyond.norm(dim=1)
+    return torch.where(gap > 0.01 * grid.cell, total.detach() + gap, total)
+
+
+def in_box(grid: DistanceGrid, points: torch.Tensor) -> torch.Tensor:
+    position = (points.detach() - torch.as_tensor(np.asarray(grid.origin, np.float32).astype(np.float64))) / grid.cell
+    top = torch.as_tensor(grid.values.shape, dtype=torch.float64) - 1
+    return ((position >= 0) & (position <= top)).all(dim=1)
+
+
+class NaiveEnergy:
+    """The terms as `energies` defines them, without culling, fusion or hand-written derivatives."""
+
+    def __init__(self, hand, object_mesh, environment_mesh):
+        self.hand = hand
+        lower, upper = object_mesh.bounds
+        exact, around = ExactDistance(object_mesh), ExactDistance(environment_mesh)
+        self.object_grid = distance_grid(exact, lower - OBJECT_PADDING, upper + OBJECT_PADDING, cell=OBJECT_CELL)
+        self.near = distance_grid(around, lower - NEAR_PADDING, upper + NEAR_PADDING, cell=NEAR_CELL)
+        self.far = distance_grid(around, lower - FAR_REACH, upper + FAR_REACH, cell=FAR_CELL)
+        self.links = [_link_grid(hand, link, "cpu") for link in range(len(hand.link_names))]
+        fields = build_scene_fields(object_mesh, environment_mesh)
+        self.fields = fields
+        self.fixed = {
+            "object": torch.as_tensor(fields.object_points.numpy(), dtype=torch.float64),
+            "environment": torch.as_tensor(fields.environment_points.numpy(), dtype=torch.float64),
+        }
+
+    def environment_distance(self, points):
+        return torch.where(in_box(self.near, points), trilinear(self.near, points), trilinear(self.far, points))
+
+    def __call__(self, q, contact_weight, target, target_weight):
+        """(5,) terms of ONE hand, differentiable in q."""
+        hand, w = self.hand, WEIGHTS
+        transforms = hand.forward_kinematics(q[None])[0]
+        sparse = hand.sparse_points
+        terms = torch.zeros(5, dtype=torch.float64)
+        own = {}
+        for link in range(len(hand.link_names)):
+            local = torch.as_tensor(sparse.points[sparse.link == link].astype(np.float32), dtype=torch.float64)
+            own[link] = local @ transforms[link, :3, :3].T + transforms[link, :3, 3]
+        solid = [link for link in own if len(own[link])]
+        for link in solid:
+            depth = (w.clearance_environment - self.environment_distance(own[link])).clamp_min(0)
+            terms[0] = terms[0] + w.environment * depth.square().sum()
+            distance = trilinear(self.object_grid, own[link])
+            terms[1] = terms[1] + w.object * (w.clearance_object - distance).clamp_min(0).square().sum()
+            if contact_weight[link] > 0:
+                gap = distance.min() - w.contact_gap
+                terms[3] = terms[3] + w.contact * contact_weight[link] * gap.square()
+            for index, name, clearance, weight in (
+                (1, "object", w.clearance_object, w.object),
+                (0, "environment", w.clearance_environment, w.environment),
+            ):
+                back = (self.fixed[name] - transforms[link, :3, 3]) @ transforms[link, :3, :3]
+                back = back[in_box(self.links[link], back)]
+                hinge = (clearance - trilinear(self.links[link], back)).clamp_min(0)
+                terms[index] = terms[index] + weight * hinge.square().sum()
+            if target_weight[link] > 0:
+                keypoint = hand.keypoints(q[None])[0, hand.fingertip_links.index(hand.link_names[link])]
+                terms[4] = terms[4] + w.target * target_weight[link] * (keypoint - target[link]).square().sum()
+        for one, other in hand.self_collision_pairs:
+            for a, b in ((one, other), (other, one)):
+                back = (own[a] - transforms[b, :3, 3]) @ transforms[b, :3, :3]
+                back = back[in_box(self.links[b], back)]
+                hinge = (w.clearance_self - trilinear(self.links[b], back)).clamp_min(0)
+                terms[2] = terms[2] + w.self * hinge.square().sum()
+        return terms
+
+
+@pytest.fixture(scope="module")
+def setting():
+    hand = shadow_lite()
+    object_mesh = trimesh.creation.box((0.14, 0.07, 0.012))
+    environment = trimesh.creation.box((0.5, 0.4, 0.1))
+    environment.apply_translation((0.2, 0.1, -0.006 - 0.05))
+    naive = NaiveEnergy(hand, object_mesh, environment)
+    generator = np.random.default_rng(7)
+    rotation = rotation_vector_to_matrix(torch.as_tensor(generator.normal(size=(BATCH, 3)) * 2, dtype=torch.float32))
+    translation = torch.as_tensor(generator.normal(0.0, 0.06, (BATCH, 3)), dtype=torch.float32)
+    share = generator.uniform(0.2, 1.0, (BATCH, hand.num_joints))
+    joints = torch.as_tensor(hand.lower + share * (hand.upper - hand.lower), dtype=torch.float32)
+    energy = HandEnergy(hand, naive.fields, BATCH, WEIGHTS)
+    tips = [hand.link_names.index(link) for link in hand.fingertip_links]
+    energy.contact_weight[:, tips] = torch.tensor([1.0, 0.5, 0.0, 1.0])
+    energy.target[:, tips] = 0.02
+    energy.target_weight[:, tips] = torch.tensor([0.0, 1.0, 1.0, 0.3])
+    return hand, naive, energy, HandPose(translation, rotation, joints)
+
+
+def test_terms_and_gradient_equal_the_plain_twin(setting):
+    hand, naive, energy, pose = setting
+    energy(pose)
+    assert (energy.energy > 0).any(dim=0).all(), "every term must be at work in some hand"
+    for item in range(BATCH):
+        tangent = torch.zeros(6 + hand.num_joints, dtype=torch.float64, requires_grad=True)
+        rotation = rotation_vector_to_matrix(tangent[None, 3:6])[0] @ pose.rotation[item].double()
+        q = torch.cat(
+            [
+                pose.translation[item].double() + tangent[:3],
+                matrix_to_rotation_6d(rotation),
+                pose.joint_angles[item].double() + tangent[6:],
+            ]
+        )
+        weights = (energy.contact_weight[item], energy.target[item].double(), energy.target_weight[item])
+        terms = naive(q, *weights)
+        (gradient,) = torch.autograd.grad(terms.sum(), tangent)
+        torch.testing.assert_close(energy.energy[item].double(), terms.detach(), rtol=1e-3, atol=1e-5)
+        torch.testing.assert_close(
+            energy.gradient[item].double(), gradient, rtol=2e-3, atol=2e-3 * float(gradient.abs().max())
+        )
+
+
+def test_samples_do_not_feel_their_neighbours(setting):
+    hand, naive, energy, pose = setting
+    together = energy(pose).clone()
+    alone = HandEnergy(hand, naive.fields, 1, WEIGHTS)
+    for name in ("contact_weight", "target", "target_weight"):
+        getattr(alone, name).copy_(getattr(energy, name)[2:3])
+    single = alone(HandPose(pose.translation[2:3], pose.rotation[2:3], pose.joint_angles[2:3]))
+    assert float(single[0]) == float(together[2])
+    assert torch.equal(alone.gradient[0], energy.gradient[2])
+
+
+def test_a_hand_far_away_costs_nothing_but_its_contacts(setting):
+    hand, naive, _, pose = setting
+    energy = HandEnergy(hand, naive.fields, BATCH, TermWeights())
+    straight = torch.zeros_like(pose.joint_angles)
+    energy(HandPose(pose.translation + 3.0, pose.rotation, straight))
+    assert float(energy.energy.abs().max()) == 0.0
+    assert float(energy.gradient.abs().max()) == 0.0

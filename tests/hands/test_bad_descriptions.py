@@ -1,0 +1,393 @@
+"""Every description that cannot be used is refused with one message: what, expected, got, how to mend it."""
+
+import pytest
+
+from dexnudge.errors import HandError, UnknownNameError
+from dexnudge.hands.registry import load_hand
+from dexnudge.hands.xml_text import MAX_DESCRIPTION_BYTES
+
+LINKS = "['forearm', 'thumb', 'palm', 'finger', 'tip', 'thumbtip', 'pad']"
+
+
+def message(path) -> str:
+    with pytest.raises(HandError) as caught:
+        load_hand(path)
+    return str(caught.value).replace(str(path.parent), "DIR")
+
+
+@pytest.mark.parametrize(
+    ("old", "new", "expected"),
+    [
+        (
+            '<robot name="small">',
+            '<!DOCTYPE robot [<!ENTITY a "aaaa"><!ENTITY b "&a;&a;&a;&a;">]><robot name="&b;">',
+            (
+                "DIR/small.urdf: document types and entities are not read: expected plain XML, got '<!DOCTYPE'; "
+                "remove it (for xacro: expand the file first)"
+            ),
+        ),
+        (
+            '<link name="thumb"/>',
+            '<link name="thumb"/><joint name="loop" type="fixed"><parent link="thumbtip"/><child link="pad"/></joint>',
+            (
+                "kinematic loop: expected one joint above each link, got 'loop' and 'mount' above link 'pad'; "
+                "cut the loop (closed chains are not supported)"
+            ),
+        ),
+        (
+            '<parent link="forearm"/>',
+            '<parent link="tip"/>',
+            "kinematic loop: expected a tree, got link 'palm' below itself; cut the loop (closed chains are not supported)",
+        ),
+        (
+            '<link name="thumb"/>',
+            '<link name="thumb"/><link name="loose"/>',
+            "expected one root link, got ['forearm', 'loose']; connect them with joints or remove the loose ones",
+        ),
+        (
+            '<parent link="thumb"/>',
+            '<parent link="thump"/>',
+            f"joint 'spin' names an unknown parent link 'thump'; expected one of {LINKS}; mend the name or add the link",
+        ),
+        (
+            ' lower="-0.5" upper="0.7"',
+            ' upper="0.7"',
+            "DIR/small.urdf: joint 'wrist': expected <limit lower=... upper=...> in radians, missing ['lower']; add them",
+        ),
+        (
+            '<limit lower="-0.5" upper="0.7"/>',
+            "",
+            (
+                "DIR/small.urdf: joint 'wrist': expected <limit lower=... upper=...> in radians, "
+                "missing ['lower', 'upper']; add them"
+            ),
+        ),
+        (
+            'lower="-0.5"',
+            'lower="nan"',
+            "DIR/small.urdf: joint 'wrist': expected 1 finite number(s) in 'lower', got 'nan'; mend it",
+        ),
+        (
+            'lower="-0.5"',
+            'lower="0.9"',
+            "DIR/small.urdf: joint 'wrist': expected lower limit <= upper limit, got 0.9 > 0.7; swap or mend them",
+        ),
+        (
+            'xyz="0 0 0.05"',
+            'xyz="0 inf 0.05"',
+            "DIR/small.urdf: joint 'far': expected 3 finite number(s) in 'xyz', got '0 inf 0.05'; mend it",
+        ),
+        (
+            'xyz="0 0 0.05"',
+            'xyz="0 0.05"',
+            "DIR/small.urdf: joint 'far': expected 3 finite number(s) in 'xyz', got '0 0.05'; mend it",
+        ),
+        (
+            'xyz="0 3 4"',
+            'xyz="0 0 0"',
+            "DIR/small.urdf: joint 'wrist': expected an axis of non-zero length, got [0.0, 0.0, 0.0]; mend <axis>",
+        ),
+        (
+            'type="continuous"',
+            'type="prismatic"',
+            (
+                "DIR/small.urdf: joint 'spin': expected type revolute, continuous, fixed, got 'prismatic'; "
+                "replace the joint or fix it"
+            ),
+        ),
+        (
+            '<mimic joint="near"',
+            '<mimic joint="nearby"',
+            (
+                "joint 'middle' mimics 'nearby': expected one of ['wrist', 'near', 'spin'], or a joint that mimics one; "
+                "mend the <mimic> element"
+            ),
+        ),
+        (
+            '<mimic joint="near"',
+            '<mimic joint="far"',
+            (
+                "joint 'far' mimics 'middle': expected one of ['wrist', 'near', 'spin'], or a joint that mimics one; "
+                "mend the <mimic> element"
+            ),
+        ),
+        (
+            '<link name="thumb"/>',
+            '<link name="thumb"/><link name="thumb"/>',
+            "DIR/small.urdf: expected each link name once, got ['thumb'] more than once; rename them",
+        ),
+        (
+            '<sphere radius="0.009"/>',
+            '<sphere radius="-1"/>',
+            "DIR/small.urdf: link 'tip': <sphere>: expected radius above zero, got {'radius': '-1'}; mend it",
+        ),
+        (
+            '<sphere radius="0.009"/>',
+            '<plane normal="0 0 1"/>',
+            "DIR/small.urdf: link 'tip': expected mesh, box, cylinder, sphere or capsule, got <plane>; replace it by a mesh",
+        ),
+        (
+            '<parent link="thumb"/>',
+            "",
+            "DIR/small.urdf: joint 'spin': expected <parent link=...>, found none; add it",
+        ),
+        (
+            "package://small/wedge.stl",
+            "wedge.blend",
+            (
+                "mesh 'wedge.blend' is missing: expected a file below DIR, found none; "
+                "copy it there or mend its name in the description"
+            ),
+        ),
+        *[
+            (
+                "package://small/wedge.stl",
+                outside,
+                (
+                    f"mesh '{outside}' lies outside the hand's folder: expected a file below DIR; "
+                    "copy the meshes beside the description and name them relative to it"
+                ),
+            )
+            for outside in (
+                "../wedge.stl",
+                "/etc/hostname",
+                "package://small/../../wedge.stl",
+                "file:///etc/hostname",
+                "link.stl",
+            )
+        ],
+        (
+            "package://small/wedge.stl",
+            "hand.yaml",
+            "DIR/hand.yaml: expected a mesh of .stl, .obj, .dae, .ply, got '.yaml'; convert it",
+        ),
+        (
+            "package://small/wedge.stl",
+            "empty.obj",
+            (
+                "DIR/empty.obj: not a usable mesh: expected triangles with finite corners and a scale without zeros, "
+                "got 0 triangles and scale [0.001, 0.002, 0.001]; mend or re-export the mesh"
+            ),
+        ),
+    ],
+)
+def test_bad_urdf(write_hand, old, new, expected):
+    path = write_hand()
+    text = path.read_text()
+    assert old in text
+    path.write_text(text.replace(old, new, 1))
+    (path.parent / "link.stl").symlink_to("/etc/hostname")
+    (path.parent / "empty.obj").write_text("# nothing\n")
+    assert message(path) == expected
+
+
+def test_missing_file(tmp_path):
+    assert message(tmp_path / "no.urdf") == (
+        "the hand's description is missing: expected a file at DIR/no.urdf, found none; mend the path"
+    )
+
+
+def test_truncated_file(write_hand):
+    path = write_hand()
+    path.write_text(path.read_text()[:500])
+    text = message(path)
+    assert text.startswith(
+        "DIR/small.urdf: not well-formed XML: expected a complete <robot> element, got an error at '"
+    )
+    assert text.endswith("'; mend or re-export the file")
+
+
+def test_entities_hidden_by_an_encoding(write_hand):
+    path = write_hand()
+    path.write_bytes('<!DOCTYPE robot [<!ENTITY a "a">]><robot/>'.encode("utf-16"))
+    assert message(path) == (
+        "DIR/small.urdf: not a text file: expected XML in UTF-8, got invalid start byte; save it as UTF-8"
+    )
+
+
+def test_declared_encoding_is_not_obeyed(write_hand):
+    path = write_hand()
+    path.write_text('<?xml version="1.0" encoding="utf-7"?>\n+ADwAIQ-DOCTYPE robot [+ADwAIQ-ENTITY a "a">]>\n<robot/>')
+    assert message(path).startswith("DIR/small.urdf: not well-formed XML")
+
+
+def test_huge_file(write_hand):
+    path = write_hand()
+    path.write_bytes(b" " * (MAX_DESCRIPTION_BYTES + 1))
+    assert message(path) == (
+        "DIR/small.urdf: the file is too large: expected at most 10000000 bytes of XML, got 10000001; "
+        "keep meshes in files of their own"
+    )
+
+
+def test_not_a_robot(write_hand):
+    path = write_hand("<sdf/>")
+    assert (
+        message(path) == "DIR/small.urdf: wrong kind of file: expected a root element <robot>, got <sdf>; mend the path"
+    )
+
+
+def test_no_links(write_hand):
+    assert message(write_hand("<robot/>")) == (
+        "DIR/small.urdf: expected <link> elements, found none; mend or re-export the URDF"
+    )
+
+
+def test_no_joints(write_hand):
+    ball = '<collision><geometry><sphere radius="1"/></geometry></collision>'
+    urdf = f'<robot name="stiff"><link name="palm">{ball}</link></robot>'
+    config = "palm: palm\nfingertips: {A: palm}\npalm_normal: [0, 0, 1]"
+    assert message(write_hand(urdf, config)) == (
+        "hand 'stiff' cannot move: expected at least one revolute joint, found none; mend the description"
+    )
+
+
+def test_closed_ring_without_a_root(write_hand):
+    ring = '<joint name="{0}{1}" type="fixed"><parent link="{0}"/><child link="{1}"/></joint>'
+    urdf = (
+        f'<robot><link name="a"/><link name="b"/><link name="c"/>{ring.format("b", "c")}{ring.format("c", "b")}</robot>'
+    )
+    assert message(write_hand(urdf)) == (
+        "kinematic loop: expected a tree, got link 'b' below itself; cut the loop (closed chains are not supported)"
+    )
+
+
+def test_no_collision_geometry(write_hand):
+    path = write_hand()
+    path.write_text(path.read_text().replace("collision>", "inertial>"))
+    assert message(path) == (
+        "hand 'small' has no collision geometry: expected it on at least one link, found none; "
+        "add <collision> elements or set 'geometry' in the hand's YAML to the other kind"
+    )
+
+
+def test_truncated_mesh(write_hand):
+    path = write_hand()
+    mesh = path.parent / "wedge.stl"
+    mesh.write_bytes(mesh.read_bytes()[:100])
+    assert message(path) == (
+        "DIR/wedge.stl: not a usable mesh: expected triangles with finite corners and a scale without zeros, "
+        "got 0 triangles and scale [0.001, 0.002, 0.001]; mend or re-export the mesh"
+    )
+
+
+def test_mesh_of_another_kind(write_hand):
+    path = write_hand()
+    (path.parent / "wedge.ply").write_text("solid")
+    path.write_text(path.read_text().replace("wedge.stl", "wedge.ply"))
+    text = message(path)
+    assert text.startswith("DIR/wedge.ply: not readable as ply: expected a triangle mesh, got '")
+    assert text.endswith("'; mend or re-export the mesh")
+
+
+def test_entities_in_a_mesh(write_hand):
+    path = write_hand()
+    (path.parent / "wedge.dae").write_text('<!DOCTYPE COLLADA [<!ENTITY a "b">]><COLLADA/>')
+    path.write_text(path.read_text().replace("wedge.stl", "wedge.dae"))
+    assert message(path).startswith("DIR/wedge.dae: document types and entities are not read")
+
+
+def test_without_yaml_the_message_says_what_to_write(write_hand):
+    assert message(write_hand(config=None)) == (
+        "DIR/small.urdf has no YAML beside it: expected small.yaml or hand.yaml with the palm, the fingertips and the "
+        "direction in which the palm faces; write there, after checking:\n"
+        "palm: palm\nfingertips: {thumbtip: thumbtip, pad: pad}\npalm_normal: [0, 0, 1]"
+    )
+
+
+@pytest.mark.parametrize(
+    ("old", "new", "expected"),
+    [
+        (
+            "palm: palm",
+            "palm: hand",
+            f"the hand's YAML names an unknown link: key 'palm': expected one of {LINKS}, got 'hand'; mend it",
+        ),
+        (
+            "[spin, near]",
+            "[spin, middle]",
+            (
+                "the hand's YAML couples an unknown joint: key 'couplings': expected some of ['wrist', 'near', 'spin'], "
+                "got 'middle'; mend it"
+            ),
+        ),
+        (
+            "palm: palm\n",
+            "",
+            "DIR/hand.yaml: missing keys ['palm']; expected palm, fingertips and palm_normal; add them",
+        ),
+        (
+            "palm: palm",
+            "palm: palm\npalms: 2",
+            (
+                "DIR/hand.yaml: unknown keys ['palms']; expected some of ['palm', 'fingertips', 'palm_normal', 'couplings', "
+                "'base_link', 'geometry', 'name']; remove or rename them"
+            ),
+        ),
+        (
+            "[0, -2, 0]",
+            "[0, 0, 0]",
+            "DIR/hand.yaml: key 'palm_normal': expected three numbers [x, y, z], not all zero, got [0, 0, 0]; mend it",
+        ),
+        (
+            "[0, -2, 0]",
+            "[0, .nan, 0]",
+            "DIR/hand.yaml: key 'palm_normal': expected three numbers [x, y, z], not all zero, got [0, nan, 0]; mend it",
+        ),
+        (
+            "{F: pad, T: thumbtip}",
+            "[pad]",
+            "DIR/hand.yaml: key 'fingertips': expected at least one line 'digit: link', got ['pad']; mend it",
+        ),
+        (
+            "[[spin, near]]",
+            "[[spin]]",
+            "DIR/hand.yaml: key 'couplings': expected pairs of joints [follower, leader], got ['spin']; mend it",
+        ),
+        (
+            "base_link: forearm",
+            "geometry: convex",
+            "DIR/hand.yaml: key 'geometry': expected one of ['collision', 'visual'], got 'convex'; mend it",
+        ),
+    ],
+)
+def test_bad_yaml(write_hand, old, new, expected):
+    path = write_hand()
+    config = path.parent / "hand.yaml"
+    assert old in config.read_text()
+    config.write_text(config.read_text().replace(old, new, 1))
+    assert message(path) == expected
+
+
+def test_yaml_that_is_none(write_hand):
+    assert message(write_hand(config="palm: [")).startswith(
+        "DIR/hand.yaml: not a YAML file: expected 'key: value' lines, got '"
+    )
+    assert message(write_hand(config="palm")) == (
+        "DIR/hand.yaml: expected 'key: value' lines, got str; write palm, fingertips, palm_normal"
+    )
+
+
+def test_coupling_that_cannot_hold(write_hand):
+    path = write_hand()
+    path.write_text(path.read_text().replace('lower="0" upper="1.2"', 'lower="-5" upper="-4"'))
+    assert message(path) == (
+        "coupling spin <= near cannot hold: expected spin's lower limit at most near's upper, "
+        "got -3.141592653589793 and -4.0 rad; swap the pair or mend the limits"
+    )
+
+
+def test_unknown_name_lists_the_known_ones():
+    with pytest.raises(UnknownNameError) as caught:
+        load_hand("allegro")
+    assert str(caught.value) == (
+        "unknown hand 'allegro': expected one of shadow_full, shadow_lite, "
+        "or the path of a .urdf or .xml file; mend the name"
+    )
+
+
+def test_file_of_another_kind(tmp_path):
+    file = tmp_path / "hand.sdf"
+    file.write_text("")
+    with pytest.raises(HandError, match=r"expected a description that ends in \.urdf or \.xml, got '\.sdf'"):
+        load_hand(file)

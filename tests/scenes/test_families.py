@@ -1,0 +1,237 @@
+"""Every family: what it promises, measured on the meshes that it makes."""
+
+import numpy as np
+import pytest
+import trimesh
+from scipy.spatial import ConvexHull, cKDTree
+
+from dexnudge.errors import SceneError, UnknownNameError
+from dexnudge.objects.builtin import builtin_object
+from dexnudge.scenes.families import SCENE_FAMILIES, build_scene
+from dexnudge.scenes.overlap import deepest_overlap
+from dexnudge.scenes.scene import Scene
+
+OBJECTS = ["phone", "phone-003", "remote-003", "remote-201", "book-200", "box-004"]
+SEEDS = range(2)
+
+
+@pytest.fixture(scope="module")
+def meshes() -> dict[str, trimesh.Trimesh]:
+    return {name: builtin_object(name) for name in OBJECTS}
+
+
+def drawn(family: str, meshes: dict[str, trimesh.Trimesh], names=OBJECTS, seeds=SEEDS) -> list[Scene]:
+    return [build_scene(family, meshes[name], seed=seed) for name in names for seed in seeds]
+
+
+def parts_of(scene: Scene) -> list[trimesh.Trimesh]:
+    """The bodies of the surroundings, largest first."""
+    return sorted(scene.environment_mesh.split(only_watertight=False), key=lambda part: -part.volume)
+
+
+def gap_along(scene: Scene, axis: int, side: int, limit: float) -> float:
+    """From the object's bounding box to the plane at `limit`, on its low (0) or high (1) side."""
+    return (1 if side else -1) * (limit - scene.object_in_world().bounds[side, axis])
+
+
+@pytest.mark.parametrize("family", SCENE_FAMILIES)
+def test_the_surroundings_are_closed_bodies_that_stay_apart_when_saved(family, meshes):
+    for scene in drawn(family, meshes, OBJECTS[:2], [0]):
+        environment = scene.environment_mesh
+        parts = parts_of(scene)
+        assert all(part.is_watertight and part.volume > 0 and part.is_convex for part in parts)
+        merged = environment.copy()
+        merged.merge_vertices()
+        assert len(merged.vertices) == len(environment.vertices) == 8 * len(parts)
+
+
+@pytest.mark.parametrize("family", SCENE_FAMILIES)
+def test_the_object_touches_its_support_and_penetrates_nothing(family, meshes):
+    for scene in drawn(family, meshes, OBJECTS[1::2]):
+        placed = scene.object_in_world()
+        up = scene.environment_mesh.face_normals[2] if family == "ramp" else np.array([0.0, 0.0, 1.0])
+        heights = placed.vertices @ up
+        support = (
+            scene.parameters["thickness_lower"] + scene.parameters["thickness_upper"] if family == "stack" else 0.0
+        )
+        assert heights.min() == pytest.approx(support, abs=1e-9)
+        touching = placed.vertices[heights < support + 1e-6]
+        assert len(touching) >= 3
+        assert deepest_overlap(placed, scene.environment_mesh)[0] < 1e-6
+
+
+@pytest.mark.parametrize("family", SCENE_FAMILIES)
+def test_the_seed_decides(family, meshes):
+    first, again, other = (build_scene(family, meshes["phone"], seed=seed) for seed in (7, 7, 8))
+    np.testing.assert_array_equal(first.T_world_object, again.T_world_object)
+    np.testing.assert_array_equal(first.environment_mesh.vertices, again.environment_mesh.vertices)
+    assert first.parameters == again.parameters
+    assert first.parameters != other.parameters
+    assert (first.name, first.seed) == (family, 7)
+    assert np.linalg.norm(first.motion) == pytest.approx(1)
+    assert first.motion_length == 0.10
+
+
+@pytest.mark.parametrize("family", SCENE_FAMILIES)
+def test_the_object_does_not_run_into_the_surroundings(family, meshes):
+    for scene in drawn(family, meshes, OBJECTS[1:3]):
+        moved = scene.object_in_world()
+        moved.apply_translation(scene.motion_length * scene.motion + 1e-6 * scene.environment_mesh.face_normals[2])
+        assert deepest_overlap(moved, scene.environment_mesh)[0] < 1e-5
+
+
+def test_table(meshes):
+    edges = set()
+    for scene in drawn("table", meshes, OBJECTS[:3], range(24)):
+        axis = int(np.argmax(np.abs(scene.motion)))
+        side = int(scene.motion[axis] > 0)
+        assert 0.10 <= gap_along(scene, axis, side, scene.environment_mesh.bounds[side, axis]) <= 0.30
+        np.testing.assert_allclose(scene.environment_mesh.extents, [1.2, 0.8, 0.04])
+        edges.add((axis, side))
+    assert len(edges) == 4
+
+
+@pytest.mark.parametrize(
+    ("family", "gaps", "exposed"), [("layers", (0.010, 0.030), (0.2, 0.5)), ("slot", (0.003, 0.008), (0.1, 0.2))]
+)
+def test_layers_and_slot(family, gaps, exposed, meshes):
+    for scene in drawn(family, meshes):
+        low, high = scene.object_in_world().bounds
+        lower, upper = sorted(parts_of(scene), key=lambda part: part.bounds[0, 2])
+        assert high[0] == pytest.approx(lower.bounds[1, 0], abs=1e-9)
+        assert gaps[0] <= upper.bounds[0, 2] - high[2] <= gaps[1]
+        assert exposed[0] <= (high[0] - upper.bounds[1, 0]) / (high[0] - low[0]) <= exposed[1]
+        assert high[0] - low[0] == pytest.approx(scene.object_mesh.extents.max(), rel=2e-2)
+        for board in (lower, upper):
+            assert board.extents[0] == pytest.approx(0.30)
+            assert board.extents[2] == pytest.approx(0.02)
+        np.testing.assert_array_equal(scene.motion, [1, 0, 0])
+
+
+@pytest.mark.parametrize(
+    ("family", "heights", "gaps"), [("shelf", (0.16, 0.24), (0.010, 0.060)), ("deep", (0.12, 0.16), (0.08, 0.18))]
+)
+def test_shelf_and_deep(family, heights, gaps, meshes):
+    for scene in drawn(family, meshes):
+        low, high = scene.object_in_world().bounds
+        parts = parts_of(scene)
+        floor, ceiling = (min(parts, key=lambda part, s=s: s * part.bounds.mean(axis=0)[2]) for s in (1, -1))
+        left, right = (min(parts, key=lambda part, s=s: s * part.bounds.mean(axis=0)[1]) for s in (1, -1))
+        back = min(parts, key=lambda part: part.bounds.mean(axis=0)[0])
+        assert 0.28 <= right.bounds[0, 1] - left.bounds[1, 1] <= 0.40
+        assert heights[0] <= ceiling.bounds[0, 2] - floor.bounds[1, 2] <= heights[1]
+        assert floor.bounds[1, 0] - back.bounds[1, 0] == pytest.approx(0.30)
+        assert gaps[0] <= floor.bounds[1, 0] - high[0] <= gaps[1]
+        assert low[0] > back.bounds[1, 0]
+        assert left.bounds[1, 1] < low[1] < high[1] < right.bounds[0, 1]
+        np.testing.assert_array_equal(scene.motion, [1, 0, 0])
+
+
+def test_corner(meshes):
+    for scene in drawn("corner", meshes):
+        low, _ = scene.object_in_world().bounds
+        _, *walls = parts_of(scene)
+        across_x = min(walls, key=lambda part: part.extents[0])
+        across_y = min(walls, key=lambda part: part.extents[1])
+        assert 0 <= low[0] - across_x.bounds[1, 0] <= 0.005
+        assert 0 <= low[1] - across_y.bounds[1, 1] <= 0.005
+        np.testing.assert_allclose(scene.motion, [np.sqrt(0.5), np.sqrt(0.5), 0])
+
+
+def test_clutter(meshes):
+    for scene in drawn("clutter", meshes):
+        _, *boxes = parts_of(scene)
+        assert len(boxes) == 6
+        # From above everything is a prism: the distance of the outlines is that of dense points on their edges.
+        corners = scene.object_in_world().convex_hull.vertices[:, :2]
+        for box in boxes:
+            around = box.vertices[box.vertices[:, 2] > 1e-9][:, :2]
+            nearest = min_distance(hull_points(corners), hull_points(around))
+            assert 0.003 < nearest <= 0.020
+            assert np.all(np.abs(around) <= [0.6, 0.4])
+
+
+def hull_points(points: np.ndarray) -> np.ndarray:
+    """Points every half millimetre along the convex hull of points in the plane."""
+    outline = points[ConvexHull(points).vertices]
+    pieces = []
+    for start, end in zip(outline, np.roll(outline, -1, axis=0), strict=True):
+        steps = max(2, int(np.linalg.norm(end - start) / 5e-4))
+        pieces.append(start + np.linspace(0, 1, steps)[:, None] * (end - start))
+    return np.concatenate(pieces)
+
+
+def min_distance(first: np.ndarray, second: np.ndarray) -> float:
+    return float(cKDTree(first).query(second)[0].min())
+
+
+def test_drawer(meshes):
+    for scene in drawn("drawer", meshes):
+        low, _ = scene.object_in_world().bounds
+        _, *walls = parts_of(scene)
+        behind = min(walls, key=lambda part: part.bounds.mean(axis=0)[0])
+        assert 0.010 <= low[0] - behind.bounds[1, 0] <= 0.040
+        assert len(walls) == 4
+
+
+def test_ramp(meshes):
+    for scene in drawn("ramp", meshes, seeds=range(6)):
+        assert scene.motion[2] == pytest.approx(-np.sin(np.radians(15)))
+        upward = scene.environment_mesh.face_normals[2]
+        assert upward[2] == pytest.approx(np.cos(np.radians(15)))
+        assert upward @ scene.motion == pytest.approx(0, abs=1e-12)
+
+
+def test_stack(meshes):
+    for scene in drawn("stack", meshes):
+        low, high = scene.object_in_world().bounds
+        _, *books = parts_of(scene)
+        upper = max(books, key=lambda part: part.bounds[1, 2])
+        lower = min(books, key=lambda part: part.bounds[1, 2])
+        gaps = np.stack([low - upper.bounds[0], upper.bounds[1] - high])[:, :2]  # side, axis
+        assert gaps.min() >= 0.005 - 1e-9
+        side, axis = np.unravel_index(np.argmin(gaps), (2, 2))
+        assert scene.motion[axis] == (1.0 if side else -1.0)
+        assert np.all(lower.bounds[0, :2] <= upper.bounds[0, :2])
+        assert np.all(lower.bounds[1, :2] >= upper.bounds[1, :2])
+
+
+def test_physics_come_from_the_caller(meshes):
+    scene = build_scene("table", meshes["phone"], seed=0, mass=0.3, friction_environment=0.2, motion_length=0.05)
+    assert (scene.mass, scene.friction_environment, scene.motion_length) == (0.3, 0.2, 0.05)
+    assert (scene.friction_hand, scene.max_normal_force) == (0.8, 5.0)
+
+
+def test_an_unknown_family_lists_the_known_ones(meshes):
+    with pytest.raises(UnknownNameError) as caught:
+        build_scene("tabel", meshes["phone"], seed=0)
+    assert str(caught.value) == (
+        "unknown scene 'tabel'; expected one of table, layers, shelf, slot, deep, corner, clutter, drawer, ramp, "
+        "stack, or your own surroundings through --environment"
+    )
+    with pytest.raises(SceneError) as caught:
+        build_scene("table", meshes["phone"], seed=0, weight=1.0)
+    assert str(caught.value) == (
+        "unknown physical parameter 'weight'; expected motion_length, mass, friction_hand, friction_environment, "
+        "max_normal_force"
+    )
+
+
+@pytest.mark.parametrize(
+    ("family", "size", "expected"),
+    [
+        ("layers", (0.35, 0.1, 0.02), "the object is 0.350 m long; expected at most 0.3 m, the depth of the boards of "),
+        ("shelf", (0.25, 0.25, 0.20), "the object lies 0.250 x 0.250 m and 0.200 m high; expected one that fits 0.285 x "),
+        ("deep", (0.15, 0.12, 0.11), "the object lies 0.150 x 0.120 m and 0.110 m high; expected one that fits 0.215 x "),
+        ("drawer", (0.5, 0.5, 0.02), "the object lies 0.500 x 0.500 m; expected at most "),
+        ("stack", (0.59, 0.59, 0.05), "the object covers "),
+        ("table", (0.59, 0.59, 0.05), "the object covers "),
+    ],
+)  # fmt: skip
+def test_an_object_that_does_not_fit_is_refused(family, size, expected):
+    mesh = trimesh.creation.box(size)
+    with pytest.raises(SceneError) as caught:
+        for seed in range(20):
+            build_scene(family, mesh, seed=seed)
+    assert str(caught.value).startswith(expected)
+    assert str(caught.value).endswith("use a smaller object or your own environment")
