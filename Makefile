@@ -3,7 +3,8 @@ PYTHON ?= python3
 VENV := .venv
 BIN := $(VENV)/bin
 PIP := $(BIN)/python -m pip install -q -c constraints.txt
-FAST_WORKERS ?= 2
+# One file stays on one worker, so that what a file prepares is prepared once.
+PYTEST := $(BIN)/python -m pytest -n 2 --dist loadfile
 
 .PHONY: help demo test test-fast check bench clean
 .DEFAULT_GOAL := help
@@ -26,10 +27,10 @@ demo: $(VENV)/.run.stamp  ## a phone on a table, between layers, in a shelf: tab
 	$(BIN)/python examples/demo.py --out demo
 
 test: $(VENV)/.dev.stamp  ## all tests
-	$(BIN)/python -m pytest -n $(FAST_WORKERS) $(PYTEST_ARGS)
+	$(PYTEST) $(PYTEST_ARGS)
 
 test-fast: $(VENV)/.dev.stamp  ## the tests that take seconds
-	$(BIN)/python -m pytest -n $(FAST_WORKERS) -m "not slow" $(PYTEST_ARGS)
+	$(PYTEST) -m "not slow" $(PYTEST_ARGS)
 
 check: $(VENV)/.dev.stamp  ## style, types, import layers
 	$(BIN)/ruff check .

@@ -44,7 +44,7 @@ def obj(mesh: trimesh.Trimesh) -> str:
 
 MESHES = {
     "empty": ("object.obj", "", "is empty"),
-    "comment only": ("object.obj", "# nothing here\n", "no vertices in it"),
+    "comment only": ("object.obj", "# nothing here\n", "cannot be read as obj"),
     "truncated": ("object.stl", phone().export(file_type="stl")[:300], "truncated|damaged|not a mesh|cannot be read"),
     "no mesh": ("object.ply", b"\x89PNG\r\n\x1a\n" + bytes(range(256)), "cannot be read|not a mesh|no .*mesh|damaged"),
     "NaN": (

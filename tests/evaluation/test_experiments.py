@@ -156,7 +156,7 @@ class TestRowMaker:
         from dexnudge.sampling.sampler import Sampler
 
         monkeypatch.undo()
-        monkeypatch.setattr(Sampler, "from_pretrained", classmethod(lambda cls, hand, **_: None))
+        monkeypatch.setattr(Sampler, "from_pretrained", classmethod(lambda cls, hand, **_: cls(hand, None)))
         (tmp_path / "objects").mkdir()
         (tmp_path / "objects" / "broken.obj").write_text("v 0 0 0\n")
         return lambda: experiments.RowMaker(replace(CONFIG, objects=str(tmp_path / "objects"), scenes=("shelf",)))

@@ -68,7 +68,7 @@ class Train:
         result = train(self.data, self.out, TrainingConfig(**settings, architecture=Architecture(**shape)))
         console = stdout()
         for name, value in result.validation.items():
-            console.print(f"validation {name}: {value:.4g}")
+            console.print(f"{name}: {value:.4g}")
         console.print(f"{result.step} steps in {result.minutes:.1f} min; model: {result.model_folder}", soft_wrap=True)
         if not result.finished:
             console.print("stopped before the end; the same command goes on from here")

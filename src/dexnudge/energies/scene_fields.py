@@ -1,7 +1,5 @@
 """Distance fields of an object and its environment for the fused kernel, all in one working frame."""
 
-from dataclasses import dataclass
-
 import numpy as np
 import trimesh
 from dexnudge.geometry.warp_runtime import WarpStruct, wp
@@ -11,6 +9,7 @@ from dexnudge.energies.grid_kernel import pack_grids
 from dexnudge.energies.hand_kernel import SceneFields
 from dexnudge.geometry.distance_grid import DistanceGrid, distance_grid
 from dexnudge.geometry.exact_distance import ExactDistance
+from dexnudge.energies.visible_space import shadowed_grid
 from dexnudge.geometry.surface_points import surface_points
 
 OBJECT_CELL = 0.0015  # [m]
@@ -23,37 +22,48 @@ SHARP_EDGE = np.radians(30.0)  # dihedral angle above which an edge can dig into
 NO_ENVIRONMENT = 10.0  # [m] distance everywhere when there is none
 
 
-@dataclass(frozen=True)
-class FieldMeshes:
-    """What the fields were built from, in the working frame [m]; kept for whoever draws or debugs."""
-
-    object_mesh: trimesh.Trimesh
-    environment_mesh: trimesh.Trimesh | None
-
-
 def build_scene_fields(
     object_mesh: trimesh.Trimesh, environment_mesh: trimesh.Trimesh | None, *, device: str = "cpu"
 ) -> WarpStruct:
-    """Grids and test points from meshes that are already in the working frame [m]."""
+    """Grids and test points from meshes that are already in the working frame [m]: a `SceneFields` of the kernel."""
+    return build_guided_fields(object_mesh, environment_mesh, device=device, guiding=False)[0]
+
+
+def build_guided_fields(
+    object_mesh: trimesh.Trimesh,
+    environment_mesh: trimesh.Trimesh | None,
+    *,
+    device: str = "cpu",
+    guiding: bool = True,
+) -> tuple[WarpStruct, WarpStruct]:
+    """(fields of the scene, the same with the environment's shadow as solid for guidance); equal without `guiding`."""
     lower, upper = object_mesh.bounds
     exact = ExactDistance(object_mesh, device=device)
-    grids = [distance_grid(exact, lower - OBJECT_PADDING, upper + OBJECT_PADDING, cell=OBJECT_CELL)]
-    fields = SceneFields()
-    edge_points = np.zeros((0, 3))
-    if environment_mesh is None:
-        empty = DistanceGrid(np.full((2, 2, 2), NO_ENVIRONMENT, dtype=np.float32), np.zeros(3), 1.0e-6)
-        grids += [empty, empty]
-    else:
+    object_grid = distance_grid(exact, lower - OBJECT_PADDING, upper + OBJECT_PADDING, cell=OBJECT_CELL)
+    empty = DistanceGrid(np.full((2, 2, 2), NO_ENVIRONMENT, dtype=np.float32), np.zeros(3), 1.0e-6)
+    environment, edge_points = [empty, empty], np.zeros((0, 3))
+    shadowed = environment
+    if environment_mesh is not None:
         around = ExactDistance(environment_mesh, device=device)
-        grids.append(distance_grid(around, lower - NEAR_PADDING, upper + NEAR_PADDING, cell=NEAR_CELL))
-        grids.append(distance_grid(around, lower - FAR_REACH, upper + FAR_REACH, cell=FAR_CELL))
+        environment = [
+            distance_grid(around, lower - padding, upper + padding, cell=cell)
+            for padding, cell in ((NEAR_PADDING, NEAR_CELL), (FAR_REACH, FAR_CELL))
+        ]
         edge_points = sharp_edge_points(environment_mesh, lower - FAR_REACH, upper + FAR_REACH)
-    fields.grids = pack_grids(grids, device=device)
+        if guiding:
+            shadowed = [shadowed_grid(grid, object_mesh, environment_mesh, around) for grid in environment]
     spread = surface_points(object_mesh, spacing=OBJECT_POINT_SPACING).points
-    fields.object_points = wp.array(spread.astype(np.float32), dtype=wp.vec3, device=device)
-    fields.environment_points = wp.array(edge_points.astype(np.float32), dtype=wp.vec3, device=device)
-    fields.has_environment = int(environment_mesh is not None)
-    return fields
+
+    def fields(grids: list[DistanceGrid]) -> WarpStruct:
+        packed = SceneFields()
+        packed.grids = pack_grids([object_grid, *grids], device=device)
+        packed.object_points = wp.array(spread.astype(np.float32), dtype=wp.vec3, device=device)
+        packed.environment_points = wp.array(edge_points.astype(np.float32), dtype=wp.vec3, device=device)
+        packed.has_environment = int(environment_mesh is not None)
+        return packed
+
+    plain = fields(environment)
+    return plain, fields(shadowed) if guiding and environment_mesh is not None else plain
 
 
 def sharp_edge_points(

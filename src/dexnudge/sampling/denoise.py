@@ -13,9 +13,12 @@ from dexnudge.energies.descent import pose_from_configuration
 from dexnudge.energies.evaluator import HandEnergy
 from dexnudge.energies.weights import TermWeights
 from dexnudge.hands.hand import Hand
+from dexnudge.sampling.guidance.contacts import wanted_contacts
 from dexnudge.sampling.guidance.rule import GuidanceRule, ReverseStep
 from dexnudge.sampling.guidance.unguided import unguided
 from dexnudge.sampling.problem import SamplingProblem
+
+SELECTION_REACH = 0.012  # [m] of a fingertip from the object to count as a contact that should be closed
 
 
 @dataclass(frozen=True)
@@ -25,17 +28,55 @@ class DenoisingConfig:
     Attributes:
         num_inference_steps: of DDIM. eta: 0 deterministic, 1 as much noise as DDPM.
         guidance_scale: of classifier-free guidance; 1 is the plain conditional model.
-        particles: starts per draw; after `selection_share` of the steps, each draw goes on with the one of its own starts
-            whose clean estimate has the least energy in the scene. 1 selects nothing.
-        weights: of the energy that guides.
+        particles: of each draw; 1 is plain denoising. With more, each draw first denoises that many coarse hands without
+            guidance, keeps the one of its own with the least energy in the scene, and denoises it again from
+            `restart`, guided. Nothing is judged in between, and draws never see each other.
+        coarse_steps: DDIM steps of the coarse hands. restart: share of training steps to which the chosen one is noised.
+        weights: of the energy that selects and guides.
     """
 
     num_inference_steps: int = 20
     eta: float = 0.0
     guidance_scale: float = 1.0
     particles: int = 1
-    selection_share: float = 0.5
+    coarse_steps: int = 6
+    restart: float = 0.5
     weights: TermWeights = TermWeights(contact=6.0)
+
+
+@dataclass(frozen=True)
+class _Run:
+    """What all steps of one denoising share."""
+
+    hand: Hand
+    problem: SamplingProblem
+    prior: DiffusionPrior
+    condition: Condition
+    config: DenoisingConfig
+    generator: torch.Generator
+
+    def denoise(
+        self, x: Float[Tensor, "batch dimension"], timesteps: list[int], rule: GuidanceRule
+    ) -> Float[Tensor, "batch dimension"]:
+        """x_0 from x at the first of `timesteps`."""
+        config = self.config
+        energy = HandEnergy(self.hand, self.problem.guiding_fields, len(x), config.weights)
+        for t, t_previous in zip(timesteps, [*timesteps[1:], -1], strict=True):
+            x = rule(
+                ReverseStep(
+                    self.prior,
+                    self.condition,
+                    self.hand,
+                    energy,
+                    x,
+                    t,
+                    t_previous,
+                    config.guidance_scale,
+                    config.eta,
+                    self.generator,
+                )
+            )
+        return x
 
 
 def denoise(
@@ -51,41 +92,34 @@ def denoise(
 ) -> Float[Tensor, "num coordinates"]:
     """`num` configurations in frame C from the prior, guided by the scene's energy; nothing is projected or checked."""
     condition = prior.condition(problem.cloud[None], behaviour, toward_motion=behaviour != "grasp")
+    run = _Run(hand, problem, prior, condition, config, generator)
+    total = prior.schedule.num_train_timesteps
+    timesteps = inference_timesteps(total, config.num_inference_steps)
     x = prior.noise(num * config.particles, generator=generator)
-    energy = HandEnergy(hand, problem.fields, len(x), config.weights)
-    timesteps = inference_timesteps(prior.schedule.num_train_timesteps, config.num_inference_steps)
-    selection = int(config.selection_share * len(timesteps)) if config.particles > 1 else -1
-    for index, t in enumerate(timesteps):
-        if index == selection:
-            x = _select(x, t, hand, prior, condition, energy, config)
-            energy = HandEnergy(hand, problem.fields, num, config.weights)
-        t_previous = timesteps[index + 1] if index + 1 < len(timesteps) else -1
-        step = ReverseStep(
-            prior, condition, hand, energy, x, t, t_previous, config.guidance_scale, config.eta, generator
-        )
-        x = unguided(step) if index < selection else rule(step)
-    return hand.clamp(prior.denormalise(x))
+    if config.particles > 1:
+        x = run.denoise(x, inference_timesteps(total, config.coarse_steps), unguided)
+        x = _least_energy(run, x, num)
+        timesteps = [t for t in timesteps if t <= config.restart * total]
+        alpha_bar = float(prior.schedule.alphas_cumprod[timesteps[0]])
+        noise = prior.noise(num, generator=generator)
+        x = alpha_bar**0.5 * x + (1.0 - alpha_bar) ** 0.5 * noise
+    return hand.clamp(prior.denormalise(run.denoise(x, timesteps, rule)))
+
+
+def _least_energy(run: _Run, x: Float[Tensor, "particle dimension"], num: int) -> Float[Tensor, "num dimension"]:
+    """Of each draw's particles the one with the least energy in the scene."""
+    q = run.hand.clamp(run.prior.denormalise(x))
+    energy = HandEnergy(run.hand, run.problem.guiding_fields, len(x), run.config.weights)
+    tips = [run.hand.link_names.index(link) for link in run.hand.fingertip_links]
+    energy.contact_weight[:, tips] = 1.0
+    pose = pose_from_configuration(q)
+    energy(pose)
+    energy.contact_weight[:, tips] = wanted_contacts(energy.contact_distance[:, tips], reach=SELECTION_REACH)
+    best = energy(pose).unflatten(0, (num, -1)).argmin(dim=1)
+    return x.unflatten(0, (num, -1))[torch.arange(num), best].clone()
 
 
 def inference_timesteps(num_train_timesteps: int, num_inference_steps: int) -> list[int]:
     """Timesteps from the noisiest to the cleanest, evenly spaced, the last training step included ("trailing")."""
     steps = np.arange(num_train_timesteps, 0, -num_train_timesteps / num_inference_steps)
     return [int(round(step)) - 1 for step in steps]
-
-
-def _select(
-    x: Float[Tensor, "particle dimension"],
-    t: int,
-    hand: Hand,
-    prior: DiffusionPrior,
-    condition: Condition,
-    energy: HandEnergy,
-    config: DenoisingConfig,
-) -> Float[Tensor, "num dimension"]:
-    """Of each draw's particles the one with the least energy; draws never see each other."""
-    with torch.inference_mode():
-        q = prior.denormalise(prior.predict_clean(x, t, condition, guidance_scale=config.guidance_scale)).clone()
-    value = energy(pose_from_configuration(hand.clamp(q))).unflatten(0, (-1, config.particles))
-    best = value.argmin(dim=1, keepdim=True)
-    grouped = x.unflatten(0, (-1, config.particles))
-    return grouped.gather(1, best[..., None].expand(-1, 1, x.shape[1]))[:, 0].clone()

@@ -9,7 +9,7 @@ from jaxtyping import Float
 from torch import Tensor
 
 from dexnudge.energies.force_residual import SlidingBalance, support_wrenches
-from dexnudge.energies.scene_fields import build_scene_fields
+from dexnudge.energies.scene_fields import build_guided_fields
 from dexnudge.geometry.frames import canonical_frame, transform_configurations
 from dexnudge.geometry.object_cloud import object_cloud
 from dexnudge.mechanics.contacts import support_contacts
@@ -27,6 +27,7 @@ class SamplingProblem:
     Attributes:
         T_world_canonical: frame C in the world.
         fields: distance grids of object and environment for the fused kernel.
+        guiding_fields: the same, with what cannot be seen from the object as solid (see `visible_space`).
         balance: the force balance to reach; None when nothing supports the object or its supports block the motion.
         cloud: (1024, 6) points [m] and outward normals of the object.
         object_mesh: in frame C.
@@ -35,6 +36,7 @@ class SamplingProblem:
     scene: Scene
     T_world_canonical: Float[np.ndarray, "4 4"]
     fields: WarpStruct
+    guiding_fields: WarpStruct
     balance: SlidingBalance | None
     cloud: Float[Tensor, "point 6"]
     object_mesh: trimesh.Trimesh
@@ -52,10 +54,12 @@ def prepare(scene: Scene, *, device: str = "cpu") -> SamplingProblem:
     object_mesh.apply_transform(T_canonical_world)
     environment_mesh = scene.environment_mesh.copy()
     environment_mesh.apply_transform(T_canonical_world)
+    fields, guiding_fields = build_guided_fields(object_mesh, environment_mesh, device=device)
     return SamplingProblem(
         scene=scene,
         T_world_canonical=T_world_canonical,
-        fields=build_scene_fields(object_mesh, environment_mesh, device=device),
+        fields=fields,
+        guiding_fields=guiding_fields,
         balance=_balance(scene, T_canonical_world),
         cloud=object_cloud(object_mesh),
         object_mesh=object_mesh,

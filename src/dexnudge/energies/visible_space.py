@@ -1,0 +1,83 @@
+"""The space from which the object can be seen, and how deep a point is in the shadow of the environment.
+
+Signed distance alone misleads a hand that stands on both sides of a thin wall: every link is pushed out of the wall on the
+side where it happens to be. A hand that works on an object reaches it through free space, and mostly straight. So while
+a hand is guided, what cannot be seen from the object's surface counts as solid, and its depth is the distance to where
+the object can be seen. Projection and judging know nothing of this: they use the environment alone.
+"""
+
+import numpy as np
+import trimesh
+from jaxtyping import Bool, Float
+from scipy.ndimage import distance_transform_edt, map_coordinates
+
+from dexnudge.geometry.distance_grid import DistanceGrid
+from dexnudge.geometry.exact_distance import ExactDistance
+from dexnudge.geometry.surface_points import dart_throwing
+from dexnudge.geometry.warp_runtime import wp
+
+SHADOW_CELL = 0.018  # [m] edge of the cells whose visibility is asked
+SOURCE_LIFT = 0.004  # [m] of the points that look, above the object's surface
+SOURCE_CLEARANCE = 0.003  # [m] that they keep from the environment
+SOURCE_GAP = 0.03  # [m] between them
+
+
+@wp.kernel(enable_backward=False)
+def _sees(
+    mesh: wp.uint64, cells: wp.array(dtype=wp.vec3), sources: wp.array(dtype=wp.vec3), visible: wp.array(dtype=wp.uint8)
+):
+    i = wp.tid()
+    for k in range(sources.shape[0]):
+        way = cells[i] - sources[k]
+        length = wp.length(way)
+        hit = wp.mesh_query_ray(mesh, sources[k], way / length, length)
+        if not hit.result:
+            visible[i] = wp.uint8(1)
+            return
+
+
+def shadowed_grid(
+    grid: DistanceGrid, object_mesh: trimesh.Trimesh, environment_mesh: trimesh.Trimesh, environment: ExactDistance
+) -> DistanceGrid:
+    """The grid of the environment's distances, lowered to minus the depth in the shadow where that is less.
+
+    Args:
+        grid: signed distances [m] to the environment. object_mesh, environment_mesh: in the frame of the grid [m].
+        environment: exact distance to the environment. Without a point that sees anything the grid is returned as it is.
+    """
+    sources = _sources(object_mesh, environment)
+    if len(sources) == 0:
+        return grid
+    extent = (np.asarray(grid.values.shape) - 1) * grid.cell
+    counts = np.maximum(np.ceil(extent / SHADOW_CELL).astype(int), 1) + 1
+    axes = [grid.origin[axis] + SHADOW_CELL * np.arange(counts[axis]) for axis in range(3)]
+    cells = np.stack(np.meshgrid(*axes, indexing="ij"), axis=-1).reshape(-1, 3)
+    visible = _visible(environment_mesh, cells, sources).reshape(counts)
+    if visible.all() or not visible.any():
+        return grid
+    # Half a cell is uncertain: a cell in the shadow next to a visible one is not deep at all.
+    depth = np.maximum(distance_transform_edt(~visible) - 1.0, 0.0) * SHADOW_CELL
+    places = np.stack(np.meshgrid(*(np.arange(n) for n in grid.values.shape), indexing="ij")) * (grid.cell / SHADOW_CELL)
+    shadow = -map_coordinates(depth, places, order=1, mode="nearest")
+    lowered = np.where(shadow < 0.0, np.minimum(grid.values, shadow), grid.values)
+    return DistanceGrid(lowered.astype(np.float32), grid.origin, grid.cell)
+
+
+def _sources(object_mesh: trimesh.Trimesh, environment: ExactDistance) -> Float[np.ndarray, "k 3"]:
+    points, faces = trimesh.sample.sample_surface(object_mesh, 400, seed=np.random.default_rng(0))
+    lifted = points + SOURCE_LIFT * object_mesh.face_normals[faces]
+    lifted = lifted[environment(lifted).distance > SOURCE_CLEARANCE]
+    return lifted[dart_throwing(lifted, SOURCE_GAP)] if len(lifted) else lifted
+
+
+def _visible(
+    environment_mesh: trimesh.Trimesh, cells: Float[np.ndarray, "n 3"], sources: Float[np.ndarray, "k 3"]
+) -> Bool[np.ndarray, " n"]:
+    mesh = wp.Mesh(
+        points=wp.array(np.asarray(environment_mesh.vertices, dtype=np.float32), dtype=wp.vec3, device="cpu"),
+        indices=wp.array(np.asarray(environment_mesh.faces, dtype=np.int32).ravel(), dtype=wp.int32, device="cpu"),
+    )
+    visible = wp.zeros(len(cells), dtype=wp.uint8, device="cpu")
+    inputs = [mesh.id, *(wp.array(p.astype(np.float32), dtype=wp.vec3, device="cpu") for p in (cells, sources)), visible]
+    wp.launch(_sees, dim=len(cells), inputs=inputs, device="cpu")
+    return visible.numpy().astype(bool)
