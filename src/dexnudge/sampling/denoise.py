@@ -40,7 +40,7 @@ class DenoisingConfig:
     guidance_scale: float = 1.0
     particles: int = 1
     coarse_steps: int = 6
-    restart: float = 0.5
+    restart: float = 0.3
     weights: TermWeights = TermWeights(contact=6.0)
 
 

@@ -30,11 +30,13 @@ class Method:
 
 
 OURS = Method(
-    "prior, guided by descent on the clean estimate, then projected",
-    denoising=DenoisingConfig(particles=8),
+    "prior, the best of 32 coarse hands denoised again under guidance on the clean estimate, then projected",
+    denoising=DenoisingConfig(particles=32),
+    projection=ProjectionConfig(guided_steps=40),
 )
 METHODS: dict[str, Method] = {
     "ours": OURS,
+    "ours_one_particle": replace(OURS, summary="ours without coarse hands: guided from pure noise", denoising=DenoisingConfig()),
     "guidance_only": replace(OURS, summary="ours without the projection", projection=None),
     "paper": Method("Eq. 5 as printed, then projected", make_rule=PaperGuidance),
     "paper_guidance_only": Method("Eq. 5 as printed, not projected", make_rule=PaperGuidance, projection=None),

@@ -29,7 +29,7 @@ class CleanDescent:
 
     inner_steps: int = 4
     begin: float = 0.02
-    step_sizes: StepSizes = StepSizes(translation=0.004, rotation=0.03, joints=0.04)
+    step_sizes: StepSizes = StepSizes(translation=0.008, rotation=0.06, joints=0.06)
     _descent: HandDescent | None = field(default=None, repr=False)
 
     def __call__(self, step: ReverseStep) -> Float[Tensor, "batch dimension"]:
