@@ -29,7 +29,7 @@ class Demo:
 
     def run(self) -> None:
         """Write the folders, then print the table."""
-        shown = table("scene", "drawn", "verified", "robust", "best margin", "seconds", "picture", "3-D page")
+        shown = table("scene", "drawn", "verified", "robust", "best margin", "seconds", "picture and 3-D page")
         for scene in self.scenes:
             start = time.perf_counter()
             out = self.out / scene
@@ -44,8 +44,7 @@ class Demo:
                 str(summary["robust"]),
                 "-" if best is None else f"{best:.2f}",
                 f"{time.perf_counter() - start:.1f}",
-                str(out / "view.png"),
-                str(out / "view.html"),
+                f"{out}/view.png, view.html",
             )
         console = stdout()
         console.print(f"{self.object}: hand configurations verified by exact geometry and force balance")

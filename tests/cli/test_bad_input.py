@@ -120,6 +120,33 @@ def test_options_that_contradict_or_make_no_sense(refused, options, message):
     refused("sample", "phone", *options, message=re.escape(message))
 
 
+@pytest.mark.parametrize(
+    ("command", "option", "message"),
+    [
+        (["evaluate", "--objects", "builtin:test"], ["--seed", -1], "--seed is -1; expected 0 or more"),
+        (["evaluate", "--objects", "builtin:test"], ["--workers", 0], "--workers is 0; expected 1 or more"),
+        (["evaluate", "--objects", "builtin:test"], ["--num", 0], "--num is 0; expected 1 or more"),
+        (["dataset", "generate", "--objects", "builtin:test"], ["--seed", -1], "--seed is -1; expected 0 or more"),
+        (["dataset", "generate", "--objects", "builtin:test"], ["--grasps", -1], "--grasps is -1; expected 0 or more"),
+        (["dataset", "generate", "--objects", "nothing"], [], "nothing: no such set of objects"),
+        (["train", "--data", "nothing"], ["--seed", -1], "--seed is -1; expected 0 or more"),
+        (["train", "--data", "nothing"], [], "expected a dataset folder"),
+    ],
+)
+def test_the_other_commands_name_the_option(refused, command, option, message):
+    refused(*command, *option, message=re.escape(message))
+
+
+def test_places_that_cannot_be_written(dexnudge, tmp_path):
+    (tmp_path / "file").write_text("kept")
+    out = ["--out", tmp_path / "file" / "out"]
+    for command in (["dataset", "generate", "--objects", "builtin:test"], ["evaluate", "--objects", "builtin:test"]):
+        outcome = dexnudge(*command, *out)
+        assert outcome.code == 2
+        assert "cannot write" in outcome.err
+    assert os.listdir(tmp_path) == ["file"]
+
+
 @pytest.fixture
 def own_scene(tmp_path):
     """Options of a box that rests on a slab; each can be replaced."""

@@ -10,7 +10,7 @@ from dexnudge.cli.main import main
 from dexnudge.objects.builtin import builtin_names, builtin_object
 
 pytestmark = pytest.mark.slow
-TINY = "--steps 6 --width 32 --depth 1 --groups 2 --rows-per-group 4".split()
+TINY = ["--steps", "6", "--width", "32", "--depth", "1", "--groups", "2", "--rows-per-group", "4"]
 
 
 @pytest.fixture(scope="module")

@@ -183,6 +183,7 @@ def test_verified_goes_on_drawing_up_to_a_limit(dexnudge, tmp_path):
     assert json.loads((tmp_path / "out" / "summary.json").read_text())["drawn"] == 9
 
 
+@pytest.mark.slow
 def test_own_surroundings_and_motion(dexnudge, tmp_path):
     trimesh.creation.box((0.15, 0.07, 0.008)).apply_scale(1000).export(tmp_path / "object.stl")
     slab = trimesh.creation.box((1.0, 1.0, 0.1)).apply_translation((0, 0, -0.05))

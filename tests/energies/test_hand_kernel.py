@@ -20,7 +20,7 @@ from dexnudge.geometry.exact_distance import ExactDistance
 from dexnudge.geometry.rotations import matrix_to_rotation_6d, rotation_vector_to_matrix
 from dexnudge.hands.shadow_lite import shadow_lite
 
-BATCH = 6
+BATCH = 4
 WEIGHTS = TermWeights(environment=1.0, object=2.0, self=0.5, contact=3.0, target=1.5, clearance_object=0.001)
 
 

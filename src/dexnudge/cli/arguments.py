@@ -5,10 +5,19 @@ from typing import Annotated, Any, Literal
 
 import tyro
 
+from dexnudge.errors import InputError
+
 
 def metavar(name: str) -> Any:
     """What the help text shows for the value of an option."""
     return tyro.conf.arg(metavar=name)
+
+
+def check_at_least(minimum: int, **options: int) -> None:
+    """Refuse an option below `minimum`; InputError that names it as it is typed."""
+    for name, value in options.items():
+        if value < minimum:
+            raise InputError(f"--{name.replace('_', '-')} is {value}; expected {minimum} or more")
 
 
 Units = Literal["m", "cm", "mm", "in"]

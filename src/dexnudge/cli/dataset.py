@@ -6,7 +6,7 @@ from typing import Annotated
 
 import tyro
 
-from dexnudge.cli.arguments import Count, Folder, OptionalNumber, Text, Units, metavar
+from dexnudge.cli.arguments import Count, Folder, OptionalNumber, Text, Units, check_at_least, metavar
 from dexnudge.errors import InputError
 
 
@@ -35,9 +35,13 @@ class Generate:
 
     def run(self) -> int:
         """Generate what is missing and print the counts."""
+        check_at_least(0, seed=self.seed, non_prehensile=self.non_prehensile, grasps=self.grasps)
+        check_at_least(1, workers=self.workers)
         from dexnudge.dataset.info import describe
+        from dexnudge.results.new_folder import check_writable_place
         from dexnudge.synthesis.generate import GenerationConfig, generate_dataset
 
+        check_writable_place(self.out)
         generate_dataset(
             self.objects,
             Path(self.out),
@@ -85,6 +89,7 @@ class CheckDataset:
 
     def run(self) -> int:
         """Print what was checked; InputError when something does not hold."""
+        check_at_least(0, seed=self.seed, num=self.num)
         from dexnudge.synthesis.checking import check_dataset
 
         report = check_dataset(Path(self.folder), objects=self.objects, num=self.num, seed=self.seed)

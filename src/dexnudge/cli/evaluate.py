@@ -4,7 +4,17 @@ from dataclasses import dataclass, field
 from pathlib import Path
 from typing import TYPE_CHECKING, Annotated
 
-from dexnudge.cli.arguments import Count, Folder, OptionalFolder, OptionalNumber, Physics, Text, Units, metavar
+from dexnudge.cli.arguments import (
+    Count,
+    Folder,
+    OptionalFolder,
+    OptionalNumber,
+    Physics,
+    Text,
+    Units,
+    check_at_least,
+    metavar,
+)
 
 if TYPE_CHECKING:
     from dexnudge.evaluation.rows import Row
@@ -47,6 +57,8 @@ class Evaluate:
 
     def run(self) -> int:
         """Compute the missing rows, write and print the report."""
+        check_at_least(0, seed=self.seed)
+        check_at_least(1, num=self.num, workers=self.workers)
         from dexnudge.cli.console import progress, stdout
         from dexnudge.evaluation.experiments import ExperimentConfig, run_experiment
         from dexnudge.evaluation.report import write_report

@@ -18,6 +18,7 @@ from dexnudge.cli.arguments import (
     Physics,
     Text,
     Units,
+    check_at_least,
     metavar,
 )
 from dexnudge.errors import InputError
@@ -101,8 +102,7 @@ class Sample:
             raise InputError(
                 f"{' and '.join(wrong)} given with --scene, which draws its own; use --environment, or leave it out"
             )
-        if self.seed < 0:
-            raise InputError(f"--seed is {self.seed}; expected 0 or more")
+        check_at_least(0, seed=self.seed)
 
     def _sample_into(self, folder: Path) -> dict[str, Any]:
         from dexnudge.cli.console import progress

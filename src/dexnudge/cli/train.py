@@ -3,7 +3,7 @@
 from dataclasses import dataclass, field
 from typing import Annotated, Literal
 
-from dexnudge.cli.arguments import Count, Folder, OptionalCount, OptionalNumber, metavar
+from dexnudge.cli.arguments import Count, Folder, OptionalCount, OptionalNumber, check_at_least, metavar
 
 INTERRUPTED = 130  # what shells report for a command that Ctrl-C stopped
 
@@ -57,11 +57,16 @@ class Train:
 
     def run(self) -> int:
         """Train until done, out of time, or stopped."""
+        check_at_least(0, seed=self.seed)
         from dexnudge.cli.console import stdout
+        from dexnudge.dataset.manifest import read_manifest
         from dexnudge.diffusion.config import Architecture
         from dexnudge.diffusion.training import train
         from dexnudge.diffusion.training_config import TrainingConfig
+        from dexnudge.results.new_folder import check_writable_place
 
+        read_manifest(self.data)  # a missing dataset is refused before anything is made
+        check_writable_place(self.out)
         own = {"data", "out", "network"}
         settings = {name: value for name, value in vars(self).items() if name not in own and value is not None}
         shape = {name: value for name, value in vars(self.network).items() if value is not None}

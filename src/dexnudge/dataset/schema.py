@@ -1,6 +1,6 @@
 """What a dataset row is, and how it lies in a Parquet file.
 
-Every pose is in the RESTING frame of its object: origin at the centre of the resting object's bounding box, z up, yaw as
+Every pose is in the RESTING frame of its object: origin as in `geometry.frames.resting_origin`, z up, yaw as
 the object's mesh is laid down. Metres and radians. A row holds q = [root translation (3) | first two COLUMNS of the root
 rotation, stacked (6) | joint angles (d)], and for each of 16 planar directions of motion the force margin that the
 configuration reaches there.

@@ -22,8 +22,13 @@ MOTION_IN_FRAME_C = (1.0, 0.0, 0.0)  # frame C is turned so that the desired pla
 class HasJoints(Protocol):
     """What the prior needs to know of a hand."""
 
-    name: str
-    joint_names: tuple[str, ...]
+    @property
+    def name(self) -> str:
+        """Its name."""
+
+    @property
+    def joint_names(self) -> tuple[str, ...]:
+        """Its joints in the order of q."""
 
 
 class DiffusionPrior:

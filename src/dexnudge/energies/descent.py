@@ -39,7 +39,9 @@ class HandDescent:
         self._second = torch.zeros(batch, 6 + joints, device=device)
         self._count = 0
 
-    def step(self, pose: HandPose, gradient: Float[Tensor, "batch tangent"], *, scale: float | Tensor = 1.0) -> HandPose:
+    def step(
+        self, pose: HandPose, gradient: Float[Tensor, "batch tangent"], *, scale: float | Tensor = 1.0
+    ) -> HandPose:
         """The next pose; `scale` (a number or (batch, 1)) multiplies the step sizes, 0 holds a hand still."""
         self._count += 1
         self._first.lerp_(gradient, 1 - FIRST_MOMENT)

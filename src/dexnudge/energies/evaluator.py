@@ -2,9 +2,9 @@
 
 from concurrent.futures import ThreadPoolExecutor
 from dataclasses import dataclass, field
+from itertools import pairwise
 
 import torch
-from dexnudge.geometry.warp_runtime import WarpStruct, wp
 from jaxtyping import Float
 from torch import Tensor
 
@@ -19,6 +19,7 @@ from dexnudge.energies.hand_kernel import (
 )
 from dexnudge.energies.hand_model import build_hand_model
 from dexnudge.energies.weights import TermWeights
+from dexnudge.geometry.warp_runtime import WarpStruct, wp
 from dexnudge.hands.hand import Hand
 
 SMALLEST_PART = 8  # hands; fewer per thread cost more in launching than they save
@@ -81,8 +82,8 @@ class HandEnergy:
                 "gradient": (self.batch, 6 + joints),
             }.items()
         }
-        vectors = ("root_translation", "target", "link_translation", "force", "moment", "extra_force")
-        vectors += ("contact_point", "contact_normal", "depth")
+        vectors = ["root_translation", "target", "link_translation", "force", "moment", "extra_force"]
+        vectors += ["contact_point", "contact_normal", "depth"]
         types = dict.fromkeys(vectors, wp.vec3) | {"root_rotation": wp.mat33, "link_rotation": wp.mat33}
         self._state = State()
         for name, tensor in self._tensors.items():
@@ -91,7 +92,7 @@ class HandEnergy:
         # A launch on the CPU holds one thread and releases the interpreter.
         parts = min(torch.get_num_threads(), max(1, self.batch // SMALLEST_PART)) if self.device == "cpu" else 1
         bounds = [round(self.batch * part / parts) for part in range(parts + 1)]
-        self._parts = [(low, high - low) for low, high in zip(bounds[:-1], bounds[1:], strict=True)]
+        self._parts = [(low, high - low) for low, high in pairwise(bounds)]
         self._pool = ThreadPoolExecutor(parts) if parts > 1 else None
 
     def __getattr__(self, name: str) -> Tensor:

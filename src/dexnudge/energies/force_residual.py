@@ -90,7 +90,7 @@ def solve_balance(
         r += multipliers[i, contacts * CONE_EDGES + s] * support[s]
     for _ in range(sweeps):
         for c in range(contacts):
-            normal_force = float(0.0)
+            normal_force = float(0.0)  # noqa: UP018 - declares a variable of Warp
             for edge in range(CONE_EDGES):
                 normal_force += multipliers[i, c * CONE_EDGES + edge]
             for edge in range(CONE_EDGES):

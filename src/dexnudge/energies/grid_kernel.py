@@ -3,9 +3,9 @@
 from collections.abc import Sequence
 
 import numpy as np
-from dexnudge.geometry.warp_runtime import wp
 
 from dexnudge.geometry.distance_grid import DistanceGrid
+from dexnudge.geometry.warp_runtime import wp
 
 EDGE = 1.0e-4  # [cells] keeps the upper corner of a lookup inside the grid
 

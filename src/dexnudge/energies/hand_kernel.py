@@ -8,9 +8,8 @@ translation and rotation vector and in the joint angles, one thread per hand.
 All positions are in the working frame of the scene (see `scene_fields`); [m], distances negative inside.
 """
 
+from dexnudge.energies.grid_kernel import PackedGrids, grid_distance, inside_box
 from dexnudge.geometry.warp_runtime import wp
-
-from dexnudge.energies.grid_kernel import GridHeader, PackedGrids, grid_distance, inside_box
 
 TERM_ENVIRONMENT = wp.constant(0)
 TERM_OBJECT = wp.constant(1)
@@ -161,7 +160,9 @@ def fixed_points_in_link(
 
 
 @wp.kernel(enable_backward=False)
-def energies(hand: HandModel, scene: SceneFields, weights: EnergyWeights, state: State, first: int):
+def energies(  # noqa: C901 - the terms share one pass over the points, and that pass is where the time goes
+    hand: HandModel, scene: SceneFields, weights: EnergyWeights, state: State, first: int
+):
     """All terms of one hand's link, and their gradient as a wrench on the link."""
     b, l = wp.tid()
     i = first + b
@@ -234,9 +235,7 @@ def energies(hand: HandModel, scene: SceneFields, weights: EnergyWeights, state:
         wp.atomic_add(state.moment, i, l, moment)
 
     if to_object < weights.clearance_object:
-        found = fixed_points_in_link(
-            hand, state, scene.object_points, weights.object, weights.clearance_object, i, l
-        )
+        found = fixed_points_in_link(hand, state, scene.object_points, weights.object, weights.clearance_object, i, l)
         energy_object += found[0]
         deepest_object = wp.max(deepest_object, found[1])
     if near_environment:
@@ -256,7 +255,8 @@ def energies(hand: HandModel, scene: SceneFields, weights: EnergyWeights, state:
         between = centre - (other_translation + other_rotation * hand.centre[other])
         if wp.length(between) < radius + hand.radius[other] + weights.clearance_self:
             back = wp.transpose(other_rotation)
-            if grid_distance(header, hand.grids.values, back * (centre - other_translation))[0] < radius + weights.clearance_self:
+            apart = grid_distance(header, hand.grids.values, back * (centre - other_translation))[0]
+            if apart < radius + weights.clearance_self:
                 for k in range(first_point, last_point):
                     p = translation + rotation * hand.points[k]
                     local = back * (p - other_translation)

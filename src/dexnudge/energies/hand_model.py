@@ -1,14 +1,16 @@
 """A hand's constant arrays for the fused kernel."""
 
 from functools import lru_cache
+from itertools import chain
+from typing import Any
 
 import numpy as np
-from dexnudge.geometry.warp_runtime import WarpStruct, wp
 
 from dexnudge.energies.grid_kernel import pack_grids
 from dexnudge.energies.hand_kernel import HandModel
 from dexnudge.geometry.distance_grid import DistanceGrid, distance_grid
 from dexnudge.geometry.exact_distance import ExactDistance
+from dexnudge.geometry.warp_runtime import WarpStruct, wp
 from dexnudge.hands.hand import Hand
 
 LINK_CELL = 0.0015  # [m] grid cell of a digit's link
@@ -39,7 +41,7 @@ class _ByIdentity:
 def _build(key: _ByIdentity, device: str) -> WarpStruct:
     hand = key.hand
     links = len(hand.link_names)
-    joints = [joint for joint in hand.joints]
+    joints = hand.joints
     origins = np.stack([np.eye(4) if joint is None else joint.origin for joint in joints])
     sparse = hand.sparse_points
     centre, radius = np.zeros((links, 3)), np.full(links, -1.0)
@@ -52,12 +54,14 @@ def _build(key: _ByIdentity, device: str) -> WarpStruct:
         partners[one].append(other)
         partners[other].append(one)
 
-    def array(values, dtype):
+    def array(values: np.ndarray, dtype: Any) -> Any:
         return wp.array(np.asarray(values), dtype=dtype, device=device)
 
     model = HandModel()
     model.parent = array(hand.link_parent.astype(np.int32), wp.int32)
-    model.joint = array(np.asarray([-1 if j is None or j.index is None else j.index for j in joints], np.int32), wp.int32)
+    model.joint = array(
+        np.asarray([-1 if j is None or j.index is None else j.index for j in joints], np.int32), wp.int32
+    )
     model.multiplier = array(np.asarray([1.0 if j is None else j.multiplier for j in joints], np.float32), wp.float32)
     model.offset = array(np.asarray([0.0 if j is None else j.offset for j in joints], np.float32), wp.float32)
     model.axis = array(np.stack([np.zeros(3) if j is None else j.axis for j in joints]).astype(np.float32), wp.vec3)
@@ -70,8 +74,8 @@ def _build(key: _ByIdentity, device: str) -> WarpStruct:
     keypoint = centre.copy()
     keypoint[[hand.link_names.index(link) for link in hand.fingertip_links]] = hand.fingertip_keypoints
     model.keypoint = array(keypoint.astype(np.float32), wp.vec3)
-    model.partner = array(np.asarray(sum(partners, []), dtype=np.int32), wp.int32)
-    model.first_partner = array(np.cumsum([0] + [len(p) for p in partners]).astype(np.int32), wp.int32)
+    model.partner = array(np.asarray(list(chain.from_iterable(partners)), dtype=np.int32), wp.int32)
+    model.first_partner = array(np.cumsum([0, *(len(p) for p in partners)]).astype(np.int32), wp.int32)
     model.grids = pack_grids([_link_grid(hand, link, device) for link in range(links)], device=device)
     return model
 

@@ -2,15 +2,15 @@
 
 import numpy as np
 import trimesh
-from dexnudge.geometry.warp_runtime import WarpStruct, wp
 from jaxtyping import Float
 
 from dexnudge.energies.grid_kernel import pack_grids
 from dexnudge.energies.hand_kernel import SceneFields
+from dexnudge.energies.visible_space import shadowed_grid
 from dexnudge.geometry.distance_grid import DistanceGrid, distance_grid
 from dexnudge.geometry.exact_distance import ExactDistance
-from dexnudge.energies.visible_space import shadowed_grid
 from dexnudge.geometry.surface_points import surface_points
+from dexnudge.geometry.warp_runtime import WarpStruct, wp
 
 OBJECT_CELL = 0.0015  # [m]
 OBJECT_PADDING = 0.012  # [m]

@@ -3,7 +3,7 @@
 Signed distance alone misleads a hand that stands on both sides of a thin wall: every link is pushed out of the wall on the
 side where it happens to be. A hand that works on an object reaches it through free space, and mostly straight. So while
 a hand is guided, what cannot be seen from the object's surface counts as solid, and its depth is the distance to where
-the object can be seen. Projection and judging know nothing of this: they use the environment alone.
+the object can be seen. Projection counts the shadow in its first steps only; judging knows nothing of it.
 """
 
 import numpy as np
@@ -42,8 +42,10 @@ def shadowed_grid(
     """The grid of the environment's distances, lowered to minus the depth in the shadow where that is less.
 
     Args:
-        grid: signed distances [m] to the environment. object_mesh, environment_mesh: in the frame of the grid [m].
-        environment: exact distance to the environment. Without a point that sees anything the grid is returned as it is.
+        grid: signed distances [m] to the environment. Without a point that sees anything it is returned as it is.
+        object_mesh: in the frame of the grid [m].
+        environment_mesh: in the frame of the grid [m].
+        environment: exact distance to the environment.
     """
     sources = _sources(object_mesh, environment)
     if len(sources) == 0:
@@ -57,7 +59,9 @@ def shadowed_grid(
         return grid
     # Half a cell is uncertain: a cell in the shadow next to a visible one is not deep at all.
     depth = np.maximum(distance_transform_edt(~visible) - 1.0, 0.0) * SHADOW_CELL
-    places = np.stack(np.meshgrid(*(np.arange(n) for n in grid.values.shape), indexing="ij")) * (grid.cell / SHADOW_CELL)
+    places = np.stack(np.meshgrid(*(np.arange(n) for n in grid.values.shape), indexing="ij")) * (
+        grid.cell / SHADOW_CELL
+    )
     shadow = -map_coordinates(depth, places, order=1, mode="nearest")
     lowered = np.where(shadow < 0.0, np.minimum(grid.values, shadow), grid.values)
     return DistanceGrid(lowered.astype(np.float32), grid.origin, grid.cell)
@@ -78,6 +82,10 @@ def _visible(
         indices=wp.array(np.asarray(environment_mesh.faces, dtype=np.int32).ravel(), dtype=wp.int32, device="cpu"),
     )
     visible = wp.zeros(len(cells), dtype=wp.uint8, device="cpu")
-    inputs = [mesh.id, *(wp.array(p.astype(np.float32), dtype=wp.vec3, device="cpu") for p in (cells, sources)), visible]
+    inputs = [
+        mesh.id,
+        *(wp.array(p.astype(np.float32), dtype=wp.vec3, device="cpu") for p in (cells, sources)),
+        visible,
+    ]
     wp.launch(_sees, dim=len(cells), inputs=inputs, device="cpu")
     return visible.numpy().astype(bool)

@@ -8,8 +8,9 @@ from dataclasses import dataclass
 
 import numpy as np
 import trimesh
-from dexnudge.geometry.warp_runtime import wp
 from jaxtyping import Float, Int
+
+from dexnudge.geometry.warp_runtime import wp
 
 INSIDE_WINDING_NUMBER = 0.5  # a point is inside where the surface winds around it at least half a turn
 WINDING_ACCURACY = 2.0  # Barnes-Hut opening ratio of Warp's fast winding number; 2 is Warp's default
@@ -49,7 +50,7 @@ def _query(
     outside = p[0] < low[0] or p[1] < low[1] or p[2] < low[2] or p[0] > high[0] or p[1] > high[1] or p[2] > high[2]
     if outside:
         hit = wp.mesh_query_point_no_sign(mesh, p, radius)
-        sign = float(1.0)
+        sign = float(1.0)  # noqa: UP018 - declares a variable of Warp
     else:
         hit = wp.mesh_query_point_sign_winding_number(mesh, p, radius, accuracy, threshold)
         sign = float(hit.sign)
@@ -80,6 +81,7 @@ class ExactDistance:
         self._face_normals = np.asarray(mesh.face_normals)
 
     def __call__(self, points: Float[np.ndarray, "n 3"]) -> ExactHit:
+        """What lies nearest to each point [m, the mesh's frame]."""
         count = len(points)
         if count == 0:
             return ExactHit(np.zeros(0), np.zeros((0, 3)), np.zeros((0, 3)), np.zeros(0, dtype=np.int32))
@@ -90,7 +92,15 @@ class ExactDistance:
         wp.launch(
             _query,
             dim=count,
-            inputs=[self._mesh.id, local, self._low, self._high, WINDING_ACCURACY, INSIDE_WINDING_NUMBER, SEARCH_RADIUS],
+            inputs=[
+                self._mesh.id,
+                local,
+                self._low,
+                self._high,
+                WINDING_ACCURACY,
+                INSIDE_WINDING_NUMBER,
+                SEARCH_RADIUS,
+            ],
             outputs=[distance, closest, face],
             device=self.device,
         )

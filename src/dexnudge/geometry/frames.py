@@ -16,9 +16,7 @@ def resting_origin(mesh: trimesh.Trimesh) -> Float[np.ndarray, " 3"]:
     return np.asarray([centre[0], centre[1], mesh.bounds[:, 2].mean()])
 
 
-def canonical_frame(
-    object_in_world: trimesh.Trimesh, motion: Float[np.ndarray, " 3"]
-) -> Float[np.ndarray, "4 4"]:
+def canonical_frame(object_in_world: trimesh.Trimesh, motion: Float[np.ndarray, " 3"]) -> Float[np.ndarray, "4 4"]:
     """T_world_canonical: x along the motion (unit, world), z the world's up made perpendicular to it.
 
     The origin is the resting origin of the object in the axes of this frame. For a vertical motion x is the world's x.

@@ -22,7 +22,8 @@ class SurfacePoints:
 def surface_points(mesh: trimesh.Trimesh, *, spacing: float, seed: int = 0) -> SurfacePoints:
     """Poisson-disc points, no two closer together than `spacing` / sqrt(2) [m].
 
-    98 % of the surface lies within `spacing` / sqrt(2) of a point, all of it within 1.1 `spacing`. Dart throwing over many candidates, the sharp vertices first because the deepest penetration sits there.
+    98 % of the surface lies within `spacing` / sqrt(2) of a point, all of it within 1.1 `spacing`. Dart throwing over many
+    candidates, the sharp vertices first because the deepest penetration sits there.
     """
     if len(mesh.faces) == 0:
         return SurfacePoints(np.zeros((0, 3)), np.zeros((0, 3)))

@@ -179,7 +179,7 @@ class Hand:
         """Mean distance of the fingertip keypoints from the palm's origin along the finger axis [m]."""
         zero = torch.zeros(1, ROOT_COORDINATES + self.num_joints, dtype=torch.float64)
         zero[0, 3], zero[0, 7] = 1.0, 1.0
-        return float((self.keypoints(zero)[0].mean(dim=0).numpy() @ self.finger_axis))
+        return float(self.keypoints(zero)[0].mean(dim=0).numpy() @ self.finger_axis)
 
     def keypoints(self, q: Float[Tensor, "batch coordinates"]) -> Float[Tensor, "batch digit 3"]:
         """The place on each fingertip that reaches for a target: see `fingertip_keypoints` [m]."""
@@ -220,8 +220,10 @@ class Hand:
 
     @cached_property
     def self_collision_pairs(self) -> tuple[tuple[int, int], ...]:
-        """Pairs of links that must not touch: neither parent and child, nor grandparent and grandchild, nor overlapping
-        by 1 mm or more at zero joint angles."""
+        """Pairs of links that must not touch.
+
+        Neither parent and child, nor grandparent and grandchild, nor overlapping by 1 mm or more at zero joint angles.
+        """
         zero = torch.zeros(1, ROOT_COORDINATES + self.num_joints, dtype=torch.float64)
         zero[0, 3], zero[0, 7] = 1.0, 1.0
         transforms = self.forward_kinematics(zero)[0].numpy()
@@ -243,10 +245,9 @@ class Hand:
 
     def _related(self, one: int, other: int) -> bool:
         parent = self.link_parent
-        for a, b in ((one, other), (other, one)):
-            if parent[a] == b or (parent[a] >= 0 and parent[parent[a]] == b):
-                return True
-        return False
+        return any(
+            parent[a] == b or (parent[a] >= 0 and parent[parent[a]] == b) for a, b in ((one, other), (other, one))
+        )
 
 
 def _axis_rotation(axis: Float[np.ndarray, " 3"], angle: Float[Tensor, " batch"]) -> Float[Tensor, "batch 4 4"]:

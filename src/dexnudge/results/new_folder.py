@@ -51,6 +51,21 @@ def new_folder(out: Path | str, *, overwrite: bool = False, marker: str) -> Iter
             _remove_empty(made_parents)
 
 
+def check_writable_place(out: Path | str) -> None:
+    """Refuse a folder that cannot be made or written, without making anything.
+
+    Raises:
+        OutputError: `out` or what it would lie in is a file, or may not be written.
+    """
+    target = Path(out).absolute()
+    existing = next(path for path in (target, *target.parents) if path.exists())
+    if not existing.is_dir() or not os.access(existing, os.W_OK):
+        what = "may not be written" if existing.is_dir() else "is not a folder"
+        raise OutputError(
+            f"cannot write the output folder {target}: {existing} {what}; expected a writable place; choose another --out"
+        )
+
+
 def _refuse_existing(target: Path, *, overwrite: bool, marker: str) -> None:
     if not target.exists() and not target.is_symlink():
         return

@@ -11,6 +11,7 @@ from dexnudge.diffusion.conditioning import Condition
 from dexnudge.diffusion.prior import DiffusionPrior
 from dexnudge.energies.descent import pose_from_configuration
 from dexnudge.energies.evaluator import HandEnergy
+from dexnudge.energies.force_residual import ForceResidual
 from dexnudge.energies.weights import TermWeights
 from dexnudge.hands.hand import Hand
 from dexnudge.sampling.guidance.contacts import wanted_contacts
@@ -18,6 +19,7 @@ from dexnudge.sampling.guidance.rule import GuidanceRule, ReverseStep
 from dexnudge.sampling.guidance.unguided import unguided
 from dexnudge.sampling.problem import SamplingProblem
 
+SELECTION_SWEEPS = 60  # of the balance solver, from a cold start
 SELECTION_REACH = 0.012  # [m] of a fingertip from the object to count as a contact that should be closed
 
 
@@ -31,7 +33,8 @@ class DenoisingConfig:
         particles: of each draw; 1 is plain denoising. With more, each draw first denoises that many coarse hands without
             guidance, keeps the one of its own with the least energy in the scene, and denoises it again from
             `restart`, guided. Nothing is judged in between, and draws never see each other.
-        coarse_steps: DDIM steps of the coarse hands. restart: share of training steps to which the chosen one is noised.
+        coarse_steps: DDIM steps of the coarse hands. selection_force: weight [m^2] of the squared force residual in
+            choosing among them. restart: share of training steps to which the chosen one is noised.
         weights: of the energy that selects and guides.
     """
 
@@ -41,6 +44,7 @@ class DenoisingConfig:
     particles: int = 1
     coarse_steps: int = 6
     restart: float = 0.3
+    selection_force: float = 0.01
     weights: TermWeights = TermWeights(contact=6.0)
 
 
@@ -107,19 +111,25 @@ def denoise(
 
 
 def _least_energy(run: _Run, x: Float[Tensor, "particle dimension"], num: int) -> Float[Tensor, "num dimension"]:
-    """Of each draw's particles the one with the least energy in the scene."""
+    """Of each draw's particles the one with the least energy in the scene, its force balance included."""
     q = run.hand.clamp(run.prior.denormalise(x))
     energy = HandEnergy(run.hand, run.problem.guiding_fields, len(x), run.config.weights)
     tips = [run.hand.link_names.index(link) for link in run.hand.fingertip_links]
     energy.contact_weight[:, tips] = 1.0
     pose = pose_from_configuration(q)
     energy(pose)
-    energy.contact_weight[:, tips] = wanted_contacts(energy.contact_distance[:, tips], reach=SELECTION_REACH)
-    best = energy(pose).unflatten(0, (num, -1)).argmin(dim=1)
+    wanted = wanted_contacts(energy.contact_distance[:, tips], reach=SELECTION_REACH)
+    energy.contact_weight[:, tips] = wanted
+    value = energy(pose)
+    if run.problem.balance is not None:
+        force = ForceResidual(run.problem.balance, len(x), len(tips))
+        force(energy.contact_point[:, tips], energy.contact_normal[:, tips], wanted, sweeps=SELECTION_SWEEPS)
+        value = value + run.config.selection_force * force.residual.square()
+    best = value.unflatten(0, (num, -1)).argmin(dim=1)
     return x.unflatten(0, (num, -1))[torch.arange(num), best].clone()
 
 
 def inference_timesteps(num_train_timesteps: int, num_inference_steps: int) -> list[int]:
     """Timesteps from the noisiest to the cleanest, evenly spaced, the last training step included ("trailing")."""
     steps = np.arange(num_train_timesteps, 0, -num_train_timesteps / num_inference_steps)
-    return [int(round(step)) - 1 for step in steps]
+    return [round(step) - 1 for step in steps.tolist()]

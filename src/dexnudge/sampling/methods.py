@@ -1,10 +1,12 @@
 """Named ways to draw configurations: ours, the paper's, and the baselines, all with the same data, checks and projection."""
 
+from collections.abc import Callable
 from dataclasses import dataclass, field, replace
 
 from dexnudge.sampling.denoise import DenoisingConfig
 from dexnudge.sampling.guidance.clean_descent import CleanDescent
 from dexnudge.sampling.guidance.paper import PaperGuidance
+from dexnudge.sampling.guidance.rule import GuidanceRule
 from dexnudge.sampling.guidance.unguided import unguided
 from dexnudge.sampling.projection import ProjectionConfig
 
@@ -24,9 +26,9 @@ class Method:
     summary: str
     start: str = "prior"
     behaviour: str = "non_prehensile"
-    make_rule: type | object = field(default=CleanDescent)
-    denoising: DenoisingConfig = DenoisingConfig()
-    projection: ProjectionConfig | None = ProjectionConfig()
+    make_rule: Callable[[], GuidanceRule] = CleanDescent
+    denoising: DenoisingConfig = field(default_factory=DenoisingConfig)
+    projection: ProjectionConfig | None = field(default_factory=ProjectionConfig)
 
 
 OURS = Method(
@@ -36,7 +38,9 @@ OURS = Method(
 )
 METHODS: dict[str, Method] = {
     "ours": OURS,
-    "ours_one_particle": replace(OURS, summary="ours without coarse hands: guided from pure noise", denoising=DenoisingConfig()),
+    "ours_one_particle": replace(
+        OURS, summary="ours without coarse hands: guided from pure noise", denoising=DenoisingConfig()
+    ),
     "guidance_only": replace(OURS, summary="ours without the projection", projection=None),
     "paper": Method("Eq. 5 as printed, then projected", make_rule=PaperGuidance),
     "paper_guidance_only": Method("Eq. 5 as printed, not projected", make_rule=PaperGuidance, projection=None),

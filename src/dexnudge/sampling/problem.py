@@ -12,9 +12,9 @@ from dexnudge.energies.force_residual import SlidingBalance, support_wrenches
 from dexnudge.energies.scene_fields import build_guided_fields
 from dexnudge.geometry.frames import canonical_frame, transform_configurations
 from dexnudge.geometry.object_cloud import object_cloud
+from dexnudge.geometry.warp_runtime import WarpStruct
 from dexnudge.mechanics.contacts import support_contacts
 from dexnudge.mechanics.sliding_task import sliding_task
-from dexnudge.geometry.warp_runtime import WarpStruct
 from dexnudge.scenes.scene import Scene
 
 FRICTION_MARGIN = 1.6  # factor on friction_environment that the contacts are asked to overcome: above robust's 1.5

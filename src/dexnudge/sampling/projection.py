@@ -31,15 +31,17 @@ class ProjectionConfig:
     max_steps: int = 160
     steps: StepSizes = StepSizes(translation=0.002, rotation=0.015, joints=0.03)
     final_scale: float = 0.1
-    weights: TermWeights = TermWeights(contact=6.0, clearance_object=0.0003, clearance_environment=0.0015)
-    contact_reach: float = 0.012  # [m] a fingertip this close at the start is held to the object
+    weights: TermWeights = TermWeights(
+        contact=6.0, clearance_object=0.0005, clearance_environment=0.0015, contact_gap=0.0007
+    )
+    contact_reach: float = 0.020  # [m] a fingertip this close at the start is held to the object
     contact_tolerance: float = 0.0010  # [m] of the gap to the object; success allows 2 mm
     depth_tolerance: float = 0.0001  # [m] that a guiding point may still be inside something
-    force_weight: float = 0.003  # of the force residual's gradient against the squared distances
+    force_weight: float = 0.001  # of the force residual's gradient against the squared distances
     force_tolerance: float = 0.05  # residual [weights of the object] that counts as balanced
     force_sweeps: int = 12  # of the balance solver per step, warm-started
     guided_steps: int = 0  # first steps, which still count the environment's shadow as solid
-    patience: int = 60  # steps after which a hand that is clean and touching stops waiting for its forces
+    patience: int = 120  # steps after which a hand that is clean and touching stops waiting for its forces
 
 
 @dataclass

@@ -53,7 +53,10 @@ class Sampler:
 
         Raises:
             CheckpointError: no weights for this hand, or weights that are broken or made for another.
+            InputError: another device than the CPU.
         """
+        if device != "cpu":
+            raise InputError(f"cannot sample on '{device}'; expected cpu, the only device that this version supports")
         folder = Path(weights) if weights is not None else SHIPPED_WEIGHTS / hand.name
         if not folder.is_dir():
             raise CheckpointError(

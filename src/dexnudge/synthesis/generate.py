@@ -39,9 +39,7 @@ class GenerationConfig:
     grasps: int = 256
 
 
-def generate_dataset(
-    objects: str, out: Path, config: GenerationConfig, *, seed: int = 0, workers: int = 2
-) -> Manifest:
+def generate_dataset(objects: str, out: Path, config: GenerationConfig, *, seed: int = 0, workers: int = 2) -> Manifest:
     """Generates what is missing in `out` and returns the finished manifest.
 
     An object that fails is counted and named in the manifest, and the others go on. Started again after a stop, whole
@@ -56,7 +54,13 @@ def generate_dataset(
     manifest = _open_manifest(out, hand, config, seed)
     remove_leftovers(out)
     missing = [entry for entry in entries if not is_complete(out, entry.name)]
-    columns = (TextColumn("{task.description}"), BarColumn(), MofNCompleteColumn(), TimeElapsedColumn(), TimeRemainingColumn())
+    columns = (
+        TextColumn("{task.description}"),
+        BarColumn(),
+        MofNCompleteColumn(),
+        TimeElapsedColumn(),
+        TimeRemainingColumn(),
+    )
     with Progress(*columns) as progress, _pool(workers) as pool:
         task = progress.add_task("objects", total=len(entries), completed=len(entries) - len(missing))
         # Small waves: a mesh is loaded here, so that a broken one is named, and held only while it is worked on.

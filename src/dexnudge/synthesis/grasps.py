@@ -1,8 +1,9 @@
 """Grasps by DexGraspNet's energy: force closure, distance, penetration, self-penetration, limits (Wang et al., ICRA 2023).
 
-E_fc = |sum n_i|^2 + |sum (p_i x n_i) / half_length|^2 over the contacts, n_i the object's normal at the contact; its gradient
-acts on the contacts' positions. The other terms are those of the fused kernel; limits and couplings hold by construction.
-The starts oppose the thumb to the other digits across the object, which the frictionless E_fc alone rarely finds on a slab.
+E_fc = |sum n_i|^2 + |sum (p_i x n_i) / half_length|^2 over the contacts, n_i the object's normal at the contact; its
+gradient acts on the contacts' positions. The other terms are those of the fused kernel; limits and couplings hold by
+construction. The starts oppose the thumb to the other digits across the object, which the frictionless E_fc alone rarely
+finds on a slab.
 """
 
 from dataclasses import dataclass
@@ -13,8 +14,9 @@ import trimesh
 from jaxtyping import Float
 from torch import Tensor
 
-from dexnudge.energies import HandEnergy, HandPose, TermWeights
+from dexnudge.energies import HandEnergy, HandPose
 from dexnudge.energies.descent import HandDescent, StepSizes, configuration_from_pose
+from dexnudge.energies.weights import TermWeights
 from dexnudge.geometry.surface_points import SurfacePoints
 from dexnudge.geometry.warp_runtime import WarpStruct
 from dexnudge.hands.hand import Hand

@@ -7,8 +7,9 @@ import torch
 from jaxtyping import Float
 from torch import Tensor
 
-from dexnudge.energies import HandEnergy, TermWeights
+from dexnudge.energies import HandEnergy
 from dexnudge.energies.descent import HandDescent, StepSizes, configuration_from_pose
+from dexnudge.energies.weights import TermWeights
 from dexnudge.geometry.surface_points import SurfacePoints
 from dexnudge.geometry.warp_runtime import WarpStruct
 from dexnudge.hands.hand import Hand
@@ -39,8 +40,10 @@ def descend_to_contact(
     config: NonPrehensileConfig,
     generator: np.random.Generator,
 ) -> tuple[Float[Tensor, "batch coordinates"], list[str]]:
-    """A batch of configurations q (resting frame) at the end of the descent, checked by nobody yet, and what each
-    was meant to be: push, press or hook."""
+    """(q, intents): configurations in the resting frame at the end of the descent, checked by nobody yet.
+
+    An intent is what its start was meant to be: push, press or hook.
+    """
     start = sample_pre_contact(hand, surface, centre_of_mass, count=config.batch, generator=generator)
     energy = HandEnergy(hand, fields, config.batch, config.weights)
     tips = [hand.link_names.index(link) for link in hand.fingertip_links]

@@ -46,11 +46,14 @@ def generate_object(
     """(kept rows, surface points, counts per behaviour) of one object, in its resting frame.
 
     Args:
-        mesh: the object, metres, any frame. non_prehensile, grasps: attempts of each kind.
+        hand: what is configured.
+        mesh: the object, metres, any frame.
+        non_prehensile: attempts to push, press or hook.
+        grasps: attempts to grasp.
+        generator: of every draw.
+        seed: what the rows are labelled with.
     """
-    mesh = mesh.copy()
-    mesh.apply_transform(resting_pose(mesh))
-    mesh.apply_translation(-resting_origin(mesh))
+    mesh = at_rest(mesh)
     surface = surface_points(mesh, spacing=TARGET_SPACING)
     centre = centre_of_mass(mesh)
     rows: list[ConfigurationRow] = []
@@ -64,14 +67,21 @@ def generate_object(
         q, intents = descend_to_contact(hand, fields, surface, centre, config=config, generator=generator)
         _verify(hand, fields, q.numpy(), intents, verifier, rows, counts, seed)
 
-    scene = floating_scene(mesh)
     fields = build_scene_fields(mesh, None)
-    verifier = GraspVerifier(hand, scene)
+    grasp_verifier = GraspVerifier(hand, floating_scene(mesh))
     for batch in _batches(grasps):
-        config = GraspConfig(batch=batch)
-        q = descend_to_grasp(hand, fields, surface, mesh, centre, config=config, generator=generator)
-        _verify(hand, fields, q.numpy(), ["grasp"] * batch, verifier, rows, counts, seed)
+        grasp_config = GraspConfig(batch=batch)
+        q = descend_to_grasp(hand, fields, surface, mesh, centre, config=grasp_config, generator=generator)
+        _verify(hand, fields, q.numpy(), ["grasp"] * batch, grasp_verifier, rows, counts, seed)
     return rows, object_cloud(mesh).numpy(), counts
+
+
+def at_rest(mesh: trimesh.Trimesh) -> trimesh.Trimesh:
+    """A copy in its resting frame, the frame of every configuration in a dataset: see `schema`."""
+    resting = mesh.copy()
+    resting.apply_transform(resting_pose(resting))
+    resting.apply_translation(-resting_origin(resting))
+    return resting
 
 
 def _batches(total: int) -> list[int]:
@@ -132,7 +142,7 @@ def _row(
 ) -> ConfigurationRow:
     margin = verified.direction_margin[index]
     links = verified.contact_links(index)
-    digits = sorted({hand.digit_of_link[link] for link in links} - {None})
+    digits = sorted({digit for link in links if (digit := hand.digit_of_link[link]) is not None})
     behaviour = "grasp" if intent == "grasp" else behaviour_of(verified.contacts[index], margin, q[:3])
     penetration = verified.penetration[index]
     return ConfigurationRow(
@@ -140,7 +150,7 @@ def _row(
         q=q,
         direction_margin=margin,
         contact_links=links,
-        digits=tuple(str(digit) for digit in digits),
+        digits=tuple(digits),
         penetration_object=float(penetration[0]),
         penetration_environment=float(penetration[1]),
         penetration_self=float(penetration[2]),

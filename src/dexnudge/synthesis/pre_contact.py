@@ -9,7 +9,8 @@ from dataclasses import dataclass
 
 import numpy as np
 import torch
-from jaxtyping import Bool, Float
+from jaxtyping import Bool, Float, Int
+from torch import Tensor
 
 from dexnudge.energies.evaluator import HandPose
 from dexnudge.geometry.surface_points import SurfacePoints
@@ -59,11 +60,20 @@ def sample_pre_contact(
         target[item], outward[item] = _targets(surface, centre_of_mass, direction[item], chosen, digits, generator)
     pose = _poses(hand, target, touches, outward, generator)
     ahead = (pose.translation[:, :2].numpy() * direction).sum(axis=1) > 0
-    intents = ["press" if up else "hook" if pulls else "push" for up, pulls in zip(outward[:, 2] > 0.5, ahead, strict=True)]
+    intents = [
+        "press" if up else "hook" if pulls else "push" for up, pulls in zip(outward[:, 2] > 0.5, ahead, strict=True)
+    ]
     return PreContact(pose, target, touches, intents)
 
 
-def _targets(surface, centre_of_mass, direction, chosen, digits, generator):
+def _targets(
+    surface: SurfacePoints,
+    centre_of_mass: Float[np.ndarray, " 3"],
+    direction: Float[np.ndarray, " 2"],
+    chosen: Int[np.ndarray, " touching"],
+    digits: int,
+    generator: np.random.Generator,
+) -> tuple[Float[np.ndarray, "digit 3"], Float[np.ndarray, " 3"]]:
     """Targets of the chosen digits and the mean outward normal there."""
     normals, points = surface.normals, surface.points
     if generator.uniform() < TOP_SHARE:
@@ -80,15 +90,23 @@ def _targets(surface, centre_of_mass, direction, chosen, digits, generator):
     spread = (np.arange(len(chosen)) - (len(chosen) - 1) / 2) * DIGIT_SPREAD * generator.uniform(0.6, 1.3)
     target, outward = np.zeros((digits, 3)), np.zeros(3)
     for digit, shift in zip(chosen, spread, strict=True):
-        wanted = centre_of_mass[:2] + (along + shift * np.sin(turn)) * direction + (middle + shift * np.cos(turn)) * lateral
+        wanted = (
+            centre_of_mass[:2] + (along + shift * np.sin(turn)) * direction + (middle + shift * np.cos(turn)) * lateral
+        )
         apart = np.linalg.norm(points[usable, :2] - wanted, axis=1) + 0.5 * np.abs(points[usable, 2] - first[2])
         nearest = usable[np.argmin(apart)]
         target[digit] = points[nearest]
         outward += normals[nearest]
-    return target, outward / max(np.linalg.norm(outward), 1e-9)
+    return target, outward / max(float(np.linalg.norm(outward)), 1e-9)
 
 
-def _poses(hand, target, touches, outward, generator) -> HandPose:
+def _poses(
+    hand: Hand,
+    target: Float[np.ndarray, "batch digit 3"],
+    touches: Bool[np.ndarray, "batch digit"],
+    outward: Float[np.ndarray, "batch 3"],
+    generator: np.random.Generator,
+) -> HandPose:
     """Hands over their targets: any heading, fingers level to steeply down, palm mostly down, fingers flexed at random."""
     count = len(target)
     joint_angles = random_joint_angles(hand, count, generator)
@@ -116,8 +134,8 @@ def _poses(hand, target, touches, outward, generator) -> HandPose:
     return HandPose(torch.as_tensor(translation, dtype=torch.float32), rotation, joint_angles)
 
 
-def random_joint_angles(hand: Hand, count: int, generator: np.random.Generator):
-    """Loosely flexed joint angles (count, d) within limits and couplings [rad]."""
+def random_joint_angles(hand: Hand, count: int, generator: np.random.Generator) -> Float[Tensor, "count joint"]:
+    """Loosely flexed joint angles within limits and couplings [rad]."""
     span = hand.upper - hand.lower
     # A joint that bends one way only is a flexion joint; one that swings both ways about zero is an abduction joint.
     flexes = hand.upper > -2 * hand.lower

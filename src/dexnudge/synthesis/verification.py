@@ -9,7 +9,7 @@ from jaxtyping import Bool, Float
 from scipy.optimize import nnls
 
 from dexnudge.dataset.schema import INFEASIBLE, NUM_DIRECTIONS, direction_angles
-from dexnudge.evaluation.penetration import PenetrationCheck
+from dexnudge.evaluation.penetration import PenetrationCheck, PointHits
 from dexnudge.hands.hand import Hand
 from dexnudge.mechanics.balance import balance_problem
 from dexnudge.mechanics.contacts import (
@@ -133,8 +133,10 @@ class NonPrehensileVerifier:
         return Verified(reason, penetration, margin, contacts, self._hand)
 
 
-def _clean(hand: Hand, check: PenetrationCheck, T_world_link: Float[np.ndarray, "n link 4 4"]):
-    """(penetration (n, 3), reason per configuration, its contacts): what both kinds of verification begin with."""
+def _clean(
+    hand: Hand, check: PenetrationCheck, T_world_link: Float[np.ndarray, "n link 4 4"]
+) -> tuple[Float[np.ndarray, "n 3"], list[str], list[HandContacts]]:
+    """(penetration, reason per configuration, its contacts): what both kinds of verification begin with."""
     found = check(T_world_link, reach=HAND_CONTACT_DISTANCE)
     penetration = np.stack([found.object, found.environment, found.itself], axis=1)
     contacts = contacts_per_configuration(hand, T_world_link, found.near_object)
@@ -147,7 +149,9 @@ def _clean(hand: Hand, check: PenetrationCheck, T_world_link: Float[np.ndarray, 
     return penetration, reason, contacts
 
 
-def contacts_per_configuration(hand: Hand, T_world_link: np.ndarray, hits) -> list[HandContacts]:
+def contacts_per_configuration(
+    hand: Hand, T_world_link: Float[np.ndarray, "n link 4 4"], hits: PointHits
+) -> list[HandContacts]:
     """Contacts of each configuration from the hits of one penetration check, object frame = world."""
     points = hand.dense_points
     rotation = T_world_link[hits.configuration, points.link[hits.point], :3, :3]

@@ -11,7 +11,7 @@ from jaxtyping import Float
 from torch import Tensor
 
 from dexnudge.diffusion.ddim import ddim_step
-from dexnudge.energies.evaluator import HandPose
+from dexnudge.energies.evaluator import HandEnergy, HandPose
 from dexnudge.geometry.rotations import rotation_6d_to_matrix
 from dexnudge.hands.hand import ROOT_COORDINATES
 from dexnudge.sampling.guidance.contacts import set_wanted_contacts
@@ -47,7 +47,7 @@ class PaperGuidance:
         return plain - self.strength * unit
 
 
-def configuration_energy(q: Float[Tensor, "batch coordinates"], energy) -> Float[Tensor, " batch"]:
+def configuration_energy(q: Float[Tensor, "batch coordinates"], energy: HandEnergy) -> Float[Tensor, " batch"]:
     """Energy of each configuration, differentiable in q (first derivatives, from the fused kernel)."""
     rotation = rotation_6d_to_matrix(q[:, 3:9])
     return _KernelEnergy.apply(q[:, :3], rotation, q[:, ROOT_COORDINATES:], energy)

@@ -1,0 +1,129 @@
+"""The voxel grid against the exact distance: near a surface it must be good to a quarter of a millimetre."""
+
+import numpy as np
+import pytest
+import trimesh
+import warp as wp
+from scipy.interpolate import RegularGridInterpolator
+
+from dexnudge.energies.grid_kernel import PackedGrids, grid_distance, pack_grids
+from dexnudge.energies.scene_fields import OBJECT_CELL, OBJECT_PADDING
+from dexnudge.geometry.distance_grid import DistanceGrid, distance_grid
+from dexnudge.geometry.exact_distance import ExactDistance
+from dexnudge.objects.builtin import builtin_object
+
+NEAR, WORST = 0.005, 0.00025  # [m] DESIGN: at most 0.25 mm off near a surface
+DEEPEST = 0.001  # [m] the penetration that a configuration may have
+
+
+@wp.kernel(enable_backward=False)
+def look_up(grids: PackedGrids, index: int, points: wp.array(dtype=wp.vec3), found: wp.array(dtype=wp.vec4)):
+    i = wp.tid()
+    found[i] = grid_distance(grids.headers[index], grids.values, points[i])
+
+
+def values_of(grids: list[DistanceGrid], points: np.ndarray, *, index: int = 0) -> tuple[np.ndarray, np.ndarray]:
+    """(distance, gradient) as the fused kernel reads them."""
+    found = wp.zeros(len(points), dtype=wp.vec4, device="cpu")
+    queried = wp.array(points.astype(np.float32), dtype=wp.vec3, device="cpu")
+    wp.launch(look_up, dim=len(points), inputs=[pack_grids(grids), index, queried, found], device="cpu")
+    return found.numpy()[:, 0], found.numpy()[:, 1:]
+
+
+def axes_of(grid: DistanceGrid) -> list[np.ndarray]:
+    return [grid.origin[axis] + grid.cell * np.arange(grid.values.shape[axis]) for axis in range(3)]
+
+
+def build(name: str) -> tuple[trimesh.Trimesh, ExactDistance, DistanceGrid]:
+    """The grid as `scene_fields` builds it."""
+    mesh = builtin_object(name)
+    exact = ExactDistance(mesh)
+    lower, upper = mesh.bounds
+    return mesh, exact, distance_grid(exact, lower - OBJECT_PADDING, upper + OBJECT_PADDING, cell=OBJECT_CELL)
+
+
+@pytest.fixture(scope="module")
+def phone():
+    return build("phone")
+
+
+def inside_points(grid: DistanceGrid, count: int) -> np.ndarray:
+    low, high = (np.asarray([axis[end] for axis in axes_of(grid)]) for end in (0, -1))
+    return np.random.default_rng(0).uniform(low + 1e-6, high - 1e-6, (count, 3))
+
+
+THIN_COVERS = pytest.mark.xfail(reason="covers of 2 to 3 mm that stand over are thinner than two cells of 1.5 mm")
+
+
+@pytest.mark.parametrize("name", ["phone", "remote", "tablet", pytest.param("book", marks=THIN_COVERS)])
+def test_near_the_surface_it_is_within_a_quarter_of_a_millimetre(name):
+    """Down to a depth that the projection accepts; deeper, a slab's middle plane is a crease that no grid resolves."""
+    _, exact, grid = build(name)
+    points = inside_points(grid, 40_000)
+    true = exact(points).distance
+    near = (true > -DEEPEST) & (true < NEAR)
+    error = np.abs(values_of([grid], points[near])[0] - true[near])
+    assert near.sum() > 5_000
+    assert np.quantile(error, 0.999) <= WORST
+
+
+def test_deep_inside_it_is_within_half_a_cell(phone):
+    _, exact, grid = phone
+    points = inside_points(grid, 40_000)
+    true = exact(points).distance
+    deep = true < -DEEPEST
+    assert np.abs(values_of([grid], points[deep])[0] - true[deep]).max() <= grid.cell / 2
+
+
+def test_corners_hold_the_exact_distance(phone):
+    _, exact, grid = phone
+    corners = np.stack(np.meshgrid(*axes_of(grid), indexing="ij"), axis=-1)
+    some = tuple(np.random.default_rng(2).integers(grid.values.shape, size=(500, 3)).T)
+    np.testing.assert_allclose(grid.values[some], exact(corners[some]).distance, atol=1e-6)
+
+
+def test_the_box_is_covered_to_its_end(phone):
+    mesh, _, grid = phone
+    reached = [axis[-1] for axis in axes_of(grid)]
+    assert (np.asarray(reached) >= mesh.bounds[1] + OBJECT_PADDING - 1e-9).all()
+    np.testing.assert_allclose(grid.origin, mesh.bounds[0] - OBJECT_PADDING)
+
+
+def test_lookup_equals_scipys_interpolation(phone):
+    _, _, grid = phone
+    points = inside_points(grid, 5000)
+    expected = RegularGridInterpolator(axes_of(grid), grid.values.astype(np.float64))(points.astype(np.float32))
+    np.testing.assert_allclose(values_of([grid], points)[0], expected, atol=2e-6)
+
+
+def test_gradient_equals_finite_differences(phone):
+    _, _, grid = phone
+    cells = np.random.default_rng(3).integers(np.asarray(grid.values.shape) - 1, size=(500, 3))
+    points = grid.origin + grid.cell * (cells + np.random.default_rng(4).uniform(0.2, 0.8, (500, 3)))
+    interpolate, step = RegularGridInterpolator(axes_of(grid), grid.values.astype(np.float64)), 0.1 * grid.cell
+    slopes = [
+        (interpolate(points + step * axis) - interpolate(points - step * axis)) / (2 * step) for axis in np.eye(3)
+    ]
+    np.testing.assert_allclose(values_of([grid], points)[1], np.stack(slopes, axis=1), atol=2e-3)
+
+
+def test_outside_its_box_it_is_the_value_at_the_box_plus_the_way_there(phone):
+    _, exact, grid = phone
+    low, high = (np.asarray([axis[end] for axis in axes_of(grid)]) for end in (0, -1))
+    points = np.random.default_rng(5).uniform(low - 0.3, high + 0.3, (2000, 3))
+    points = points[((points < low - 1e-3) | (points > high + 1e-3)).any(axis=1)]
+    nearest = np.clip(points, low, high)
+    gap = np.linalg.norm(points - nearest, axis=1)
+    interpolate = RegularGridInterpolator(axes_of(grid), grid.values.astype(np.float64))
+    distance, gradient = values_of([grid], points)
+    np.testing.assert_allclose(distance, interpolate(nearest) + gap, atol=1e-5)
+    np.testing.assert_allclose(gradient, (points - nearest) / gap[:, None], atol=1e-3)
+    assert (distance >= exact(points).distance - WORST).all(), "the way over the box is a detour"
+
+
+def test_the_second_of_two_packed_grids_is_read(phone):
+    _, _, grid = phone
+    other = DistanceGrid(np.full((2, 3, 4), 7.0, dtype=np.float32), np.zeros(3), 0.01)
+    points = np.asarray([[0.005, 0.011, 0.02]])
+    assert values_of([grid, other], points, index=1)[0] == pytest.approx(7.0)
+    assert values_of([other, grid], points, index=1)[0] == pytest.approx(values_of([grid], points)[0])

@@ -1,0 +1,107 @@
+"""Projection against the exact check that it knows nothing of, and what every projected hand must keep."""
+
+from dataclasses import replace
+
+import numpy as np
+import pytest
+import torch
+
+from dexnudge.energies import HandEnergy, TermWeights
+from dexnudge.energies.descent import pose_from_configuration
+from dexnudge.evaluation.penetration import PenetrationCheck
+from dexnudge.evaluation.success import limits_violation
+from dexnudge.mechanics.contacts import HAND_CONTACT_DISTANCE
+from dexnudge.sampling.projection import ProjectionConfig, project
+
+LIMIT = 1e-3  # [m] DESIGN's success criterion
+CONFIG = ProjectionConfig(guided_steps=40)  # as `ours` does it
+
+
+@pytest.fixture(scope="module")
+def projected(hand, problem, starts):
+    return project(hand, problem, starts, config=CONFIG)
+
+
+def exact(hand, problem, scene, q):
+    """(greatest depth of each hand [m], whether its dense points touch the object), by the check that judges."""
+    world = torch.as_tensor(problem.to_world(q)).double()
+    transforms = hand.forward_kinematics(world).numpy()
+    found = PenetrationCheck(hand, scene)(transforms, reach=HAND_CONTACT_DISTANCE)
+    touches = np.isin(np.arange(len(q)), found.near_object.configuration)
+    return np.max([found.object, found.environment, found.itself], axis=0), touches
+
+
+def guiding_depth(hand, problem, q):
+    energy = HandEnergy(hand, problem.fields, len(q), TermWeights())
+    energy(pose_from_configuration(q))
+    return energy.depth.amax(dim=(1, 2))
+
+
+def test_it_gets_hands_out_of_what_they_penetrate(hand, problem, starts, projected):
+    q, report = projected
+    after = guiding_depth(hand, problem, q)
+    torch.testing.assert_close(report.depth_before, guiding_depth(hand, problem, hand.clamp(starts)), atol=1e-5, rtol=0)
+    assert float(report.depth_before.mean()) > 0.003, "otherwise there is nothing to do"
+    assert float(after.mean()) < 0.2 * float(report.depth_before.mean())
+    assert (after <= CONFIG.depth_tolerance + 1e-6)[report.converged].all()
+
+
+def test_converged_hands_pass_the_exact_check_and_touch(hand, problem, scene, projected):
+    q, report = projected
+    converged = report.converged.numpy()
+    assert converged.mean() > 0.3
+    depth, touches = exact(hand, problem, scene, q)
+    assert touches[converged].all()
+    assert (depth <= LIMIT)[converged].mean() >= 0.8
+    assert (report.contacts_after[report.converged] >= 1).all()
+
+
+def test_joints_stay_within_limits_and_couplings(hand, projected):
+    assert limits_violation(hand, projected[0].double().numpy()).max() <= 1e-6
+
+
+def test_rotations_stay_rotations(projected):
+    columns = projected[0][:, 3:9].unflatten(1, (2, 3))
+    gram = columns @ columns.transpose(1, 2)
+    torch.testing.assert_close(gram, torch.eye(2).expand_as(gram), atol=1e-5, rtol=0)
+
+
+def test_each_hand_goes_its_own_way(hand, problem, starts):
+    brief = replace(CONFIG, max_steps=25)
+    together, report = project(hand, problem, starts, config=brief)
+    for row in (0, 7, 23):
+        alone, own = project(hand, problem, starts[row : row + 1], config=brief)
+        torch.testing.assert_close(alone[0], together[row], atol=1e-4, rtol=0)
+        assert int(own.iterations[0]) == int(report.iterations[row])
+
+
+def test_what_is_converged_already_is_left_alone(hand, problem, projected):
+    q, report = projected
+    balanced = report.converged & (report.residual_after < 0.5 * CONFIG.force_tolerance)
+    assert balanced.any()
+    # Cold, the balance of a hand may take a few steps to be found; in these it must not move far.
+    again, second = project(hand, problem, q[balanced], config=CONFIG)
+    assert float(second.moved.median()) < 0.005
+    assert second.converged.float().mean() > 0.8
+    assert again.shape == q[balanced].shape
+
+
+def test_the_report_counts_what_happened(hand, projected, starts):
+    q, report = projected
+    travelled = (hand.keypoints(q) - hand.keypoints(hand.clamp(starts))).norm(dim=2).mean(dim=1)
+    torch.testing.assert_close(report.moved, travelled)
+    assert (report.iterations <= CONFIG.max_steps).all()
+    assert (report.iterations[~report.converged] == CONFIG.max_steps).all()
+    assert float(report.residual_after.mean()) < float(report.residual_before.mean())
+
+
+def test_without_a_balance_it_projects_all_the_same(hand, problem, starts):
+    q, report = project(hand, replace(problem, balance=None), starts[:4], config=replace(CONFIG, max_steps=40))
+    assert torch.isfinite(q).all()
+    assert (report.residual_after == 0).all()
+
+
+def test_the_start_is_not_changed(hand, problem, starts):
+    before = starts.clone()
+    project(hand, problem, starts, config=replace(CONFIG, max_steps=3))
+    assert torch.equal(starts, before)
