@@ -46,6 +46,7 @@ class HandEnergy:
         gradient: (batch, 6 + d) in translation [1/m], rotation vector in the working frame [1/rad], joint angles.
         contact_distance, contact_point, contact_normal: per link, its point nearest to the object; distance 1e6 where
             the link is far from the object and no contact is wanted of it.
+        active: (batch,) to be set: a hand with 0 is skipped and keeps the results of its last evaluation.
         depth: (batch, link, 3) deepest guiding point in environment, object and other links [m].
     """
 
@@ -84,7 +85,12 @@ class HandEnergy:
         }
         vectors = ["root_translation", "target", "link_translation", "force", "moment", "extra_force"]
         vectors += ["contact_point", "contact_normal", "depth"]
-        types = dict.fromkeys(vectors, wp.vec3) | {"root_rotation": wp.mat33, "link_rotation": wp.mat33}
+        types = dict.fromkeys(vectors, wp.vec3) | {
+            "active": wp.int32,
+            "root_rotation": wp.mat33,
+            "link_rotation": wp.mat33,
+        }
+        self._tensors["active"] = torch.ones(self.batch, dtype=torch.int32, device=self.device)
         self._state = State()
         for name, tensor in self._tensors.items():
             setattr(self._state, name, wp.from_torch(tensor, dtype=types.get(name, wp.float32)))

@@ -73,6 +73,7 @@ class EnergyWeights:
 class State:
     """What one evaluation reads and writes."""
 
+    active: wp.array(dtype=int)  # (B,) 0 leaves a hand's results as the last evaluation wrote them
     root_translation: wp.array(dtype=wp.vec3)  # (B,)
     root_rotation: wp.array(dtype=wp.mat33)  # (B,)
     joint_angles: wp.array2d(dtype=float)  # (B, d)
@@ -97,6 +98,8 @@ class State:
 def kinematics(hand: HandModel, state: State, first: int):
     """T_world_link of every link of one hand; clears the wrenches."""
     i = first + wp.tid()
+    if state.active[i] == 0:
+        return
     for l in range(hand.parent.shape[0]):
         if hand.parent[l] < 0:
             state.link_rotation[i, l] = state.root_rotation[i]
@@ -166,6 +169,8 @@ def energies(  # noqa: C901 - the terms share one pass over the points, and that
     """All terms of one hand's link, and their gradient as a wrench on the link."""
     b, l = wp.tid()
     i = first + b
+    if state.active[i] == 0:
+        return
     for term in range(NUM_TERMS):
         state.link_energy[i, l, term] = 0.0
     state.depth[i, l] = wp.vec3()
@@ -287,6 +292,8 @@ def energies(  # noqa: C901 - the terms share one pass over the points, and that
 def reduce_gradient(hand: HandModel, state: State, first: int):
     """Sums energies over links and carries the wrenches from the tips to the root."""
     i = first + wp.tid()
+    if state.active[i] == 0:
+        return
     links = hand.parent.shape[0]
     for term in range(NUM_TERMS):
         total = float(0.0)

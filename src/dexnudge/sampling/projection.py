@@ -88,6 +88,8 @@ def project(
     balanced = torch.ones(batch, dtype=torch.bool)
     for step in range(config.max_steps):
         energy.scene = problem.guiding_fields if step < config.guided_steps else problem.fields
+        if step == config.guided_steps:
+            energy.active.fill_(1)  # other fields: a hand that stands still must be looked at once more
         energy(pose)
         contact = touching(energy, tips, config)
         if force is not None:
@@ -103,9 +105,11 @@ def project(
         moving = ~(clean & held & (balanced | (step >= config.patience)))
         if not moving.any():
             break
+        energy.active.copy_(moving)
         iterations += moving
         scale = config.final_scale ** (step / config.max_steps) * moving[:, None].float()
         pose = descent.step(pose, energy.gradient, scale=scale)
+    energy.active.fill_(1)
     energy(pose)
     projected = configuration_from_pose(pose)
     report = ProjectionReport(

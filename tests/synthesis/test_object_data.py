@@ -1,0 +1,70 @@
+"""What is generated for one object: every attempt counted, every row what it says."""
+
+import numpy as np
+import pytest
+import trimesh
+
+from dexnudge.dataset.schema import INFEASIBLE, NUM_DIRECTIONS
+from dexnudge.geometry.frames import resting_origin
+from dexnudge.objects.builtin import builtin_object
+from dexnudge.synthesis.object_data import at_rest, generate_object
+
+
+def test_every_attempt_is_counted_once(generated):
+    rows, _, counts = generated
+    for behaviour, count in counts.items():
+        count.validate(behaviour)
+        assert count.kept == sum(row.behaviour == behaviour for row in rows)
+    assert sum(counts[behaviour].attempted for behaviour in ("push", "press", "hook")) == 48
+    assert counts["grasp"].attempted == 64
+    assert len(rows) >= 10
+
+
+def test_rows_are_within_what_success_allows(hand, generated):
+    for row in generated[0]:
+        assert max(row.penetration_object, row.penetration_environment, row.penetration_self) <= 1e-3
+        assert row.q.shape == (9 + hand.num_joints,)
+        assert set(row.contact_links) <= set(hand.link_names)
+        assert row.contact_links
+        assert set(row.digits) == {hand.digit_of_link[link] for link in row.contact_links} - {None}
+        assert row.seed == 11
+        if row.behaviour == "grasp":
+            assert (row.direction_margin == INFEASIBLE).all()
+        else:
+            assert row.direction_margin.max() >= 1.0
+            assert ((row.direction_margin == INFEASIBLE) | (row.direction_margin > 0)).all()
+        assert row.direction_margin.shape == (NUM_DIRECTIONS,)
+
+
+def test_the_cloud_lies_on_the_object_at_rest(generated, phone):
+    cloud = generated[1]
+    assert cloud.shape == (1024, 6)
+    _, distance, _ = trimesh.proximity.closest_point(phone, cloud[:200, :3])
+    assert distance.max() < 0.002  # the phone came in upside down: its two faces differ by a camera
+    np.testing.assert_allclose(np.linalg.norm(cloud[:, 3:], axis=1), 1.0, atol=1e-5)
+
+
+def test_the_resting_frame_has_its_origin_in_the_object():
+    mesh = builtin_object("remote")
+    vertices = np.array(mesh.vertices)
+    resting = at_rest(mesh)
+    np.testing.assert_allclose(resting_origin(resting), 0.0, atol=1e-9)
+    assert resting.extents[2] == pytest.approx(min(resting.extents))
+    np.testing.assert_array_equal(mesh.vertices, vertices)
+
+
+def test_the_same_generator_gives_the_same_rows(hand):
+    runs = [
+        generate_object(
+            hand,
+            builtin_object("phone"),
+            non_prehensile=12,
+            grasps=0,
+            generator=np.random.default_rng(seed),
+            seed=0,
+        )
+        for seed in (1, 1, 2)
+    ]
+    first, again, other = (np.asarray([row.q for row in rows]) for rows, _, _ in runs)
+    np.testing.assert_array_equal(first, again)
+    assert first.shape != other.shape or not np.array_equal(first, other)
