@@ -46,8 +46,8 @@ def columns(points: np.ndarray, normals: np.ndarray, supports: int) -> np.ndarra
         helper = np.asarray([0.0, 1.0, 0.0]) if abs(normal[0]) > 0.7 else np.asarray([1.0, 0.0, 0.0])
         one = np.cross(normal, helper) / np.linalg.norm(np.cross(normal, helper))
         two = np.cross(normal, one)
-        for angle in np.arange(8) * np.pi / 4:
-            found.append(wrench(point, -normal + FRICTION_HAND * (np.cos(angle) * one + np.sin(angle) * two)))
+        tangents = [np.cos(angle) * one + np.sin(angle) * two for angle in np.arange(8) * np.pi / 4]
+        found += [wrench(point, -normal + FRICTION_HAND * tangent) for tangent in tangents]
     found += [wrench(point, np.asarray([-FRICTION_ENVIRONMENT, 0.0, 1.0])) for point in corners(supports)]
     return np.stack(found, axis=1)
 
