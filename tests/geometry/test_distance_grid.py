@@ -52,10 +52,7 @@ def inside_points(grid: DistanceGrid, count: int) -> np.ndarray:
     return np.random.default_rng(0).uniform(low + 1e-6, high - 1e-6, (count, 3))
 
 
-THIN_COVERS = pytest.mark.xfail(reason="covers of 2 to 3 mm that stand over are thinner than two cells of 1.5 mm")
-
-
-@pytest.mark.parametrize("name", ["phone", "remote", "tablet", pytest.param("book", marks=THIN_COVERS)])
+@pytest.mark.parametrize("name", ["phone", "remote", "tablet", "book"])
 def test_near_the_surface_it_is_within_a_quarter_of_a_millimetre(name):
     """Down to a depth that the projection accepts; deeper, a slab's middle plane is a crease that no grid resolves."""
     _, exact, grid = build(name)

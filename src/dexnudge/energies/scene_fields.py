@@ -12,8 +12,8 @@ from dexnudge.geometry.exact_distance import ExactDistance
 from dexnudge.geometry.surface_points import surface_points
 from dexnudge.geometry.warp_runtime import WarpStruct, wp
 
-OBJECT_CELL = 0.0015  # [m]
-OBJECT_PADDING = 0.012  # [m]
+OBJECT_CELL = 0.001  # [m]
+OBJECT_PADDING = 0.008  # [m]
 OBJECT_POINT_SPACING = 0.006  # [m] of the object's points that are tested against the links
 NEAR_CELL, NEAR_PADDING = 0.004, 0.05  # [m] environment around the object
 FAR_CELL, FAR_REACH = 0.012, 0.34  # [m] environment wherever the hand can be while it touches the object

@@ -34,7 +34,6 @@ class Method:
 OURS = Method(
     "prior, the best of 32 coarse hands denoised again under guidance on the clean estimate, then projected",
     denoising=DenoisingConfig(particles=32),
-    projection=ProjectionConfig(guided_steps=40),
 )
 METHODS: dict[str, Method] = {
     "ours": OURS,

@@ -40,7 +40,8 @@ class ProjectionConfig:
     force_weight: float = 0.001  # of the force residual's gradient against the squared distances
     force_tolerance: float = 0.05  # residual [weights of the object] that counts as balanced
     force_sweeps: int = 12  # of the balance solver per step, warm-started
-    guided_steps: int = 0  # first steps, which still count the environment's shadow as solid
+    first_force_sweeps: int = 200  # before the first step, from a cold start
+    guided_steps: int = 40  # first steps, which still count the environment's shadow as solid
     patience: int = 120  # steps after which a hand that is clean and touching stops waiting for its forces
 
 
@@ -94,7 +95,12 @@ def project(
         contact = touching(energy, tips, config)
         if force is not None:
             near = (energy.contact_weight[:, tips] > 0).float()
-            force(energy.contact_point[:, tips], energy.contact_normal[:, tips], near, sweeps=config.force_sweeps)
+            force(
+                energy.contact_point[:, tips],
+                energy.contact_normal[:, tips],
+                near,
+                sweeps=config.force_sweeps if step else config.first_force_sweeps,
+            )
             residual = force.residual
             balanced = residual < config.force_tolerance
             if step == 0:

@@ -2,7 +2,7 @@
 
 x0_hat is turned into a hand, the hand descends the scene's energy on its own manifold (translation, SO(3), joints within
 limits and couplings), and DDIM goes on from the corrected estimate. Nothing is differentiated through the network (as in
-MPGD and in TFG's mean guidance), the correction vanishes where nothing is wrong, and its size does not depend on the other
+MPGD and in TFG's mean guidance), the steps shrink where almost nothing is wrong, and their size does not depend on the other
 samples of the batch. The moments carry over from one denoising step to the next (as in Adam-guided sampling), because the
 gradients of consecutive steps stay correlated.
 """
@@ -24,11 +24,12 @@ class CleanDescent:
     """State of one denoising run: create one per call of the sampler.
 
     inner_steps: of descent in each denoising step. begin: share of signal (alpha bar) from which on guidance acts; before,
-    the estimate is an average over all modes and means nothing.
+    the estimate is an average over all modes and means nothing. negligible: energy [m^2] under which the steps shrink.
     """
 
-    inner_steps: int = 4
+    inner_steps: int = 6
     begin: float = 0.02
+    negligible: float = 1.0e-4
     step_sizes: StepSizes = StepSizes(translation=0.008, rotation=0.06, joints=0.06)
     _descent: HandDescent | None = field(default=None, repr=False)
 
@@ -50,6 +51,7 @@ class CleanDescent:
             self._descent = HandDescent(step.hand, len(q), steps=self.step_sizes)
         pose = pose_from_configuration(q)
         for _ in range(self.inner_steps):
-            step.energy(pose)
-            pose = self._descent.step(pose, step.energy.gradient)
+            energy = step.energy(pose)[:, None]
+            # Adam alone would take full steps on a hand that is almost right.
+            pose = self._descent.step(pose, step.energy.gradient, scale=(energy / (energy + self.negligible)).sqrt())
         return step.prior.normalise(configuration_from_pose(pose))
