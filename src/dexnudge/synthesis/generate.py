@@ -63,11 +63,13 @@ def generate_dataset(objects: str, out: Path, config: GenerationConfig, *, seed:
     )
     with Progress(*columns) as progress, _pool(workers) as pool:
         task = progress.add_task("objects", total=len(entries), completed=len(entries) - len(missing))
-        # Small waves: a mesh is loaded here, so that a broken one is named, and held only while it is worked on.
+        # Meshes are loaded here and not in the workers, so that a broken one is named before the work begins.
         running = {}
         for entry in missing:
             mesh = _load(entry, manifest)
-            if mesh is not None:
+            if mesh is None:
+                progress.advance(task)
+            else:
                 manifest.objects[entry.name] = mesh_hash(mesh)
                 running[pool.submit(_work, entry.name, mesh, out, manifest, config, seed)] = entry.name
         write_manifest(out, manifest)
@@ -162,7 +164,7 @@ def _open_manifest(out: Path, hand: Hand, config: GenerationConfig, seed: int) -
 
 def _totals(out: Path, manifest: Manifest) -> dict[str, dict[str, object]]:
     totals: dict[str, BehaviourCounts] = {}
-    for name in manifest.objects:
+    for name in (name for name in manifest.objects if is_complete(out, name)):
         for behaviour, counts in read_shard(out, manifest, name).counts.items():
             totals[behaviour] = totals.get(behaviour, BehaviourCounts()) + counts
     return {behaviour: asdict(counts) for behaviour, counts in totals.items()}
