@@ -36,12 +36,15 @@ def readme_table(report: dict[str, Any]) -> str:
     """Rates [%] with 95 % intervals over objects, beside the paper's."""
     config = report["config"]
     rows = [
-        "| scene | method | single draw | single, robust | top-ranked | top-ranked, robust | the paper, one draw |",
+        "| scene | method | single draw | single, robust | top-ranked | top-ranked, robust | the paper, its own scenes |",
         "|---|---|---:|---:|---:|---:|---:|",
     ]
-    for line in report["lines"]:
-        if line["method"] in README_METHODS:
-            cells = [percent(line[key]) for key in ("single", "single_robust", "top", "top_robust")]
+    order = [(scene, method) for scene in config["scenes"] for method in README_METHODS]
+    lines = {(line["scene"], line["method"]): line for line in report["lines"]}
+    for key in order:
+        if key in lines:
+            line = lines[key]
+            cells = [percent(line[name]) for name in ("single", "single_robust", "top", "top_robust")]
             paper = f"{PAPER[line['scene']]}" if line["method"] == "ours" and line["scene"] in PAPER else ""
             rows.append(f"| {line['scene']} | {README_METHODS[line['method']]} | {' | '.join(cells)} | {paper} |")
     objects = max(line["objects"] for line in report["lines"])

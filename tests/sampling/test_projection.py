@@ -92,7 +92,10 @@ def test_the_report_counts_what_happened(hand, projected, starts):
     torch.testing.assert_close(report.moved, travelled)
     assert (report.iterations <= CONFIG.max_steps).all()
     assert (report.iterations[~report.converged] == CONFIG.max_steps).all()
-    assert float(report.residual_after.mean()) < float(report.residual_before.mean())
+    # Before its patience ends, a hand may stop only with its forces in balance.
+    early = report.converged & (report.iterations < CONFIG.patience)
+    assert early.any()
+    assert (report.residual_after[early] < CONFIG.force_tolerance).all()
 
 
 def test_without_a_balance_it_projects_all_the_same(hand, problem, starts):
