@@ -3,7 +3,8 @@ import pytest
 import trimesh
 
 from dexnudge.errors import InputError
-from dexnudge.mechanics.sliding_task import SlidingTask, centre_of_mass, sliding_task
+from dexnudge.geometry.meshes import centre_of_mass
+from dexnudge.mechanics.sliding_task import SlidingTask, sliding_task
 from dexnudge.scenes.scene import Scene
 
 

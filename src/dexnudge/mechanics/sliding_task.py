@@ -5,10 +5,10 @@ from __future__ import annotations
 from dataclasses import dataclass, replace
 
 import numpy as np
-import trimesh
 from jaxtyping import Float
 
 from dexnudge.errors import InputError
+from dexnudge.geometry.meshes import centre_of_mass
 from dexnudge.scenes.scene import Scene
 
 GRAVITY = 9.81
@@ -59,16 +59,6 @@ class SlidingTask:
     def along(self, motion: Float[np.ndarray, "3"]) -> SlidingTask:
         """Return the same task with another direction of motion (unit vector, world)."""
         return replace(self, motion=np.asarray(motion, dtype=np.float64))
-
-
-def centre_of_mass(mesh: trimesh.Trimesh) -> Float[np.ndarray, "3"]:
-    """Return the centre of mass at uniform density, in the mesh's frame [m].
-
-    A mesh that is not closed, or that is inside out, encloses no volume; its convex hull stands in.
-    """
-    if mesh.is_watertight and mesh.volume > 0:
-        return np.asarray(mesh.center_mass, dtype=np.float64)
-    return np.asarray(mesh.convex_hull.center_mass, dtype=np.float64)
 
 
 def sliding_task(scene: Scene) -> SlidingTask:

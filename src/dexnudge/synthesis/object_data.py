@@ -11,11 +11,11 @@ from dexnudge.dataset.schema import BehaviourCounts, ConfigurationRow
 from dexnudge.energies import HandEnergy, TermWeights, build_scene_fields
 from dexnudge.energies.descent import pose_from_configuration
 from dexnudge.geometry.frames import resting_origin
+from dexnudge.geometry.meshes import centre_of_mass
 from dexnudge.geometry.object_cloud import object_cloud
 from dexnudge.geometry.surface_points import surface_points
 from dexnudge.geometry.warp_runtime import WarpStruct
 from dexnudge.hands.hand import Hand
-from dexnudge.mechanics.sliding_task import centre_of_mass
 from dexnudge.scenes.resting import resting_pose
 from dexnudge.synthesis.grasps import GraspConfig, descend_to_grasp
 from dexnudge.synthesis.nonprehensile import NonPrehensileConfig, descend_to_contact
