@@ -1,4 +1,4 @@
-"""Writes the tables of an experiment into docs/results.md and the README, from the experiment's report.json alone."""
+"""Writes the tables of an experiment into docs/results.md and the README, from its reports alone."""
 
 import json
 from dataclasses import dataclass
@@ -17,14 +17,14 @@ PAPER = {"table": 73.2, "layers": 78.0, "shelf": 63.4}  # [%] Table I, one outco
 class Publish:
     """Write the published tables."""
 
-    experiment: Annotated[Path, tyro.conf.Positional]
-    """Folder that `dexnudge evaluate` wrote."""
+    experiments: Annotated[tuple[Path, ...], tyro.conf.Positional]
+    """Folders that `dexnudge evaluate` wrote; the README's table is that of the first."""
 
     def run(self) -> None:
         """Write both files."""
-        report = json.loads((self.experiment / "report.json").read_text(encoding="utf-8"))
-        markdown = (self.experiment / "report.md").read_text(encoding="utf-8")
-        (ROOT / "docs" / "results.md").write_text(markdown, encoding="utf-8")
+        report = json.loads((self.experiments[0] / "report.json").read_text(encoding="utf-8"))
+        reports = [(folder / "report.md").read_text(encoding="utf-8") for folder in self.experiments]
+        (ROOT / "docs" / "results.md").write_text("\n".join(reports), encoding="utf-8")
         readme = ROOT / "README.md"
         text = readme.read_text(encoding="utf-8")
         before, rest = text.split(BEGIN)
