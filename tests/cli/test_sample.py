@@ -200,6 +200,7 @@ def test_own_surroundings_and_motion(dexnudge, tmp_path):
     assert dexnudge("check", tmp_path / "out").code == 0
 
 
+@pytest.mark.slow
 def test_a_disk_that_fills_while_writing_leaves_nothing(dexnudge, tmp_path, monkeypatch):
     def full(*_args, **_kwargs):
         raise OSError(28, "No space left on device")

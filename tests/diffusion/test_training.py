@@ -185,6 +185,7 @@ def modes_in_frame_c(dimension):
     return push_left, push_right, grasp
 
 
+@pytest.mark.slow
 def test_samples_recover_the_modes_that_belong_to_the_condition(toy, architecture, tmp_path):
     rng = np.random.default_rng(0)
     manifest = toy.toy_manifest(2)

@@ -9,6 +9,8 @@ from dexnudge.geometry.frames import resting_origin
 from dexnudge.objects.builtin import builtin_object
 from dexnudge.synthesis.object_data import at_rest, generate_object
 
+pytestmark = pytest.mark.slow  # a whole object is generated several times
+
 
 def test_every_attempt_is_counted_once(generated):
     rows, _, counts = generated

@@ -23,6 +23,9 @@ HALF_WIDTH = 0.036  # [m] of the built-in phone
 ACCELERATION = 10.0  # [m/s^2] DexGraspBench's disturbance
 
 
+pytestmark = pytest.mark.slow  # a batch of hands is generated and verified first
+
+
 @pytest.fixture(scope="module")
 def grasps(hand, phone):
     return GraspVerifier(hand, floating_scene(phone))
