@@ -124,6 +124,16 @@ def test_descent_lowers_the_energy_of_the_clean_estimate(make_step, prior, hand,
     assert float(after.mean()) < 0.5 * float(before.mean())
 
 
+def test_steps_shrink_where_the_energy_is_negligible(make_step, prior, hand, starts):
+    clean = hand.clamp(starts[:BATCH])
+    travelled = []
+    for rule in (CleanDescent(negligible=1.0e9), CleanDescent(negligible=1.0e-12)):
+        x = rule(make_step(use=Knowing(prior, clean), t=20, t_previous=-1))
+        travelled.append((hand.keypoints(prior.denormalise(x)) - hand.keypoints(clean)).norm(dim=2).mean(dim=1))
+    assert float(travelled[0].max()) < 1.0e-4
+    assert float(travelled[1].min()) > 1.0e-3
+
+
 def test_descent_ends_within_limits(make_step, prior, hand, starts):
     knowing = Knowing(prior, hand.clamp(starts[:BATCH]))
     x = CleanDescent()(make_step(use=knowing, t=20, t_previous=-1))

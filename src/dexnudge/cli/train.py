@@ -19,7 +19,7 @@ class Network:
     num_heads: OptionalCount = None
     """Attention heads; 4 unless given."""
     prediction_type: Literal["epsilon", "sample", "v_prediction"] | None = None
-    """What the network predicts; sample, the clean configuration, unless given."""
+    """What the network predicts; v_prediction unless given."""
     schedule: Literal["cosine", "linear"] | None = None
     """Noise schedule; cosine unless given."""
 
@@ -50,7 +50,7 @@ class Train:
     grasp_fraction: OptionalNumber = None
     """Share of grasps in the batches; 0.25 unless given, 1 trains the grasp-only baseline."""
     loss_weighting: Literal["uniform", "min_snr", "velocity"] | None = None
-    """Weight of the loss over noise levels; min_snr unless given."""
+    """Weight of the loss over noise levels; uniform unless given."""
     num_threads: OptionalCount = None
     """Threads of torch; its own choice unless given."""
     network: Network = field(default_factory=Network)
