@@ -38,7 +38,12 @@ check: $(VENV)/.dev.stamp  ## style, types, import layers
 	$(BIN)/mypy
 	$(BIN)/lint-imports --no-cache
 
-bench: $(VENV)/.dev.stamp  ## time the stages of sampling; prints machine and versions
+bench: $(VENV)/.dev.stamp  ## time energies, grids, grasps, data generation and sampling; prints machine and versions
+	$(PIP) -e ".[dev,bench]"
+	$(BIN)/python benchmarks/energies.py
+	$(BIN)/python benchmarks/distance_grid.py
+	$(BIN)/python benchmarks/grasps.py --num-objects 1
+	$(BIN)/python benchmarks/generation.py --num-objects 2
 	$(BIN)/python benchmarks/sampling.py
 
 clean:  ## remove everything that the other targets made

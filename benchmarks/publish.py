@@ -1,35 +1,51 @@
-"""Writes the tables of an experiment into docs/results.md and the README, from its reports alone."""
+"""Writes the tables of runs into docs/results.md and the README, from their reports alone."""
 
 import json
+import re
+import shutil
 from dataclasses import dataclass
 from pathlib import Path
 from typing import Annotated, Any
 
 import tyro
 
+from dexnudge.evaluation.paper_tables import FULL, TABLE_1
+
 ROOT = Path(__file__).parents[1]
 BEGIN, END = "<!-- results:begin -->", "<!-- results:end -->"
 README_METHODS = {"ours": "dexnudge", "random_start_projection": "random start + projection"}
-PAPER = {"table": 73.2, "layers": 78.0, "shelf": 63.4}  # [%] Table I, one outcome per object, 41 objects
+README_PART = "with_base"  # of a reproduction; the experiments of `evaluate` have no parts
+PLOT = re.compile(r"\]\(plots/([^)]+)\)")
 
 
 @dataclass(frozen=True)
 class Publish:
-    """Write the published tables."""
+    """Write the published tables and copy the plots that they show."""
 
-    experiments: Annotated[tuple[Path, ...], tyro.conf.Positional]
-    """Folders that `dexnudge evaluate` wrote; the README's table is that of the first."""
+    runs: Annotated[tuple[Path, ...], tyro.conf.Positional]
+    """Folders that `dexnudge reproduce` or `dexnudge evaluate` wrote; the README's table is that of the first."""
+    root: Path = ROOT
+    """Folder that README.md and docs/ lie in."""
 
     def run(self) -> None:
-        """Write both files."""
-        report = json.loads((self.experiments[0] / "report.json").read_text(encoding="utf-8"))
-        reports = [(folder / "report.md").read_text(encoding="utf-8") for folder in self.experiments]
-        (ROOT / "docs" / "results.md").write_text("\n".join(reports), encoding="utf-8")
-        readme = ROOT / "README.md"
-        text = readme.read_text(encoding="utf-8")
-        before, rest = text.split(BEGIN)
+        """Write both files and the plots beside them."""
+        report = json.loads((self.runs[0] / "report.json").read_text(encoding="utf-8"))
+        readme = self.root / "README.md"
+        before, rest = readme.read_text(encoding="utf-8").split(BEGIN)
         after = rest.split(END)[1]
+        texts = [self._with_plots(run) for run in self.runs]
+        (self.root / "docs" / "results.md").write_text("\n".join(texts), encoding="utf-8")
         readme.write_text(f"{before}{BEGIN}\n{readme_table(report)}\n{END}{after}", encoding="utf-8")
+
+    def _with_plots(self, run: Path) -> str:
+        """The run's report, its plots copied to docs/images under names that hold the run's."""
+        text = (run / "report.md").read_text(encoding="utf-8")
+        images = self.root / "docs" / "images"
+        images.mkdir(parents=True, exist_ok=True)
+        name = run.resolve().name
+        for plot in PLOT.findall(text):
+            shutil.copyfile(run / "plots" / plot, images / f"{name}-{plot}")
+        return PLOT.sub(rf"](images/{name}-\1)", text)
 
 
 def readme_table(report: dict[str, Any]) -> str:
@@ -40,14 +56,15 @@ def readme_table(report: dict[str, Any]) -> str:
         "|---|---|---:|---:|---:|---:|---:|",
     ]
     order = [(scene, method) for scene in config["scenes"] for method in README_METHODS]
-    lines = {(line["scene"], line["method"]): line for line in report["lines"]}
+    shown = [line for line in report["lines"] if line.get("part", README_PART) == README_PART]
+    lines = {(line["scene"], line["method"]): line for line in shown}
     for key in order:
         if key in lines:
             line = lines[key]
             cells = [percent(line[name]) for name in ("single", "single_robust", "top", "top_robust")]
-            paper = f"{PAPER[line['scene']]}" if line["method"] == "ours" and line["scene"] in PAPER else ""
+            paper = f"{TABLE_1[line['scene']][FULL]}" if line["method"] == "ours" and line["scene"] in TABLE_1 else ""
             rows.append(f"| {line['scene']} | {README_METHODS[line['method']]} | {' | '.join(cells)} | {paper} |")
-    objects = max(line["objects"] for line in report["lines"])
+    objects = max(line["objects"] for line in shown)
     note = (
         f"\n% of everything attempted, 95 % intervals over objects: {objects} objects of `{config['objects']}`, "
         f"{config['num']} draws each, seed {config['seed']}. [All methods and reasons for rejection](docs/results.md)."

@@ -1,5 +1,6 @@
 """Shape and type checks on every call into dexnudge, and settings that all tests share."""
 
+import os
 import re
 from pathlib import Path
 
@@ -18,6 +19,9 @@ def checkable_modules() -> list[str]:
     checkable = [file for file in files if not UNCHECKABLE.search(file.read_text(encoding="utf-8"))]
     return [".".join(file.relative_to(SOURCE).with_suffix("").parts) for file in checkable]
 
+
+# Tests neither read nor write what the developer's own runs have cached; commands that they start inherit this.
+os.environ["DEXNUDGE_CACHE"] = "off"
 
 # Before any test module imports dexnudge.
 install_import_hook(checkable_modules(), "beartype.beartype")

@@ -7,7 +7,7 @@ import time
 import pytest
 
 TOP_LEVEL = """\
-usage: dexnudge [-h] {sample,check,evaluate,dataset,train,hand}
+usage: dexnudge [-h] {sample,check,evaluate,reproduce,execute,dataset,train,hand}
 
 Hand configurations that push, press or hook thin objects that a robot hand cannot grasp.
 """
@@ -15,6 +15,8 @@ COMMANDS = [
     "sample",
     "check",
     "evaluate",
+    "reproduce",
+    "execute",
     "dataset",
     "dataset generate",
     "dataset info",

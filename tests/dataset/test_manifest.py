@@ -19,7 +19,7 @@ def test_round_trip(toy, tmp_path):
 @pytest.mark.parametrize(
     ("change", "message"),
     [
-        ({"format_version": 99}, r"has format version 99, expected 1; generate the dataset again"),
+        ({"format_version": 99}, r"has format version 99, expected 2; generate the dataset again"),
         ({"units": {"length": "mm", "angle": "rad"}}, r"has units .*'mm'.*, expected .*'m'"),
         ({"surprise": 1}, r"has missing or unexpected fields: .*surprise"),
     ],
@@ -39,7 +39,7 @@ def test_missing_broken_or_not_a_mapping(toy, tmp_path):
     with pytest.raises(DatasetError, match="is not valid JSON"):
         read_manifest(tmp_path)
     path.write_text("[]")
-    with pytest.raises(DatasetError, match="has format version 'list', expected 1"):
+    with pytest.raises(DatasetError, match="has format version 'list', expected 2"):
         read_manifest(tmp_path)
 
 
@@ -49,3 +49,14 @@ def test_object_names_cannot_leave_the_folder(toy, tmp_path, name):
     manifest.objects[name] = "0"
     with pytest.raises(DatasetError, match="cannot be part of a file name"):
         write_manifest(tmp_path, manifest)
+
+
+def test_the_order_of_completion_leaves_no_trace(toy, tmp_path):
+    orders = [["b", "a", "c"], ["c", "b", "a"]]
+    written = []
+    for order in orders:
+        manifest = toy.toy_manifest()
+        manifest.objects = {name: name * 8 for name in order}
+        manifest.failed_objects = {f"{name}-failed": "broken" for name in order}
+        written.append(write_manifest(tmp_path, manifest).read_bytes())
+    assert written[0] == written[1]

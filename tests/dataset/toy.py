@@ -49,11 +49,14 @@ def toy_row(rng: np.random.Generator, behaviour: str) -> ConfigurationRow:
         q=q,
         direction_margin=margin,
         contact_links=tuple(f"{digit.lower()}distal" for digit in digits),
+        contact_points=rng.normal(0.0, 0.05, (len(digits), 3)),
         digits=digits,
         penetration_object=1e-4,
         penetration_environment=0.0,
         penetration_self=2e-4,
         seed=int(rng.integers(2**62)),
+        hold_translation=0.004 if behaviour == "grasp" else None,
+        hold_rotation=0.02 if behaviour == "grasp" else None,
     )
 
 

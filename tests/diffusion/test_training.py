@@ -203,6 +203,7 @@ def test_samples_recover_the_modes_that_belong_to_the_condition(toy, architectur
             q=q,
             direction_margin=margin if behaviour == "push" else np.full(NUM_DIRECTIONS, -1.0),
             contact_links=(),
+            contact_points=np.zeros((0, 3)),
             digits=(),
             penetration_object=0.0,
             penetration_environment=0.0,

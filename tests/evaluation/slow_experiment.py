@@ -6,6 +6,7 @@ import time
 from pathlib import Path
 
 from dexnudge.evaluation import experiments
+from dexnudge.evaluation.experiment_config import ExperimentConfig, row_seed
 from dexnudge.evaluation.rows import Row
 
 
@@ -23,7 +24,7 @@ class SlowRowMaker:
             method=task.method,
             status="sampled",
             num=1,
-            seed=experiments.row_seed(self.config.seed, task),
+            seed=row_seed(self.config.seed, task),
             success=[True],
             seconds={"process": float(os.getpid())},
         )
@@ -32,7 +33,7 @@ class SlowRowMaker:
 def main(out: Path) -> None:
     """Run it, or go on with it."""
     experiments.RowMaker = SlowRowMaker
-    config = experiments.ExperimentConfig(objects="builtin:test", scenes=("table", "layers", "shelf"))
+    config = ExperimentConfig(objects="builtin:test", scenes=("table", "layers", "shelf"))
     experiments.run_experiment(config, out, workers=2)
 
 

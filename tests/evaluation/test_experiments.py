@@ -12,9 +12,11 @@ import pytest
 
 from dexnudge.errors import InputError, MeshError, OutputError
 from dexnudge.evaluation import experiments
-from dexnudge.evaluation.experiments import ExperimentConfig, Task, row_seed, run_experiment
+from dexnudge.evaluation.experiment_config import ExperimentConfig, Task, all_tasks, row_seed
+from dexnudge.evaluation.experiments import run_experiment
+from dexnudge.evaluation.row_maker import RowMaker
 from dexnudge.evaluation.rows import FILE, Row, read_rows
-from dexnudge.evaluation.workers import WorkerDied
+from dexnudge.jobs.answers import WorkerDied
 
 SLOW_EXPERIMENT = Path(__file__).with_name("slow_experiment.py")
 CONFIG = ExperimentConfig(objects="builtin:test", scenes=("table",), num=4)
@@ -85,6 +87,7 @@ def test_a_folder_of_something_else_is_refused_and_kept(tmp_path):
         ({"scenes": ("tabel",)}, "unknown scene 'tabel'; expected some of table, layers, shelf"),
         ({"methods": ("our",)}, "unknown method 'our'; expected some of ours"),
         ({"num": 0}, "--num is 0; expected at least 1"),
+        ({"max_objects": 0}, "--max-objects is 0; expected at least 1"),
     ],
 )
 def test_bad_options_are_refused_before_anything_is_written(tmp_path, changes, message):
@@ -112,6 +115,21 @@ def test_seeds_are_the_same_for_methods_and_differ_for_objects_scenes_and_experi
         row_seed(1, task),
     ]
     assert len({row_seed(0, task), *others}) == 4
+
+
+def test_fewer_objects_are_spread_over_the_set_and_its_rows_stand_together():
+    every = [task.object for task in all_tasks(CONFIG)]
+    tasks = all_tasks(replace(CONFIG, max_objects=4, methods=("ours", "unguided")))
+    assert [task.object for task in tasks[::2]] == [every[0], every[10], every[21], every[31]]
+    assert [task.method for task in tasks[:2]] == ["ours", "unguided"]
+    assert tasks[0].object == tasks[1].object
+    assert len(all_tasks(replace(CONFIG, max_objects=100))) == 42
+
+
+def test_what_a_run_left_that_was_killed_before_its_first_file_does_not_stop_the_next(tmp_path):
+    (tmp_path / "out").mkdir()
+    (tmp_path / "out" / "experiment.partial").write_text('{"format')
+    assert len(run_experiment(CONFIG, tmp_path / "out", workers=1)) == 42
 
 
 @pytest.mark.slow  # six processes import torch
@@ -159,7 +177,7 @@ class TestRowMaker:
         monkeypatch.setattr(Sampler, "from_pretrained", classmethod(lambda cls, hand, **_: cls(hand, None)))
         (tmp_path / "objects").mkdir()
         (tmp_path / "objects" / "broken.obj").write_text("v 0 0 0\n")
-        return lambda: experiments.RowMaker(replace(CONFIG, objects=str(tmp_path / "objects"), scenes=("shelf",)))
+        return lambda: RowMaker(replace(CONFIG, objects=str(tmp_path / "objects"), scenes=("shelf",)))
 
     def test_an_object_that_cannot_be_read_is_a_failed_row(self, make):
         row = make()(Task("broken", "shelf", "ours"))

@@ -1,9 +1,12 @@
+from itertools import combinations
+
 import numpy as np
 import pytest
 from scipy.stats import bootstrap
 
 from dexnudge.errors import InputError
-from dexnudge.evaluation.statistics import bootstrap_interval
+from dexnudge.evaluation.estimate import Estimate, estimate_of_sums, ratio
+from dexnudge.evaluation.statistics import bootstrap_interval, bootstrap_sums, chance_of_any
 
 
 def test_the_interval_is_scipys() -> None:
@@ -40,3 +43,44 @@ def test_what_has_no_interval_is_refused() -> None:
         bootstrap_interval(np.array([0.5, np.nan]))
     with pytest.raises(InputError, match=r"level of an interval is 95\.0; expected a number between 0 and 1"):
         bootstrap_interval(np.ones(3), level=95.0)
+
+
+def test_the_interval_of_a_ratio_is_scipys() -> None:
+    rng = np.random.default_rng(5)
+    seconds = rng.uniform(1.0, 4.0, size=41)
+    verified = np.round(seconds * rng.uniform(2.0, 6.0, size=41))
+    reference = bootstrap(
+        (verified, seconds),
+        lambda v, s, axis: v.sum(axis=axis) / s.sum(axis=axis),
+        paired=True,
+        vectorized=True,
+        n_resamples=4000,
+        method="percentile",
+        random_state=np.random.default_rng(1),
+    ).confidence_interval
+    assert bootstrap_sums(np.stack([verified, seconds], axis=1), ratio) == pytest.approx(tuple(reference), abs=0.02)
+
+
+def test_a_ratio_without_a_denominator_is_infinite_and_its_interval_is_no_nan() -> None:
+    one_of_three = estimate_of_sums(np.array([[1.0, 0.0], [1.0, 0.0], [1.0, 2.0]]), ratio)
+    assert one_of_three.value == 1.5
+    assert one_of_three.high == np.inf  # (2/3)^3 of the resamples miss the third object
+    assert one_of_three.low == pytest.approx(0.5)
+    assert one_of_three.as_json() == {"value": 1.5, "low": one_of_three.low, "high": None}
+    nothing = estimate_of_sums(np.zeros((3, 2)), ratio)
+    assert (nothing.value, nothing.low, nothing.high) == (0.0, 0.0, 0.0)
+    assert nothing.inverse().text() == "none"
+    assert Estimate(2.0, 1.0, 4.0).inverse() == Estimate(0.5, 0.25, 1.0)
+
+
+@pytest.mark.parametrize(("num", "good"), [(5, 0), (5, 1), (6, 3), (4, 4)])
+def test_the_best_of_k_is_that_of_every_choice_of_k(num: int, good: int) -> None:
+    draws = [True] * good + [False] * (num - good)
+    for k in range(1, num + 1):
+        found = [any(choice) for choice in combinations(draws, k)]
+        assert chance_of_any(num, good, k) == pytest.approx(sum(found) / len(found))
+
+
+def test_more_draws_than_there_are_cannot_be_taken() -> None:
+    with pytest.raises(InputError, match=r"cannot take 9 of 8 draws, 3 of them good; expected 1 <= k <= num"):
+        chance_of_any(8, 3, 9)

@@ -1,12 +1,20 @@
 """The voxel grid against the exact distance: near a surface it must be good to a quarter of a millimetre."""
 
+from functools import cache
+
 import numpy as np
 import pytest
 import trimesh
 import warp as wp
 from scipy.interpolate import RegularGridInterpolator
 
-from dexnudge.energies.grid_kernel import PackedGrids, grid_distance, pack_grids
+from dexnudge.energies.grid_kernel import (
+    PackedGrids,
+    grid_distance,
+    least_distance,
+    least_distance_anywhere,
+    pack_grids,
+)
 from dexnudge.energies.scene_fields import OBJECT_CELL, OBJECT_PADDING
 from dexnudge.geometry.distance_grid import DistanceGrid, distance_grid
 from dexnudge.geometry.exact_distance import ExactDistance
@@ -34,12 +42,26 @@ def axes_of(grid: DistanceGrid) -> list[np.ndarray]:
     return [grid.origin[axis] + grid.cell * np.arange(grid.values.shape[axis]) for axis in range(3)]
 
 
+@cache
 def build(name: str) -> tuple[trimesh.Trimesh, ExactDistance, DistanceGrid]:
     """The grid as `scene_fields` builds it."""
     mesh = builtin_object(name)
     exact = ExactDistance(mesh)
     lower, upper = mesh.bounds
     return mesh, exact, distance_grid(exact, lower - OBJECT_PADDING, upper + OBJECT_PADDING, cell=OBJECT_CELL)
+
+
+@cache
+def near_points(name: str) -> tuple[np.ndarray, np.ndarray]:
+    """(points within 5 mm of the surface, their exact distances): half of them inside."""
+    mesh, exact, _ = build(name)
+    generator = np.random.default_rng(0)
+    on_surface, faces = trimesh.sample.sample_surface(mesh, 20_000, seed=generator)
+    points = on_surface + generator.uniform(-NEAR, NEAR, (len(faces), 1)) * mesh.face_normals[faces]
+    true = exact(points).distance
+    near = np.abs(true) <= NEAR
+    assert min((true[near] > 0).sum(), (true[near] <= 0).sum()) > 5_000
+    return points[near], true[near]
 
 
 @pytest.fixture(scope="module")
@@ -52,22 +74,34 @@ def inside_points(grid: DistanceGrid, count: int) -> np.ndarray:
     return np.random.default_rng(0).uniform(low + 1e-6, high - 1e-6, (count, 3))
 
 
-@pytest.mark.parametrize("name", ["phone", "remote", "tablet", "book"])
-def test_near_the_surface_it_is_within_a_quarter_of_a_millimetre(name):
-    """Down to a depth that the projection accepts; deeper, a slab's middle plane is a crease that no grid resolves."""
-    _, exact, grid = build(name)
-    points = inside_points(grid, 40_000)
-    true = exact(points).distance
-    near = (true > -DEEPEST) & (true < NEAR)
-    error = np.abs(values_of([grid], points[near])[0] - true[near])
-    assert near.sum() > 5_000
+OFF_CENTRE = pytest.mark.xfail(
+    raises=AssertionError,
+    reason="a bump or covers put the ridge of the depth between two planes of corners, in cells of 1 mm",
+)
+
+
+@pytest.mark.parametrize(
+    "name", ["remote", "tablet", pytest.param("phone", marks=OFF_CENTRE), pytest.param("book", marks=OFF_CENTRE)]
+)
+def test_within_5_mm_of_the_surface_on_both_sides_it_is_within_a_quarter_of_a_millimetre(name):
+    _, _, grid = build(name)
+    points, true = near_points(name)
+    error = np.abs(values_of([grid], points)[0] - true)
     assert np.quantile(error, 0.999) <= WORST
 
 
-def test_deep_inside_it_is_within_half_a_cell(phone):
-    _, exact, grid = phone
-    points = inside_points(grid, 40_000)
-    true = exact(points).distance
+@pytest.mark.parametrize("name", ["phone", "remote", "tablet", "book"])
+def test_as_deep_as_a_configuration_may_be_and_5_mm_outside_it_is_so_for_every_object(name):
+    _, _, grid = build(name)
+    points, true = near_points(name)
+    shallow = true > -DEEPEST
+    error = np.abs(values_of([grid], points[shallow])[0] - true[shallow])
+    assert np.quantile(error, 0.999) <= WORST
+
+
+def test_deep_inside_it_is_within_half_a_cell():
+    _, _, grid = build("phone")
+    points, true = near_points("phone")
     deep = true < -DEEPEST
     assert np.abs(values_of([grid], points[deep])[0] - true[deep]).max() <= grid.cell / 2
 
@@ -124,3 +158,38 @@ def test_the_second_of_two_packed_grids_is_read(phone):
     points = np.asarray([[0.005, 0.011, 0.02]])
     assert values_of([grid, other], points, index=1)[0] == pytest.approx(7.0)
     assert values_of([other, grid], points, index=1)[0] == pytest.approx(values_of([grid], points)[0])
+
+
+@wp.kernel(enable_backward=False)
+def look_around(
+    grids: PackedGrids,
+    centres: wp.array(dtype=wp.vec3),
+    radii: wp.array(dtype=float),
+    in_box: wp.array(dtype=float),
+    anywhere: wp.array(dtype=float),
+):
+    i = wp.tid()
+    in_box[i] = least_distance(grids.headers[0], grids.values, centres[i], radii[i])
+    anywhere[i] = least_distance_anywhere(grids.headers[0], grids.values, centres[i], radii[i])
+
+
+def test_no_point_of_a_sphere_is_closer_than_the_sphere_s_least_distance(phone):
+    _, _, grid = phone
+    generator = np.random.default_rng(6)
+    low, high = (np.asarray([axis[end] for axis in axes_of(grid)]) for end in (0, -1))
+    spheres, probes = 400, 2000
+    centres = generator.uniform(low - 0.03, high + 0.03, (spheres, 3)).astype(np.float32)
+    radii = generator.uniform(0.001, 0.03, spheres).astype(np.float32)
+    in_box, anywhere = (wp.zeros(spheres, dtype=float, device="cpu") for _ in range(2))
+    inputs = [pack_grids([grid]), wp.array(centres, dtype=wp.vec3, device="cpu"), wp.array(radii, device="cpu")]
+    wp.launch(look_around, dim=spheres, inputs=[*inputs, in_box, anywhere], device="cpu")
+    rays = generator.normal(size=(spheres, probes, 3))
+    rays *= generator.uniform(size=(spheres, probes, 1)) ** (1 / 3) / np.linalg.norm(rays, axis=2, keepdims=True)
+    points = centres[:, None] + radii[:, None, None] * rays
+    distance = values_of([grid], points.reshape(-1, 3))[0].reshape(spheres, probes)
+    inside = ((points >= low) & (points <= high)).all(axis=2)
+    lowest_inside = np.where(inside, distance, np.inf).min(axis=1)
+    assert (anywhere.numpy() <= distance.min(axis=1) + 1e-6).all()
+    assert (in_box.numpy() <= lowest_inside + 1e-6)[inside.any(axis=1)].all()
+    slack = 2 * np.sqrt(3) * grid.cell + 0.4 * radii  # the nearest point of a smooth place, and the bound's own margin
+    assert np.median(distance.min(axis=1) - anywhere.numpy() - slack) < 0, "a bound that rules nothing out is no use"

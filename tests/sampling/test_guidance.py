@@ -3,14 +3,18 @@
 import pytest
 import torch
 
+from dexnudge.diffusion.ddim import ddim_mean_and_sigma
 from dexnudge.diffusion.prior import DiffusionPrior
 from dexnudge.energies import HandEnergy, TermWeights
 from dexnudge.energies.descent import pose_from_configuration
 from dexnudge.sampling.denoise import DenoisingConfig
 from dexnudge.sampling.guidance.clean_descent import CleanDescent
+from dexnudge.sampling.guidance.clean_gradient import CleanGradient
 from dexnudge.sampling.guidance.contacts import wanted_contacts
-from dexnudge.sampling.guidance.paper import PaperGuidance, configuration_energy
+from dexnudge.sampling.guidance.gradient import configuration_energy, gradient_through_network
+from dexnudge.sampling.guidance.paper import PaperGuidance
 from dexnudge.sampling.guidance.rule import ReverseStep
+from dexnudge.sampling.guidance.spherical import SphericalGuidance
 from dexnudge.sampling.guidance.unguided import unguided
 
 BATCH = 6
@@ -70,10 +74,58 @@ def test_the_papers_rule_moves_against_the_gradient(make_step, prior):
     assert ((after - before) < 0).all()
 
 
-def test_samples_are_guided_one_by_one(make_step):
-    together = PaperGuidance()(make_step())
-    alone = PaperGuidance()(make_step(x_t=make_step().x_t[2:3]))
+@pytest.mark.parametrize("rule", [PaperGuidance(), CleanGradient()], ids=["paper", "clean gradient"])
+def test_samples_are_guided_one_by_one(make_step, rule):
+    together = rule(make_step())
+    alone = rule(make_step(x_t=make_step().x_t[2:3]))
     torch.testing.assert_close(alone[0], together[2], atol=1e-4, rtol=0)
+
+
+def sphere(step) -> tuple[torch.Tensor, torch.Tensor, float]:
+    """(gradient, mean, radius) of spherical guidance, from its formula."""
+    x0_hat, gradient = gradient_through_network(step)
+    mean, sigma = ddim_mean_and_sigma(step.prior.schedule, step.x_t, x0_hat, step.t, step.t_previous, eta=1.0)
+    return gradient, mean, mean.shape[1] ** 0.5 * sigma
+
+
+@pytest.mark.parametrize("rate", [0.0, 0.2, 1.0])
+def test_spherical_guidance_stays_on_the_sphere(make_step, rate):
+    _, mean, radius = sphere(make_step())
+    moved = SphericalGuidance(rate=rate)(make_step()) - mean
+    assert radius > 0.1
+    torch.testing.assert_close(moved.norm(dim=1), torch.full((BATCH,), radius), rtol=1e-4, atol=1e-5)
+
+
+def test_spherical_guidance_goes_from_the_noise_to_steepest_descent(make_step):
+    gradient, mean, _ = sphere(make_step())
+    noise = torch.randn(mean.shape, generator=torch.Generator().manual_seed(1))
+    cosine = {
+        rate: [
+            torch.cosine_similarity(SphericalGuidance(rate=rate)(make_step()) - mean, to) for to in (noise, -gradient)
+        ]
+        for rate in (0.0, 0.5, 1.0)
+    }
+    torch.testing.assert_close(cosine[0.0][0], torch.ones(BATCH), atol=1e-4, rtol=0)
+    torch.testing.assert_close(cosine[1.0][1], torch.ones(BATCH), atol=1e-4, rtol=0)
+    assert (cosine[0.5][1] > cosine[0.0][1]).all()
+
+
+def test_spherical_guidance_ends_at_the_clean_estimate(make_step):
+    """No noise is left in the last step, and the sphere is a point."""
+    step = make_step(t=20, t_previous=-1)
+    _, mean, radius = sphere(step)
+    assert radius == 0.0
+    torch.testing.assert_close(SphericalGuidance()(make_step(t=20, t_previous=-1)), mean)
+
+
+def test_the_clean_gradient_moves_the_estimate_by_its_strength_downhill(make_step, prior, hand, starts):
+    knowing, rule = Knowing(prior, hand.clamp(starts[:BATCH])), CleanGradient(strength=0.01)
+    step = make_step(use=knowing, t=20, t_previous=-1)
+    moved = rule(step) - prior.normalise(knowing.clean)
+    torch.testing.assert_close(moved.norm(dim=1), torch.full((BATCH,), 0.01), rtol=1e-3, atol=1e-6)
+    before = configuration_energy(knowing.clean, step.energy).clone()
+    after = configuration_energy(prior.denormalise(prior.normalise(knowing.clean) + 0.1 * moved), step.energy)
+    assert ((after - before) < 0).all()
 
 
 def test_energy_of_configurations_is_differentiated_right(hand, problem, starts):

@@ -52,6 +52,8 @@ class Evaluate:
     physics: Physics = field(default_factory=Physics)
     weights: OptionalFolder = None
     """Folder of the model; the shipped one unless given."""
+    data: OptionalFolder = None
+    """Dataset folder, for the method nearest_pose."""
     device: Text = "cpu"
     """torch device to sample on."""
 
@@ -59,9 +61,11 @@ class Evaluate:
         """Compute the missing rows, write and print the report."""
         check_at_least(0, seed=self.seed)
         check_at_least(1, num=self.num, workers=self.workers)
-        from dexnudge.cli.console import progress, stdout
-        from dexnudge.evaluation.experiments import ExperimentConfig, run_experiment
+        from dexnudge.cli.console import stdout
+        from dexnudge.evaluation.experiment_config import ExperimentConfig
+        from dexnudge.evaluation.experiments import run_experiment
         from dexnudge.evaluation.report import write_report
+        from dexnudge.jobs.progress import progress
 
         config = ExperimentConfig(
             objects=self.objects,
@@ -75,6 +79,7 @@ class Evaluate:
             base=self.base,
             physics=self.physics.given(),
             weights=self.weights,
+            data=self.data,
             device=self.device,
         )
         drawn = verified = 0

@@ -10,7 +10,9 @@ import tyro
 from dexnudge.cli.check import Check
 from dexnudge.cli.dataset import Dataset
 from dexnudge.cli.evaluate import Evaluate
+from dexnudge.cli.execute import Execute
 from dexnudge.cli.hand import HandCommand
+from dexnudge.cli.reproduce import Reproduce
 from dexnudge.cli.sample import Sample
 from dexnudge.cli.train import Train
 from dexnudge.errors import DexnudgeError
@@ -26,6 +28,8 @@ Command = (
     Annotated[Sample, tyro.conf.subcommand("sample")]
     | Annotated[Check, tyro.conf.subcommand("check")]
     | Annotated[Evaluate, tyro.conf.subcommand("evaluate")]
+    | Annotated[Reproduce, tyro.conf.subcommand("reproduce")]
+    | Annotated[Execute, tyro.conf.subcommand("execute")]
     | Annotated[Dataset, tyro.conf.subcommand("dataset")]
     | Annotated[Train, tyro.conf.subcommand("train")]
     | Annotated[HandCommand, tyro.conf.subcommand("hand")]

@@ -105,9 +105,9 @@ class Sample:
         check_at_least(0, seed=self.seed)
 
     def _sample_into(self, folder: Path) -> dict[str, Any]:
-        from dexnudge.cli.console import progress
         from dexnudge.evaluation.draws import check_counts, draw_and_judge
         from dexnudge.hands.registry import load_hand
+        from dexnudge.jobs.progress import progress
         from dexnudge.results.writing import write_answer, write_problem
         from dexnudge.sampling.loading import load_sampler
 

@@ -1,122 +1,137 @@
-"""What a dataset holds, counted: behaviours, rejections, digits, directions."""
+"""What a dataset holds, counted: behaviours, rejections, digits, directions, sides, and the spread of its numbers."""
 
-from collections import Counter
-from dataclasses import dataclass, field
+from dataclasses import dataclass
 from pathlib import Path
 
 import numpy as np
+from jaxtyping import Bool, Float
 
-from dexnudge.dataset.manifest import read_manifest
-from dexnudge.dataset.schema import BEHAVIOURS, NUM_DIRECTIONS, BehaviourCounts
-from dexnudge.dataset.shards import is_complete, read_shard
+from dexnudge.dataset.all_rows import AllRows, gather_rows
+from dexnudge.dataset.histogram import Histogram, make_histogram
+from dexnudge.dataset.manifest import MANIFEST_NAME, Manifest, read_manifest
+from dexnudge.dataset.schema import BEHAVIOURS, POSE_DIMENSIONS, BehaviourCounts
+from dexnudge.dataset.shards import cloud_path, is_complete, read_shard, shard_path
+from dexnudge.dataset.sides import OCTANTS, SIDES, palm_octants
+from dexnudge.errors import HandError, UnknownNameError
+from dexnudge.hands.registry import load_hand
 
 FEASIBLE_MARGIN = 1.0  # force margin from which a direction of motion counts as feasible
+HOLD_DRIFT = "drift while held"  # name of the histogram over the rows that were held in simulation
 
 
-@dataclass(kw_only=True)
+@dataclass(frozen=True, kw_only=True)
 class DatasetInfo:
     """Totals over a dataset folder.
 
-    counts: per behaviour; digits_per_configuration: behaviour -> number of digits in contact -> rows;
-    digit_use: digit -> rows; feasible_rows: (16) non-prehensile rows whose margin is >= 1 in direction k;
-    objects_covered: (16) objects with at least one such row; missing_objects: neither written nor failed.
+    Attributes:
+        manifest: of the folder.
+        num_objects: with a shard. missing_objects: neither written nor failed.
+        counts: behaviour -> what became of every attempt.
+        digits_per_configuration: behaviour -> number of digits in contact -> rows.
+        digit_use: behaviour -> digit -> rows.
+        feasible_rows: (16) non-prehensile rows whose margin is >= 1 in direction k.
+        objects_covered: (16) objects with at least one such row.
+        side_rows: behaviour -> side of `SIDES` -> rows that touch it; a row may touch several.
+        side_objects: side -> objects with a non-prehensile row that touches it.
+        octant_rows: behaviour -> octant of `OCTANTS` -> rows whose palm stands there.
+        histograms: of margin, penetration, height and drift.
+        joint_angles: (d, 3) least, median and greatest angle of each joint [rad]; NaN without rows.
+        joint_limits: (d, 2) [rad]; None when the hand that the manifest names cannot be loaded here.
+        bytes_on_disk: of manifest and Parquet files. bytes_per_row: of the shards alone; 0 without rows.
     """
 
-    hand: str
+    manifest: Manifest
     num_objects: int
     missing_objects: int
-    failed_objects: dict[str, str]
     counts: dict[str, BehaviourCounts]
-    digits_per_configuration: dict[str, dict[int, int]] = field(default_factory=dict)
-    digit_use: dict[str, int] = field(default_factory=dict)
-    feasible_rows: list[int] = field(default_factory=list)
-    objects_covered: list[int] = field(default_factory=list)
+    digits_per_configuration: dict[str, dict[str, int]]
+    digit_use: dict[str, dict[str, int]]
+    feasible_rows: list[int]
+    objects_covered: list[int]
+    side_rows: dict[str, dict[str, int]]
+    side_objects: dict[str, int]
+    octant_rows: dict[str, dict[str, int]]
+    histograms: tuple[Histogram, ...]
+    joint_angles: Float[np.ndarray, "joint 3"]
+    joint_limits: Float[np.ndarray, "joint 2"] | None
+    bytes_on_disk: int
+    bytes_per_row: float
 
     @property
     def num_configurations(self) -> int:
         """Kept rows over all behaviours."""
         return sum(count.kept for count in self.counts.values())
 
-    def table(self) -> str:
-        """The totals as a plain text table."""
-        reasons = sorted({reason for count in self.counts.values() for reason in count.rejected})
-        header = ["behaviour", "attempted", "kept", "kept %", "failed", *reasons]
-        body = []
-        for behaviour, count in self.counts.items():
-            share = f"{100.0 * count.kept / count.attempted:.1f}" if count.attempted else "-"
-            rejected = [str(count.rejected.get(reason, 0)) for reason in reasons]
-            body.append([behaviour, str(count.attempted), str(count.kept), share, str(count.failed), *rejected])
-        summary = (
-            f"hand {self.hand}: {self.num_configurations} configurations of {self.num_objects} objects "
-            f"({self.missing_objects} not generated yet, {len(self.failed_objects)} failed)"
-        )
-        lines = [
-            summary,
-            "",
-            *_align([header, *body]),
-            "",
-            *_align(self._digit_lines()),
-            "",
-            *_align(self._direction_lines()),
-        ]
-        lines.extend(f"failed object {name}: {reason}" for name, reason in self.failed_objects.items())
-        return "\n".join(lines) + "\n"
-
-    def _digit_lines(self) -> list[list[str]]:
-        most = max((n for row in self.digits_per_configuration.values() for n in row), default=0)
-        header = ["digits in contact", *[str(n) for n in range(most + 1)]]
-        body = [
-            [behaviour, *[str(row.get(n, 0)) for n in range(most + 1)]]
-            for behaviour, row in self.digits_per_configuration.items()
-        ]
-        use = ["rows using", *[f"{digit}={rows}" for digit, rows in sorted(self.digit_use.items())]]
-        return [header, *body, use]
-
-    def _direction_lines(self) -> list[list[str]]:
-        step = 360.0 / NUM_DIRECTIONS
-        return [
-            ["direction [deg]", *[f"{k * step:g}" for k in range(NUM_DIRECTIONS)]],
-            ["feasible rows", *[str(rows) for rows in self.feasible_rows]],
-            ["objects covered", *[str(objects) for objects in self.objects_covered]],
-        ]
-
 
 def describe(folder: Path | str) -> DatasetInfo:
     """Count what the shards of `folder` hold; raises DatasetError as `read_shard` does."""
+    folder = Path(folder)
     manifest = read_manifest(folder)
     names = [name for name in sorted(manifest.objects) if is_complete(folder, name)]
+    shards = [read_shard(folder, manifest, name) for name in names]
+    rows = gather_rows(folder, manifest, shards)
     counts = {behaviour: BehaviourCounts() for behaviour in BEHAVIOURS}
-    digits: dict[str, Counter[int]] = {behaviour: Counter() for behaviour in BEHAVIOURS}
-    digit_use: Counter[str] = Counter()
-    feasible_rows = np.zeros(NUM_DIRECTIONS, dtype=np.int64)
-    objects_covered = np.zeros(NUM_DIRECTIONS, dtype=np.int64)
-    for name in names:
-        shard = read_shard(folder, manifest, name)
+    for shard in shards:
         for behaviour, count in shard.counts.items():
             counts[behaviour] += count
-        used = shard.table.column("digits").to_pylist()
-        for behaviour, row_digits in zip(shard.table.column("behaviour").to_pylist(), used, strict=True):
-            digits[behaviour][len(row_digits)] += 1
-            digit_use.update(row_digits)
-        feasible = shard.column_matrix("direction_margin") >= FEASIBLE_MARGIN
-        feasible_rows += feasible.sum(axis=0)
-        objects_covered += feasible.any(axis=0)
-    missing = set(manifest.objects) - set(names) - set(manifest.failed_objects)
+    feasible = rows.direction_margin >= FEASIBLE_MARGIN
+    numbers = rows.digits.sum(axis=1)
+    octants = palm_octants(rows.q[:, :3])
+    shard_bytes = sum(shard_path(folder, name).stat().st_size for name in names)
+    cloud_bytes = sum(cloud_path(folder, name).stat().st_size for name in names)
     return DatasetInfo(
-        hand=manifest.hand,
+        manifest=manifest,
         num_objects=len(names),
-        missing_objects=len(missing),
-        failed_objects=manifest.failed_objects,
+        missing_objects=len(set(manifest.objects) - set(names) - set(manifest.failed_objects)),
         counts=counts,
-        digits_per_configuration={behaviour: dict(sorted(row.items())) for behaviour, row in digits.items()},
-        digit_use=dict(digit_use),
-        feasible_rows=feasible_rows.tolist(),
-        objects_covered=objects_covered.tolist(),
+        digits_per_configuration=rows.by_behaviour(*_one_hot(numbers, range(len(manifest.digit_joints) + 1))),
+        digit_use=rows.by_behaviour(rows.digits, tuple(manifest.digit_joints)),
+        feasible_rows=feasible[rows.non_prehensile].sum(axis=0).tolist(),
+        objects_covered=rows.objects_with(feasible),
+        side_rows=rows.by_behaviour(rows.sides, SIDES),
+        side_objects=dict(zip(SIDES, rows.objects_with(rows.sides), strict=True)),
+        octant_rows=rows.by_behaviour(octants[:, None] == np.arange(len(OCTANTS)), OCTANTS),
+        histograms=_histograms(rows),
+        joint_angles=_spread(rows.q[:, POSE_DIMENSIONS:]),
+        joint_limits=joint_limits(manifest),
+        bytes_on_disk=shard_bytes + cloud_bytes + (folder / MANIFEST_NAME).stat().st_size,
+        bytes_per_row=shard_bytes / len(rows.q) if len(rows.q) else 0.0,
     )
 
 
-def _align(rows: list[list[str]]) -> list[str]:
-    widths = [max(len(row[k]) for row in rows if k < len(row)) for k in range(max(map(len, rows)))]
-    return [
-        "  ".join(cell.rjust(widths[k]) if k else cell.ljust(widths[k]) for k, cell in enumerate(row)) for row in rows
-    ]
+def joint_limits(manifest: Manifest) -> Float[np.ndarray, "joint 2"] | None:
+    """Limits (d, 2) [rad] of the manifest's hand; None when it cannot be loaded here, or has other joints by now."""
+    try:
+        hand = load_hand(str(manifest.config.get("hand", manifest.hand)))
+    except (HandError, UnknownNameError):  # counts can be read without the hand's files
+        return None
+    return np.stack([hand.lower, hand.upper], axis=1) if hand.joint_names == manifest.joint_names else None
+
+
+def _histograms(rows: AllRows) -> tuple[Histogram, ...]:
+    """Margin of the best direction, penetration, palm's height, and what a grasp drifted in the test of holding."""
+    groups = {behaviour: rows.behaviour == behaviour for behaviour in BEHAVIOURS}
+    pushed = {behaviour: which & rows.non_prehensile for behaviour, which in groups.items()}
+    held = {behaviour: which & np.isfinite(rows.hold_translation) for behaviour, which in groups.items()}
+    quantities = (
+        ("force margin in the best direction", "", rows.direction_margin.max(axis=1, initial=-np.inf), pushed),
+        ("deepest penetration", "mm", 1e3 * rows.penetration, groups),
+        ("palm's origin above the object's middle", "mm", 1e3 * rows.q[:, 2], groups),
+        (HOLD_DRIFT, "mm", 1e3 * rows.hold_translation, held),
+        ("turn while held", "deg", np.degrees(rows.hold_rotation), held),
+    )
+    return tuple(
+        make_histogram(name, unit, {behaviour: values[which] for behaviour, which in chosen.items()})
+        for name, unit, values, chosen in quantities
+        if any(which.any() for which in chosen.values())
+    )
+
+
+def _spread(angles: Float[np.ndarray, "row joint"]) -> Float[np.ndarray, "joint 3"]:
+    if not len(angles):
+        return np.full((angles.shape[1], 3), np.nan)
+    return np.quantile(angles, [0.0, 0.5, 1.0], axis=0).T
+
+
+def _one_hot(values: np.ndarray, kinds: range) -> tuple[Bool[np.ndarray, "row kind"], tuple[str, ...]]:
+    return values[:, None] == np.asarray(kinds), tuple(map(str, kinds))

@@ -19,14 +19,15 @@ class Manifest:
     """What a dataset folder holds.
 
     hand: its name; joint_names: (d) in the order of q; digit_joints: digit name -> indices into joint_names;
-    objects: object name -> sha256 of the mesh it was generated from; failed_objects: object name -> reason;
-    config, seed, versions: what generated it; counts: behaviour -> totals over all shards, filled in when generation ends.
+    objects: object name -> sha256 of the mesh it was generated from, None before it is known; failed_objects: object
+    name -> reason, none of them in `objects`; config, seed, versions: what generated it; counts: behaviour -> totals
+    over all shards, filled in when generation ends.
     """
 
     hand: str
     joint_names: tuple[str, ...]
     digit_joints: dict[str, tuple[int, ...]]
-    objects: dict[str, str]
+    objects: dict[str, str | None]
     failed_objects: dict[str, str] = field(default_factory=dict)
     config: dict[str, object] = field(default_factory=dict)
     seed: int = 0
@@ -45,11 +46,12 @@ def check_object_name(name: str) -> str:
 
 
 def write_manifest(folder: Path | str, manifest: Manifest) -> Path:
-    """Write `manifest.json` atomically and return its path."""
+    """Write `manifest.json` atomically and return its path; equal manifests give equal bytes, in whatever order filled."""
     for name in (*manifest.objects, *manifest.failed_objects):
         check_object_name(name)
     path = Path(folder) / MANIFEST_NAME
     content = {"format_version": FORMAT_VERSION, "units": UNITS, **asdict(manifest)}
+    content |= {key: dict(sorted(content[key].items())) for key in ("objects", "failed_objects", "versions", "counts")}
     with replace_atomically(path) as temporary:
         temporary.write_text(json.dumps(content, indent=2, default=str) + "\n", encoding="utf-8")
     return path

@@ -3,7 +3,7 @@
 Every pose is in the RESTING frame of its object: origin as in `geometry.frames.resting_origin`, z up, yaw as
 the object's mesh is laid down. Metres and radians. A row holds q = [root translation (3) | first two COLUMNS of the root
 rotation, stacked (6) | joint angles (d)], and for each of 16 planar directions of motion the force margin that the
-configuration reaches there.
+configuration reaches there. Every column of the Arrow schema says its unit, its frame and its meaning in its metadata.
 """
 
 from dataclasses import dataclass, field
@@ -14,12 +14,15 @@ from jaxtyping import Float
 
 from dexnudge.errors import DatasetError
 
-FORMAT_VERSION = 1  # raised whenever a column, a unit or a frame changes its meaning
+FORMAT_VERSION = 2  # raised whenever a column, a unit or a frame changes its meaning
 BEHAVIOURS = ("grasp", "push", "press", "hook")  # a stored behaviour index points into this tuple
 NUM_DIRECTIONS = 16  # planar directions of motion; direction k has the angle k * 22.5 degrees in the resting frame
 INFEASIBLE = -1.0  # force margin of a direction in which no contact forces balance
 CLOUD_POINTS = 1024  # surface points stored per object: enough for random subsets of 256
 POSE_DIMENSIONS = 9  # translation (3) and 6D rotation (6) that come before the joint angles in q
+RESTING_FRAME = "object at rest: z up, origin at the centroid of its convex hull (x, y) and half way up (z)"
+_HOLD = "farthest that the object moves while a grasp holds it against forces from all sides; null for other behaviours"
+_TURN = "farthest that the object turns while a grasp holds it against forces from all sides; null for other behaviours"
 CLOUD_COLUMNS = ("px", "py", "pz", "nx", "ny", "nz")
 
 
@@ -28,18 +31,24 @@ class ConfigurationRow:
     """One kept hand configuration of one object.
 
     q: (9 + d) resting frame [m, rad]; direction_margin: (16) force margin while the object slides along direction k,
-    `INFEASIBLE` where none exists (all of them for grasps); penetrations: depth >= 0 [m]; seed: the draw's own seed.
+    `INFEASIBLE` where none exists (all of them for grasps); contact_points: (link, 3) mean contact point of each of
+    `contact_links`, on the object, resting frame [m]; penetrations: depth >= 0 [m]; seed: the run's seed;
+    hold_translation [m], hold_rotation [rad]: worst drift of the object while a grasp is held against forces from all
+    sides in simulation, None for other behaviours.
     """
 
     behaviour: str
     q: Float[np.ndarray, " dimension"]
     direction_margin: Float[np.ndarray, " direction"]
     contact_links: tuple[str, ...]
+    contact_points: Float[np.ndarray, "link 3"]
     digits: tuple[str, ...]
     penetration_object: float
     penetration_environment: float
     penetration_self: float
     seed: int
+    hold_translation: float | None = None
+    hold_rotation: float | None = None
 
 
 @dataclass(kw_only=True)
@@ -72,28 +81,82 @@ class BehaviourCounts:
 
 
 def configuration_schema(num_joints: int) -> pa.Schema:
-    """Columns of `shard-<object>.parquet` for a hand with `num_joints` joint angles."""
+    """Columns of `shard-<object>.parquet` for a hand with `num_joints` joint angles.
+
+    Metadata of each column: description, unit ("" for text, "1" for a number without unit), frame.
+    """
+    points = pa.list_(pa.list_(pa.float32(), 3))
     return pa.schema(
         [
-            pa.field("object", pa.string(), nullable=False),
-            pa.field("behaviour", pa.string(), nullable=False),
-            pa.field("q", pa.list_(pa.float32(), POSE_DIMENSIONS + num_joints), nullable=False),
-            pa.field("direction_margin", pa.list_(pa.float32(), NUM_DIRECTIONS), nullable=False),
-            pa.field("contact_links", pa.list_(pa.string()), nullable=False),
-            pa.field("digits", pa.list_(pa.string()), nullable=False),
-            pa.field("penetration_object", pa.float32(), nullable=False),
-            pa.field("penetration_environment", pa.float32(), nullable=False),
-            pa.field("penetration_self", pa.float32(), nullable=False),
-            pa.field("seed", pa.int64(), nullable=False),
+            _column("object", pa.string(), "name of the object"),
+            _column("behaviour", pa.string(), f"one of {', '.join(BEHAVIOURS)}"),
+            _column(
+                "q",
+                pa.list_(pa.float32(), POSE_DIMENSIONS + num_joints),
+                "hand configuration: root translation (3), first two columns of the root rotation (6), joint angles",
+                unit="m (3), 1 (6), rad",
+                frame=RESTING_FRAME,
+            ),
+            _column(
+                "direction_margin",
+                pa.list_(pa.float32(), NUM_DIRECTIONS),
+                f"force margin while the object slides along direction k * {360 / NUM_DIRECTIONS:g} degrees about z, "
+                f"rounded down; {INFEASIBLE:g} where no contact forces balance",
+                unit="1",
+                frame=RESTING_FRAME,
+            ),
+            _column("contact_links", pa.list_(pa.string()), "hand links that touch the object"),
+            _column(
+                "contact_points",
+                points,
+                "mean contact point of each of contact_links, on the object",
+                unit="m",
+                frame=RESTING_FRAME,
+            ),
+            _column("digits", pa.list_(pa.string()), "digits that touch the object"),
+            _column("penetration_object", pa.float32(), "depth of the hand in the object", unit="m"),
+            _column("penetration_environment", pa.float32(), "depth of the hand in the support plane", unit="m"),
+            _column("penetration_self", pa.float32(), "depth of hand links in each other", unit="m"),
+            _column("seed", pa.int64(), "seed of the run"),
+            _column("hold_translation", pa.float32(), _HOLD, unit="m", nullable=True),
+            _column("hold_rotation", pa.float32(), _TURN, unit="rad", nullable=True),
         ]
     )
 
 
 def cloud_schema() -> pa.Schema:
     """Columns of `object-<object>.parquet`: surface points [m] and outward unit normals, resting frame."""
-    return pa.schema([pa.field(name, pa.float32(), nullable=False) for name in CLOUD_COLUMNS])
+    return pa.schema(
+        [
+            _column(
+                name,
+                pa.float32(),
+                f"{name[1]} of a surface point" if name[0] == "p" else f"{name[1]} of its outward unit normal",
+                unit="m" if name[0] == "p" else "1",
+                frame=RESTING_FRAME,
+            )
+            for name in CLOUD_COLUMNS
+        ]
+    )
+
+
+def _column(
+    name: str, kind: pa.DataType, description: str, *, unit: str = "", frame: str = "", nullable: bool = False
+) -> pa.Field:
+    return pa.field(name, kind, nullable=nullable, metadata={"description": description, "unit": unit, "frame": frame})
 
 
 def direction_angles() -> Float[np.ndarray, " direction"]:
     """Angle of each planar direction about z in the resting frame [rad]."""
     return np.arange(NUM_DIRECTIONS) * (2.0 * np.pi / NUM_DIRECTIONS)
+
+
+def best_direction(direction_margin: Float[np.ndarray, " direction"]) -> int:
+    """Index of the direction with the greatest margin; among equals the one in the middle of the widest arc of them."""
+    best = direction_margin == direction_margin.max()
+    count = len(best)
+    width = np.zeros(count, dtype=np.int64)  # of directions on either side that are as good
+    for reach in range(1, count // 2 + 1):
+        wider = np.all([np.roll(best, shift) for shift in range(-reach, reach + 1)], axis=0)
+        width[wider] = reach
+    return int(np.argmax(np.where(best, width, -1)))

@@ -11,7 +11,8 @@ import pyarrow.parquet as pq
 from jaxtyping import Float, Float32
 
 from dexnudge.dataset.atomic import replace_atomically
-from dexnudge.dataset.manifest import Manifest, check_object_name
+from dexnudge.dataset.manifest import UNITS, Manifest, check_object_name
+from dexnudge.dataset.rounding import POINT_STEP, floor_margin, round_cloud, round_to
 from dexnudge.dataset.schema import (
     BEHAVIOURS,
     CLOUD_COLUMNS,
@@ -27,15 +28,21 @@ from dexnudge.dataset.schema import (
 from dexnudge.errors import DatasetError
 
 _METADATA_KEY = b"dexnudge"
+_PROVENANCE = ("hand", "joint_names", "config", "seed", "versions")  # of the manifest; a shard must agree on each
+
+
+class DamagedShardError(DatasetError):
+    """A file of the dataset that is missing, ends too early or has changed: generating its object again mends it."""
 
 
 @dataclass(frozen=True, kw_only=True)
 class Shard:
-    """All rows of one object; `table` has the columns of `configuration_schema`."""
+    """All rows of one object; `table` has the columns of `configuration_schema`, mesh_hash is of its object's mesh."""
 
     object_name: str
     table: pa.Table
     counts: dict[str, BehaviourCounts]
+    mesh_hash: str
 
     def column_matrix(self, name: str) -> Float32[np.ndarray, "row column"]:
         """A fixed-size-list column (`q`, `direction_margin`) as a matrix."""
@@ -70,6 +77,8 @@ def write_shard(
     """Write one object's surface points, then its configurations, each atomically; return the shard's path.
 
     cloud: (1024, 6) points [m] and outward normals, resting frame. counts: per behaviour, `kept` equal to its rows.
+    Margins are rounded down, points and normals to the steps of `rounding`; q is stored in single precision, without
+    loss once it has gone through `round_configuration`. Equal arguments give equal bytes.
     Raises DatasetError for rows, counts or clouds that contradict each other or the manifest's hand.
     """
     _check_rows(object_name, rows, counts, len(manifest.joint_names))
@@ -78,52 +87,72 @@ def write_shard(
             f"cloud of object {object_name!r} has shape {cloud.shape}, expected finite values of shape "
             f"({CLOUD_POINTS}, 6); sample {CLOUD_POINTS} surface points with normals."
         )
-    schema = configuration_schema(len(manifest.joint_names))
-    columns = {
-        "object": [object_name] * len(rows),
-        "behaviour": [row.behaviour for row in rows],
-        "q": _fixed_lists([row.q for row in rows], POSE_DIMENSIONS + len(manifest.joint_names)),
-        "direction_margin": _fixed_lists([row.direction_margin for row in rows], NUM_DIRECTIONS),
-        "contact_links": [list(row.contact_links) for row in rows],
-        "digits": [list(row.digits) for row in rows],
-        "penetration_object": [row.penetration_object for row in rows],
-        "penetration_environment": [row.penetration_environment for row in rows],
-        "penetration_self": [row.penetration_self for row in rows],
-        "seed": [row.seed for row in rows],
-    }
-    arrays = [
-        column if isinstance(column, pa.Array) else pa.array(column, type=schema.field(name).type)
-        for name, column in columns.items()
-    ]
-    header = {
-        "format_version": FORMAT_VERSION,
-        "hand": manifest.hand,
-        "joint_names": list(manifest.joint_names),
-        "object": object_name,
-        "counts": {behaviour: asdict(count) for behaviour, count in counts.items()},
-    }
+    header = _header(manifest, object_name, counts)
+    cloud = round_cloud(cloud)
     points = pa.table([pa.array(cloud[:, k].astype(np.float32)) for k in range(6)], schema=cloud_schema())
     _write_table(cloud_path(folder, object_name), points, header)
     path = shard_path(folder, object_name)
-    _write_table(path, pa.Table.from_arrays(arrays, schema=schema), header)
+    _write_table(path, _table(object_name, rows, len(manifest.joint_names)), header)
     return path
 
 
 def read_shard(folder: Path | str, manifest: Manifest, object_name: str) -> Shard:
     """Read one object's configurations; raises DatasetError for a truncated, foreign or outdated file."""
     path = shard_path(folder, object_name)
-    table, header = _read_table(path, manifest, configuration_schema(len(manifest.joint_names)))
+    table, header = _read_table(path, manifest, object_name, configuration_schema(len(manifest.joint_names)))
     counts = {behaviour: BehaviourCounts(**count) for behaviour, count in header["counts"].items()}
-    return Shard(object_name=object_name, table=table, counts=counts)
+    return Shard(object_name=object_name, table=table, counts=counts, mesh_hash=header["mesh_sha256"])
 
 
 def read_cloud(folder: Path | str, manifest: Manifest, object_name: str) -> Float32[np.ndarray, "point 6"]:
     """Read one object's surface points [m] and normals, resting frame; raises DatasetError like `read_shard`."""
     path = cloud_path(folder, object_name)
-    table, _ = _read_table(path, manifest, cloud_schema())
+    table, _ = _read_table(path, manifest, object_name, cloud_schema())
     if table.num_rows != CLOUD_POINTS:
         raise DatasetError(f"{path} has {table.num_rows} points, expected {CLOUD_POINTS}; generate the object again.")
     return np.stack([table.column(name).to_numpy() for name in CLOUD_COLUMNS], axis=1)
+
+
+def _header(manifest: Manifest, object_name: str, counts: dict[str, BehaviourCounts]) -> dict[str, object]:
+    """Where the file comes from; no clock and no order of completion in it, so that equal runs give equal bytes."""
+    ordered = {
+        behaviour: asdict(count) | {"rejected": dict(sorted(count.rejected.items()))}
+        for behaviour, count in sorted(counts.items())
+    }
+    return {
+        "format_version": FORMAT_VERSION,
+        "units": UNITS,
+        **{key: getattr(manifest, key) for key in _PROVENANCE},
+        "object": object_name,
+        "mesh_sha256": manifest.objects.get(object_name) or "",
+        "counts": ordered,
+    }
+
+
+def _table(object_name: str, rows: Sequence[ConfigurationRow], num_joints: int) -> pa.Table:
+    schema = configuration_schema(num_joints)
+    margins = [floor_margin(np.asarray(row.direction_margin, dtype=np.float64)) for row in rows]
+    contact_points = [round_to(row.contact_points, POINT_STEP).astype(np.float32) for row in rows]
+    columns = {
+        "object": [object_name] * len(rows),
+        "behaviour": [row.behaviour for row in rows],
+        "q": _fixed_lists([row.q for row in rows], POSE_DIMENSIONS + num_joints),
+        "direction_margin": _fixed_lists(margins, NUM_DIRECTIONS),
+        "contact_links": [list(row.contact_links) for row in rows],
+        "contact_points": [list(points) for points in contact_points],
+        "digits": [list(row.digits) for row in rows],
+        "penetration_object": [row.penetration_object for row in rows],
+        "penetration_environment": [row.penetration_environment for row in rows],
+        "penetration_self": [row.penetration_self for row in rows],
+        "seed": [row.seed for row in rows],
+        "hold_translation": [row.hold_translation for row in rows],
+        "hold_rotation": [row.hold_rotation for row in rows],
+    }
+    arrays = [
+        column if isinstance(column, pa.Array) else pa.array(column, type=schema.field(name).type)
+        for name, column in columns.items()
+    ]
+    return pa.Table.from_arrays(arrays, schema=schema)
 
 
 def _fixed_lists(vectors: Sequence[np.ndarray], width: int) -> pa.FixedSizeListArray:
@@ -152,36 +181,64 @@ def _check_rows(
                 f"row {index} of object {object_name!r} has q {row.q.shape} and direction_margin "
                 f"{row.direction_margin.shape}, expected ({POSE_DIMENSIONS + num_joints},) and ({NUM_DIRECTIONS},)."
             )
-        if not (np.isfinite(row.q).all() and np.isfinite(row.direction_margin).all()):
+        if row.contact_points.shape != (len(row.contact_links), 3):
+            raise DatasetError(
+                f"row {index} of object {object_name!r} has contact_points {row.contact_points.shape}, expected "
+                f"({len(row.contact_links)}, 3): one point for each of its contact_links."
+            )
+        if not (
+            np.isfinite(row.q).all()
+            and np.isfinite(row.direction_margin).all()
+            and np.isfinite(row.contact_points).all()
+        ):
             raise DatasetError(f"row {index} of object {object_name!r} is not finite; count it as failed instead.")
 
 
 def _write_table(path: Path, table: pa.Table, header: dict[str, object]) -> None:
     table = table.replace_schema_metadata({_METADATA_KEY: json.dumps(header).encode()})
+    leaves = dict(map(_leaf, table.schema))
+    floats = [path for path, kind in leaves.items() if pa.types.is_floating(kind)]
     with replace_atomically(path) as temporary:
-        pq.write_table(table, temporary, compression="zstd", write_page_checksum=True)
+        pq.write_table(
+            table,
+            temporary,
+            compression="zstd",
+            use_dictionary=[path for path in leaves if path not in floats],
+            # One stream for each byte of the mantissa: after rounding the last ones are zero and take no room.
+            column_encoding=dict.fromkeys(floats, "BYTE_STREAM_SPLIT"),
+            write_page_checksum=True,
+        )
 
 
-def _read_table(path: Path, manifest: Manifest, schema: pa.Schema) -> tuple[pa.Table, dict]:
+def _leaf(field: pa.Field) -> tuple[str, pa.DataType]:
+    """Path and type by which Parquet knows the values of a column."""
+    path, kind = field.name, field.type
+    while pa.types.is_nested(kind):
+        path, kind = f"{path}.list.element", kind.value_type
+    return path, kind
+
+
+def _read_table(path: Path, manifest: Manifest, object_name: str, schema: pa.Schema) -> tuple[pa.Table, dict]:
     if not path.is_file():
-        raise DatasetError(f"{path} does not exist; resume `dexnudge dataset generate` to write it.")
+        raise DamagedShardError(f"{path} does not exist; resume `dexnudge dataset generate` to write it.")
     try:
         table = pq.read_table(path, page_checksum_verification=True, partitioning=None)
     except (pa.ArrowException, OSError) as error:
-        raise DatasetError(
+        raise DamagedShardError(
             f"{path} cannot be read as Parquet: truncated or not a shard ({error}); "
-            "delete it and resume `dexnudge dataset generate`."
+            "resume `dexnudge dataset generate` to make it again."
         ) from error
     try:
         header = json.loads((table.schema.metadata or {})[_METADATA_KEY])
     except (KeyError, json.JSONDecodeError) as error:
         raise DatasetError(f"{path} was not written by dexnudge: it has no header; delete it.") from error
-    expected = {"format_version": FORMAT_VERSION, "hand": manifest.hand, "joint_names": list(manifest.joint_names)}
-    for key, value in expected.items():
+    provenance = {key: getattr(manifest, key) for key in _PROVENANCE}
+    expected = {"format_version": FORMAT_VERSION, **provenance, "object": object_name}
+    for key, value in json.loads(json.dumps(expected)).items():
         if header.get(key) != value:
             raise DatasetError(
                 f"{path} has {key} {header.get(key)!r}, expected {value!r}; "
-                "generate this object again, into a dataset of its own hand and version."
+                "it belongs to another dataset: delete it, and resume `dexnudge dataset generate`."
             )
     if not table.schema.equals(schema, check_metadata=False):
         raise DatasetError(f"{path} has columns {table.schema.names}, expected {schema.names}; generate it again.")

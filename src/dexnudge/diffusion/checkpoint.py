@@ -94,7 +94,7 @@ def load_model(folder: Path | str) -> tuple[ConditionalDenoiser, Normaliser]:
         {name.removeprefix(_NETWORK): tensor.float() for name, tensor in tensors.items() if name.startswith(_NETWORK)}
     )
     normaliser = Normaliser(mean=tensors[_NORMALISER + "mean"], std=tensors[_NORMALISER + "std"])
-    return network.eval().requires_grad_(requires_grad=False), normaliser
+    return network.train(mode=False).requires_grad_(requires_grad=False), normaliser
 
 
 def read_provenance(folder: Path | str) -> dict[str, object]:

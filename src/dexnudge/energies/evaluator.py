@@ -9,15 +9,9 @@ from jaxtyping import Float
 from torch import Tensor
 
 from dexnudge.energies import hand_kernel
-from dexnudge.energies.hand_kernel import (
-    NUM_TERMS,
-    EnergyWeights,
-    State,
-    energies,
-    kinematics,
-    reduce_gradient,
-)
+from dexnudge.energies.hand_kernel import energies, kinematics, reduce_gradient
 from dexnudge.energies.hand_model import build_hand_model
+from dexnudge.energies.kernel_structs import NUM_TERMS, EnergyWeights, State
 from dexnudge.energies.weights import TermWeights
 from dexnudge.geometry.warp_runtime import WarpStruct, wp
 from dexnudge.hands.hand import Hand
@@ -71,6 +65,7 @@ class HandEnergy:
                 "target_weight": (self.batch, links),
                 "link_rotation": (self.batch, links, 3, 3),
                 "link_translation": (self.batch, links, 3),
+                "link_centre": (self.batch, links, 3),
                 "force": (self.batch, links, 3),
                 "moment": (self.batch, links, 3),
                 "extra_force": (self.batch, links, 3),
@@ -83,7 +78,7 @@ class HandEnergy:
                 "gradient": (self.batch, 6 + joints),
             }.items()
         }
-        vectors = ["root_translation", "target", "link_translation", "force", "moment", "extra_force"]
+        vectors = ["root_translation", "target", "link_translation", "link_centre", "force", "moment", "extra_force"]
         vectors += ["contact_point", "contact_normal", "depth"]
         types = dict.fromkeys(vectors, wp.vec3) | {
             "active": wp.int32,

@@ -8,6 +8,9 @@ from dexnudge.geometry.distance_grid import DistanceGrid
 from dexnudge.geometry.warp_runtime import wp
 
 EDGE = 1.0e-4  # [cells] keeps the upper corner of a lookup inside the grid
+HALF_DIAGONAL = wp.constant(0.8660254)  # [cells] most by which an interpolated value is under the exact distance
+OVER_THE_BOX = wp.constant(1.4142136)  # slope outside the box, where the way there and the value at its end both change
+NOTHING_NEAR = wp.constant(1.0e6)  # [m] least distance in a sphere that does not reach the grid's box
 
 
 @wp.struct
@@ -103,3 +106,48 @@ def grid_distance(header: GridHeader, values: wp.array(dtype=float), p: wp.vec3)
         distance += gap
         gradient = beyond / gap
     return wp.vec4(distance, gradient[0], gradient[1], gradient[2])
+
+
+@wp.func
+def corner_distance(header: GridHeader, values: wp.array(dtype=float), p: wp.vec3) -> wp.vec2:
+    """(lower bound of the exact distance at the point of the grid's box nearest to p, way from p to that point) [m].
+
+    One corner instead of eight: exact distances are 1-Lipschitz, so the bound is the nearest corner's, less the way to it.
+    """
+    g = (p - header.origin) / header.cell
+    inner = wp.vec3(
+        wp.clamp(g[0], 0.0, float(header.nx - 1)),
+        wp.clamp(g[1], 0.0, float(header.ny - 1)),
+        wp.clamp(g[2], 0.0, float(header.nz - 1)),
+    )
+    x = int(inner[0] + 0.5)
+    y = int(inner[1] + 0.5)
+    z = int(inner[2] + 0.5)
+    corner = values[header.start + (x * header.ny + y) * header.nz + z]
+    way = wp.length(inner - wp.vec3(float(x), float(y), float(z)))
+    return wp.vec2(corner - header.cell * way, header.cell * wp.length(g - inner))
+
+
+@wp.func
+def least_distance(header: GridHeader, values: wp.array(dtype=float), centre: wp.vec3, radius: float) -> float:
+    """Lower bound [m] of the distances that the grid holds in its box and in a sphere.
+
+    A point of both is within sqrt(radius^2 - gap^2) of the box's point nearest to the centre, `gap` being the way from
+    the centre to the box, because the box is convex.
+    """
+    found = corner_distance(header, values, centre)
+    left = radius * radius - found[1] * found[1]
+    if left < 0.0:
+        return NOTHING_NEAR
+    return found[0] - wp.sqrt(left) - HALF_DIAGONAL * header.cell
+
+
+@wp.func
+def least_distance_anywhere(header: GridHeader, values: wp.array(dtype=float), centre: wp.vec3, radius: float) -> float:
+    """Lower bound [m] of what `grid_distance` gives in a sphere, in and outside the grid's box."""
+    reach = wp.vec3(radius, radius, radius)
+    fall = radius
+    if not (inside_box(header, centre - reach) and inside_box(header, centre + reach)):
+        fall = OVER_THE_BOX * radius
+    found = corner_distance(header, values, centre)
+    return found[0] + found[1] - fall - HALF_DIAGONAL * header.cell

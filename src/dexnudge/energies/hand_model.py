@@ -7,7 +7,8 @@ from typing import Any
 import numpy as np
 
 from dexnudge.energies.grid_kernel import pack_grids
-from dexnudge.energies.hand_kernel import HandModel
+from dexnudge.energies.kernel_structs import HandModel
+from dexnudge.energies.point_clusters import cluster_points
 from dexnudge.geometry.distance_grid import DistanceGrid, distance_grid
 from dexnudge.geometry.exact_distance import ExactDistance
 from dexnudge.geometry.warp_runtime import WarpStruct, wp
@@ -67,8 +68,8 @@ def _build(key: _ByIdentity, device: str) -> WarpStruct:
     model.axis = array(np.stack([np.zeros(3) if j is None else j.axis for j in joints]).astype(np.float32), wp.vec3)
     model.origin_rotation = array(origins[:, :3, :3].astype(np.float32), wp.mat33)
     model.origin_translation = array(origins[:, :3, 3].astype(np.float32), wp.vec3)
-    model.points = array(sparse.points.astype(np.float32), wp.vec3)
-    model.first_point = array(np.searchsorted(sparse.link, np.arange(links + 1)).astype(np.int32), wp.int32)
+    model.points, model.clusters, first_cluster = cluster_points(sparse.points, sparse.link, links, device=device)
+    model.first_cluster = array(first_cluster, wp.int32)
     model.centre = array(centre.astype(np.float32), wp.vec3)
     model.radius = array(radius.astype(np.float32), wp.float32)
     keypoint = centre.copy()

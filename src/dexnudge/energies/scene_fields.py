@@ -5,12 +5,14 @@ import trimesh
 from jaxtyping import Float
 
 from dexnudge.energies.grid_kernel import pack_grids
-from dexnudge.energies.hand_kernel import SceneFields
+from dexnudge.energies.kernel_structs import SceneFields
+from dexnudge.energies.point_clusters import cluster_points
 from dexnudge.energies.visible_space import shadowed_grid
 from dexnudge.geometry.distance_grid import DistanceGrid, distance_grid
 from dexnudge.geometry.exact_distance import ExactDistance
+from dexnudge.geometry.grid_cache import cached_distance_grid
 from dexnudge.geometry.surface_points import surface_points
-from dexnudge.geometry.warp_runtime import WarpStruct, wp
+from dexnudge.geometry.warp_runtime import WarpStruct
 
 OBJECT_CELL = 0.001  # [m]
 OBJECT_PADDING = 0.008  # [m]
@@ -38,8 +40,9 @@ def build_guided_fields(
 ) -> tuple[WarpStruct, WarpStruct]:
     """(fields of the scene, the same with the environment's shadow as solid for guidance); equal without `guiding`."""
     lower, upper = object_mesh.bounds
-    exact = ExactDistance(object_mesh, device=device)
-    object_grid = distance_grid(exact, lower - OBJECT_PADDING, upper + OBJECT_PADDING, cell=OBJECT_CELL)
+    object_grid = cached_distance_grid(
+        object_mesh, lower - OBJECT_PADDING, upper + OBJECT_PADDING, cell=OBJECT_CELL, device=device
+    )
     empty = DistanceGrid(np.full((2, 2, 2), NO_ENVIRONMENT, dtype=np.float32), np.zeros(3), 1.0e-6)
     environment, edge_points = [empty, empty], np.zeros((0, 3))
     shadowed = environment
@@ -53,17 +56,22 @@ def build_guided_fields(
         if guiding:
             shadowed = [shadowed_grid(grid, object_mesh, environment_mesh, around) for grid in environment]
     spread = surface_points(object_mesh, spacing=OBJECT_POINT_SPACING).points
+    on_object, on_edges = (
+        cluster_points(points, np.zeros(len(points), dtype=np.int32), 1, device=device)[:2]
+        for points in (spread, edge_points)
+    )
 
-    def fields(grids: list[DistanceGrid]) -> WarpStruct:
+    def fields(grids: list[DistanceGrid], *, jumps: bool) -> WarpStruct:
         packed = SceneFields()
         packed.grids = pack_grids([object_grid, *grids], device=device)
-        packed.object_points = wp.array(spread.astype(np.float32), dtype=wp.vec3, device=device)
-        packed.environment_points = wp.array(edge_points.astype(np.float32), dtype=wp.vec3, device=device)
+        packed.object_points, packed.object_clusters = on_object
+        packed.environment_points, packed.environment_clusters = on_edges
         packed.has_environment = int(environment_mesh is not None)
+        packed.environment_jumps = int(jumps)
         return packed
 
-    plain = fields(environment)
-    return plain, fields(shadowed) if guiding and environment_mesh is not None else plain
+    plain = fields(environment, jumps=False)
+    return plain, fields(shadowed, jumps=True) if guiding and environment_mesh is not None else plain
 
 
 def sharp_edge_points(

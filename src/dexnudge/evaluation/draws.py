@@ -14,6 +14,8 @@ from jaxtyping import Float, Int
 from dexnudge.errors import InputError
 from dexnudge.evaluation.success import Verdicts, judge
 from dexnudge.hands.hand import Hand
+from dexnudge.sampling.methods import find_method
+from dexnudge.sampling.problem import SamplingProblem, prepare
 from dexnudge.sampling.sampler import Sampler
 from dexnudge.scenes.scene import Scene
 
@@ -55,6 +57,7 @@ def draw_and_judge(
     method: str = "ours",
     verified: int | None = None,
     max_draws: int | None = None,
+    problem: SamplingProblem | None = None,
     on_progress: Callable[[int, int], None] | None = None,
 ) -> JudgedDraws:
     """Draw `num` configurations, or as many as it takes to verify some.
@@ -68,21 +71,28 @@ def draw_and_judge(
         method: as in `sampling.METHODS`.
         verified: go on drawing until this many succeed.
         max_draws: stop after this many draws; the default is 32 for each one asked for in `verified`.
+        problem: the scene made ready, where a caller draws from it more than once; then no time is spent on it here.
         on_progress: called after each batch with (drawn, verified).
 
     Raises:
+        UnknownNameError: no such method.
         InputError: a count below 1, or `max_draws` without `verified`.
     """
     check_counts(num, verified, max_draws)
+    found = find_method(method)
     limit = num if verified is None else max_draws or max(num, MAX_DRAWS_FACTOR * verified)
     q: list[np.ndarray] = []
     verdicts: list[Verdicts] = []
     own_rank: list[np.ndarray] = []
     seconds: Counter[str] = Counter()
     reports = []
+    if problem is None:
+        start = time.perf_counter()
+        problem = prepare(scene, device=sampler.device)
+        seconds.update({"prepare": time.perf_counter() - start})
     drawn = succeeded = 0
     while drawn < limit and (verified is None or succeeded < verified):
-        batch = sampler.sample(scene, num=min(num, limit - drawn), seed=_batch_seed(seed, len(q)), method=method)
+        batch = sampler.draw(problem, num=min(num, limit - drawn), seed=_batch_seed(seed, len(q)), method=found)
         start = time.perf_counter()
         verdicts.append(judge(hand, scene, batch.q.astype(np.float64)))
         seconds.update({**batch.timings, "verify": time.perf_counter() - start})

@@ -2,7 +2,6 @@
 
 from __future__ import annotations
 
-import weakref
 from concurrent.futures import ThreadPoolExecutor
 from dataclasses import dataclass
 
@@ -13,10 +12,13 @@ from jaxtyping import Float
 from dexnudge.evaluation.point_tree import PointHits, SolidDistance, build_tree, query_tree
 from dexnudge.geometry.surface_lattice import Boxes, lattice_in_boxes
 from dexnudge.hands.hand import Hand
+from dexnudge.hands.per_hand import per_hand
 from dexnudge.scenes.scene import Scene
 
 SURFACE_SPACING = 2e-3
 """Spacing of the object's and the environment's points that are looked for in the hand's links [m]."""
+DIRECTIONS = np.asarray(trimesh.creation.icosphere(subdivisions=1).vertices)
+"""Normals of the half-spaces that rule out most of those points before any distance is asked for."""
 THREADS = 2
 """Object, environment and self are measured side by side; distance queries run outside Python's lock."""
 
@@ -35,28 +37,23 @@ class Penetrations:
 
 
 class HandSolids:
-    """A hand's dense points as a tree, and its links as solids; made once per hand, see `hand_solids`."""
+    """A hand's dense points as a tree, and its links as solids; made once per hand."""
 
     def __init__(self, hand: Hand) -> None:
         self.tree = build_tree(hand.dense_points)
         self.solids = {i: SolidDistance(mesh) for i, mesh in enumerate(hand.link_meshes) if len(mesh.faces)}
+        # Half-spaces that hold a link: no point is deeper in the link than in the least of them.
+        self.extent = {i: (hand.link_meshes[i].vertices @ DIRECTIONS.T).max(axis=0) for i in self.solids}
         count = len(hand.link_meshes)
         self.partners = np.zeros((count, count), dtype=bool)
         for one, other in hand.self_collision_pairs:
             self.partners[one, other] = self.partners[other, one] = True
 
 
-_HAND_SOLIDS: dict[int, tuple[weakref.ref[Hand], HandSolids]] = {}
-
-
+@per_hand
 def hand_solids(hand: Hand) -> HandSolids:
-    """Return the hand's solids, made on first use and kept as long as the hand is."""
-    known = _HAND_SOLIDS.get(id(hand))
-    if known is None or known[0]() is not hand:
-        key = id(hand)
-        known = (weakref.ref(hand, lambda _: _HAND_SOLIDS.pop(key, None)), HandSolids(hand))
-        _HAND_SOLIDS[key] = known
-    return known[1]
+    """The hand's solids."""
+    return HandSolids(hand)
 
 
 class PenetrationCheck:
@@ -126,11 +123,11 @@ class PenetrationCheck:
         )
         points, box = lattice_in_boxes(triangles, boxes, spacing=SURFACE_SPACING)
         local = middle[box] + np.einsum("nix,nx->ni", boxes.axes[box], points - boxes.centre[box])
-        configuration, link = box // len(links), owner[box]
-        # no point is deeper in a link than in the link's bounding box
-        room = np.minimum(local - low[link], high[link] - local).min(axis=1)
-        for index, solid in enumerate(self._hand.solids.values()):
-            mine = np.flatnonzero((link == index) & (room > deepest[configuration]))
+        configuration = box // len(links)
+        for index, (link, solid) in enumerate(self._hand.solids.items()):
+            mine = np.flatnonzero(owner[box] == index)
+            room = (self._hand.extent[link] - local[mine] @ DIRECTIONS.T).min(axis=1)
+            mine = mine[room > deepest[configuration[mine]]]
             np.maximum.at(deepest, configuration[mine], -solid.query(local[mine]).distance)
 
 

@@ -30,6 +30,10 @@ class Row:
         force_margin: of each draw, same order.
         penetration_mm: the deepest of the three penetrations of each draw, same order; null where the draw is no pose.
         own_rank: place of each draw in the sampler's own order, before verification; same order.
+        joint_spread [rad], contact_spread [half lengths of the object]: of the verified draws, see `spread`; null where
+            fewer than two are.
+        swept: success of each draw, same order, at other frictions and masses, by `sweeps.setting_name`; empty where the
+            experiment does not ask for it.
         rejected: draws that did not succeed, by reason.
         seconds: by stage.
     """
@@ -45,6 +49,9 @@ class Row:
     force_margin: list[float] = field(default_factory=list)
     penetration_mm: list[float | None] = field(default_factory=list)
     own_rank: list[int] = field(default_factory=list)
+    joint_spread: float | None = None
+    contact_spread: float | None = None
+    swept: dict[str, list[bool]] = field(default_factory=dict)
     rejected: dict[str, int] = field(default_factory=dict)
     seconds: dict[str, float] = field(default_factory=dict)
 

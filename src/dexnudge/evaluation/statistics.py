@@ -1,5 +1,9 @@
 """Intervals for rates: the objects are the sample, not the draws."""
 
+import math
+from collections.abc import Callable
+from functools import lru_cache
+
 import numpy as np
 from jaxtyping import Float
 
@@ -23,10 +27,62 @@ def bootstrap_interval(
         InputError: no values, a value that is not finite, or a level outside (0, 1).
     """
     values = np.asarray(values, dtype=np.float64)
-    if values.ndim != 1 or len(values) == 0 or not np.isfinite(values).all():
+    if values.ndim != 1:
         raise InputError(f"an interval needs one finite value per object; got an array of shape {values.shape}")
+    return bootstrap_sums(values[:, None], lambda sums: sums[:, 0] / len(values), level, seed, resamples)
+
+
+def bootstrap_sums(
+    columns: Float[np.ndarray, "object column"],
+    statistic: Callable[[Float[np.ndarray, "resample column"]], Float[np.ndarray, " resample"]],
+    level: float = 0.95,
+    seed: int = 0,
+    resamples: int = RESAMPLES,
+) -> tuple[float, float]:
+    """Return the percentile bootstrap interval of a statistic of sums over objects, such as a ratio of two of them.
+
+    columns: several numbers per attempted object, resampled together. statistic: of the columns' sums over the objects,
+    for many resamples at once; may be infinite, but not NaN.
+
+    Raises:
+        InputError: no objects, a value that is not finite, or a level outside (0, 1).
+    """
+    if len(columns) == 0 or not np.isfinite(columns).all():
+        raise InputError(f"an interval needs one finite value per object; got an array of shape {columns.shape[:1]}")
     if not 0.0 < level < 1.0:
         raise InputError(f"the level of an interval is {level}; expected a number between 0 and 1, such as 0.95")
-    draws = np.random.default_rng(seed).integers(0, len(values), size=(resamples, len(values)))
-    low, high = np.quantile(values[draws].mean(axis=1), [(1.0 - level) / 2.0, (1.0 + level) / 2.0])
-    return float(low), float(high)
+    # Sorted by hand: interpolating between an infinite value and a finite one would give NaN.
+    found = np.sort(statistic(_times_drawn(len(columns), seed, resamples) @ columns))
+    low, high = (_quantile(found, share) for share in ((1.0 - level) / 2.0, (1.0 + level) / 2.0))
+    return low, high
+
+
+def chance_of_any(num: int, good: int, k: int) -> float:
+    """Return the chance that at least one of k draws, taken at random from `num` of which `good` are good, is good.
+
+    1 - C(num - good, k) / C(num, k): what the best of k draws gives, without bias, from more than k of them (Chen et al.,
+    *Evaluating Large Language Models Trained on Code*, 2021, Eq. 1).
+
+    Raises:
+        InputError: k outside 1 to num, or good outside 0 to num.
+    """
+    if not (1 <= k <= num and 0 <= good <= num):
+        raise InputError(
+            f"cannot take {k} of {num} draws, {good} of them good; expected 1 <= k <= num, 0 <= good <= num"
+        )
+    return 1.0 - math.comb(num - good, k) / math.comb(num, k)
+
+
+@lru_cache(maxsize=4)  # a report asks for thousands of intervals over the same number of objects
+def _times_drawn(objects: int, seed: int, resamples: int) -> Float[np.ndarray, "resample object"]:
+    """How often each resample, of as many objects as there are, has drawn each of them."""
+    draws = np.random.default_rng(seed).integers(0, objects, size=(resamples, objects))
+    places = draws + objects * np.arange(resamples)[:, None]
+    counts = np.bincount(places.reshape(-1), minlength=resamples * objects)
+    return counts.reshape(resamples, objects).astype(np.float64)
+
+
+def _quantile(ordered: Float[np.ndarray, " n"], share: float) -> float:
+    place = share * (len(ordered) - 1)
+    below, above = ordered[math.floor(place)], ordered[math.ceil(place)]
+    return float(below if below == above else below + (place - math.floor(place)) * (above - below))

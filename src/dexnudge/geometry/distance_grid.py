@@ -27,14 +27,26 @@ class DistanceGrid:
     cell: float
 
 
+def grid_box(
+    lower: Float[np.ndarray, " 3"], upper: Float[np.ndarray, " 3"], *, cell: float
+) -> tuple[Float[np.ndarray, " 3"], tuple[int, int, int]]:
+    """(origin [m], number of corners along each axis) of the grid over the box from `lower` to `upper`, or a little more.
+
+    Corners lie in the box's middle planes: there a slab's distance has its ridge, which cells across it would flatten.
+    """
+    half_counts = np.maximum(np.ceil((upper - lower) / (2 * cell)).astype(int), 1)
+    x, y, z = (2 * half_counts + 1).tolist()
+    return np.asarray(0.5 * (lower + upper) - cell * half_counts, dtype=np.float64), (x, y, z)
+
+
 def distance_grid(
     exact: ExactDistance, lower: Float[np.ndarray, " 3"], upper: Float[np.ndarray, " 3"], *, cell: float
 ) -> DistanceGrid:
-    """Samples the exact distance over the box from `lower` to `upper` [m] with cells of edge `cell` [m]."""
-    counts = np.maximum(np.ceil((upper - lower) / cell).astype(int), 1) + 1
-    axes = [lower[axis] + cell * np.arange(counts[axis]) for axis in range(3)]
+    """Samples the exact distance over the box of `grid_box` [m] with cells of edge `cell` [m]."""
+    origin, counts = grid_box(lower, upper, cell=cell)
+    axes = [origin[axis] + cell * np.arange(counts[axis]) for axis in range(3)]
     corners = np.stack(np.meshgrid(*axes, indexing="ij"), axis=-1).reshape(-1, 3)
     with ThreadPoolExecutor(BUILD_THREADS) as pool:
         parts = pool.map(lambda points: exact(points).distance, np.array_split(corners, BUILD_THREADS))
     values = np.concatenate(list(parts)).reshape(counts).astype(np.float32)
-    return DistanceGrid(values, np.asarray(lower, dtype=np.float64), float(cell))
+    return DistanceGrid(values, origin, float(cell))

@@ -101,14 +101,15 @@ def solve_balance(problem: BalanceProblem, *, factor: float) -> Float[np.ndarray
     links = int(problem.link.max()) + 1 if len(problem.link) else 0
     caps = np.zeros((links, columns.shape[1]))
     caps[np.repeat(problem.link, EDGE_COUNT), np.arange(len(hand))] = 1.0
-    for presolve in (True, False):  # on rare degenerate problems HiGHS's presolve ends in "unknown"
+    # On rare degenerate problems HiGHS ends in "unknown" with presolve, on rarer ones without it as well.
+    for method, presolve in (("highs", True), ("highs", False), ("highs-ipm", True)):
         result: OptimizeResult = linprog(
             np.concatenate([np.ones(len(hand)), np.zeros(len(support))]),
             A_ub=caps if links else None,
             b_ub=np.full(links, problem.cap) if links else None,
             A_eq=columns,
             b_eq=-problem.load,
-            method="highs",
+            method=method,
             options={"presolve": presolve},
         )
         if result.success or result.status == LINPROG_INFEASIBLE:

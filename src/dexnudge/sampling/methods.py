@@ -3,10 +3,13 @@
 from collections.abc import Callable
 from dataclasses import dataclass, field, replace
 
+from dexnudge.errors import UnknownNameError
 from dexnudge.sampling.denoise import DenoisingConfig
 from dexnudge.sampling.guidance.clean_descent import CleanDescent
+from dexnudge.sampling.guidance.clean_gradient import CleanGradient
 from dexnudge.sampling.guidance.paper import PaperGuidance
 from dexnudge.sampling.guidance.rule import GuidanceRule
+from dexnudge.sampling.guidance.spherical import SphericalGuidance
 from dexnudge.sampling.guidance.unguided import unguided
 from dexnudge.sampling.projection import ProjectionConfig
 
@@ -17,7 +20,7 @@ class Method:
 
     Attributes:
         summary: one line for `--help` and reports.
-        start: "prior" (reverse diffusion) or "random" (no model).
+        start: "prior" (reverse diffusion), "random" (no model) or "nearest" (stored poses of a dataset, no model).
         behaviour: class asked of the prior.
         make_rule: makes the guidance rule of one run; rules may keep state.
         denoising, projection: their configurations; projection None leaves the samples as they are.
@@ -43,10 +46,27 @@ METHODS: dict[str, Method] = {
     "guidance_only": replace(OURS, summary="ours without the projection", projection=None),
     "paper": Method("Eq. 5 as printed, then projected", make_rule=PaperGuidance),
     "paper_guidance_only": Method("Eq. 5 as printed, not projected", make_rule=PaperGuidance, projection=None),
+    "spherical": Method("spherical-Gaussian guidance (DSG, eta 1), then projected", make_rule=SphericalGuidance),
+    "clean_gradient": Method(
+        "one gradient step on the clean estimate in each step (MPGD), then projected", make_rule=CleanGradient
+    ),
+    "best_of_32": replace(
+        OURS, summary="ours without guidance: the best of 32 coarse hands, projected", make_rule=lambda: unguided
+    ),
     "unguided": Method("the prior alone", make_rule=lambda: unguided, projection=None),
     "unguided_projection": Method("the prior alone, then projected", make_rule=lambda: unguided),
     "grasp_projection": Method(
         "asked for grasps, guided, then projected: what a grasp-only model would do", behaviour="grasp"
     ),
     "random_start_projection": Method("no model: a random hand around the object, then projected", start="random"),
+    "nearest_pose": Method(
+        "no model: stored hands of the training object that is most like this one, then projected", start="nearest"
+    ),
 }
+
+
+def find_method(name: str) -> Method:
+    """The method of that name; UnknownNameError that lists those that exist."""
+    if name not in METHODS:
+        raise UnknownNameError(f"unknown method {name!r}; expected one of {', '.join(METHODS)}")
+    return METHODS[name]

@@ -11,10 +11,11 @@ from jaxtyping import Float
 from torch import Tensor
 
 from dexnudge.diffusion.prior import DiffusionPrior
-from dexnudge.errors import CheckpointError, InputError, UnknownNameError
+from dexnudge.errors import CheckpointError, InputError
 from dexnudge.hands.hand import Hand
 from dexnudge.sampling.denoise import denoise
-from dexnudge.sampling.methods import METHODS, Method
+from dexnudge.sampling.methods import Method, find_method
+from dexnudge.sampling.nearest_pose import TrainingPoses, nearest_pose_start
 from dexnudge.sampling.problem import SamplingProblem, prepare
 from dexnudge.sampling.projection import ProjectionReport, project
 from dexnudge.sampling.random_start import random_start
@@ -37,18 +38,27 @@ class SampleResult:
 
 
 class Sampler:
-    """A hand with its learned prior.
+    """A hand with its learned prior, and the stored poses that a method may start from.
 
     Example:
         sampler = Sampler.from_pretrained(load_hand("shadow_lite"))
         result = sampler.sample(scene, num=32, seed=0)
     """
 
-    def __init__(self, hand: Hand, prior: DiffusionPrior | None, *, device: str = "cpu") -> None:
-        self.hand, self.prior, self.device = hand, prior, device
+    def __init__(
+        self, hand: Hand, prior: DiffusionPrior | None, *, device: str = "cpu", poses: TrainingPoses | None = None
+    ) -> None:
+        self.hand, self.prior, self.device, self.poses = hand, prior, device, poses
 
     @classmethod
-    def from_pretrained(cls, hand: Hand, *, weights: Path | str | None = None, device: str = "cpu") -> "Sampler":
+    def from_pretrained(
+        cls,
+        hand: Hand,
+        *,
+        weights: Path | str | None = None,
+        device: str = "cpu",
+        poses: TrainingPoses | None = None,
+    ) -> "Sampler":
         """A sampler with the weights that ship for this hand, or those in the folder `weights`.
 
         Raises:
@@ -63,7 +73,7 @@ class Sampler:
                 f"no weights for hand '{hand.name}': expected a model folder, got {folder}, which does not exist; "
                 "train some with `dexnudge train` and pass them with --weights"
             )
-        return cls(hand, DiffusionPrior.from_folder(folder, hand, device=device), device=device)
+        return cls(hand, DiffusionPrior.from_folder(folder, hand, device=device), device=device, poses=poses)
 
     def sample(self, scene: Scene, *, num: int = 32, seed: int = 0, method: str = "ours") -> SampleResult:
         """`num` draws for a scene; the same seed gives the same draws on the same machine.
@@ -71,14 +81,13 @@ class Sampler:
         Raises:
             UnknownNameError: no such method. InputError: num below 1.
         """
-        if method not in METHODS:
-            raise UnknownNameError(f"unknown method '{method}'; expected one of {', '.join(METHODS)}")
+        found = find_method(method)
         if num < 1:
             raise InputError(f"cannot draw {num} configurations; expected at least 1; mend --num")
         begin = time.perf_counter()
         problem = prepare(scene, device=self.device)
         prepared = time.perf_counter()
-        result = self.draw(problem, num=num, seed=seed, method=METHODS[method])
+        result = self.draw(problem, num=num, seed=seed, method=found)
         result.timings["prepare"] = prepared - begin
         return result
 
@@ -101,6 +110,10 @@ class Sampler:
     ) -> Float[Tensor, "num coordinates"]:
         if method.start == "random":
             return random_start(self.hand, problem.cloud, count=num, generator=generator)
+        if method.start == "nearest":
+            if self.poses is None:
+                raise InputError("this sampler has no stored poses; expected a dataset; use `load_sampler` with `data`")
+            return nearest_pose_start(self.poses, problem.cloud, count=num, generator=generator)
         if self.prior is None:
             raise CheckpointError("this sampler has no prior; expected weights; use Sampler.from_pretrained")
         return denoise(

@@ -1,27 +1,26 @@
-"""Reads a whole dataset, and verifies some of its rows again from the objects' meshes."""
+"""Reads a whole dataset, and verifies its rows again from the objects' meshes."""
 
-from dataclasses import asdict, dataclass, fields
+from collections.abc import Iterable
+from contextlib import closing
+from dataclasses import asdict, dataclass, fields, replace
+from functools import partial
 from pathlib import Path
 from typing import Any
 
 import numpy as np
-import pyarrow as pa
-from jaxtyping import Float
+from jaxtyping import Int
 
-from dexnudge.dataset.loading import Dataset, load_dataset
-from dexnudge.dataset.manifest import Manifest
+from dexnudge.dataset.manifest import Manifest, read_manifest
 from dexnudge.dataset.schema import BEHAVIOURS, BehaviourCounts
-from dexnudge.dataset.shards import Shard, read_shard
+from dexnudge.dataset.shards import Shard, is_complete, read_cloud, read_shard
 from dexnudge.errors import DatasetError
-from dexnudge.hands.hand import Hand
-from dexnudge.hands.registry import load_hand
+from dexnudge.jobs.answers import WorkerDied
+from dexnudge.jobs.processes import run_tasks
+from dexnudge.jobs.progress import progress
 from dexnudge.objects.sets import ObjectEntry, resolve_object_set
-from dexnudge.synthesis.generate import GenerationConfig, mesh_hash
-from dexnudge.synthesis.object_data import at_rest
-from dexnudge.synthesis.verification import GraspVerifier, NonPrehensileVerifier, floating_scene, resting_scene
-
-PENETRATION_TOLERANCE = 1e-4  # [m] the same query on another machine; a tenth of what decides
-MARGIN_TOLERANCE = 2e-3  # the same solver on another machine; a margin has no unit
+from dexnudge.synthesis.finished import totals
+from dexnudge.synthesis.object_task import GenerationConfig
+from dexnudge.synthesis.row_check import RowCheck, RowCheckTask
 
 
 @dataclass(frozen=True)
@@ -34,48 +33,87 @@ class DatasetCheck:
     differences: tuple[str, ...]
 
 
-def check_dataset(folder: Path, *, objects: str | None, num: int, seed: int) -> DatasetCheck:
-    """Read every shard and add up its counts; with the set of `objects` it was made from, verify `num` rows again.
+def check_dataset(
+    folder: Path, *, objects: str | None, num: int | None = None, seed: int = 0, workers: int = 2
+) -> DatasetCheck:
+    """Read every file and add up its counts; with the set of `objects` it was made from, verify rows again, in parallel.
+
+    Args:
+        folder: of the dataset, which may be unfinished.
+        objects: the set that it was generated from; None reads only.
+        num: verify only so many rows, drawn with `seed` over all objects; None verifies every row.
+        seed: of that draw.
+        workers: processes.
 
     Raises:
-        DatasetError: a shard is missing, damaged, or of another dataset; or an object's mesh is not the one it was
-            generated from.
+        DatasetError: a file is damaged or of another dataset; or an object's mesh is not the one it was generated from.
     """
-    dataset = load_dataset(folder, allow_incomplete=True)
-    differences = _count_again(folder, dataset)
-    if objects is None:
-        return DatasetCheck(len(dataset.object_names), len(dataset), 0, tuple(differences))
-    config = GenerationConfig(**_settings(dataset.manifest))
-    hand = load_hand(config.hand)
-    known = {entry.name: entry for entry in resolve_object_set(objects, units=config.units, length=config.length)}
-    picked = np.random.default_rng(seed).permutation(len(dataset))[:num]
-    for index in np.unique(dataset.object_index[picked]):
-        name = dataset.object_names[index]
-        first = int(np.searchsorted(dataset.object_index, index))
-        rows = np.sort(picked[dataset.object_index[picked] == index]) - first
-        shard = read_shard(folder, dataset.manifest, name)
-        differences += _verify_again(hand, _entry(known, name, objects), dataset.manifest, shard, rows)
-    return DatasetCheck(len(dataset.object_names), len(dataset), len(picked), tuple(differences))
-
-
-def _count_again(folder: Path, dataset: Dataset) -> list[str]:
-    """Where attempts, rows and totals contradict each other."""
+    manifest = read_manifest(folder)
+    names = [name for name in sorted(manifest.objects) if is_complete(folder, name)]
+    if not names:
+        raise DatasetError(f"{folder} holds no shard; expected at least one; run `dexnudge dataset generate` first.")
+    rows: dict[str, int] = {}
+    counts: dict[str, dict[str, BehaviourCounts]] = {}
+    hashes: dict[str, str] = {}
     differences = []
-    totals: dict[str, BehaviourCounts] = {}
-    for index, name in enumerate(dataset.object_names):
-        labels = dataset.behaviour[dataset.object_index == index]
-        counts = read_shard(folder, dataset.manifest, name).counts
-        for place, behaviour in enumerate(BEHAVIOURS):
-            count, rows = counts.get(behaviour, BehaviourCounts()), int((labels == place).sum())
-            if count.kept != rows:
-                differences.append(f"{name}: {count.kept} of {behaviour} counted as kept, {rows} rows in the file")
-            if count.attempted != count.kept + count.failed + sum(count.rejected.values()):
-                differences.append(f"{name}: the attempts of {behaviour} do not add up: {asdict(count)}")
-            totals[behaviour] = totals.get(behaviour, BehaviourCounts()) + count
-    for behaviour, claimed in dataset.manifest.counts.items():  # empty until generation has ended
-        found = asdict(totals.get(behaviour, BehaviourCounts()))
+    for name in names:
+        shard = read_shard(folder, manifest, name)
+        read_cloud(folder, manifest, name)
+        rows[name], counts[name], hashes[name] = shard.table.num_rows, shard.counts, shard.mesh_hash
+        differences += _count_again(shard, manifest)
+    for behaviour, claimed in manifest.counts.items():  # empty until generation has ended
+        found = asdict(totals(counts).get(behaviour, BehaviourCounts()))
         if claimed != found:
             differences.append(f"manifest: {claimed} attempts of {behaviour}, {found} in the shards")
+    verified = 0
+    if objects is not None:
+        config = GenerationConfig(**_settings(manifest))
+        known = {entry.name: entry for entry in resolve_object_set(objects, units=config.units, length=config.length)}
+        tasks = [
+            RowCheckTask(_entry(known, name, objects), hashes[name], picked)
+            for name, picked in _pick(rows, num, seed).items()
+        ]
+        check = partial(RowCheck, folder, replace(manifest, objects={}, failed_objects={}), config.hand)
+        differences += _verify_again(check, tasks, workers)
+        verified = sum(len(task.rows) for task in tasks)
+    return DatasetCheck(len(names), sum(rows.values()), verified, tuple(differences))
+
+
+def _verify_again(check: partial[RowCheck], tasks: list[RowCheckTask], workers: int) -> Iterable[str]:
+    found: dict[str, list[str]] = {}
+    with progress() as bars, closing(run_tasks(check, tasks, workers=workers)) as results:
+        bar = bars.add_task("configurations", total=sum(len(task.rows) for task in tasks))
+        for task, result in results:
+            name = task.entry.name
+            found[name] = [f"{name}: not verified: {result.reason}"] if isinstance(result, WorkerDied) else result
+            bars.update(bar, advance=len(task.rows))
+    return [difference for name in sorted(found) for difference in found[name]]
+
+
+def _pick(rows: dict[str, int], num: int | None, seed: int) -> dict[str, Int[np.ndarray, " picked"]]:
+    """Which rows of which objects are verified; objects without any are left out."""
+    ends = np.cumsum(list(rows.values()))
+    total = int(ends[-1])
+    chosen = np.arange(total) if num is None else np.sort(np.random.default_rng(seed).permutation(total)[:num])
+    picked = {
+        name: chosen[(chosen >= end - count) & (chosen < end)] - (end - count)
+        for (name, count), end in zip(rows.items(), ends, strict=True)
+    }
+    return {name: places for name, places in picked.items() if len(places)}
+
+
+def _count_again(shard: Shard, manifest: Manifest) -> list[str]:
+    """Where attempts, rows and the manifest contradict each other."""
+    differences = []
+    name, labels = shard.object_name, shard.table.column("behaviour").to_pylist()
+    for behaviour in BEHAVIOURS:
+        count, rows = shard.counts.get(behaviour, BehaviourCounts()), labels.count(behaviour)
+        if count.kept != rows:
+            differences.append(f"{name}: {count.kept} of {behaviour} counted as kept, {rows} rows in the file")
+        if count.attempted != count.kept + count.failed + sum(count.rejected.values()):
+            differences.append(f"{name}: the attempts of {behaviour} do not add up: {asdict(count)}")
+    if manifest.objects[name] not in (None, shard.mesh_hash):
+        differences.append(f"{name}: its shard is of the mesh {shard.mesh_hash}, manifest: {manifest.objects[name]}")
     return differences
 
 
@@ -97,49 +135,3 @@ def _entry(known: dict[str, ObjectEntry], name: str, objects: str) -> ObjectEntr
             "from; mend --objects"
         )
     return known[name]
-
-
-def _verify_again(hand: Hand, entry: ObjectEntry, manifest: Manifest, shard: Shard, rows: np.ndarray) -> list[str]:
-    mesh = entry.load()
-    if mesh_hash(mesh) != manifest.objects[entry.name]:
-        raise DatasetError(
-            f"the mesh of {entry.name!r} is not the one that the dataset was generated from; mend --objects"
-        )
-    mesh = at_rest(mesh)
-    table = shard.table.take(pa.array(rows))
-    q = shard.column_matrix("q")[rows].astype(np.float64)
-    margins = shard.column_matrix("direction_margin")[rows]
-    grasps = np.array([behaviour == "grasp" for behaviour in table.column("behaviour").to_pylist()], dtype=bool)
-    differences = []
-    for chosen, verify in (
-        (np.flatnonzero(~grasps), lambda: NonPrehensileVerifier(hand, resting_scene(mesh))),
-        (np.flatnonzero(grasps), lambda: GraspVerifier(hand, floating_scene(mesh))),
-    ):
-        if not len(chosen):
-            continue
-        found = verify()(q[chosen])
-        for place, row in enumerate(chosen):
-            label = f"{entry.name}, row {rows[row]}"
-            if found.reason[place]:
-                differences.append(f"{label}: kept in the file, found to be rejected for {found.reason[place]}")
-                continue
-            stored = [table.column(f"penetration_{what}")[row].as_py() for what in ("object", "environment", "self")]
-            differences += _numbers(label, "penetration", stored, found.penetration[place], PENETRATION_TOLERANCE)
-            differences += _numbers(
-                label, "direction_margin", margins[row], found.direction_margin[place], MARGIN_TOLERANCE
-            )
-    return differences
-
-
-def _numbers(
-    label: str,
-    what: str,
-    stored: list[float] | Float[np.ndarray, " n"],
-    found: Float[np.ndarray, " n"],
-    tolerance: float,
-) -> list[str]:
-    error = np.abs(np.asarray(stored) - found)
-    if (error <= tolerance).all():
-        return []
-    worst = int(np.argmax(error))
-    return [f"{label}: {what}[{worst}] is {np.asarray(stored)[worst]:.5f} in the file, {found[worst]:.5f} found"]

@@ -1,9 +1,10 @@
-"""Grasps by DexGraspNet's energy: force closure, distance, penetration, self-penetration, limits (Wang et al., ICRA 2023).
+"""Grasps by descent from starts that oppose the thumb to the other digits across the object.
 
-E_fc = |sum n_i|^2 + |sum (p_i x n_i) / half_length|^2 over the contacts, n_i the object's normal at the contact; its
-gradient acts on the contacts' positions. The other terms are those of the fused kernel; limits and couplings hold by
-construction. The starts oppose the thumb to the other digits across the object, which the frictionless E_fc alone rarely
-finds on a slab.
+DexGraspNet (Wang et al., ICRA 2023) finds grasps by annealing an energy whose force closure, the length of the sum of
+wrenches of unit normals, knows no friction; see `annealed`. On a slab few hands ever come to oppose each other by it, and
+its pull moves hands that do. Here the opposition stands in the start and in the targets on the surface, the descent
+only brings the hand there without penetration (the fused kernel's terms; limits and couplings hold by construction), and
+what holds is for the verification to say. `benchmarks/grasps.py` compares the two.
 """
 
 from dataclasses import dataclass
@@ -11,7 +12,7 @@ from dataclasses import dataclass
 import numpy as np
 import torch
 import trimesh
-from jaxtyping import Float
+from jaxtyping import Bool, Float, Int
 from torch import Tensor
 
 from dexnudge.energies import HandEnergy, HandPose
@@ -23,117 +24,168 @@ from dexnudge.hands.hand import Hand
 from dexnudge.synthesis.pre_contact import random_joint_angles
 
 WIDEST_GRASP = 0.085  # [m] between thumb and fingers
+NARROWEST_GRASP = 1.0e-4  # [m] under which two points are the same place and have no line between them
 OPPOSING = -0.8  # largest cosine between the normals on the two sides
 SPREAD = 0.02  # [m] between neighbouring fingers on their side
 FINGER_COUNTS = {1: 0.2, 2: 0.4, 3: 0.4}  # digits that oppose the thumb
+NEAR_CENTRE = (
+    0.025  # [m] spread of the thumb's places about the centre of mass: a pinch far from it lets the object turn
+)
 
 
 @dataclass(frozen=True)
 class GraspConfig:
-    """Budget and weights of the descent."""
+    """Budget and weights of the descent.
+
+    `starts` poses are tried for each grasp and the one of least energy descends. Until `reach_share` of the steps the
+    digits also reach for their targets.
+    """
 
     batch: int = 256
+    starts: int = 8
     steps: int = 160
     final_scale: float = 0.05
     step_sizes: StepSizes = StepSizes(translation=0.003, rotation=0.03, joints=0.05)
-    weights: TermWeights = TermWeights(contact=8.0, target=1.0)
-    reach_share: float = 0.3  # of the steps that also reach for the targets
-    force_closure: float = 2.0e-4  # weight of E_fc against the squared distances [m^2]
+    weights: TermWeights = TermWeights(
+        object=8.0, self=8.0, contact=8.0, target=1.0, clearance_object=0.0005, contact_gap=0.0007
+    )
+    reach_share: float = 0.5
+
+
+@dataclass(frozen=True)
+class GraspTargets:
+    """Where each digit shall touch the surface [m] and which digits do, the thumb always among them."""
+
+    places: Float[Tensor, "batch digit 3"]
+    touches: Float[Tensor, "batch digit"]
 
 
 def descend_to_grasp(
     hand: Hand,
     fields: WarpStruct,
     surface: SurfacePoints,
-    object_mesh: trimesh.Trimesh,
     centre_of_mass: Float[np.ndarray, " 3"],
     *,
     config: GraspConfig,
     generator: np.random.Generator,
 ) -> Float[Tensor, "batch coordinates"]:
-    """A batch of grasps q in the frame of the object's mesh, at the end of the descent, checked by nobody yet."""
-    pose, target, touches = opposing_starts(hand, surface, config.batch, generator)
+    """A batch of grasps q in the frame of the object's mesh, at the end of the descent, checked by nobody yet.
+
+    Joints that share a tendon turn alike: under load a tendon-driven finger comes to rest there, see `tied`.
+    """
+    targets = opposing_targets(hand, surface, centre_of_mass, config.batch, generator)
     energy = HandEnergy(hand, fields, config.batch, config.weights)
     tips = [hand.link_names.index(link) for link in hand.fingertip_links]
-    energy.target[:, tips] = target
-    energy.target_weight[:, tips] = touches
-    energy.contact_weight[:, tips] = touches
+    energy.target[:, tips] = targets.places
+    energy.target_weight[:, tips] = targets.touches
+    energy.contact_weight[:, tips] = targets.touches
+    pose = _best_start(hand, energy, targets, config.starts, generator)
     descent = HandDescent(hand, config.batch, steps=config.step_sizes)
-    centre = torch.as_tensor(centre_of_mass, dtype=torch.float32)
-    half_length = float(np.max(object_mesh.extents)) / 2
     for step in range(config.steps):
         if step == int(config.reach_share * config.steps):
             energy.target_weight.zero_()
         energy(pose)
-        energy.extra_force[:, tips] = config.force_closure * force_closure_gradient(
-            energy.contact_point[:, tips] - centre, energy.contact_normal[:, tips], touches, half_length
-        )
         pose = descent.step(pose, energy.gradient, scale=config.final_scale ** (step / config.steps))
+        pose.joint_angles = tied(hand, pose.joint_angles)
     return configuration_from_pose(pose)
 
 
-def force_closure_gradient(
-    arms: Float[Tensor, "batch digit 3"],
-    normals: Float[Tensor, "batch digit 3"],
-    touches: Float[Tensor, "batch digit"],
-    half_length: float,
-) -> Float[Tensor, "batch digit 3"]:
-    """Gradient of E_fc in the contacts' positions [1/m]; the normals are held fixed."""
-    weighted = normals * touches[..., None]
-    torque = torch.linalg.cross(arms, weighted).sum(dim=1, keepdim=True) / half_length
-    return 2.0 / half_length * torch.linalg.cross(weighted, torque.expand_as(weighted))
+def tied(hand: Hand, joint_angles: Float[Tensor, "batch joint"]) -> Float[Tensor, "batch joint"]:
+    """Both joints of each tendon at their mean, within the limits of both [rad].
+
+    One tendon pulls on both with the same torque, but a force at the fingertip asks less of the outer joint, which gives
+    way inwards until it meets its limit, the inner joint's angle.
+    """
+    joint_angles = joint_angles.clone()
+    for pair in hand.coupled_indices:
+        mean = joint_angles[:, pair].mean(dim=1, keepdim=True)
+        joint_angles[:, pair] = mean.clamp(float(hand.lower[pair].max()), float(hand.upper[pair].min()))
+    return joint_angles
 
 
-def opposing_starts(
-    hand: Hand, surface: SurfacePoints, count: int, generator: np.random.Generator
-) -> tuple[HandPose, Float[Tensor, "count digit 3"], Float[Tensor, "count digit"]]:
-    """Hands whose thumb and fingers stand on opposite sides; targets on the surface [m]; which digits touch."""
+def _best_start(
+    hand: Hand, energy: HandEnergy, targets: GraspTargets, starts: int, generator: np.random.Generator
+) -> HandPose:
+    """For each hand the one of its random starts with the least energy."""
+    best = opposing_pose(hand, targets, generator)
+    least = energy(best).clone()
+    for _ in range(starts - 1):
+        pose = opposing_pose(hand, targets, generator)
+        total = energy(pose)
+        better = total < least
+        for ours, other in zip(vars(best).values(), vars(pose).values(), strict=True):
+            ours[better] = other[better]
+        least = torch.minimum(least, total)
+    return best
+
+
+def opposing_targets(
+    hand: Hand,
+    surface: SurfacePoints,
+    centre_of_mass: Float[np.ndarray, " 3"],
+    count: int,
+    generator: np.random.Generator,
+) -> GraspTargets:
+    """The thumb on one side of the object, one to three fingers in a row on the side that faces it."""
     digits, thumb = len(hand.fingertips), hand.thumb
     fingers = [digit for digit in range(digits) if digit != thumb]
-    target, touches = np.zeros((count, digits, 3)), np.zeros((count, digits), dtype=np.float32)
-    sides = opposing_sides(surface, count, generator)
-    for item, (one, two) in enumerate(sides):
-        number = generator.choice(list(FINGER_COUNTS), p=list(FINGER_COUNTS.values()))
+    places, touches = np.zeros((count, digits, 3)), np.zeros((count, digits))
+    for item, (one, two) in enumerate(opposing_sides(surface, centre_of_mass, count, generator)):
+        number = min(generator.choice(list(FINGER_COUNTS), p=list(FINGER_COUNTS.values())), len(fingers))
         chosen = np.sort(generator.permutation(fingers)[:number])
         touches[item, [thumb, *chosen]] = 1.0
         across = surface.points[two] - surface.points[one]
         along = np.cross(across, generator.normal(size=3))
         along /= max(np.linalg.norm(along), 1e-9)
-        target[item, thumb] = surface.points[one]
+        places[item, thumb] = surface.points[one]
         for place, digit in enumerate(chosen):
-            target[item, digit] = surface.points[two] + (place - (number - 1) / 2) * SPREAD * along
-    joint_angles = random_joint_angles(hand, count, generator)
+            places[item, digit] = surface.points[two] + (place - (number - 1) / 2) * SPREAD * along
+    return GraspTargets(_tensor(places), _tensor(touches))
+
+
+def opposing_pose(hand: Hand, targets: GraspTargets, generator: np.random.Generator) -> HandPose:
+    """Hands with random joint angles whose thumb and fingers stand on their targets' sides, rolled at random."""
+    places, touches = targets.places.numpy().astype(np.float64), targets.touches.numpy() > 0
+    count = len(places)
+    joint_angles = tied(hand, random_joint_angles(hand, count, generator))
     q = torch.zeros(count, 9 + hand.num_joints)
     q[:, 3], q[:, 7], q[:, 9:] = 1.0, 1.0, joint_angles
     tips = hand.keypoints(q).numpy().astype(np.float64)
     rotation, translation = np.zeros((count, 3, 3)), np.zeros((count, 3))
     for item in range(count):
-        used = touches[item] > 0
-        others = used & (np.arange(digits) != thumb)
-        goal = target[item, others].mean(axis=0) - target[item, thumb]
-        have = tips[item, others].mean(axis=0) - tips[item, thumb]
-        align = trimesh.geometry.align_vectors(have, goal)[:3, :3]
-        roll = trimesh.transformations.rotation_matrix(generator.uniform(0, 2 * np.pi), goal)[:3, :3]
-        rotation[item] = roll @ align
-        middle = 0.5 * (target[item, others].mean(axis=0) + target[item, thumb])
-        own = 0.5 * (tips[item, others].mean(axis=0) + tips[item, thumb])
-        translation[item] = middle - rotation[item] @ own
-    pose = HandPose(_tensor(translation), _tensor(rotation), joint_angles)
-    return pose, _tensor(target), torch.as_tensor(touches)
+        target_thumb, target_fingers = _two_sides(hand, places[item], touches[item])
+        thumb, fingers = _two_sides(hand, tips[item], touches[item])
+        roll = trimesh.transformations.rotation_matrix(generator.uniform(0, 2 * np.pi), target_fingers - target_thumb)
+        align = trimesh.geometry.align_vectors(fingers - thumb, target_fingers - target_thumb)
+        rotation[item] = roll[:3, :3] @ align[:3, :3]
+        translation[item] = 0.5 * (target_thumb + target_fingers) - rotation[item] @ (0.5 * (thumb + fingers))
+    return HandPose(_tensor(translation), _tensor(rotation), joint_angles)
 
 
-def opposing_sides(surface: SurfacePoints, count: int, generator: np.random.Generator) -> np.ndarray:
-    """Pairs (count, 2) of points whose normals oppose each other along the line between them, nearest lines first."""
+def _two_sides(
+    hand: Hand, places: Float[np.ndarray, "digit 3"], touches: Bool[np.ndarray, " digit"]
+) -> tuple[Float[np.ndarray, " 3"], Float[np.ndarray, " 3"]]:
+    """The thumb's place and the mean of the other digits that touch [m]."""
+    fingers = touches & (np.arange(len(places)) != hand.thumb)
+    return places[hand.thumb], places[fingers].mean(axis=0)
+
+
+def opposing_sides(
+    surface: SurfacePoints, centre_of_mass: Float[np.ndarray, " 3"], count: int, generator: np.random.Generator
+) -> Int[np.ndarray, "count 2"]:
+    """Pairs of points, the first near the centre of mass, whose normals oppose each other along the line between them."""
     points, normals = surface.points, surface.normals
-    first = generator.integers(len(points), size=count)
+    likely = np.exp(-0.5 * (np.linalg.norm(points - centre_of_mass, axis=1) / NEAR_CENTRE) ** 2)
+    first = generator.choice(len(points), size=count, p=likely / likely.sum())
     second = np.zeros(count, dtype=np.int64)
     for item, one in enumerate(first):
         across = points - points[one]
-        distance = np.maximum(np.linalg.norm(across, axis=1), 1e-9)
-        facing = (normals @ normals[one] < OPPOSING) & (distance < WIDEST_GRASP)
-        straight = -(across @ normals[one]) / distance
-        straight[~facing] = -1.0
-        second[item] = int(np.argmax(straight))
+        distance = np.linalg.norm(across, axis=1)
+        usable = (distance > NARROWEST_GRASP) & (distance < WIDEST_GRASP)
+        straight = np.where(usable, -(across @ normals[one]) / np.maximum(distance, NARROWEST_GRASP), -1.0)
+        facing = usable & (normals @ normals[one] < OPPOSING)
+        straight[~facing] -= 1.0  # where no place faces this one, the straightest of the others
+        second[item] = int(np.argmax(np.where(usable, straight, -np.inf)))
     return np.stack([first, second], axis=1)
 
 

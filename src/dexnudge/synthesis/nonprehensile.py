@@ -28,7 +28,9 @@ class NonPrehensileConfig:
     touch_steps: int = 110
     final_scale: float = 0.05
     steps: StepSizes = StepSizes(translation=0.003, rotation=0.03, joints=0.05)
-    weights: TermWeights = TermWeights(contact=8.0, target=1.0)
+    weights: TermWeights = TermWeights(
+        environment=4.0, object=4.0, self=4.0, contact=8.0, target=1.0, clearance_object=0.0005, contact_gap=0.0007
+    )
 
 
 def descend_to_contact(

@@ -7,6 +7,7 @@ import torch
 import trimesh
 from jaxtyping import Float
 
+from dexnudge.dataset.rounding import round_configuration
 from dexnudge.dataset.schema import BehaviourCounts, ConfigurationRow
 from dexnudge.energies import HandEnergy, TermWeights, build_scene_fields
 from dexnudge.energies.descent import pose_from_configuration
@@ -59,20 +60,22 @@ def generate_object(
     rows: list[ConfigurationRow] = []
     counts = {behaviour: BehaviourCounts() for behaviour in ("push", "press", "hook", "grasp")}
 
-    scene = resting_scene(mesh)
-    fields = build_scene_fields(mesh, scene.environment_mesh)
-    verifier = NonPrehensileVerifier(hand, scene)
-    for batch in _batches(non_prehensile):
-        config = NonPrehensileConfig(batch=batch)
-        q, intents = descend_to_contact(hand, fields, surface, centre, config=config, generator=generator)
-        _verify(hand, fields, q.numpy(), intents, verifier, rows, counts, seed)
+    if non_prehensile:
+        scene = resting_scene(mesh)
+        fields = build_scene_fields(mesh, scene.environment_mesh)
+        verifier = NonPrehensileVerifier(hand, scene)
+        for batch in _batches(non_prehensile):
+            config = NonPrehensileConfig(batch=batch)
+            q, intents = descend_to_contact(hand, fields, surface, centre, config=config, generator=generator)
+            _verify(hand, fields, q.numpy(), intents, verifier, rows, counts, seed)
 
-    fields = build_scene_fields(mesh, None)
-    grasp_verifier = GraspVerifier(hand, floating_scene(mesh))
-    for batch in _batches(grasps):
-        grasp_config = GraspConfig(batch=batch)
-        q = descend_to_grasp(hand, fields, surface, mesh, centre, config=grasp_config, generator=generator)
-        _verify(hand, fields, q.numpy(), ["grasp"] * batch, grasp_verifier, rows, counts, seed)
+    if grasps:
+        fields = build_scene_fields(mesh, None)
+        grasp_verifier = GraspVerifier(hand, floating_scene(mesh))
+        for batch in _batches(grasps):
+            grasp_config = GraspConfig(batch=batch)
+            q = descend_to_grasp(hand, fields, surface, centre, config=grasp_config, generator=generator)
+            _verify(hand, fields, q.numpy(), ["grasp"] * batch, grasp_verifier, rows, counts, seed)
     return rows, object_cloud(mesh).numpy(), counts
 
 
@@ -98,7 +101,8 @@ def _verify(
     counts: dict[str, BehaviourCounts],
     seed: int,
 ) -> None:
-    """Adds kept configurations to `rows` and every attempt to `counts`."""
+    """Adds kept configurations to `rows` and every attempt to `counts`; what is judged is what will be stored."""
+    q = round_configuration(q.astype(np.float64))
     hopeless = _hopeless(hand, fields, q)
     for row, reason in enumerate(hopeless):
         if reason:
@@ -125,7 +129,7 @@ def _hopeless(hand: Hand, fields: WarpStruct, q: Float[np.ndarray, "n coordinate
     energy = HandEnergy(hand, fields, len(q), TermWeights())
     tips = [hand.link_names.index(link) for link in hand.fingertip_links]
     energy.contact_weight[:, tips] = 1.0
-    energy(pose_from_configuration(torch.as_tensor(q)))
+    energy(pose_from_configuration(torch.as_tensor(q, dtype=torch.float32)))
     depth = energy.depth.amax(dim=1).numpy()
     distance = energy.contact_distance[:, tips].amin(dim=1).numpy()
     reasons = []
@@ -145,14 +149,19 @@ def _row(
     digits = sorted({digit for link in links if (digit := hand.digit_of_link[link]) is not None})
     behaviour = "grasp" if intent == "grasp" else behaviour_of(verified.contacts[index], margin, q[:3])
     penetration = verified.penetration[index]
+    contacts = verified.contacts[index]
+    means = [contacts.points[contacts.link == link].mean(axis=0) for link in np.unique(contacts.link)]
     return ConfigurationRow(
         behaviour=behaviour,
         q=q,
         direction_margin=margin,
         contact_links=links,
+        contact_points=np.asarray(means).reshape(-1, 3),
         digits=tuple(digits),
         penetration_object=float(penetration[0]),
         penetration_environment=float(penetration[1]),
         penetration_self=float(penetration[2]),
+        hold_translation=float(verified.hold_translation[index]) if behaviour == "grasp" else None,
+        hold_rotation=float(verified.hold_rotation[index]) if behaviour == "grasp" else None,
         seed=seed,
     )

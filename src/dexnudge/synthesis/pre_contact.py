@@ -18,7 +18,8 @@ from dexnudge.hands.hand import Hand
 
 TOP_NORMAL = 0.9  # smallest vertical part of a normal on which one presses
 SIDE_NORMAL = 0.8  # smallest part of a side normal against the motion
-TOP_SHARE = 0.45  # of the starts that press; the others push or hook
+INTENTS = {"press": 0.3, "push": 0.35, "hook": 0.35}  # shares of the starts; many side starts end on top, as presses
+HOOK_SPREAD = 40.0  # [deg] standard deviation of a hooking hand's heading about the one against the motion
 DIGIT_COUNTS = {1: 0.15, 2: 0.40, 3: 0.30, 4: 0.15}  # how many digits shall touch
 DIGIT_SPREAD = 0.022  # [m] between neighbouring knuckles
 LATERAL_SPREAD = 0.010  # [m] of the contacts' middle about the line through the centre of mass
@@ -51,18 +52,22 @@ def sample_pre_contact(
     angle = generator.uniform(0.0, 2 * np.pi, count)
     direction = np.stack([np.cos(angle), np.sin(angle)], axis=1)
     sizes = generator.choice(list(DIGIT_COUNTS), p=list(DIGIT_COUNTS.values()), size=count)
+    intents = generator.choice(list(INTENTS), p=list(INTENTS.values()), size=count).tolist()
     touches = np.zeros((count, digits), dtype=bool)
     target = np.zeros((count, digits, 3))
     outward = np.zeros((count, 3))
     for item in range(count):
         chosen = generator.permutation(digits)[: min(sizes[item], digits)]
         touches[item, chosen] = True
-        target[item], outward[item] = _targets(surface, centre_of_mass, direction[item], chosen, digits, generator)
-    pose = _poses(hand, target, touches, outward, generator)
-    ahead = (pose.translation[:, :2].numpy() * direction).sum(axis=1) > 0
-    intents = [
-        "press" if up else "hook" if pulls else "push" for up, pulls in zip(outward[:, 2] > 0.5, ahead, strict=True)
-    ]
+        on_top = intents[item] == "press"
+        target[item], outward[item] = _targets(
+            surface, centre_of_mass, direction[item], chosen, digits, generator, on_top=on_top
+        )
+    # A hooking hand comes from ahead of the object and reaches over it; the others come from anywhere.
+    heading = generator.uniform(0.0, 2 * np.pi, count)
+    against = angle + np.pi + np.radians(generator.normal(0.0, HOOK_SPREAD, count))
+    heading = np.where([intent == "hook" for intent in intents], against, heading)
+    pose = _poses(hand, target, touches, outward, heading, generator)
     return PreContact(pose, target, touches, intents)
 
 
@@ -73,10 +78,12 @@ def _targets(
     chosen: Int[np.ndarray, " touching"],
     digits: int,
     generator: np.random.Generator,
+    *,
+    on_top: bool,
 ) -> tuple[Float[np.ndarray, "digit 3"], Float[np.ndarray, " 3"]]:
     """Targets of the chosen digits and the mean outward normal there."""
     normals, points = surface.normals, surface.points
-    if generator.uniform() < TOP_SHARE:
+    if on_top:
         usable = np.flatnonzero(normals[:, 2] > TOP_NORMAL)
     else:
         usable = np.flatnonzero(normals[:, :2] @ direction < -SIDE_NORMAL)
@@ -105,12 +112,12 @@ def _poses(
     target: Float[np.ndarray, "batch digit 3"],
     touches: Bool[np.ndarray, "batch digit"],
     outward: Float[np.ndarray, "batch 3"],
+    heading: Float[np.ndarray, " batch"],
     generator: np.random.Generator,
 ) -> HandPose:
-    """Hands over their targets: any heading, fingers level to steeply down, palm mostly down, fingers flexed at random."""
+    """Hands over their targets, headed as told [rad], fingers level to steeply down, palm mostly down, fingers flexed."""
     count = len(target)
     joint_angles = random_joint_angles(hand, count, generator)
-    heading = generator.uniform(0.0, 2 * np.pi, count)
     pitch = np.radians(generator.uniform(*PITCH, count))
     roll = np.radians(generator.normal(0.0, ROLL_SPREAD, count))
     fingers = np.stack([np.cos(heading) * np.cos(pitch), np.sin(heading) * np.cos(pitch), -np.sin(pitch)], axis=1)

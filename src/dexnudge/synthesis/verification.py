@@ -1,4 +1,7 @@
-"""Which generated configurations are kept: exact penetration, contact, and a planar motion with a feasible force."""
+"""Which generated configurations are kept.
+
+All must be clean by exact distance and touch; then a planar motion needs a feasible force, and a grasp must hold in physics.
+"""
 
 from dataclasses import dataclass, replace
 
@@ -6,27 +9,24 @@ import numpy as np
 import torch
 import trimesh
 from jaxtyping import Bool, Float
-from scipy.optimize import nnls
 
-from dexnudge.dataset.schema import INFEASIBLE, NUM_DIRECTIONS, direction_angles
+from dexnudge.dataset.schema import INFEASIBLE, NUM_DIRECTIONS, best_direction, direction_angles
 from dexnudge.evaluation.penetration import PenetrationCheck, PointHits
 from dexnudge.hands.hand import Hand
-from dexnudge.mechanics.balance import balance_problem, solve_balance
+from dexnudge.hands.per_hand import per_hand
 from dexnudge.mechanics.contacts import (
     HAND_CONTACT_DISTANCE,
     HandContacts,
-    SupportContacts,
     hand_contacts,
     support_contacts,
 )
 from dexnudge.mechanics.fast_balance import force_margins
-from dexnudge.mechanics.friction_cone import EDGE_COUNT
-from dexnudge.mechanics.sliding_task import GRAVITY, sliding_task
+from dexnudge.mechanics.sliding_task import sliding_task
 from dexnudge.scenes.scene import Scene
+from dexnudge.simulation.hold import HoldTest
+from dexnudge.simulation.link_hulls import LinkPieces, link_pieces
 
-DISTURBANCE = 10.0  # [m/s^2] times the mass: the force that a grasp must hold in each of six directions
 PRESSING = 0.7  # mean vertical part of the contacts' normals above which a hand presses
-UNBALANCED = 1.0e-6  # residual wrench over the object's weight
 FAR_BELOW = 5.0  # [m]
 PENETRATION_LIMIT = 0.001  # [m] DESIGN's success criterion
 PLANE_SIDE, PLANE_DEPTH = 2.0, 0.5  # [m] a support so wide and deep that it has no other side
@@ -37,12 +37,15 @@ class Verified:
     """Verdicts on n configurations in the resting frame.
 
     `direction_margin` (n, 16): force margin per planar direction, -1 where the forces do not suffice at all.
+    `hold_translation` [m], `hold_rotation` [rad] (n): how far the object drifted in the hold test, NaN without one.
     `reason`: empty for what is kept, else why not.
     """
 
     reason: list[str]
     penetration: Float[np.ndarray, "n 3"]
     direction_margin: Float[np.ndarray, "n direction"]
+    hold_translation: Float[np.ndarray, " n"]
+    hold_rotation: Float[np.ndarray, " n"]
     contacts: list[HandContacts]
     hand: Hand
 
@@ -72,41 +75,32 @@ def floating_scene(object_mesh: trimesh.Trimesh) -> Scene:
 
 
 class GraspVerifier:
-    """Verifies grasps of one hand on one floating object: clean, touching, and holding against a force from six sides.
+    """Verifies grasps of one hand on one floating object: clean, touching, and holding against a pull from six sides.
 
-    Static form of DexGraspBench's test: contact forces within the friction cones and limits balance 10 * mass newtons at
-    the centre of mass along each axis, both ways.
+    The hold test is DexGraspBench's, in MuJoCo: see `simulation.hold`.
     """
 
     def __init__(self, hand: Hand, scene: Scene) -> None:
         self._hand = hand
         self._check = PenetrationCheck(hand, scene)
-        self._task = sliding_task(scene)
-        self._no_supports = SupportContacts(points=np.zeros((0, 3)), normals=np.zeros((0, 3)))
+        self._hold = HoldTest(hand, scene.object_mesh, links=_link_pieces(hand))
 
     def __call__(self, q: Float[np.ndarray, "n coordinates"]) -> Verified:
         """Verdicts on grasps in the frame of the object's mesh."""
         transforms = self._hand.forward_kinematics(torch.as_tensor(q, dtype=torch.float64)).numpy()
         penetration, reason, contacts = _clean(self._hand, self._check, transforms)
-        for row, text in enumerate(reason):
-            if not text and not self._holds(contacts[row]):
-                reason[row] = "force"
+        clean = [row for row, text in enumerate(reason) if not text]
+        translation, rotation = np.full((2, len(q)), np.nan)
+        for row, held in zip(clean, self._hold(q[clean], [contacts[row] for row in clean]), strict=True):
+            translation[row], rotation[row] = held.translation, held.rotation
+            reason[row] = held.reason
         margin = np.full((len(q), NUM_DIRECTIONS), INFEASIBLE)
-        return Verified(reason, penetration, margin, contacts, self._hand)
+        return Verified(reason, penetration, margin, translation, rotation, contacts, self._hand)
 
-    def _holds(self, contacts: HandContacts) -> bool:
-        problem = balance_problem(contacts, self._no_supports, self._task)
-        columns = problem.hand.reshape(-1, 6).T
-        for axis in np.concatenate([np.eye(3), -np.eye(3)]):
-            load = np.concatenate([axis * DISTURBANCE / GRAVITY, np.zeros(3)])
-            forces, residual = nnls(columns, load)
-            per_link = np.bincount(np.repeat(problem.link, EDGE_COUNT), weights=forces)
-            if residual > UNBALANCED:
-                return False
-            # Least squares finds some forces; only the linear program knows whether others keep within the limits.
-            if per_link.max() > problem.cap and solve_balance(replace(problem, load=-load), factor=1.0) is None:
-                return False
-        return True
+
+@per_hand
+def _link_pieces(hand: Hand) -> LinkPieces:
+    return link_pieces(hand)
 
 
 class NonPrehensileVerifier:
@@ -134,7 +128,8 @@ class NonPrehensileVerifier:
         for row, text in enumerate(reason):
             if not text and margin[row].max() < 1.0:
                 reason[row] = "force"
-        return Verified(reason, penetration, margin, contacts, self._hand)
+        nothing = np.full(len(q), np.nan)
+        return Verified(reason, penetration, margin, nothing, nothing, contacts, self._hand)
 
 
 def _clean(
@@ -185,5 +180,5 @@ def behaviour_of(
     """
     if contacts.normals[:, 2].mean() > PRESSING:
         return "press"
-    angle = direction_angles()[int(np.argmax(direction_margin))]
+    angle = direction_angles()[best_direction(direction_margin)]
     return "hook" if root[:2] @ np.asarray([np.cos(angle), np.sin(angle)]) > 0 else "push"

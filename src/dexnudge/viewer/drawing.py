@@ -39,7 +39,7 @@ class Drawing:
     Attributes:
         parts: object, environment and links; parts without triangles are left out.
         contacts: points where hand and object touch [m], world frame.
-        motion: unit direction in which the object shall move, world frame.
+        motion: unit direction in which the object shall move, world frame; zero where it shall not, as in a grasp.
         motion_length: how far [m].
         title: plain text, drawn as given; it may come from a file name.
     """
@@ -59,7 +59,9 @@ class Drawing:
         return tuple(part for part in self.parts if part.role in roles)
 
     def arrow(self) -> Part:
-        """The motion as a solid arrow that starts at the object's leading edge, in the world frame."""
+        """The motion as a solid arrow that starts at the object's leading edge, in the world frame; empty without one."""
+        if not np.any(self.motion):
+            return Part("motion", "arrow", trimesh.Trimesh(), np.eye(4))
         points = np.concatenate([part.vertices_in_world() for part in self.with_role("object")])
         return Part("motion", "arrow", motion_arrow(points, self.motion), np.eye(4))
 

@@ -4,6 +4,7 @@ from collections.abc import Sequence
 from pathlib import Path
 
 import numpy as np
+from jaxtyping import UInt8
 from PIL import Image, ImageDraw, ImageFont
 
 from dexnudge.errors import InputError
@@ -35,16 +36,22 @@ def render_sheet(
         raise InputError(
             f"a sheet of {len(drawings)} pictures in {columns} columns was asked for; expected at least one of both"
         )
-    width, height = tile
-    columns = min(columns, len(drawings))
-    rows = -(-len(drawings) // columns)
+    pictures = [render_array(drawing, size=tile) for drawing in drawings]
+    return write_png(arrange(pictures, [drawing.title for drawing in drawings], columns=columns), path)
+
+
+def arrange(
+    pictures: Sequence[UInt8[np.ndarray, "height width 3"]], titles: Sequence[str], *, columns: int
+) -> UInt8[np.ndarray, "sheet_height sheet_width 3"]:
+    """One or more pictures of one size side by side, row by row, each with its title in the corner; sRGB bytes."""
+    height, width = pictures[0].shape[:2]
+    columns = min(columns, len(pictures))
+    rows = -(-len(pictures) // columns)
     sheet = Image.new("RGB", (columns * (width + GAP) - GAP, rows * (height + GAP) - GAP), "white")
     font = ImageFont.load_default(TITLE_HEIGHT * height)
-    for index, drawing in enumerate(drawings):
+    for index, (picture, title) in enumerate(zip(pictures, titles, strict=True)):
         corner = (index % columns * (width + GAP), index // columns * (height + GAP))
-        sheet.paste(Image.fromarray(render_array(drawing, size=tile)), corner)
+        sheet.paste(Image.fromarray(picture), corner)
         margin = round(TITLE_HEIGHT * height / 2)
-        ImageDraw.Draw(sheet).text(
-            (corner[0] + margin, corner[1] + margin), drawing.title, fill=TITLE_COLOUR, font=font
-        )
-    return write_png(np.asarray(sheet), path)
+        ImageDraw.Draw(sheet).text((corner[0] + margin, corner[1] + margin), title, fill=TITLE_COLOUR, font=font)
+    return np.asarray(sheet)

@@ -1,0 +1,97 @@
+"""`dexnudge reproduce`: Tables I and II of the paper and the rows that they lack, as one report."""
+
+from dataclasses import dataclass
+from pathlib import Path
+from typing import TYPE_CHECKING, Annotated
+
+from dexnudge.cli.arguments import (
+    Count,
+    Folder,
+    OptionalCount,
+    OptionalFolder,
+    OptionalNumber,
+    Units,
+    check_at_least,
+    metavar,
+)
+
+if TYPE_CHECKING:
+    from dexnudge.evaluation.reproduction import ReproductionConfig
+    from dexnudge.evaluation.rows import Row
+
+
+@dataclass(frozen=True)
+class Reproduce:
+    """Tables I and II of the paper, every guidance rule and baseline, with and without the forearm, as one report.
+
+    The draws are also judged again at other frictions and masses, and ours is compared at equal time. All of builtin:test
+    takes an hour or two on two cores, --quick about a quarter of an hour. Stopped runs go on where they were: give the
+    same options and the same --out again.
+    """
+
+    out: Folder
+    """Folder of the run; the report is report.md in it."""
+    objects: Annotated[str, metavar("SET")] = "builtin:test"
+    """Folder of meshes, text file of paths, builtin:test, or a DexGraspNet meshdata folder (scale 0.08)."""
+    max_objects: OptionalCount = None
+    """Take this many of the set, evenly spaced; all unless given, 30 with --quick."""
+    scenes: Annotated[tuple[str, ...], metavar("FAMILY...")] = ("table", "layers", "shelf")
+    """Scene families."""
+    num: OptionalCount = None
+    """Draws for each object, scene and method; 32 unless given, 16 with --quick."""
+    seed: Count = 0
+    """Of the run; objects and scenes get seeds derived from it."""
+    workers: Count = 2
+    """Processes; one core each."""
+    units: Units = "m"
+    """Unit of the numbers in mesh files."""
+    length: OptionalNumber = None
+    """Scale every object so that its longest side has this length [m]."""
+    weights: OptionalFolder = None
+    """Folder of the model; the shipped one unless given."""
+    grasp_weights: OptionalFolder = None
+    """Folder of a model trained on grasps only (train --grasp-fraction 1), for one more row of Table I."""
+    data: OptionalFolder = None
+    """Dataset folder that the nearest training pose is taken from; without it that row is left out."""
+    quick: bool = False
+    """Fewer objects, draws and methods: the rows of the paper's tables and the main baselines."""
+
+    def run(self) -> int:
+        """Compute the missing rows, write and print the report."""
+        check_at_least(0, seed=self.seed)
+        check_at_least(1, workers=self.workers)
+        from dexnudge.cli.console import stdout
+        from dexnudge.evaluation.reproduction import run_reproduction
+        from dexnudge.evaluation.reproduction_report import write_reproduction_report
+        from dexnudge.jobs.progress import progress
+
+        with progress() as bars:
+            bar = bars.add_task("reproducing", total=None)
+
+            def show(row: "Row", finished: int, total: int) -> None:
+                bars.update(bar, completed=finished, total=total, description=f"{row.scene}, {row.method}")
+
+            run_reproduction(self._config(), Path(self.out), workers=self.workers, on_row=show)
+        report = write_reproduction_report(Path(self.out))
+        console = stdout()
+        console.print(report, markup=False, soft_wrap=True)
+        console.print(f"written: {self.out}", soft_wrap=True)
+        return 0
+
+    def _config(self) -> "ReproductionConfig":
+        from dexnudge.evaluation.reproduction import FULL_NUM, QUICK_NUM, QUICK_OBJECTS, ReproductionConfig
+
+        num, max_objects = (QUICK_NUM, QUICK_OBJECTS) if self.quick else (FULL_NUM, None)
+        return ReproductionConfig(
+            objects=self.objects,
+            max_objects=max_objects if self.max_objects is None else self.max_objects,
+            scenes=self.scenes,
+            num=num if self.num is None else self.num,
+            seed=self.seed,
+            units=self.units,
+            length=self.length,
+            weights=self.weights,
+            grasp_weights=self.grasp_weights,
+            data=self.data,
+            quick=self.quick,
+        )

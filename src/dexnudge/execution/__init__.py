@@ -1,0 +1,1 @@
+"""Configurations of a result folder played out in physics."""

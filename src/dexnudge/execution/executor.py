@@ -1,0 +1,86 @@
+"""One configuration in physics: its way to contact, its forces, the push, the verdict."""
+
+import time
+from dataclasses import dataclass
+
+import numpy as np
+import torch
+from jaxtyping import Float
+
+from dexnudge.evaluation.penetration import PenetrationCheck
+from dexnudge.evaluation.success import contacts_of
+from dexnudge.hands.hand import Hand
+from dexnudge.mechanics.contacts import support_contacts
+from dexnudge.mechanics.sliding_task import sliding_task
+from dexnudge.planning.approach import Approach, ApproachPlanner
+from dexnudge.scenes.scene import Scene
+from dexnudge.simulation.drive import push_drive
+from dexnudge.simulation.push import PushRun, run_push
+from dexnudge.simulation.push_forces import PushForces, push_forces
+from dexnudge.simulation.push_model import load_push_model
+from dexnudge.simulation.push_verdict import PushVerdict, judge_push
+
+EXACT_FRAMES = 8  # of a run at which the hand's depth in its surroundings is also measured by exact distance
+
+
+@dataclass(frozen=True)
+class Execution:
+    """What came of one configuration.
+
+    approach: the way to contact; its last, straight stretch is simulated. Without one the hand starts at contact.
+    exact_environment: greatest depth of the hand's true links in the surroundings [m] at 8 frames of the run, exact
+    distance both ways; the verdict uses the depth of the convex pieces at every step. seconds: by stage.
+    """
+
+    verdict: PushVerdict
+    run: PushRun
+    forces: PushForces
+    approach: Approach
+    exact_environment: float
+    seconds: dict[str, float]
+
+
+class Executor:
+    """Executes configurations of one hand in one scene.
+
+    Args:
+        hand, scene: as read from the same files as the model.
+        xml: what `push_model_xml(hand, scene)` made.
+    """
+
+    def __init__(self, hand: Hand, scene: Scene, xml: str) -> None:
+        self._hand, self._scene = hand, scene
+        self._push = load_push_model(xml, hand, scene)
+        self._planner = ApproachPlanner(hand, scene)
+        self._exact = PenetrationCheck(hand, scene)
+        self._supports, self._task = support_contacts(scene), sliding_task(scene)
+
+    def __call__(self, q: Float[np.ndarray, " coordinates"]) -> Execution:
+        """The same q gives the same outcome, whatever was executed before."""
+        seconds: dict[str, float] = {}
+        clock = time.perf_counter()
+        approach = self._planner.plan(q)
+        seconds["approach"], clock = time.perf_counter() - clock, time.perf_counter()
+        (contacts,) = contacts_of(self._hand, self._scene, q[None])
+        forces = push_forces(self._push, q, contacts, self._supports, self._task)
+        seconds["forces"], clock = time.perf_counter() - clock, time.perf_counter()
+        times, way = _last_stretch(approach, q)
+        motion, length = self._task.motion, self._scene.motion_length
+        run = run_push(self._push, way[0], push_drive(times, way, motion=motion, length=length), forces)
+        seconds["simulation"], clock = time.perf_counter() - clock, time.perf_counter()
+        frames = np.unique(np.linspace(0, len(run.time) - 1, EXACT_FRAMES).astype(int))
+        configurations = self._push.configurations(run.qpos[frames])
+        poses = self._hand.forward_kinematics(torch.as_tensor(configurations)).numpy()
+        exact = float(self._exact(poses, reach=0.0).environment.max())
+        seconds["exact distance"] = time.perf_counter() - clock
+        return Execution(judge_push(run, motion=motion, length=length), run, forces, approach, exact, seconds)
+
+
+def _last_stretch(
+    approach: Approach, q: Float[np.ndarray, " coordinates"]
+) -> tuple[Float[np.ndarray, " sample"], Float[np.ndarray, "sample coordinates"]]:
+    """Times from 0 and configurations from pre-contact to q; q alone where there is no approach."""
+    if approach.trajectory is None:
+        return np.zeros(1), q[None]
+    late = approach.trajectory.times >= approach.pre_contact_time - 1e-9
+    return approach.trajectory.times[late] - approach.trajectory.times[late][0], approach.trajectory.q[late]

@@ -1,0 +1,150 @@
+"""Run many tasks in a few processes; a process that dies costs one task, not the run."""
+
+import multiprocessing
+import os
+import signal
+import threading
+from collections.abc import Callable, Generator, Iterator, Sequence
+from contextlib import contextmanager
+from dataclasses import dataclass
+from multiprocessing.connection import Connection, wait
+from multiprocessing.process import BaseProcess
+from typing import Any, Generic, TypeVar
+
+from dexnudge.jobs.answers import Raised, WorkerDied, answer, use_one_thread
+
+Task = TypeVar("Task")
+Result = TypeVar("Result")
+
+
+@dataclass
+class _Worker(Generic[Task]):
+    process: BaseProcess
+    connection: Connection
+    task: Task
+
+
+def run_tasks(
+    make_handler: Callable[[], Callable[[Task], Result]],
+    tasks: Sequence[Task],
+    *,
+    workers: int,
+    isolated: bool = False,
+) -> Generator[tuple[Task, Result | WorkerDied], None, None]:
+    """Yield (task, result) in the order in which tasks finish.
+
+    The processes leave Ctrl-C to this one, and end when it ends, however it ends.
+
+    Args:
+        make_handler: picklable; called once in each process, so that it can load what all tasks need.
+        tasks: picklable.
+        workers: number of processes, each with one torch thread.
+        isolated: a single worker gets a process of its own, too, which may die; else it works in this process.
+
+    Raises:
+        Exception: whatever the handler raised, from the first task that did.
+    """
+    if workers <= 1 and not isolated:
+        handle = make_handler()
+        for task in tasks:
+            yield task, handle(task)
+        return
+    context = multiprocessing.get_context("spawn")  # a fork would copy the state of torch's and Warp's threads
+    waiting = list(reversed(tasks))
+    busy: list[_Worker[Task]] = []
+    try:
+        while waiting or busy:
+            while waiting and len(busy) < workers:
+                busy.append(_start(context, make_handler, waiting.pop()))
+            ready = wait([worker.connection for worker in busy])
+            for worker in [worker for worker in busy if worker.connection in ready]:
+                task, result = worker.task, _receive(worker)
+                if isinstance(result, Raised):
+                    raise result.error
+                if isinstance(result, WorkerDied) or not _give_next(worker, waiting):
+                    _stop(worker)
+                    busy.remove(worker)
+                yield task, result
+    finally:
+        for worker in busy:
+            worker.process.terminate()
+            worker.process.join()
+
+
+def _start(context: Any, make_handler: Callable[[], Callable[[Task], Result]], task: Task) -> _Worker[Task]:
+    ours, theirs = context.Pipe()
+    process = context.Process(target=_serve, args=(theirs, make_handler), daemon=True)
+    with _interrupts_blocked():
+        process.start()
+    theirs.close()  # so that the death of the process is an end of file here
+    ours.send(task)
+    return _Worker(process, ours, task)
+
+
+@contextmanager
+def _interrupts_blocked() -> Iterator[None]:
+    """Ctrl-C goes to every process of the terminal; those started in here inherit that they do not hear it."""
+    if not hasattr(signal, "pthread_sigmask"):  # Windows
+        yield
+        return
+    before = signal.pthread_sigmask(signal.SIG_BLOCK, {signal.SIGINT})
+    try:
+        yield
+    finally:
+        signal.pthread_sigmask(signal.SIG_SETMASK, before)
+
+
+def _receive(worker: _Worker[Any]) -> Any:
+    try:
+        return worker.connection.recv()
+    except (EOFError, OSError):  # killed: before, between or amid its bytes
+        worker.process.join()
+        return WorkerDied(worker.process.exitcode)
+
+
+def _give_next(worker: _Worker[Task], waiting: list[Task]) -> bool:
+    """Whether the worker has another task; one that died while it had none leaves the task to others."""
+    if not waiting:
+        return False
+    try:
+        worker.connection.send(waiting[-1])
+    except OSError:
+        return False
+    worker.task = waiting.pop()
+    return True
+
+
+def _stop(worker: _Worker[Any]) -> None:
+    worker.connection.close()
+    worker.process.join()
+
+
+def _serve(connection: Connection, make_handler: Callable[[], Callable[[Any], Any]]) -> None:
+    """Answer tasks until the other side closes the pipe or dies."""
+    signal.signal(signal.SIGINT, signal.SIG_IGN)  # libraries may have undone the block that it was started with
+    threading.Thread(target=_end_with_parent, daemon=True).start()
+    use_one_thread()
+    made: list[Callable[[Any], Any]] = []
+
+    def get_handler() -> Callable[[Any], Any]:
+        if not made:
+            made.append(make_handler())
+        return made[0]
+
+    while True:
+        try:
+            task = connection.recv()
+        except EOFError:
+            return
+        try:
+            connection.send(answer(get_handler, task))
+        except BrokenPipeError:
+            return
+
+
+def _end_with_parent() -> None:
+    """A killed parent cannot stop its processes; they would go on for as long as their task takes."""
+    parent = multiprocessing.parent_process()
+    assert parent is not None
+    wait([parent.sentinel])
+    os._exit(1)

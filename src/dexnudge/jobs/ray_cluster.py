@@ -1,0 +1,98 @@
+"""Run many tasks on a Ray cluster (https://docs.ray.io); a task whose worker dies is tried again elsewhere."""
+
+import socket
+import uuid
+from collections.abc import Callable, Generator, Sequence
+from typing import Any, TypeVar
+
+from dexnudge.errors import InputError
+from dexnudge.jobs.answers import Raised, WorkerDied, answer, use_one_thread
+
+Task = TypeVar("Task")
+Result = TypeVar("Result")
+
+RETRIES = 3  # of a task whose worker died: machines of a cluster come and go, but a task may also be what kills them
+REACHABLE = 5.0  # [s] for the head to take a connection; Ray itself tries for minutes
+TASKS_PER_CORE = 2  # handed out ahead, so that no core waits for the next one
+
+_HANDLERS: dict[str, Callable[[Any], Any]] = {}  # in a worker: what each run has loaded there
+
+
+def run_tasks_on_ray(
+    make_handler: Callable[[], Callable[[Task], Result]],
+    tasks: Sequence[Task],
+    *,
+    workers: int,
+    address: str | None = None,
+) -> Generator[tuple[Task, Result | WorkerDied], None, None]:
+    """Yield (task, result) in the order in which tasks finish, as `processes.run_tasks` does.
+
+    Args:
+        make_handler: picklable; called once in each worker. dexnudge must be installed on every machine.
+        tasks: picklable.
+        workers: cores of the cluster that is started on this machine when there is no address.
+        address: of a running cluster, "host:6379" or "auto"; all of its cores are used.
+
+    Raises:
+        InputError: Ray is not installed, or no cluster answers at the address.
+        Exception: whatever the handler raised, from the first task that did.
+    """
+    ray = _connect(workers, address)
+    try:
+        # One function object for all tasks: Ray sends it to each worker once.
+        remote = ray.remote(_answer).options(num_cpus=1, max_retries=RETRIES)
+        run, handler = uuid.uuid4().hex, ray.put(make_handler)
+        ahead = TASKS_PER_CORE * max(1, int(ray.cluster_resources().get("CPU", 1)))
+        waiting = list(reversed(tasks))
+        running: dict[Any, Task] = {}
+        while waiting or running:
+            while waiting and len(running) < ahead:
+                task = waiting.pop()
+                running[remote.remote(run, handler, task)] = task
+            finished, _ = ray.wait(list(running))
+            for reference in finished:
+                task = running.pop(reference)
+                result: Any
+                try:
+                    result = ray.get(reference)
+                except ray.exceptions.RayError:  # `_answer` raises nothing: this is the death of its last worker
+                    result = WorkerDied(None)
+                if isinstance(result, Raised):
+                    raise result.error
+                yield task, result
+    finally:
+        ray.shutdown()  # ends what still runs
+
+
+def _connect(workers: int, address: str | None) -> Any:
+    try:
+        import ray
+    except ImportError as error:
+        raise InputError(
+            "the engine 'ray' needs the package ray, which is not installed; "
+            "install it with `pip install 'dexnudge[cluster]'`, or use the engine 'processes'"
+        ) from error
+    options: dict[str, Any] = {"address": address} if address else {"num_cpus": workers, "include_dashboard": False}
+    try:
+        if address and "://" not in address and ":" in address:
+            host, _, port = address.rpartition(":")
+            socket.create_connection((host, int(port)), timeout=REACHABLE).close()
+        ray.init(**options, log_to_driver=False, logging_level="error")
+    except (OSError, RuntimeError, ValueError, ray.exceptions.RayError) as error:
+        raise InputError(
+            f"no Ray cluster answers at {address!r} ({error}); expected host:port of its head, or auto on a machine "
+            "that belongs to it; start one with `ray start --head`, or leave the address out"
+        ) from error
+    return ray
+
+
+def _answer(run: str, make_handler: Callable[[], Callable[[Any], Any]], task: Any) -> Any:
+    """In a worker: the result of a task, with the handler of the run loaded once."""
+    use_one_thread()
+
+    def get_handler() -> Callable[[Any], Any]:
+        if run not in _HANDLERS:
+            _HANDLERS[run] = make_handler()
+        return _HANDLERS[run]
+
+    return answer(get_handler, task)

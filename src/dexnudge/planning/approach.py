@@ -1,0 +1,183 @@
+"""A way for the hand from outside the surroundings to where it touches the object, without touching anything before."""
+
+import time
+from dataclasses import dataclass, replace
+
+import numpy as np
+from jaxtyping import Float
+
+from dexnudge.errors import InputError
+from dexnudge.hands.hand import ROOT_COORDINATES, Hand
+from dexnudge.planning.blocking import Blocked, blocked_by, blocked_by_itself
+from dexnudge.planning.connect import connect
+from dexnudge.planning.hand_clearance import HandClearance
+from dexnudge.planning.hand_states import State, States, StateSpace, between, palm_pose, state, state_space
+from dexnudge.planning.motion_check import CLEARANCE, MotionCheck
+from dexnudge.planning.outside import outside_states
+from dexnudge.planning.pre_contact import back_off_directions, pre_contacts
+from dexnudge.planning.self_penetration import SelfPenetration
+from dexnudge.planning.speed_limits import SpeedLimits
+from dexnudge.planning.trajectory import Trajectory, joined, timed
+from dexnudge.scenes.scene import Scene
+
+CLEARANCES = (CLEARANCE, 0.002, 0.0015)  # [m] kept on the way, the less the nearer the goal is to its surroundings
+BUDGET = 20_000  # states that the planner may look at; one takes 10 microseconds to a millisecond
+GOAL_PENETRATION = 0.001  # [m] a configuration may be this deep in object, environment and itself
+OPENING_PENETRATION = 0.0008  # [m] in itself while the hand opens: below what a configuration may have
+OPENING_ALLOWANCE = 0.00005  # [m] where the goal itself is deeper: rounding
+OPENING_STEPS = 33  # openings at which the hand is tested against itself
+STRAIGHT_TRIES = 24  # straight ways from outside that are tried before the planner is asked
+MOST_STARTS = 6  # outside states offered to the planner
+
+
+@dataclass(frozen=True)
+class Approach:
+    """What planning came to: exactly one of `trajectory` and `blocked` is None.
+
+    Attributes:
+        trajectory: from outside, or from the given start, to the goal.
+        blocked: what stands in the way where no way was found.
+        pre_contact_time: when the straight last stretch begins [s]; NaN without a trajectory.
+        planner: "straight" when no way around anything was needed, else "RRT-Connect".
+        states_checked: states whose clearance was measured. seconds: wall time.
+    """
+
+    trajectory: Trajectory | None
+    blocked: Blocked | None
+    pre_contact_time: float
+    planner: str
+    states_checked: int
+    seconds: float
+
+
+class ApproachPlanner:
+    """Plans approaches of one hand in one scene, the object being at rest; make it once for many configurations."""
+
+    def __init__(self, hand: Hand, scene: Scene, *, limits: SpeedLimits | None = None) -> None:
+        self.hand, self.scene = hand, scene
+        self.limits = limits or SpeedLimits()
+        self._measure = HandClearance(hand, scene)
+        self._self_penetration = SelfPenetration(hand)
+
+    def plan(
+        self,
+        q: Float[np.ndarray, " coordinates"],
+        *,
+        start: Float[np.ndarray, " coordinates"] | None = None,
+        seed: int = 0,
+        budget: int = BUDGET,
+    ) -> Approach:
+        """A way to the configuration `q`.
+
+        First straight ways from states outside (see `outside_states`) to pre-contact states (see `pre_contacts`), then
+        RRT-Connect between them. The hand keeps 3 mm from everything until pre-contact, 1.5 mm where there is no
+        more room (between the states that are looked at, 0.5 mm are assured), then goes straight to `q`.
+
+        Args:
+            q: configuration (9 + d,), world.
+            start: where the hand is now (9 + d,); None: any state outside.
+            seed: of the planner.
+            budget: states that the planner may look at.
+
+        Raises:
+            InputError: `q` or `start` has the wrong length or is not finite.
+        """
+        began, counted = time.perf_counter(), self._measure.count
+        found = self._plan(self._configuration("q", q), start, seed, budget)
+        seconds, checked = time.perf_counter() - began, self._measure.count - counted
+        if isinstance(found, Blocked):
+            return Approach(None, found, float("nan"), "", checked, seconds)
+        trajectory, pre_contact_time, planner = found
+        return Approach(trajectory, None, pre_contact_time, planner, checked, seconds)
+
+    def _plan(
+        self, q: np.ndarray, start: np.ndarray | None, seed: int, budget: int
+    ) -> Blocked | tuple[Trajectory, float, str]:
+        space, own_depth = self._space(q[ROOT_COORDINATES:])
+        check = MotionCheck(space, self._measure)
+        goal = state(palm_pose(q), 0.0)
+        if own_depth > GOAL_PENETRATION:
+            return blocked_by_itself("goal", own_depth)
+        if check.clearances(goal[None], stop=-GOAL_PENETRATION).distance.min() < -GOAL_PENETRATION:
+            return self._blocked(check, goal, "goal", "the configuration itself penetrates by more than 1 mm")
+        for clearance in CLEARANCES:
+            check = MotionCheck(space, self._measure, clearance)
+            waiting = pre_contacts(self.hand, self.scene, check, q)
+            if len(waiting.states):
+                break
+        else:
+            reason = "no straight way of 5 to 30 mm leads to contact"
+            assert waiting.stuck is not None
+            return self._blocked(check, waiting.stuck, waiting.stuck_stage, reason)
+        first, before = self._begin(check, start)
+        if isinstance(first, Blocked):
+            return first
+        if first is None:
+            directions = back_off_directions(self.hand, self.scene, check, q)[0]
+            starts, ends = outside_states(self.scene, check, waiting.states, directions=directions)
+            if len(starts) == 0:
+                reason = "no free place outside the surroundings within 0.6 m"
+                return self._blocked(check, waiting.states[0], "start", reason)
+        else:
+            starts, ends = np.repeat(first[None], len(waiting.states), axis=0), waiting.states
+        path, planner = self._transit(check, starts, ends, waiting.states, seed, budget)
+        if path is None:
+            where = between(starts[0], ends[0], np.array([check.blocked_at(starts[0], ends[0]) or 0.0]))
+            return self._blocked(check, where[0], "transit", f"no way found within {budget} states")
+        states = np.concatenate([path, goal[None]])
+        after = timed(space, states, self.hand.joint_names, self.limits, contact_from=len(path) - 1)
+        last_stretch = timed(space, states[-2:], self.hand.joint_names, self.limits, contact_from=0).duration
+        whole = joined(before, after)
+        return whole, float(whole.times[-1] - last_stretch), planner
+
+    @staticmethod
+    def _transit(
+        check: MotionCheck, starts: States, ends: States, goals: States, seed: int, budget: int
+    ) -> tuple[States | None, str]:
+        for begin, end in list(zip(starts, ends, strict=True))[:STRAIGHT_TRIES]:
+            if check.free(begin, end):
+                return np.stack([begin, end]), "straight"
+        unique = np.unique(starts[:MOST_STARTS], axis=0)
+        return connect(check, unique, goals, seed=seed, budget=budget), "RRT-Connect"
+
+    def _space(self, closed: np.ndarray) -> tuple[StateSpace, float]:
+        """The states of a hand that closes to these angles, opening as far as it does not touch itself; its depth now."""
+        space = state_space(self.hand, closed)
+        openings = np.linspace(0.0, 1.0, OPENING_STEPS)
+        depth = self._self_penetration(space.joint_angles(openings))
+        too_deep = np.flatnonzero(depth > max(OPENING_PENETRATION, depth[0] + OPENING_ALLOWANCE))
+        largest = openings[too_deep[0] - 1] if len(too_deep) else 1.0
+        if largest == 1.0:
+            return space, float(depth[0])
+        opened = space.joint_angles(np.array([largest]))[0]
+        return replace(space, opened=opened, sweep=space.sweep * largest), float(depth[0])
+
+    def _begin(self, check: MotionCheck, start: np.ndarray | None) -> tuple[State | Blocked | None, Trajectory | None]:
+        """Where the way begins, and the motion of the fingers alone before that; all None without a given start."""
+        if start is None:
+            return None, None
+        start = self._configuration("start", start)
+        here = state(palm_pose(start), 1.0)
+        own = state_space(self.hand, start[ROOT_COORDINATES:])
+        own = replace(own, opened=check.space.opened, sweep=own.sweep + check.space.sweep)
+        fingers = MotionCheck(own, self._measure)
+        closed = here.copy()
+        closed[7] = 0.0
+        blocked = fingers.blocked_at(closed, here)
+        if blocked is not None:
+            closed[7] = blocked
+            return self._blocked(fingers, closed, "start", "the hand cannot open its fingers where it starts"), None
+        depth = float(self._self_penetration(own.joint_angles(np.linspace(0.0, 1.0, OPENING_STEPS))).max())
+        if depth > GOAL_PENETRATION:
+            return blocked_by_itself("start", depth), None
+        return here, timed(own, np.stack([closed, here]), self.hand.joint_names, self.limits, contact_from=2)
+
+    def _blocked(self, check: MotionCheck, where: State, stage: str, reason: str) -> Blocked:
+        return blocked_by(check, self.scene, where, stage=stage, reason=reason)
+
+    def _configuration(self, name: str, q: np.ndarray) -> Float[np.ndarray, " coordinates"]:
+        q = np.asarray(q, dtype=np.float64)
+        expected = (ROOT_COORDINATES + self.hand.num_joints,)
+        if q.shape != expected or not np.isfinite(q).all():
+            raise InputError(f"{name} has shape {q.shape}; expected {expected}, finite numbers")
+        return q

@@ -1,0 +1,106 @@
+"""A way around obstacles by OMPL's RRT-Connect (Kuffner and LaValle, ICRA 2000), shortened afterwards."""
+
+from typing import Any
+
+import numpy as np
+
+from dexnudge.errors import InputError
+from dexnudge.planning.hand_states import QUATERNION, State, States
+from dexnudge.planning.motion_check import MotionCheck
+
+RANGE = 0.25  # longest extension of a tree, in the metric below
+TURN_WEIGHT = 0.2  # [m/rad] a radian counts as much as 0.2 m, the way of a fingertip
+OPENING_WEIGHT = 0.1  # [m] opening the whole hand counts as much as this
+ROOM = 0.50  # [m] around all starts and goals in which ways are sought
+SHORTCUTS = 60  # attempts at shortening what was found
+SNAP = 0.005  # of the path: a shortcut's end this close to a vertex begins there
+SHORTCUT_RANGE = 0.5  # of the path, spanned by one shortcut at most
+
+
+def connect(check: MotionCheck, starts: States, goals: States, *, seed: int, budget: int) -> States | None:
+    """A path of free straight motions from one of `starts` to one of `goals`; None where the budget runs out.
+
+    Args:
+        check: decides which motions are free; all starts and goals must be.
+        starts: first states, at least one.
+        goals: last states, at least one.
+        seed: the same seed gives the same path. OMPL has one seed for the process, from which every planner takes its own
+            when it is made; it is set anew on each call, so earlier and later uses of OMPL in the process change nothing
+            here, but they are changed. Not for several threads of one process.
+        budget: states that may be looked at, counted by `check.measure`.
+
+    Raises:
+        InputError: OMPL is not installed.
+    """
+    try:
+        from ompl import base, geometric, util
+    except ImportError as error:
+        raise InputError(
+            "the package ompl is not installed; expected it for ways around obstacles; pip install ompl (Linux, macOS 15 "
+            "or later)"
+        ) from error
+    util.setLogLevel(util.LogLevel.LOG_NONE)  # it objects to a second seed, which is what makes each call repeatable
+    last = check.measure.count + budget
+    util.RNG.setSeed(seed + 1)  # 0 would mean a seed from the clock
+    space = base.CompoundStateSpace()
+    both = np.concatenate([starts, goals])[:, :3]
+    space.addSubspace(_box(base, both.min(axis=0) - ROOM, both.max(axis=0) + ROOM), 1.0)
+    space.addSubspace(base.SO3StateSpace(), TURN_WEIGHT)
+    space.addSubspace(_box(base, np.zeros(1), np.ones(1)), OPENING_WEIGHT)
+    information = base.SpaceInformation(space)
+
+    class Validator(base.MotionValidator):
+        """Asks `check`; the budget once spent, nothing is free any more, so that shortening ends too."""
+
+        def checkMotion(self, first: Any, second: Any) -> bool:
+            return check.measure.count < last and check.free(_read(first), _read(second))
+
+    validator = Validator(information)
+    information.setMotionValidator(validator)
+    information.setStateValidityChecker(lambda one: bool(check.states_free(_read(one)[None])[0]))
+    information.setup()
+    problem = base.ProblemDefinition(information)
+    for start in starts:
+        problem.addStartState(_written(space.allocState(), start))
+    wanted = base.GoalStates(information)
+    for goal in goals:
+        wanted.addState(_written(space.allocState(), goal))
+    problem.setGoal(wanted)
+    planner = geometric.RRTConnect(information)
+    planner.setRange(RANGE)
+    planner.setProblemDefinition(problem)
+    planner.setup()
+    planner.solve(base.PlannerTerminationCondition(lambda: check.measure.count >= last))
+    if not problem.hasExactSolution():
+        return None
+    path = problem.getSolutionPath()
+    last = check.measure.count + budget
+    util.RNG.setSeed(seed + 1)
+    simplifier = geometric.PathSimplifier(information)
+    simplifier.reduceVertices(path)
+    simplifier.partialShortcutPath(path, SHORTCUTS, SHORTCUTS, SHORTCUT_RANGE, SNAP)
+    simplifier.reduceVertices(path)
+    return np.array([_read(one) for one in path.getStates()])
+
+
+def _box(base: Any, low: np.ndarray, high: np.ndarray) -> Any:
+    """OMPL's space of real vectors between two corners."""
+    box, bounds = base.RealVectorStateSpace(len(low)), base.RealVectorBounds(len(low))
+    for axis in range(len(low)):
+        bounds.setLow(axis, float(low[axis]))
+        bounds.setHigh(axis, float(high[axis]))
+    box.setBounds(bounds)
+    return box
+
+
+def _read(one: Any) -> State:
+    turn = one[1]
+    return np.array([*one[0][:3], turn.w, turn.x, turn.y, turn.z, one[2][0]])
+
+
+def _written(one: Any, values: State) -> Any:
+    for axis in range(3):
+        one[0][axis] = float(values[axis])
+    one[1].w, one[1].x, one[1].y, one[1].z = (float(value) for value in values[QUATERNION])
+    one[2][0] = float(values[7])
+    return one

@@ -1,0 +1,118 @@
+"""States of a hand that travels: palm pose and how far the fingers are opened, eight numbers.
+
+state = [translation (3) [m, world] | quaternion wxyz (4) of the palm | opening (1)]. Opening 0 is the grip of the goal,
+1 the hand with joint angles as near zero as its limits allow; between them the joint angles are linear.
+"""
+
+from dataclasses import dataclass
+
+import numpy as np
+import torch
+from jaxtyping import Float
+from scipy.spatial.transform import Rotation
+
+from dexnudge.hands.hand import ROOT_COORDINATES, Hand
+
+STATE = 8
+QUATERNION = slice(3, 7)
+ALMOST_EQUAL = 1e-9  # 1 - |cosine| below which two rotations are interpolated linearly: slerp divides by the sine
+SWEEP_STEPS = 16  # steps in which the way of the fingers' points is summed
+
+States = Float[np.ndarray, "_ 8"]  # any number of them
+State = Float[np.ndarray, "8"]
+
+
+@dataclass(frozen=True)
+class StateSpace:
+    """What a hand's states mean, and how far the hand's points move between two of them.
+
+    closed, opened: joint angles [rad] at opening 0 and 1. reach: of the hand's farthest point from the palm's origin,
+    at any opening [m]. sweep: the longest way of a point, in the palm's frame, from opening 0 to 1 [m].
+    """
+
+    closed: Float[np.ndarray, " joint"]
+    opened: Float[np.ndarray, " joint"]
+    reach: float
+    sweep: float
+
+    def joint_angles(self, opening: Float[np.ndarray, " n"]) -> Float[np.ndarray, "n joint"]:
+        """Joint angles [rad] of each opening."""
+        return self.closed + np.asarray(opening)[:, None] * (self.opened - self.closed)
+
+    def displacement(self, start: State, end: State) -> float:
+        """Bound on the way of any point of the hand on the straight motion between two states [m]."""
+        turn = rotation_angle(start, end)
+        return float(np.linalg.norm(end[:3] - start[:3]) + turn * self.reach + abs(end[7] - start[7]) * self.sweep)
+
+    def configurations(self, states: States) -> Float[np.ndarray, "n coordinates"]:
+        """The states as q = [translation | 6D rotation | joint angles]."""
+        columns = matrices(states)[:, :, :2]
+        rotation_6d = np.concatenate([columns[:, :, 0], columns[:, :, 1]], axis=1)
+        return np.concatenate([states[:, :3], rotation_6d, self.joint_angles(states[:, 7])], axis=1)
+
+
+def state_space(hand: Hand, closed: Float[np.ndarray, " joint"]) -> StateSpace:
+    """The space of a hand that is to close to the joint angles `closed` [rad]."""
+    wanted = torch.zeros(1, ROOT_COORDINATES + hand.num_joints, dtype=torch.float64)
+    wanted[0, 3], wanted[0, 7] = 1.0, 1.0
+    opened = hand.clamp(wanted)[0, ROOT_COORDINATES:].numpy()
+    steps = np.linspace(0.0, 1.0, SWEEP_STEPS + 1)[:, None]
+    q = np.tile(wanted.numpy(), (len(steps), 1))
+    q[:, ROOT_COORDINATES:] = closed + steps * (opened - closed)
+    T = hand.forward_kinematics(torch.as_tensor(q)).numpy()
+    points = hand.sparse_points
+    placed = np.einsum("slij,lj->sli", T[:, points.link, :3, :3], points.points) + T[:, points.link][..., :3, 3]
+    way = np.linalg.norm(np.diff(placed, axis=0), axis=2).sum(axis=0)
+    return StateSpace(np.asarray(closed, dtype=float), opened, float(np.linalg.norm(placed, axis=2).max()), way.max())
+
+
+def state(T_world_palm: Float[np.ndarray, "4 4"] | Float[np.ndarray, "3 4"], opening: float) -> State:
+    """One state from the palm's pose."""
+    x, y, z, w = Rotation.from_matrix(T_world_palm[:3, :3]).as_quat()
+    return np.array([*T_world_palm[:3, 3], w, x, y, z, opening])
+
+
+def palm_pose(q: Float[np.ndarray, " coordinates"]) -> Float[np.ndarray, "4 4"]:
+    """T_world_palm of a configuration; the two stored columns are made orthonormal."""
+    x = q[3:6] / np.linalg.norm(q[3:6])
+    y = q[6:9] - (q[6:9] @ x) * x
+    pose = np.eye(4)
+    pose[:3, :3] = np.stack([x, y / np.linalg.norm(y), np.zeros(3)], axis=1)
+    pose[:3, 2] = np.cross(pose[:3, 0], pose[:3, 1])
+    pose[:3, 3] = q[:3]
+    return pose
+
+
+def matrices(states: States) -> Float[np.ndarray, "n 3 3"]:
+    """Rotation of each state's palm."""
+    w, x, y, z = states[:, QUATERNION].T
+    rows = [
+        [1 - 2 * (y * y + z * z), 2 * (x * y - w * z), 2 * (x * z + w * y)],
+        [2 * (x * y + w * z), 1 - 2 * (x * x + z * z), 2 * (y * z - w * x)],
+        [2 * (x * z - w * y), 2 * (y * z + w * x), 1 - 2 * (x * x + y * y)],
+    ]
+    return np.moveaxis(np.array(rows), 2, 0)
+
+
+def rotation_angle(start: State, end: State) -> float:
+    """Angle of the shortest turn from one state's palm to the other's [rad]."""
+    chord = min(
+        np.linalg.norm(start[QUATERNION] - end[QUATERNION]), np.linalg.norm(start[QUATERNION] + end[QUATERNION])
+    )
+    return float(4.0 * np.arcsin(min(0.5 * chord, 1.0)))
+
+
+def between(start: State, end: State, fraction: Float[np.ndarray, " n"]) -> States:
+    """States at fractions of the straight motion: translation and opening linear, rotation by slerp, the short way."""
+    t = np.asarray(fraction, dtype=float)[:, None]
+    states = start + t * (end - start)
+    first, last = start[QUATERNION], end[QUATERNION]
+    if first @ last < 0:
+        last = -last
+    if 1.0 - first @ last < ALMOST_EQUAL:
+        turned = first + t * (last - first)
+    else:
+        angle = 2.0 * np.arcsin(min(0.5 * np.linalg.norm(last - first), 1.0))
+        turned = (np.sin((1 - t) * angle) * first + np.sin(t * angle) * last) / np.sin(angle)
+    states[:, QUATERNION] = turned / np.linalg.norm(turned, axis=1, keepdims=True)
+    return states

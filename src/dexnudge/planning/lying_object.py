@@ -1,0 +1,118 @@
+"""An object on its support, as points from which rays tell what is around it wherever it is shifted along the support."""
+
+import numpy as np
+from jaxtyping import Float
+from scipy.spatial import ConvexHull, QhullError
+
+from dexnudge.geometry.meshes import centre_of_mass
+from dexnudge.geometry.surface_lattice import Boxes, lattice_in_boxes, surface_lattice
+from dexnudge.mechanics.contacts import SUPPORT_DISTANCE, support_contacts
+from dexnudge.planning.rays import Rays
+from dexnudge.scenes.scene import Scene
+
+SPACING = 0.003  # [m] between the points that look for obstacles
+SIDE_SPACING = 0.005  # [m] between the points of the upper and lower side
+LEADING = -0.1  # cosine with the motion from which a surface can run into something
+LIFT = (
+    0.0015  # [m] by which the object is raised off its support to look for other obstacles; a lower step is no obstacle
+)
+INSET = 0.0003  # [m] by which its points are drawn inward: a wall that it touches and slides along is no obstacle
+FACING = 0.5  # cosine with the support's normal from which a surface counts as upper or lower side
+UPWARD = 0.5  # z of a normal from which a surface can be a support
+SEEN = 1.0  # [m] clearances above and below are measured up to here
+
+
+class LyingObject:
+    """The object of a scene at rest, shifted by vectors along its support.
+
+    Attributes:
+        normal: of the support, unit, upward, world; (0, 0, 0) where nothing carries the object.
+        points: of the whole surface [m, world]. lower, upper: of the surfaces that face the support and away from it.
+        centre: of mass [m, world].
+    """
+
+    def __init__(self, scene: Scene) -> None:
+        self.mesh = scene.object_in_world()
+        self._environment = Rays(scene.environment_mesh)
+        self._object = Rays(self.mesh)
+        self._environment_triangles = np.asarray(scene.environment_mesh.triangles, dtype=np.float64)
+        normals = support_contacts(scene).normals
+        normals = normals[normals[:, 2] > UPWARD]
+        self.normal = normals.mean(axis=0) / np.linalg.norm(normals.mean(axis=0)) if len(normals) else np.zeros(3)
+        self.points, self._normals = self._surface(SPACING)
+        sides, normals = self._surface(SIDE_SPACING)
+        self.lower, self.upper = sides[normals @ self.normal < -FACING], sides[normals @ self.normal > FACING]
+        self.centre = scene.T_world_object[:3, :3] @ centre_of_mass(scene.object_mesh) + scene.T_world_object[:3, 3]
+        self._carried = self.lower[self.below(np.zeros(3)) <= SUPPORT_DISTANCE]
+
+    def _surface(self, spacing: float) -> tuple[Float[np.ndarray, "n 3"], Float[np.ndarray, "n 3"]]:
+        """Points of the surface, drawn inward a little, and the outward normals there; each place once."""
+        points, face = surface_lattice(np.asarray(self.mesh.triangles, dtype=np.float64), spacing=spacing)
+        normals = np.asarray(self.mesh.face_normals)[face]
+        keys = np.round(np.concatenate([points * 1e6, normals * 10], axis=1))
+        first = np.sort(np.unique(keys, axis=0, return_index=True)[1])
+        return points[first] - INSET * normals[first], normals[first]
+
+    def free_travel(self, shift: Float[np.ndarray, "3"], direction: Float[np.ndarray, "3"], *, reach: float) -> float:
+        """How far the shifted object can translate along the unit `direction` before it meets the surroundings [m].
+
+        Rays from the object's points forward, and from the surroundings' points in the swept volume backward, so that
+        neither a thin post nor a small corner slips between the rays of the other.
+        """
+        lift = LIFT * self.normal
+        leading = self.points[self._normals @ direction > LEADING] + shift + lift
+        forward = float(self._environment(leading, direction, reach=reach).min())
+        low, high = self.points.min(axis=0) + shift + lift, self.points.max(axis=0) + shift + lift
+        way = min(forward, reach) * direction
+        low, high = np.minimum(low, low + way), np.maximum(high, high + way)
+        box = Boxes((low + high)[None] / 2, np.eye(3)[None], (high - low)[None] / 2)
+        obstacles = lattice_in_boxes(self._environment_triangles, box, spacing=SPACING)[0]
+        if len(obstacles) == 0:
+            return forward
+        back = self._object(obstacles - shift - lift, -direction, reach=reach)
+        return min(forward, float(back.min()))
+
+    def below(self, shift: Float[np.ndarray, "3"]) -> Float[np.ndarray, " n"]:
+        """Way from each point of the lower side down along the support's normal to the surroundings [m], up to `SEEN`."""
+        return (
+            self._environment(self.lower + shift + LIFT * self.normal, -self.normal, reach=SEEN + LIFT + INSET)
+            - LIFT
+            - INSET
+        )
+
+    def front_is_carried(self, shift: Float[np.ndarray, "3"], direction: Float[np.ndarray, "3"], room: float) -> bool:
+        """Whether the foremost points of the lower side, in `direction`, have less than `room` [m] below: a quick no."""
+        along = self.lower @ direction
+        front = self.lower[along > along.max() - SIDE_SPACING] + shift + LIFT * self.normal
+        return bool((self._environment(front, -self.normal, reach=SEEN) < room + LIFT + INSET).any())
+
+    def above(self, shift: Float[np.ndarray, "3"]) -> Float[np.ndarray, " n"]:
+        """Way from each point of the upper side up along the support's normal to the surroundings [m], up to `SEEN`."""
+        return self._environment(self.upper + shift, self.normal, reach=SEEN + INSET) - INSET
+
+    def balance_margin(self, shift: Float[np.ndarray, "3"]) -> float:
+        """Distance [m] from the centre of mass, seen along gravity, to the edge of what carries the shifted object.
+
+        That is the convex hull, in the support's plane, of those points of the lower side that lie on the surroundings
+        at rest and after the shift. Negative: it tips; -inf where fewer than three points are carried.
+        """
+        lifted = self._carried + shift + LIFT * self.normal
+        way = self._environment(lifted, -self.normal, reach=SEEN) - LIFT - INSET
+        carried = self._carried[way <= SUPPORT_DISTANCE] + shift
+        if len(carried) < 3:
+            return -np.inf
+        centre = self.centre + shift
+        down = np.array([0.0, 0.0, -1.0])
+        foot = centre + down * ((carried[0] - centre) @ self.normal) / (down @ self.normal)
+        plane = self.plane_axes()
+        try:
+            edges = ConvexHull((carried - foot) @ plane.T).equations
+        except QhullError:
+            return -np.inf
+        return float(-edges[:, 2].max())
+
+    def plane_axes(self) -> Float[np.ndarray, "2 3"]:
+        """Two unit axes of the support's plane; the first as near the world's x as can be."""
+        first = np.array([1.0, 0.0, 0.0]) - self.normal[0] * self.normal
+        first /= np.linalg.norm(first)
+        return np.stack([first, np.cross(self.normal, first)])

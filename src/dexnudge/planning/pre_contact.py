@@ -1,0 +1,136 @@
+"""Where a hand waits before it closes in on the object, and the straight way from there to contact."""
+
+from dataclasses import dataclass
+from itertools import combinations
+
+import numpy as np
+import torch
+from jaxtyping import Float
+
+from dexnudge.geometry.exact_distance import ExactDistance
+from dexnudge.hands.hand import Hand
+from dexnudge.mechanics.contacts import HAND_CONTACT_DISTANCE, hand_contacts
+from dexnudge.planning.blocking import nearest_obstacle
+from dexnudge.planning.hand_states import State, States, between, palm_pose, state
+from dexnudge.planning.motion_check import MotionCheck
+from dexnudge.scenes.scene import Scene
+
+BACK_OFF = (0.02, 0.03, 0.01, 0.005)  # [m] along the straight way, the preferred one first
+SHORT, SHORT_COST = 0.01, 1.0  # [m] a shorter way is taken where there is no room for more
+OPENINGS = (0.0, 0.1, 0.2, 0.35, 0.5)  # of the way to the open hand
+STRETCH_STEP = 0.002  # [m] of the fastest point between two states of the last stretch
+STRETCH_SHARE = (
+    2 / 3
+)  # of the clearance is kept from the environment on the last stretch, as far as the goal keeps it: an
+# edge could dig in between the hand's points; the object may be touched
+GOAL_ALLOWANCE = 0.0002  # [m] by which the last stretch may be closer than the goal itself: lattice and rounding
+NEAR_ENVIRONMENT = 0.02  # [m] to the surroundings, within which moving away from them is tried too
+WANTED = 6  # pre-contact states offered to the planner
+TRIED = 40  # last stretches looked at to find them
+OPENING_COST, ASIDE_COST, DISTANCE_COST = 1.0, 0.5, 5.0  # order of preference, per unit, per (1 - cosine), per metre
+
+
+@dataclass(frozen=True)
+class PreContacts:
+    """`states`: where to wait, most preferred first; `stuck`: the state nearest to being one, where there is none.
+
+    `stuck_stage`: "pre-contact" when that is the waiting state itself, "contact" when it lies on the last stretch.
+    """
+
+    states: States
+    stuck: State | None = None
+    stuck_stage: str = "pre-contact"
+
+
+def contact_normals(hand: Hand, scene: Scene, q: Float[np.ndarray, " coordinates"]) -> Float[np.ndarray, "contact 3"]:
+    """Outward unit normals of the object where the hand touches it, world; by the definition of contact in use."""
+    T = hand.forward_kinematics(torch.as_tensor(q[None], dtype=torch.float64))[0].numpy()
+    dense = hand.dense_points
+    rotation = T[dense.link, :3, :3]
+    points = np.einsum("pij,pj->pi", rotation, dense.points) + T[dense.link, :3, 3]
+    mesh = scene.object_in_world()
+    low, high = mesh.bounds
+    near = ((points >= low - HAND_CONTACT_DISTANCE) & (points <= high + HAND_CONTACT_DISTANCE)).all(axis=1)
+    hit = ExactDistance(mesh)(points[near])
+    normals = np.einsum("pij,pj->pi", rotation[near], dense.normals[near])
+    return hand_contacts(
+        normals, dense.link[near], distance=hit.distance, closest=hit.closest, object_normals=hit.normal
+    ).normals
+
+
+def back_off_directions(
+    hand: Hand, scene: Scene, check: MotionCheck, q: Float[np.ndarray, " coordinates"]
+) -> tuple[Float[np.ndarray, "n 3"], Float[np.ndarray, " n"]]:
+    """Unit directions in which the hand could draw back, world, and the cosine of each with the contact normals' mean.
+
+    The mean of the contact normals, up, along the fingers backward, back of the hand first, the scene's motion, away from
+    the surroundings where they are within 2 cm, and the sums of two and three of them. Where nothing touches or the
+    normals cancel, away from the object's centre stands for their mean.
+    """
+    normals = contact_normals(hand, scene, q)
+    pose = palm_pose(q)
+    away = pose[:3, 3] - scene.object_in_world().bounds.mean(axis=0)
+    mean = normals.mean(axis=0) if len(normals) else np.zeros(3)
+    if np.linalg.norm(mean) < 0.1:  # opposite contacts cancel
+        mean = away
+    mean = mean / max(float(np.linalg.norm(mean)), 1e-9)
+    back = -pose[:3, :3]
+    own = [mean, np.array([0.0, 0.0, 1.0]), back @ hand.finger_axis, back @ hand.palm_normal, scene.motion]
+    nearest = nearest_obstacle(check, scene, state(pose, 0.0), among=("environment",))
+    if nearest is not None and nearest.clearance < NEAR_ENVIRONMENT:
+        own.append(nearest.away)
+    sums = [sum(parts) for count in (1, 2, 3) for parts in combinations(own, count)]
+    directions = np.array([total for total in sums if np.linalg.norm(total) > 0.3])
+    directions /= np.linalg.norm(directions, axis=1, keepdims=True)
+    return directions, directions @ mean
+
+
+def pre_contacts(hand: Hand, scene: Scene, check: MotionCheck, q: Float[np.ndarray, " coordinates"]) -> PreContacts:
+    """States 10 to 30 mm back, 5 mm where there is no more room, that keep the clearance and lead straight to `q`.
+
+    The fingers are opened where that is needed.
+    """
+    goal = state(palm_pose(q), 0.0)
+    directions, cosine = back_off_directions(hand, scene, check, q)
+    candidates, cost = [], []
+    for opening in OPENINGS:
+        for distance in BACK_OFF:
+            for direction, aligned in zip(directions, cosine, strict=True):
+                candidate = goal.copy()
+                candidate[:3] += distance * direction
+                candidate[7] = opening
+                candidates.append(candidate)
+                short = SHORT_COST * (distance < SHORT)
+                aside = ASIDE_COST * (1 - aligned)
+                cost.append(OPENING_COST * opening + aside + short + DISTANCE_COST * abs(distance - BACK_OFF[0]))
+    order = np.argsort(cost, kind="stable")
+    states = np.array(candidates)[order]
+    distance = check.clearances(states, stop=check.clearance).distance.min(axis=1)
+    free = np.flatnonzero(distance >= check.clearance)
+    if len(free) == 0:
+        return PreContacts(states[:0], states[int(np.argmax(distance))], "pre-contact")
+    floor = contact_floor(check, goal)
+    found, stuck = [], None
+    for index in free[:TRIED]:
+        blocked = blocked_on_stretch(check, states[index], goal, floor=floor)
+        if blocked is None:
+            found.append(states[index])
+            if len(found) == WANTED:
+                break
+        elif stuck is None:
+            stuck = blocked
+    return PreContacts(np.array(found).reshape(-1, 8), None if found else stuck, "contact")
+
+
+def contact_floor(check: MotionCheck, goal: State) -> Float[np.ndarray, "2"]:
+    """Least signed distance to environment and object on the last stretch [m]."""
+    at_goal = check.clearances(goal[None]).distance[0]
+    return np.minimum([STRETCH_SHARE * check.clearance, 0.0], at_goal - GOAL_ALLOWANCE)
+
+
+def blocked_on_stretch(check: MotionCheck, start: State, goal: State, *, floor: Float[np.ndarray, "2"]) -> State | None:
+    """First state on the straight way to contact that is nearer than `floor` [m]; None where there is none."""
+    count = int(np.ceil(check.space.displacement(start, goal) / STRETCH_STEP))
+    states = between(start, goal, np.linspace(0.0, 1.0, count + 1))
+    near = (check.clearances(states, stop=float(floor.min())).distance < floor).any(axis=1)
+    return states[np.argmax(near)] if near.any() else None

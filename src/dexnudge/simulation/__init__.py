@@ -1,0 +1,1 @@
+"""Physics in MuJoCo: whether what statics accepts also holds when it moves."""

@@ -1,0 +1,160 @@
+"""Whether a grasp holds its object in MuJoCo: DexGraspBench's force test (Chen et al., 2025).
+
+The hand squeezes; then a force of 10 * mass newtons pulls at the object's centre of mass for two seconds along each of six
+axes. A grasp holds if the object never gets 5 cm or 15 degrees away from where it was before the squeeze.
+"""
+
+from collections.abc import Sequence
+from dataclasses import dataclass
+
+import mujoco
+import numpy as np
+import trimesh
+from jaxtyping import Float
+
+from dexnudge.hands.hand import Hand
+from dexnudge.hands.physical import POSITION_GAIN
+from dexnudge.mechanics.contacts import HandContacts
+from dexnudge.simulation.convex_pieces import convex_pieces
+from dexnudge.simulation.grasp_model import MASS, build_grasp_model
+from dexnudge.simulation.link_hulls import LinkPieces, link_pieces
+from dexnudge.simulation.object_motion import ObjectPose, at_rest
+from dexnudge.simulation.squeeze import Squeeze, squeeze
+
+PULL = 10.0 * MASS  # [N]
+PULL_STEPS = 500  # 2 s, as in DexGraspBench
+DIRECTIONS = np.concatenate([np.eye(3), -np.eye(3)])
+NAMES = ("+x", "+y", "+z", "-x", "-y", "-z")
+
+CLOSING_UPDATES, CLOSING_STEPS, RAMP = (
+    10,
+    5,
+    5,
+)  # the squeeze grows over 5 updates of 5 steps, then 5 more bring it home
+LEAST_SQUEEZE = 1.0  # [N] sum of the contact forces; as strong as the pull
+SETTLING_STEPS = 25  # 0.1 s with fixed targets
+IDLE_TORQUE = 1.0e-3  # [N m] below which a motor has no part in the squeeze and keeps its place
+CHECK_STEPS = 10  # between two looks at the object
+
+
+@dataclass(frozen=True)
+class Held:
+    """What one grasp did.
+
+    reason: "" if it held, else "no contact", "no squeeze" (forces of its contacts cannot balance), "drops" (the object
+    moved too far) or "diverges" (the simulation did). during: "squeeze" or the direction of the pull that ended the
+    test, "" if it held. translation [m] and rotation [rad]: farthest from the start at any look. steps: of simulation.
+    """
+
+    held: bool
+    reason: str
+    during: str
+    translation: float
+    rotation: float
+    steps: int
+
+
+class HoldTest:
+    """Tests grasps of one hand on one object; each result depends on its grasp alone, not on what was tested before.
+
+    Args:
+        hand: a description from `dexnudge.hands`.
+        object_mesh: metres; its frame is that of q and of the contacts.
+        links: `link_pieces(hand)` where several objects are tested, so that they are made once.
+        full_length: whether pulls go on for their two seconds even when the object has come to rest.
+
+    Raises:
+        MeshError: when the object cannot be cut into convex pieces.
+    """
+
+    def __init__(
+        self, hand: Hand, object_mesh: trimesh.Trimesh, *, links: LinkPieces | None = None, full_length: bool = False
+    ) -> None:
+        links = link_pieces(hand) if links is None else links
+        self._grasp = build_grasp_model(hand, links, object_mesh, convex_pieces(object_mesh))
+        self._half_length = float(np.max(object_mesh.extents)) / 2
+        self._full_length = full_length
+        model = self._grasp.model
+        self._state = np.zeros(mujoco.mj_stateSize(model, mujoco.mjtState.mjSTATE_INTEGRATION))
+
+    def __call__(self, q: Float[np.ndarray, "n coordinates"], contacts: Sequence[HandContacts]) -> list[Held]:
+        """One verdict per grasp q, whose contacts come from the check of its geometry."""
+        return [self._test(row, contact) for row, contact in zip(q, contacts, strict=True)]
+
+    def _test(self, q: Float[np.ndarray, " coordinates"], contacts: HandContacts) -> Held:
+        self._grasp.place(np.asarray(q, dtype=np.float64))
+        run = _Run(self._pose())
+        if len(contacts.points) == 0:
+            return run.verdict("no contact", "squeeze")
+        wanted = squeeze(self._grasp, contacts, half_length=self._half_length)
+        # Forces that hold a pull and its opposite add up to a squeeze: contacts that allow none cannot hold both.
+        if float(np.linalg.norm(wanted.force, axis=1).sum()) < LEAST_SQUEEZE:
+            return run.verdict("no squeeze", "squeeze")
+        self._close(wanted, run)
+        reason = run.look(self._pose())
+        if reason:
+            return run.verdict(reason, "squeeze")
+        kind = mujoco.mjtState.mjSTATE_INTEGRATION
+        mujoco.mj_getState(self._grasp.model, self._grasp.data, self._state, kind)
+        for name, direction in zip(NAMES, DIRECTIONS, strict=True):
+            mujoco.mj_setState(self._grasp.model, self._grasp.data, self._state, kind)
+            reason = self._pull(direction, run)
+            if reason:
+                return run.verdict(reason, name)
+        return run.verdict("", "")
+
+    def _close(self, wanted: Squeeze, run: "_Run") -> None:
+        """Bring the motors to the wanted torques, whatever gaps they close on the way, and leave their targets there."""
+        model, data = self._grasp.model, self._grasp.data
+        idle = np.abs(wanted.motor_torque) < IDLE_TORQUE
+        place = np.array(data.ctrl)
+        low, high = model.actuator_ctrlrange.T
+        for update in range(CLOSING_UPDATES):
+            share = min(1.0, (update + 1) / RAMP)
+            target = data.actuator_length + share * wanted.motor_torque / POSITION_GAIN
+            data.ctrl[:] = np.clip(np.where(idle, place, target), low, high)
+            self._step(CLOSING_STEPS, run)
+        self._step(SETTLING_STEPS, run)
+
+    def _pull(self, direction: Float[np.ndarray, " 3"], run: "_Run") -> str:
+        self._grasp.data.xfrc_applied[self._grasp.object_body, :3] = PULL * direction
+        poses: list[ObjectPose] = []
+        for done in range(CHECK_STEPS, PULL_STEPS + 1, CHECK_STEPS):
+            self._step(CHECK_STEPS, run)
+            poses.append(self._pose())
+            reason = run.look(poses[-1])
+            if reason:
+                return reason
+            if not self._full_length and at_rest(run.start, poses, (PULL_STEPS - done) // CHECK_STEPS):
+                break
+        return ""
+
+    def _step(self, steps: int, run: "_Run") -> None:
+        mujoco.mj_step(self._grasp.model, self._grasp.data, nstep=steps)
+        run.steps += steps
+
+    def _pose(self) -> ObjectPose:
+        data, free = self._grasp.data, self._grasp.object_position
+        return ObjectPose(np.array(data.xipos[self._grasp.object_body]), np.array(data.qpos[free + 3 : free + 7]))
+
+
+@dataclass
+class _Run:
+    """What has been seen of one grasp so far."""
+
+    start: ObjectPose
+    translation: float = 0.0
+    rotation: float = 0.0
+    steps: int = 0
+
+    def look(self, pose: ObjectPose) -> str:
+        """Note a pose; the reason why the test ends here, if it does."""
+        translation, rotation = self.start.distance(pose)
+        if not np.isfinite(translation + rotation):
+            return "diverges"
+        self.translation, self.rotation = max(self.translation, translation), max(self.rotation, rotation)
+        return "drops" if self.start.share(pose) > 1.0 else ""
+
+    def verdict(self, reason: str, during: str) -> Held:
+        """The outcome so far; no reason means that the grasp holds."""
+        return Held(not reason, reason, during, self.translation, self.rotation, self.steps)

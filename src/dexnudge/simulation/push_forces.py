@@ -1,0 +1,168 @@
+"""The forces with which a hand slides an object, chosen so that its motors can make them, and the motor torques for them.
+
+Many forces balance a sliding object. Wanted are ones that keep away from the edges of the friction cones, with which every
+link that touches presses a little, and which fingers with a shared tendon can hold: such a tendon pulls on both of its
+joints alike, and what differs only a joint's end stop, or the order of the two joints, can carry.
+"""
+
+from dataclasses import dataclass, replace
+
+import mujoco
+import numpy as np
+from jaxtyping import Float
+from scipy.optimize import nnls
+
+from dexnudge.hands.hand import ROOT_COORDINATES
+from dexnudge.mechanics.balance import balance_problem, contact_forces
+from dexnudge.mechanics.contacts import HandContacts, SupportContacts
+from dexnudge.mechanics.friction_cone import EDGE_COUNT, friction_cone_edges
+from dexnudge.mechanics.sliding_task import SlidingTask
+from dexnudge.simulation.closing import closed_configuration
+from dexnudge.simulation.push_model import PushModel
+
+CONE_SHARES = (0.5, 0.7, 0.85, 1.0)  # of the hand's friction that the forces use; the first that balances is taken
+PRELOAD = 3.0  # [N] with which every link that touches should press: a finger that rests keeps the object from turning
+BALANCE = 100.0  # weight of the net wrench against the size of the forces: balance comes first
+TENDON = 3.0  # weight of torques that a shared tendon cannot make
+PRESSING = 0.5  # weight of the preload
+EVENNESS = 0.1  # weight of each edge's own size: forces spread over contacts
+LEVER = 0.05  # [m] that makes a torque a force in these weights: a finger's segment
+UNBALANCED = 0.02  # net wrench over weight up to which forces count as balanced
+LEAST_FORCE = 0.05  # [N] below which a link need not touch
+AT_STOP = 0.02  # [rad] from an end stop at which it carries load
+
+
+@dataclass(frozen=True)
+class PushForces:
+    """What the hand is to press with.
+
+    force: on the object per contact [N, world]. closing: of each motor until the pressing links touch [rad], and
+    base_closing of the base [m, world]. motor_torque: [N m] per motor. base_wrench: force [N] and torque about the
+    palm's origin [N m] that the base is to press with, world. cone_share: of the
+    hand's friction that the forces use; 0 where no forces balance and the hand only holds its place.
+    """
+
+    force: Float[np.ndarray, "contact 3"]
+    closing: Float[np.ndarray, " motor"]
+    base_closing: Float[np.ndarray, " 3"]
+    motor_torque: Float[np.ndarray, " motor"]
+    base_wrench: Float[np.ndarray, " 6"]
+    cone_share: float
+
+
+def push_forces(
+    push: PushModel,
+    q: Float[np.ndarray, " coordinates"],
+    contacts: HandContacts,
+    supports: SupportContacts,
+    task: SlidingTask,
+) -> PushForces:
+    """Forces of the configuration q, which places the model.
+
+    Non-negative least squares over the edges of narrowed friction cones and the supports' normal forces: no net wrench
+    while the object slides, little load that tendons cannot hold, a preload on every link, small and even forces; no link
+    above the task's largest normal force. Where none balance, the linear program's forces in the whole cone.
+    """
+    push.place(q)
+    jacobians = _contact_jacobians(push, contacts)
+    for share in CONE_SHARES:
+        narrowed = replace(task, friction_hand=share * task.friction_hand)
+        force = _balanced(push, q, contacts, supports, narrowed, jacobians)
+        if force is not None:
+            break
+    else:
+        solved = contact_forces(contacts, supports, task)
+        force, share = (np.zeros((len(contacts.points), 3)), 0.0) if solved is None else (solved.hand, 1.0)
+    load = np.bincount(contacts.link, weights=np.linalg.norm(force, axis=1), minlength=1)
+    closed = closed_configuration(push, q, np.flatnonzero(load > LEAST_FORCE).tolist())
+    return PushForces(
+        force=force,
+        closing=push.indices.motor_of_angle @ (closed - q)[ROOT_COORDINATES:],
+        base_closing=(closed - q)[:3],
+        motor_torque=_motor_torque(push, q, jacobians, force),
+        base_wrench=np.concatenate([force.sum(axis=0), np.cross(contacts.points - q[:3], force).sum(axis=0)]),
+        cone_share=share,
+    )
+
+
+def _balanced(
+    push: PushModel,
+    q: np.ndarray,
+    contacts: HandContacts,
+    supports: SupportContacts,
+    task: SlidingTask,
+    jacobians: np.ndarray,
+) -> Float[np.ndarray, "contact 3"] | None:
+    problem = balance_problem(contacts, supports, task)
+    if problem.blocked or len(contacts.points) == 0:
+        return None
+    edges = friction_cone_edges(contacts.normals, task.motion, friction=task.friction_hand)
+    hand = problem.hand.reshape(-1, 6)
+    support = problem.support_normal + problem.support_friction
+    mismatch, slack = _tendon_rows(push, q, np.einsum("cxa,ckx->cka", jacobians, edges).reshape(len(hand), -1))
+    count, others = len(hand), len(support) + slack.shape[1]
+    links = np.repeat(problem.link, EDGE_COUNT)
+    of_link = (links == np.arange(problem.link.max() + 1)[:, None]).astype(float)
+    rows = np.concatenate(
+        [
+            BALANCE * np.concatenate([hand.T, support.T, np.zeros((6, slack.shape[1]))], axis=1),
+            TENDON / LEVER * np.concatenate([mismatch, np.zeros((len(mismatch), len(support))), slack], axis=1),
+            EVENNESS * np.eye(count, count + others),
+            PRESSING * np.pad(of_link, ((0, 0), (0, others))),
+        ]
+    )
+    preload = np.full(len(of_link), PRESSING * PRELOAD / task.weight)
+    wanted = np.concatenate([-BALANCE * problem.load, np.zeros(len(rows) - 6 - len(preload)), preload])
+    capped: set[int] = set()
+    while True:
+        size, _ = nnls(rows, wanted)
+        if np.linalg.norm(rows[:6] @ size - wanted[:6]) > BALANCE * UNBALANCED:
+            return None
+        load = np.bincount(links, weights=size[:count])
+        over = {int(link) for link in np.flatnonzero(load > problem.cap * (1 + UNBALANCED))} - capped
+        if not over:
+            force = np.einsum("ck,ckx->cx", size[:count].reshape(-1, EDGE_COUNT), edges)
+            return np.asarray(force * task.weight)
+        capped |= over
+        for link in sorted(over):  # a link above its limit is held at it
+            row = np.concatenate([BALANCE * (links == link), np.zeros(others)])
+            rows, wanted = np.concatenate([rows, row[None]]), np.append(wanted, BALANCE * problem.cap)
+
+
+def _tendon_rows(
+    push: PushModel, q: np.ndarray, torque: Float[np.ndarray, "edge angle"]
+) -> tuple[Float[np.ndarray, "pair edge"], Float[np.ndarray, "pair slack"]]:
+    """Follower's minus leader's torque per edge [N m per unit force], and what the joints' stops take of it."""
+    pairs = push.hand.coupled_indices
+    mismatch = (torque[:, pairs[:, 0]] - torque[:, pairs[:, 1]]).T
+    straight, together = _stops(push, q)
+    slack = np.concatenate([-np.diag(straight.astype(float)), np.diag(together.astype(float))], axis=1)
+    return mismatch, slack[:, np.abs(slack).sum(axis=0) > 0] * LEVER
+
+
+def _stops(push: PushModel, q: np.ndarray) -> tuple[np.ndarray, np.ndarray]:
+    """Per coupled pair: whether the follower is at its lower stop, and whether it is as far as its leader."""
+    angles, pairs = q[ROOT_COORDINATES:], push.hand.coupled_indices
+    follower, leader = angles[pairs[:, 0]], angles[pairs[:, 1]]
+    return follower < push.hand.lower[pairs[:, 0]] + AT_STOP, follower > leader - AT_STOP
+
+
+def _motor_torque(push: PushModel, q: np.ndarray, jacobians: np.ndarray, force: np.ndarray) -> np.ndarray:
+    """J^T f per motor; of a shared tendon the mean of its joints', or the leader's where a stop carries the follower."""
+    torque = np.einsum("cxa,cx->a", jacobians, force)
+    motors = push.indices.motor_of_angle
+    found = torque @ push.indices.angle_of_motor
+    for (follower, leader), straight in zip(push.hand.coupled_indices, _stops(push, q)[0], strict=True):
+        if straight and torque[follower] > torque[leader]:
+            found[motors[:, leader] > 0] = torque[leader]
+    return np.asarray(found)
+
+
+def _contact_jacobians(push: PushModel, contacts: HandContacts) -> Float[np.ndarray, "contact 3 angle"]:
+    """d point / d joint angles [m/rad] of the points of the hand at the contacts, with the palm fixed."""
+    jacobian = np.zeros((3, push.model.nv))
+    found = np.zeros((len(contacts.points), 3, push.indices.dof_of_angle.shape[1]))
+    for index, (point, link) in enumerate(zip(contacts.points, contacts.link, strict=True)):
+        mujoco.mj_jac(push.model, push.data, jacobian, None, point, int(push.indices.link_body[link]))
+        found[index] = jacobian @ push.indices.dof_of_angle
+    return found

@@ -1,0 +1,82 @@
+"""`dexnudge execute` from a sampled folder to verdict, traces and a model that MuJoCo opens; and input it refuses."""
+
+import json
+import shutil
+
+import mujoco
+import numpy as np
+import pytest
+
+from dexnudge.results.configurations import load_configurations
+
+
+@pytest.fixture(scope="module")
+def sampled(tmp_path_factory):
+    from dexnudge.cli.main import main
+
+    folder = tmp_path_factory.mktemp("execute") / "phone"
+    assert main(["sample", "phone", "--scene", "table", "--num", "8", "--seed", "0", "--out", str(folder)]) == 0
+    return folder
+
+
+@pytest.mark.slow
+def test_the_best_configuration_pushes_a_phone_over_a_table(dexnudge, sampled, tmp_path):
+    out = tmp_path / "execution"
+    outcome = dexnudge("execute", sampled, "--out", out)
+    assert outcome.code == 0
+    assert "1 of 1 succeed" in outcome.out
+    summary = json.loads((out / "summary.json").read_text(encoding="utf-8"))
+    (row,) = summary["configurations"]
+    assert (summary["attempted"], summary["succeeded"], summary["failed"]) == (1, 1, 0)
+    assert row["advanced"] >= 0.08
+    assert row["turned_deg"] < 15
+    assert row["hand_environment"] <= 0.002
+    with np.load(out / "configuration_000.npz", allow_pickle=False) as traces:
+        scene = json.loads((sampled / "scene.json").read_text(encoding="utf-8"))
+        moved = (traces["object_pose"][-1, :3] - traces["object_pose"][5, :3]) @ scene["motion"]
+        assert moved == pytest.approx(row["advanced"], abs=1e-3)
+        assert traces["hand_object_force"][traces["phase"] == "push", 0].max() > 0
+        qpos = traces["qpos"]
+    model = mujoco.MjModel.from_xml_path(str(out / "scene.xml"))
+    assert model.nkey > 5
+    np.testing.assert_allclose(model.key_qpos[-1], qpos[-1], atol=1e-8)
+    assert model.opt.timestep == 0.002
+    assert model.opt.cone == mujoco.mjtCone.mjCONE_ELLIPTIC
+    again = dexnudge("execute", sampled, "--out", out)
+    assert again.code == 2
+    assert "exists" in again.err
+
+
+@pytest.mark.slow
+def test_folders_that_cannot_be_executed_are_refused(dexnudge, sampled, tmp_path):
+    none = tmp_path / "none verified"
+    shutil.copytree(sampled, none)
+    configurations = load_configurations(none)
+    configurations.success[:] = False
+    configurations.save(none)
+    outcome = dexnudge("execute", none)
+    assert outcome.code == 2
+    assert "none of the 8 configurations is verified; expected at least one" in outcome.err
+    assert not (none / "execution").exists()
+    sheet = tmp_path / "sheet"
+    shutil.copytree(sampled, sheet)
+    (sheet / "environment.obj").write_text(
+        "v -1 -1 0\nv 1 -1 0\nv 1 1 0\nv -1 1 0\nf 1 2 3\nf 1 3 4\n", encoding="ascii"
+    )
+    outcome = dexnudge("execute", sheet)
+    assert outcome.code == 2
+    assert "part 1 of 1 of the environment (2 triangles around (0.000, 0.000, 0.000)) is a flat sheet" in outcome.err
+
+
+def test_a_folder_that_is_not_there_is_refused(dexnudge, tmp_path):
+    outcome = dexnudge("execute", tmp_path / "missing")
+    assert outcome.code == 2
+    assert outcome.err == (
+        f"dexnudge: {tmp_path / 'missing'} is not a folder; expected the one that `dexnudge sample --out` wrote\n"
+    )
+
+
+def test_counts_below_one_are_refused(dexnudge, tmp_path):
+    outcome = dexnudge("execute", tmp_path, "--top", "0")
+    assert outcome.code == 2
+    assert outcome.err == "dexnudge: --top is 0; expected 1 or more\n"

@@ -1,0 +1,50 @@
+"""Bars and intervals are as long as their numbers."""
+
+from xml.etree import ElementTree
+
+import numpy as np
+import pytest
+
+from dexnudge.evaluation.estimate import Estimate
+from dexnudge.evaluation.interval_chart import interval_chart
+
+SVG = "{http://www.w3.org/2000/svg}"
+GROUPS = {
+    "table <1>": {"ours & others": Estimate(0.8, 0.7, 0.9), "none": Estimate(0.0, 0.0, 0.0)},
+    "shelf": {"ours & others": Estimate(0.4, 0.1, 0.5)},
+}
+
+
+def parts(svg):
+    root = ElementTree.fromstring(svg)  # noqa: S314  our own text
+    bars = [rect for rect in root.iter(f"{SVG}rect") if rect.get("data-value")]
+    return root, bars, [line for line in root.iter(f"{SVG}line") if line.get("stroke-width")]
+
+
+def test_lengths_are_proportional_to_the_numbers():
+    _, bars, intervals = parts(interval_chart("Rates", GROUPS, limit=1.0, factor=100.0))
+    assert [float(bar.get("data-value")) for bar in bars] == [0.8, 0.0, 0.4]
+    widths = [float(bar.get("width")) for bar in bars]
+    assert widths[1] == 0.0
+    assert widths[0] == pytest.approx(2 * widths[2], abs=0.02)
+    unit, left = widths[0] / 0.8, float(bars[0].get("x"))
+    for line, (low, high) in zip(intervals, [(0.7, 0.9), (0.0, 0.0), (0.1, 0.5)], strict=True):
+        assert float(line.get("x1")) == pytest.approx(left + low * unit, abs=0.02)
+        assert float(line.get("x2")) == pytest.approx(left + high * unit, abs=0.02)
+    assert bars[0].get("fill") != bars[2].get("fill")
+
+
+def test_names_and_numbers_stand_beside_the_bars():
+    root, _, _ = parts(interval_chart("Rates [%]", GROUPS, factor=100.0))
+    texts = [text.text for text in root.iter(f"{SVG}text")]
+    assert texts[0] == "Rates [%]"
+    assert {"table <1>", "ours & others", "80 (70-90)", "40 (10-50)"} <= set(texts)
+
+
+def test_nothing_reaches_beyond_the_chart():
+    bars = {"one": {"fast": Estimate(2.0, 1.0, np.inf), "endless": Estimate(np.inf, 1.0, np.inf)}}
+    root, found, lines = parts(interval_chart("Rates", bars))
+    width = float(root.get("width"))
+    assert all(float(bar.get("x")) + float(bar.get("width")) <= width for bar in found)
+    assert all(float(line.get("x2")) <= width for line in lines)
+    assert float(root.get("height")) > max(float(bar.get("y")) + float(bar.get("height")) for bar in found)

@@ -1,0 +1,95 @@
+"""`benchmarks/publish.py` writes the pages from the reports of either command."""
+
+import importlib.util
+from contextlib import closing
+from dataclasses import asdict, replace
+from pathlib import Path
+
+import pytest
+
+from dexnudge.evaluation.claimed_folder import claim_folder
+from dexnudge.evaluation.experiment_config import ExperimentConfig
+from dexnudge.evaluation.experiments import FILE, FORMAT_VERSION
+from dexnudge.evaluation.report import write_report
+from dexnudge.evaluation.reproduction import FILE as REPRODUCTION_FILE
+from dexnudge.evaluation.reproduction import ReproductionConfig, parts
+from dexnudge.evaluation.reproduction_report import write_reproduction_report
+from dexnudge.evaluation.rows import RowWriter
+
+SCRIPT = Path(__file__).parents[2] / "benchmarks" / "publish.py"
+README = "before\n<!-- results:begin -->\nold\n<!-- results:end -->\nafter\n"
+OURS = "| table | dexnudge | 25.0 ("  # of the made-up rows
+
+
+@pytest.fixture(scope="module")
+def publish():
+    spec = importlib.util.spec_from_file_location("publish", SCRIPT)
+    module = importlib.util.module_from_spec(spec)
+    spec.loader.exec_module(module)
+    return module.Publish
+
+
+@pytest.fixture
+def root(tmp_path):
+    root = tmp_path / "repository"
+    (root / "docs").mkdir(parents=True)
+    (root / "README.md").write_text(README)
+    return root
+
+
+@pytest.fixture
+def evaluated(tmp_path, made_up_rows):
+    folder = tmp_path / "evaluated"
+    config = asdict(ExperimentConfig(objects="some", scenes=("table",), num=4))
+    claim_folder(folder, FILE, config, format_version=FORMAT_VERSION, device="cpu")
+    with closing(RowWriter(folder)) as writer:
+        for row in made_up_rows:
+            writer.append(row)
+    write_report(folder)
+    return folder
+
+
+@pytest.fixture
+def reproduced(tmp_path, made_up_rows):
+    """Without the forearm nothing succeeds, so that the README's table shows which part it is made from."""
+    folder = tmp_path / "reproduced"
+    objects = tmp_path / "objects"
+    objects.mkdir()
+    for row in made_up_rows:
+        (objects / f"{row.object}.obj").write_text("")
+    config = ReproductionConfig(objects=str(objects), scenes=("table",), num=4, quick=True)
+    claim_folder(folder, REPRODUCTION_FILE, asdict(config), format_version=1, device="cpu")
+    for part in parts(config):
+        claim_folder(folder / part.folder, FILE, asdict(part.config), format_version=FORMAT_VERSION, device="cpu")
+        with closing(RowWriter(folder / part.folder)) as writer:
+            for method in part.config.methods:
+                for row in made_up_rows:
+                    success = row.success if part.config.base else [False] * len(row.success)
+                    writer.append(replace(row, method=method, success=success))
+    write_reproduction_report(folder)
+    return folder
+
+
+def test_a_run_of_evaluate(publish, root, evaluated):
+    publish((evaluated,), root=root).run()
+    readme = (root / "README.md").read_text()
+    assert readme.startswith("before\n<!-- results:begin -->\n| scene |")
+    assert readme.endswith("<!-- results:end -->\nafter\n")
+    assert OURS in readme
+    assert "4 objects of `some`, 4 draws each, seed 0" in readme
+    assert (root / "docs" / "results.md").read_text() == (evaluated / "report.md").read_text()
+
+
+def test_a_run_of_reproduce_with_its_plots(publish, root, reproduced, evaluated):
+    publish((reproduced, evaluated), root=root).run()
+    readme = (root / "README.md").read_text()
+    assert OURS in readme
+    assert "| table | random start + projection | 25.0 (" in readme
+    results = (root / "docs" / "results.md").read_text()
+    assert "](plots/" not in results
+    assert "](images/reproduced-with_base-single.svg)" in results
+    assert results.endswith((evaluated / "report.md").read_text())
+    copied = root / "docs" / "images" / "reproduced-with_base-single.svg"
+    assert copied.read_bytes() == (reproduced / "plots" / "with_base-single.svg").read_bytes()
+    shown = {part.split(")")[0] for part in results.split("](images/")[1:]}
+    assert shown == {file.name for file in (root / "docs" / "images").iterdir()}

@@ -1,0 +1,76 @@
+"""What a hand is asked for once is made once, for that hand alone, and goes when the hand goes."""
+
+import gc
+import weakref
+from dataclasses import replace
+
+import pytest
+
+from dexnudge.hands.hand import Hand
+from dexnudge.hands.per_hand import per_hand
+
+
+class Costly:
+    """What was made, of a hand with that name."""
+
+    def __init__(self, name: str) -> None:
+        self.name = name
+
+
+@pytest.fixture
+def made():
+    """A decorated function and the names of the hands that it was called for."""
+    calls: list[str] = []
+
+    @per_hand
+    def make(hand: Hand) -> Costly:
+        """Makes it."""
+        calls.append(hand.name)
+        return Costly(hand.name)
+
+    return make, calls
+
+
+def test_made_once_for_each_hand(made, small):
+    make, calls = made
+    equal, other = replace(small), replace(small, name="other")
+    assert make(small) is make(small)
+    assert calls == [small.name]
+    assert make(other).name == "other"
+    assert make(equal) is not make(small)  # by identity: equal arrays are not looked at
+    assert make(small).name == small.name
+    assert calls == [small.name, "other", small.name]
+    assert make.__doc__ == "Makes it."
+
+
+def test_two_functions_do_not_share_what_they_made(small):
+    one, two = per_hand(lambda hand: Costly(hand.name + "1")), per_hand(lambda hand: Costly(hand.name + "2"))
+    assert (one(small).name, two(small).name) == (small.name + "1", small.name + "2")
+
+
+def test_freed_with_the_hand_and_made_anew_for_the_next(made, small):
+    make, calls = made
+    for turn in range(20):  # a new hand often gets the address of the one before
+        hand = replace(small, name=f"hand {turn}")
+        result = weakref.ref(make(hand))
+        assert make(hand).name == hand.name
+        del hand
+        gc.collect()
+        assert result() is None
+    assert calls == [f"hand {turn}" for turn in range(20)]
+
+
+def test_what_fails_to_be_made_is_tried_again(small):
+    attempts = []
+
+    @per_hand
+    def make(hand: Hand) -> Costly:
+        attempts.append(hand.name)
+        if len(attempts) == 1:
+            raise MemoryError
+        return Costly(hand.name)
+
+    with pytest.raises(MemoryError):
+        make(small)
+    assert make(small).name == small.name
+    assert len(attempts) == 2

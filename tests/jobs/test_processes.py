@@ -1,0 +1,128 @@
+"""Tasks in several processes: every task answered once, whatever dies."""
+
+import os
+import signal
+import subprocess
+import sys
+import textwrap
+import time
+from pathlib import Path
+
+import pytest
+
+from dexnudge.errors import MeshError
+from dexnudge.jobs.answers import WorkerDied
+from dexnudge.jobs.processes import run_tasks
+
+
+def make_square():
+    return lambda x: x * x
+
+
+def make_fragile():
+    def handle(x):
+        if x == 3:
+            os.kill(os.getpid(), signal.SIGKILL)
+        return x
+
+    return handle
+
+
+def make_refusing():
+    def handle(x):
+        raise MeshError("no good") if x else ZeroDivisionError("ours")
+
+    return handle
+
+
+def make_impossible():
+    raise MeshError("nothing to load")
+
+
+@pytest.mark.parametrize("workers", [1, 2])
+@pytest.mark.parametrize("count", [0, 1, 7])
+def test_every_task_is_answered_once(workers, count):
+    results = dict(run_tasks(make_square, range(count), workers=workers))
+    assert results == {x: x * x for x in range(count)}
+
+
+def test_a_killed_process_costs_its_own_task_only():
+    results = dict(run_tasks(make_fragile, range(8), workers=2))
+    assert results.pop(3) == WorkerDied(-signal.SIGKILL)
+    assert results == {x: x for x in range(8) if x != 3}
+
+
+@pytest.mark.parametrize("workers", [1, 2])
+def test_deliberate_errors_arrive_as_they_are(workers):
+    with pytest.raises(MeshError, match="no good"):
+        list(run_tasks(make_refusing, [1, 1, 1], workers=workers))
+    with pytest.raises(MeshError, match="nothing to load"):
+        list(run_tasks(make_impossible, [1, 1], workers=workers))
+
+
+def test_a_bug_in_a_process_arrives_with_its_traceback():
+    with pytest.raises(RuntimeError, match=r"(?s)in a worker process, on 0:.*ZeroDivisionError: ours"):
+        list(run_tasks(make_refusing, [0], workers=2))
+
+
+def make_patient(folder):
+    """Leaves its process id in the folder and takes a minute."""
+
+    def handle(x):
+        (folder / str(os.getpid())).touch()
+        time.sleep(60)
+
+    return handle
+
+
+def test_a_single_worker_may_have_a_process_that_may_die():
+    results = dict(run_tasks(make_fragile, [2, 3, 4], workers=1, isolated=True))
+    assert results == {2: 2, 3: WorkerDied(-signal.SIGKILL), 4: 4}
+    assert "died (exit code -9), for example for want of memory" in results[3].reason
+
+
+PARENT = """
+    import sys, time
+    from functools import partial
+    from pathlib import Path
+    from dexnudge.jobs.processes import run_tasks
+
+    sys.path.insert(0, {here!r})
+    from test_processes import make_patient
+
+    if __name__ == "__main__":
+        list(run_tasks(partial(make_patient, Path(sys.argv[1])), [1, 2], workers=2))
+"""
+
+
+def is_alive(process: int) -> bool:
+    try:
+        state = Path(f"/proc/{process}/stat").read_text().rpartition(")")[2].split()[0]
+    except FileNotFoundError:
+        return False
+    return state != "Z"
+
+
+@pytest.mark.skipif(not Path("/proc/self/stat").exists(), reason="looks for processes in /proc")
+@pytest.mark.parametrize("how", [signal.SIGKILL, signal.SIGINT])
+def test_processes_end_with_the_one_that_started_them(tmp_path, how):
+    script, folder = tmp_path / "parent.py", tmp_path / "running"
+    script.write_text(textwrap.dedent(PARENT.format(here=str(Path(__file__).parent))))
+    folder.mkdir()
+    parent = subprocess.Popen(
+        [sys.executable, script, folder], stderr=subprocess.PIPE, text=True, start_new_session=True
+    )
+    deadline = time.monotonic() + 30.0
+    while len(list(folder.iterdir())) < 2 and time.monotonic() < deadline:
+        time.sleep(0.05)
+    children = [int(path.name) for path in folder.iterdir()]
+    assert len(children) == 2
+    if how == signal.SIGINT:
+        os.killpg(parent.pid, how)  # as a terminal does on Ctrl-C: to the parent and its processes alike
+    else:
+        parent.kill()
+    _, message = parent.communicate(timeout=30)
+    while any(map(is_alive, children)) and time.monotonic() < deadline:
+        time.sleep(0.05)
+    assert not any(map(is_alive, children))
+    assert message.count("Traceback") == (1 if how == signal.SIGINT else 0)  # the parent's own KeyboardInterrupt

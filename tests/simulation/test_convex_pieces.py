@@ -1,0 +1,56 @@
+"""Pieces against the mesh itself: they cover it, and do not reach far outside it."""
+
+import numpy as np
+import pytest
+import trimesh
+from scipy.spatial import ConvexHull
+
+from dexnudge.geometry.exact_distance import ExactDistance
+from dexnudge.geometry.surface_points import surface_points
+from dexnudge.objects.builtin import builtin_object
+from dexnudge.simulation.convex_pieces import TOLERANCE, bodies_of, convex_pieces
+from dexnudge.simulation.simple_hull import simple_hull
+
+
+def test_a_convex_object_is_one_piece():
+    mesh = builtin_object("box")
+    (piece,) = convex_pieces(mesh)
+    assert ConvexHull(piece).volume == pytest.approx(mesh.volume, rel=0.01)
+
+
+def test_pieces_cover_a_camera_phone_and_stay_close_to_it():
+    mesh = builtin_object("phone-063")  # the hull of this one is half as large again
+    pieces = convex_pieces(mesh)
+    assert len(pieces) > 1
+    points = surface_points(mesh, spacing=0.004).points
+    equations = [ConvexHull(piece).equations for piece in pieces]
+    depth = np.min([(points @ e[:, :3].T + e[:, 3]).max(axis=1) for e in equations], axis=0)
+    assert depth.max() < 2 * TOLERANCE
+    distance = ExactDistance(mesh)
+    outside = [distance(piece).distance.max() for piece in pieces]
+    assert max(outside) < 2.0e-4
+    assert sum(ConvexHull(piece).volume for piece in pieces) == pytest.approx(mesh.volume, rel=0.02)
+
+
+@pytest.mark.slow
+def test_the_same_mesh_gives_the_same_pieces():
+    mesh = builtin_object("phone-063")
+    for one, two in zip(convex_pieces(mesh), convex_pieces(mesh), strict=True):
+        np.testing.assert_array_equal(one, two)
+
+
+def test_bodies_that_are_convex_are_taken_as_they_are():
+    left, right = trimesh.creation.box((0.03, 0.02, 0.01)), trimesh.creation.box((0.02, 0.05, 0.01))
+    right.apply_translation((0.03, 0.0, 0.0))
+    both = trimesh.util.concatenate([left, right])
+    assert len(bodies_of(both)) == 2
+    volumes = sorted(ConvexHull(piece).volume for piece in convex_pieces(both))
+    assert volumes == pytest.approx([0.6e-5, 1.0e-5])
+
+
+def test_simple_hull_leaves_out_at_most_the_tolerance():
+    ball = trimesh.creation.icosphere(subdivisions=4, radius=0.01)
+    kept = simple_hull(np.asarray(ball.vertices), tolerance=2.0e-4)
+    equations = ConvexHull(kept).equations
+    assert (ball.vertices @ equations[:, :3].T + equations[:, 3]).max() <= 2.0e-4
+    assert len(kept) < len(ball.vertices) / 10

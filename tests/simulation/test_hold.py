@@ -1,0 +1,104 @@
+"""Whether grasps hold: Coulomb's law for two pads, and a grasp of the Shadow Hand."""
+
+import json
+from pathlib import Path
+
+import mujoco
+import numpy as np
+import pytest
+import trimesh
+
+from dexnudge.geometry.frames import resting_origin
+from dexnudge.hands.shadow_lite import shadow_lite
+from dexnudge.mechanics.contacts import HandContacts
+from dexnudge.objects.builtin import builtin_object
+from dexnudge.scenes.resting import resting_pose
+from dexnudge.simulation import hold
+from dexnudge.simulation import squeeze as squeezing
+from dexnudge.simulation.grasp_model import FRICTION, build_grasp_model
+from dexnudge.simulation.hold import HoldTest
+from dexnudge.simulation.link_hulls import link_pieces
+
+HALF_WIDTH = 0.02  # [m] of the block, along y
+
+
+@pytest.fixture(scope="module")
+def pads(pad_hand, block) -> HoldTest:
+    return HoldTest(pad_hand, block)
+
+
+@pytest.mark.parametrize(("share", "held"), [(1.1, True), (0.9, False)])
+def test_two_pads_hold_exactly_what_coulomb_allows(pads, pad_grasp, monkeypatch, share, held):
+    # Both pads press with N: along x and z the block holds while 2 * friction * N > F.
+    normal = share * hold.PULL / (2 * FRICTION)
+    monkeypatch.setattr(squeezing, "SQUEEZE", 2 * normal)
+    monkeypatch.setattr(squeezing, "EVENNESS", 1e-3)  # so that the sum is what is asked for
+    q, contacts = pad_grasp
+    (result,) = pads(q[None], [contacts])
+    assert result.held is held
+    if not held:
+        assert (result.reason, result.during) == ("drops", "+x")
+        assert result.translation > 0.05
+
+
+@pytest.mark.parametrize(("share", "slips"), [(0.95, False), (1.05, True)])
+def test_a_block_on_an_incline_slips_above_the_friction_angle(pad_hand, block, share, slips):
+    # Gravity turned by theta against the top of one fixed slab: the block slides iff tan(theta) > friction. A pair of
+    # pieces makes one contact, so the block stands on four feet.
+    feet = []
+    for x in (-0.025, 0.025):
+        for z in (-0.015, 0.015):
+            foot = trimesh.creation.box((0.01, 2 * HALF_WIDTH, 0.01))
+            foot.apply_translation((x, 0.0, z))
+            feet.append(np.asarray(foot.vertices))
+    slab = np.asarray(trimesh.creation.box((0.4, 0.1, 0.4)).vertices)
+    grasp = build_grasp_model(pad_hand, [[slab], [], []], block, feet)
+    model, data = grasp.model, grasp.data
+    theta = np.arctan(share * FRICTION)
+    model.opt.gravity[:] = 9.81 * np.array([np.sin(theta), -np.cos(theta), 0.0])
+    q = np.array([0.0, -HALF_WIDTH - 0.05, 0.0, 1.0, 0.0, 0.0, 0.0, 1.0, 0.0, 0.0, 0.0])
+    grasp.place(q)
+    mujoco.mj_step(model, data, nstep=50)
+    place, velocity = np.array(data.xipos[grasp.object_body]), float(data.qvel[grasp.object_velocity])
+    mujoco.mj_step(model, data, nstep=100)
+    if slips:
+        acceleration = (float(data.qvel[grasp.object_velocity]) - velocity) / (100 * model.opt.timestep)
+        friction = np.tan(theta) - acceleration / (9.81 * np.cos(theta))  # Coulomb
+        assert friction == pytest.approx(FRICTION, rel=0.05)
+    else:
+        assert np.linalg.norm(data.xipos[grasp.object_body] - place) < 1e-4
+
+
+# q and contacts of a grasp that the generator made of the built-in box, rounded to 0.1 mm.
+GRASP = json.loads(Path(__file__).with_name("shadow_grasp.json").read_text(encoding="utf-8"))
+
+
+@pytest.mark.slow
+def test_a_shadow_hand_holds_a_box_until_it_opens_its_fingers():
+    hand, mesh = shadow_lite(), builtin_object("box")
+    mesh.apply_transform(resting_pose(mesh))
+    mesh.apply_translation(-resting_origin(mesh))
+    contacts = HandContacts(
+        points=np.array(GRASP["points"]), normals=np.array(GRASP["normals"]), link=np.array(GRASP["link"])
+    )
+    closed = np.array(GRASP["q"])
+    opened = closed.copy()
+    opened[9:] = np.clip(0.0, hand.lower, hand.upper)
+    opened[9 + hand.joint_names.index("THJ4")] = 0.0
+    links = link_pieces(hand)
+    test = HoldTest(hand, mesh, links=links)
+    grasped, dropped = test(np.stack([closed, opened]), [contacts, _none()])
+    assert (grasped.held, grasped.reason) == (True, "")
+    assert grasped.translation < 0.005
+    assert (dropped.held, dropped.reason) == (False, "no contact")
+    # the same forces asked of open fingers do not hold it either; nor does what came before change a verdict
+    (opened_with_forces, again) = test(np.stack([opened, closed]), [contacts, contacts])
+    assert not opened_with_forces.held
+    assert again == grasped
+    (whole,) = HoldTest(hand, mesh, links=links, full_length=True)(closed[None], [contacts])
+    assert whole.held
+    assert whole.steps > 3000 > 2 * grasped.steps
+
+
+def _none() -> HandContacts:
+    return HandContacts(points=np.zeros((0, 3)), normals=np.zeros((0, 3)), link=np.zeros(0, dtype=np.int64))

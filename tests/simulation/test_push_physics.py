@@ -1,0 +1,158 @@
+"""The physics of a push against Coulomb's law: an incline, a slide to rest, a slab pressed from above and dragged."""
+
+import mujoco
+import numpy as np
+import pytest
+import trimesh
+
+from dexnudge.mechanics.sliding_task import GRAVITY
+from dexnudge.scenes.boxes import box
+from dexnudge.scenes.scene import Scene
+from dexnudge.simulation.drive import PUSH, SETTLE, Drive, push_drive
+from dexnudge.simulation.push import PushRun, run_push
+from dexnudge.simulation.push_forces import PushForces
+from dexnudge.simulation.push_model import PushModel, load_push_model, push_model_xml
+from dexnudge.simulation.push_verdict import judge_push
+
+HEIGHT = 0.02  # [m] of the block
+FRICTION_HAND, FRICTION_ENVIRONMENT, MASS = 0.8, 0.4, 0.15
+PALM_BOTTOM = 0.11  # [m] from the palm's origin down to the lower face of its box
+X = np.array([1.0, 0.0, 0.0])
+
+
+@pytest.fixture(scope="module")
+def scene() -> Scene:
+    pose = np.eye(4)
+    pose[2, 3] = HEIGHT / 2
+    return Scene(trimesh.creation.box((0.12, 0.06, HEIGHT)), box((-0.5, -0.3, -0.04), (0.5, 0.3, 0.0)), pose, X)
+
+
+@pytest.fixture(scope="module")
+def links(pad_hand) -> list[list[np.ndarray]]:
+    return [[np.asarray(mesh.vertices)] for mesh in pad_hand.link_meshes]
+
+
+@pytest.fixture(scope="module")
+def push(pad_hand, scene, links) -> PushModel:
+    return load_push_model(push_model_xml(pad_hand, scene, links=links), pad_hand, scene)
+
+
+def palm_at(height: float) -> np.ndarray:
+    """q with the palm's lower face at this height over the table, over the block's centre."""
+    return np.array([0.0, 0.0, height + PALM_BOTTOM, 1.0, 0.0, 0.0, 0.0, 1.0, 0.0, 0.0, 0.0])
+
+
+def pressing(push: PushModel, force: tuple[float, float, float]) -> PushForces:
+    """The base presses with this force [N] at the palm's lower face; the fingers idle."""
+    lever = np.array([0.0, 0.0, -PALM_BOTTOM])
+    none = np.zeros(push.model.nu)
+    wrench = np.concatenate([force, np.cross(lever, force)])
+    return PushForces(np.array([force]), none, np.zeros(3), none, wrench, 1.0)
+
+
+def slide(push: PushModel, steps: int) -> np.ndarray:
+    """Positions of the block's centre along x [m] after each step."""
+    moved = []
+    for _ in range(steps):
+        mujoco.mj_step(push.model, push.data)
+        moved.append(float(push.data.xipos[push.object_body, 0]))
+    return np.array(moved)
+
+
+@pytest.mark.parametrize(("share", "slips"), [(0.97, False), (1.03, True)])
+def test_a_block_on_an_incline_slips_exactly_above_the_friction_angle(push, share, slips):
+    theta = np.arctan(share * FRICTION_ENVIRONMENT)
+    push.place(palm_at(0.3))
+    try:
+        push.model.opt.gravity[:] = GRAVITY * np.array([np.sin(theta), 0.0, -np.cos(theta)])
+        moved = slide(push, 500)
+    finally:
+        push.model.opt.gravity[:] = (0.0, 0.0, -GRAVITY)
+    if slips:
+        acceleration = GRAVITY * (np.sin(theta) - FRICTION_ENVIRONMENT * np.cos(theta))
+        # s = a t^2 / 2 from rest; the first 0.2 s are left to the landing of the block on its contacts
+        measured = 2 * (moved[-1] - moved[100]) / (1.0**2 - 0.202**2)
+        assert measured == pytest.approx(acceleration, rel=0.1)
+    else:
+        assert abs(moved[-1] - moved[100]) < 1e-4
+
+
+def test_a_sliding_block_stops_after_the_distance_of_coulombs_law(push):
+    push.place(palm_at(0.3))
+    slide(push, 50)
+    start, speed = float(push.data.xipos[push.object_body, 0]), 0.5
+    free = push.model.joint("pushed object").dofadr[0]
+    push.data.qvel[free] = speed
+    moved = slide(push, 250)
+    assert moved[-1] - start == pytest.approx(speed**2 / (2 * FRICTION_ENVIRONMENT * GRAVITY), rel=0.05)
+    assert abs(float(push.data.qvel[free])) < 1e-3
+
+
+def drag(push: PushModel, normal: float) -> tuple[PushRun, Drive]:
+    """Press from above with this force [N] and carry along by 5 cm."""
+    pull = FRICTION_ENVIRONMENT * (MASS * GRAVITY + normal)
+    q = palm_at(HEIGHT)
+    drive = push_drive(np.zeros(1), q[None], motion=X, length=0.05)
+    return run_push(push, q, drive, pressing(push, (min(pull, FRICTION_HAND * normal), 0.0, -normal))), drive
+
+
+@pytest.mark.parametrize(("share", "follows"), [(0.9, False), (1.2, True)])
+def test_a_pressed_slab_follows_from_the_force_of_the_closed_form(push, share, follows):
+    # N >= mu_e m g / (mu_h - mu_e): 1.47 N here
+    least = FRICTION_ENVIRONMENT * MASS * GRAVITY / (FRICTION_HAND - FRICTION_ENVIRONMENT)
+    run, _ = drag(push, share * least)
+    verdict = judge_push(run, motion=X, length=0.05)
+    assert verdict.success is follows
+    moving = run.phase == PUSH
+    assert np.median(run.hand_object_force[moving, 0]) == pytest.approx(share * least, rel=0.1)
+    if not follows:
+        assert verdict.reason == f"advanced {1e3 * verdict.advanced:.0f} of 50 mm"
+        assert verdict.advanced < 0.005
+
+
+def test_a_dragged_slab_takes_the_force_that_the_balance_predicts(push):
+    run, _ = drag(push, 4.0)
+    steady = (run.phase == PUSH) & (np.abs(run.object_pose[:, 0] - 0.025) < 0.015)
+    expected = FRICTION_ENVIRONMENT * (MASS * GRAVITY + 4.0)
+    assert np.mean(run.hand_object_force[steady, 1]) == pytest.approx(expected, rel=0.1)
+
+
+def test_the_base_goes_where_it_is_told(push):
+    run, drive = drag(push, 4.0)
+    moving = (run.phase == PUSH) & (run.time > 0.9)
+    lag = run.base_pose[moving, 0] - run.mocap[moving, 0]
+    assert np.abs(lag).max() < 1e-3
+    assert np.ptp(np.diff(run.base_pose[moving, 0])[3:-8]) < 1e-4  # 20 ms apart: 1 mm each, without jitter
+    assert drive.position[-1, 0] == pytest.approx(0.05)
+    assert drive.velocity[:, 0].max() == pytest.approx(0.05, rel=1e-6)
+
+
+def test_the_same_push_gives_the_same_numbers_whatever_ran_before(push):
+    first, _ = drag(push, 2.0)
+    drag(push, 4.0)
+    again, _ = drag(push, 2.0)
+    for name in ("qpos", "hand_object_force", "hand_environment_clearance"):
+        np.testing.assert_array_equal(getattr(first, name), getattr(again, name))
+
+
+def test_a_run_out_of_hand_is_stopped_and_can_be_replayed(push):
+    q = palm_at(0.2)
+    drive = push_drive(np.zeros(1), q[None], motion=X, length=0.05)
+    run = run_push(push, q, drive, pressing(push, (0.0, 0.0, 1e6)))
+    verdict = judge_push(run, motion=X, length=0.05)
+    assert run.diverged_at > run.last_step >= 0
+    assert (verdict.success, verdict.reason) == (False, f"diverged at step {run.diverged_at}")
+    mujoco.mj_setState(push.model, push.data, run.last_state, mujoco.mjtState.mjSTATE_INTEGRATION)
+    np.testing.assert_array_equal(push.data.qpos, run.qpos[-1])
+
+
+def test_a_hand_pressed_into_the_table_fails(push):
+    q = palm_at(0.0)
+    q[0] = 0.2  # beside the block
+    drive = push_drive(np.zeros(1), q[None], motion=X, length=0.05)
+    lowered = Drive(drive.position - [0.0, 0.0, 0.01], drive.quaternion, drive.angles, drive.phase)
+    q[2] -= 0.004
+    run = run_push(push, q, lowered, pressing(push, (0.0, 0.0, 0.0)))
+    assert run.phase[0] == SETTLE
+    assert run.hand_environment_depth[1] > 0.002
+    assert run.hand_environment_clearance[0] == pytest.approx(-0.004, abs=2e-4)

@@ -1,0 +1,47 @@
+"""A hold test that ends a pull once the object rests gives the verdict of the whole two seconds."""
+
+import numpy as np
+import pytest
+import torch
+
+from dexnudge.dataset.rounding import round_configuration
+from dexnudge.energies import build_scene_fields
+from dexnudge.geometry.meshes import centre_of_mass
+from dexnudge.geometry.surface_points import surface_points
+from dexnudge.hands.hand import Hand
+from dexnudge.objects.builtin import builtin_object
+from dexnudge.simulation.hold import PULL_STEPS, HoldTest
+from dexnudge.synthesis.grasps import GraspConfig, descend_to_grasp
+from dexnudge.synthesis.object_data import TARGET_SPACING, at_rest
+from dexnudge.synthesis.verification import GraspVerifier, _link_pieces, floating_scene
+
+BATCH = 24
+
+
+@pytest.mark.slow
+@pytest.mark.parametrize("name", ["box-001", "phone-006"])
+def test_the_early_end_changes_no_verdict(hand: Hand, name: str) -> None:
+    mesh = at_rest(builtin_object(name))
+    q = descend_to_grasp(
+        hand,
+        build_scene_fields(mesh, None),
+        surface_points(mesh, spacing=TARGET_SPACING),
+        centre_of_mass(mesh),
+        config=GraspConfig(batch=BATCH),
+        generator=np.random.default_rng(1),
+    )
+    q = round_configuration(q.to(torch.float64).numpy())
+    verdict = GraspVerifier(hand, floating_scene(mesh))(q)
+    simulated = np.flatnonzero(np.isfinite(verdict.hold_translation))
+    assert len(simulated) > BATCH / 3
+    assert verdict.kept.any()
+    contacts, links = [verdict.contacts[row] for row in simulated], _link_pieces(hand)
+    short = HoldTest(hand, mesh, links=links)(q[simulated], contacts)
+    whole = HoldTest(hand, mesh, links=links, full_length=True)(q[simulated], contacts)
+    for row, one, other in zip(simulated, short, whole, strict=True):
+        assert one.reason == other.reason == verdict.reason[row]
+        assert one.during == other.during
+        assert one.translation == verdict.hold_translation[row]
+        if one.held:
+            assert other.steps >= 6 * PULL_STEPS > one.steps
+            assert one.translation <= other.translation
