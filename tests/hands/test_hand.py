@@ -96,6 +96,23 @@ def test_self_collision_pairs_follow_the_rule():
     assert {"ffmiddle", "ffproximal"} not in names  # child
 
 
+def test_tie_turns_both_joints_of_a_tendon_to_their_mean_and_no_other():
+    generator = torch.Generator().manual_seed(5)
+    lower, upper = (torch.as_tensor(limit, dtype=torch.float32) for limit in (LITE.lower, LITE.upper))
+    angles = lower + (upper - lower) * torch.rand(30, LITE.num_joints, generator=generator)
+    q = torch.cat([torch.randn(30, 9, generator=generator), angles], dim=1)
+    before = q.clone()
+    found = LITE.tie(q)
+    assert torch.equal(q, before)
+    coupled = 9 + LITE.coupled_indices
+    assert len(coupled)
+    for follower, leader in coupled:
+        torch.testing.assert_close(found[:, follower], 0.5 * (before[:, follower] + before[:, leader]))
+        assert torch.equal(found[:, follower], found[:, leader])
+    others = [index for index in range(q.shape[1]) if index not in coupled]
+    assert torch.equal(found[:, others], before[:, others])
+
+
 def test_yaml_with_wrong_link_names(small_urdf):
     config = HandConfig(palm="palm", fingertips={"F": "nail"}, palm_normal=(0.0, 1.0, 0.0))
     with pytest.raises(HandError) as caught:

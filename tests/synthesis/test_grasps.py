@@ -22,10 +22,8 @@ from dexnudge.synthesis.grasps import (
     opposing_pose,
     opposing_sides,
     opposing_targets,
-    tied,
 )
 from dexnudge.synthesis.object_data import TARGET_SPACING
-from dexnudge.synthesis.pre_contact import random_joint_angles
 
 BATCH = 8
 QUICK = GraspConfig(batch=BATCH, starts=3, steps=12)
@@ -148,21 +146,6 @@ def test_starts_bring_thumb_and_fingers_onto_their_line(hand, targets):
         assert own @ wanted / np.linalg.norm(own) / np.linalg.norm(wanted) == pytest.approx(1.0, abs=1e-5)
         middle = [0.5 * (there[fingers].mean(axis=0) + there[hand.thumb]) for there in (tip, place)]
         np.testing.assert_allclose(middle[0], middle[1], atol=1e-5)
-
-
-def test_tied_turns_both_joints_of_a_tendon_to_their_mean_and_no_other(hand):
-    angles = random_joint_angles(hand, 30, np.random.default_rng(5))
-    before = angles.clone()
-    found = tied(hand, angles)
-    assert torch.equal(angles, before)
-    coupled = set(hand.coupled_indices.reshape(-1).tolist())
-    assert coupled
-    for follower, leader in hand.coupled_indices:
-        mean = 0.5 * (before[:, follower] + before[:, leader])
-        torch.testing.assert_close(found[:, follower], mean)
-        assert torch.equal(found[:, follower], found[:, leader])
-    others = [joint for joint in range(hand.num_joints) if joint not in coupled]
-    assert torch.equal(found[:, others], before[:, others])
 
 
 def energy_of_targets(hand, fields, targets) -> HandEnergy:

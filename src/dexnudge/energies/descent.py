@@ -27,11 +27,13 @@ class HandDescent:
     """Adam with one step size per kind of coordinate; every step ends inside limits and couplings.
 
     The second moment is kept per kind and sample, not per coordinate: a hand then moves along its gradient within a kind,
-    and a sample never feels its neighbours.
+    and a sample never feels its neighbours. With `tied` both joints of each tendon turn alike (see `Hand.tie`).
     """
 
-    def __init__(self, hand: Hand, batch: int, *, steps: StepSizes = StepSizes(), device: str = "cpu") -> None:
-        self.hand = hand
+    def __init__(
+        self, hand: Hand, batch: int, *, steps: StepSizes = StepSizes(), tied: bool = False, device: str = "cpu"
+    ) -> None:
+        self.hand, self.tied = hand, tied
         joints = hand.num_joints
         sizes = [steps.translation] * 3 + [steps.rotation] * 3 + [steps.joints] * joints
         self._sizes = torch.tensor(sizes, device=device)
@@ -56,14 +58,18 @@ class HandDescent:
         first = self._first / (1 - FIRST_MOMENT**self._count)
         second = self._second / (1 - SECOND_MOMENT**self._count)
         move = -scale * self._sizes * first / (second + FLOOR).sqrt()
-        return retract(self.hand, pose, move)
+        return retract(self.hand, pose, move, tied=self.tied)
 
 
-def retract(hand: Hand, pose: HandPose, move: Float[Tensor, "batch tangent"]) -> HandPose:
-    """The pose moved along a tangent: translation added, rotation vector applied in the working frame, angles clamped."""
+def retract(hand: Hand, pose: HandPose, move: Float[Tensor, "batch tangent"], *, tied: bool = False) -> HandPose:
+    """The pose moved along a tangent: translation added, rotation vector applied in the working frame, angles clamped.
+
+    With `tied` both joints of each tendon turn alike.
+    """
     rotation = rotation_vector_to_matrix(move[:, 3:6]) @ pose.rotation
     q = torch.cat([move.new_zeros(len(move), ROOT_COORDINATES), pose.joint_angles + move[:, 6:]], dim=1)
-    return HandPose(pose.translation + move[:, :3], rotation, hand.clamp(q)[:, ROOT_COORDINATES:])
+    q = hand.tie(q) if tied else hand.clamp(q)
+    return HandPose(pose.translation + move[:, :3], rotation, q[:, ROOT_COORDINATES:])
 
 
 def pose_from_configuration(q: Float[Tensor, "batch coordinates"]) -> HandPose:

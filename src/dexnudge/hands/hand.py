@@ -147,6 +147,18 @@ class Hand:
             angles[:, follower] = torch.minimum(angles[:, follower], angles[:, leader])
         return torch.cat([q[:, :ROOT_COORDINATES], angles], dim=1)
 
+    def tie(self, q: Float[Tensor, "batch coordinates"]) -> Float[Tensor, "batch coordinates"]:
+        """`clamp`, then both joints of each tendon at their mean, within the limits of both.
+
+        One tendon pulls on both with the same torque, but a force at the fingertip asks less of the outer joint, which gives
+        way inwards until it meets its limit, the inner joint's angle: there a loaded finger comes to rest.
+        """
+        q = self.clamp(q)
+        for pair in self.coupled_indices:
+            mean = q[:, ROOT_COORDINATES + pair].mean(dim=1, keepdim=True)
+            q[:, ROOT_COORDINATES + pair] = mean.clamp(float(self.lower[pair].max()), float(self.upper[pair].min()))
+        return q
+
     def link_spacing(self, link: int, *, dense: bool) -> float:
         """Distance between neighbouring surface points of a link [m]."""
         if dense:

@@ -112,7 +112,7 @@ def denoise(
 
 def _least_energy(run: _Run, x: Float[Tensor, "particle dimension"], num: int) -> Float[Tensor, "num dimension"]:
     """Of each draw's particles the one with the least energy in the scene, its force balance included."""
-    q = run.hand.clamp(run.prior.denormalise(x))
+    q = run.hand.tie(run.prior.denormalise(x))
     energy = HandEnergy(run.hand, run.problem.guiding_fields, len(x), run.config.weights)
     tips = [run.hand.link_names.index(link) for link in run.hand.fingertip_links]
     energy.contact_weight[:, tips] = 1.0

@@ -70,11 +70,11 @@ def project(
 ) -> tuple[Float[Tensor, "batch coordinates"], ProjectionReport]:
     """Projected configurations (frame C) and the report; a hand that never satisfies all is returned as it ended."""
     batch = len(q)
-    q = hand.clamp(q)
+    q = hand.tie(q)
     tips = [hand.link_names.index(link) for link in hand.fingertip_links]
     energy = HandEnergy(hand, problem.fields, batch, config.weights)
     force = ForceResidual(problem.balance, batch, len(tips)) if problem.balance else None
-    descent = HandDescent(hand, batch, steps=config.steps)
+    descent = HandDescent(hand, batch, steps=config.steps, tied=True)
     pose = pose_from_configuration(q)
     start_keypoints = hand.keypoints(q)
 

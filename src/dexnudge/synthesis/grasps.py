@@ -71,7 +71,7 @@ def descend_to_grasp(
 ) -> Float[Tensor, "batch coordinates"]:
     """A batch of grasps q in the frame of the object's mesh, at the end of the descent, checked by nobody yet.
 
-    Joints that share a tendon turn alike: under load a tendon-driven finger comes to rest there, see `tied`.
+    Joints that share a tendon turn alike: under load a tendon-driven finger comes to rest there, see `Hand.tie`.
     """
     targets = opposing_targets(hand, surface, centre_of_mass, config.batch, generator)
     energy = HandEnergy(hand, fields, config.batch, config.weights)
@@ -80,27 +80,13 @@ def descend_to_grasp(
     energy.target_weight[:, tips] = targets.touches
     energy.contact_weight[:, tips] = targets.touches
     pose = _best_start(hand, energy, targets, config.starts, generator)
-    descent = HandDescent(hand, config.batch, steps=config.step_sizes)
+    descent = HandDescent(hand, config.batch, steps=config.step_sizes, tied=True)
     for step in range(config.steps):
         if step == int(config.reach_share * config.steps):
             energy.target_weight.zero_()
         energy(pose)
         pose = descent.step(pose, energy.gradient, scale=config.final_scale ** (step / config.steps))
-        pose.joint_angles = tied(hand, pose.joint_angles)
     return configuration_from_pose(pose)
-
-
-def tied(hand: Hand, joint_angles: Float[Tensor, "batch joint"]) -> Float[Tensor, "batch joint"]:
-    """Both joints of each tendon at their mean, within the limits of both [rad].
-
-    One tendon pulls on both with the same torque, but a force at the fingertip asks less of the outer joint, which gives
-    way inwards until it meets its limit, the inner joint's angle.
-    """
-    joint_angles = joint_angles.clone()
-    for pair in hand.coupled_indices:
-        mean = joint_angles[:, pair].mean(dim=1, keepdim=True)
-        joint_angles[:, pair] = mean.clamp(float(hand.lower[pair].max()), float(hand.upper[pair].min()))
-    return joint_angles
 
 
 def _best_start(
@@ -147,9 +133,9 @@ def opposing_pose(hand: Hand, targets: GraspTargets, generator: np.random.Genera
     """Hands with random joint angles whose thumb and fingers stand on their targets' sides, rolled at random."""
     places, touches = targets.places.numpy().astype(np.float64), targets.touches.numpy() > 0
     count = len(places)
-    joint_angles = tied(hand, random_joint_angles(hand, count, generator))
     q = torch.zeros(count, 9 + hand.num_joints)
-    q[:, 3], q[:, 7], q[:, 9:] = 1.0, 1.0, joint_angles
+    q[:, 3], q[:, 7], q[:, 9:] = 1.0, 1.0, random_joint_angles(hand, count, generator)
+    q = hand.tie(q)
     tips = hand.keypoints(q).numpy().astype(np.float64)
     rotation, translation = np.zeros((count, 3, 3)), np.zeros((count, 3))
     for item in range(count):
@@ -159,7 +145,7 @@ def opposing_pose(hand: Hand, targets: GraspTargets, generator: np.random.Genera
         align = trimesh.geometry.align_vectors(fingers - thumb, target_fingers - target_thumb)
         rotation[item] = roll[:3, :3] @ align[:3, :3]
         translation[item] = 0.5 * (target_thumb + target_fingers) - rotation[item] @ (0.5 * (thumb + fingers))
-    return HandPose(_tensor(translation), _tensor(rotation), joint_angles)
+    return HandPose(_tensor(translation), _tensor(rotation), q[:, 9:])
 
 
 def _two_sides(

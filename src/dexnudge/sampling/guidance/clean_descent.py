@@ -48,7 +48,7 @@ class CleanDescent:
         q = step.prior.denormalise(x0_hat)
         set_wanted_contacts(step, q)
         if self._descent is None:
-            self._descent = HandDescent(step.hand, len(q), steps=self.step_sizes)
+            self._descent = HandDescent(step.hand, len(q), steps=self.step_sizes, tied=True)
         pose = pose_from_configuration(q)
         for _ in range(self.inner_steps):
             energy = step.energy(pose)[:, None]
