@@ -17,7 +17,6 @@ from dexnudge.simulation import hold
 from dexnudge.simulation import squeeze as squeezing
 from dexnudge.simulation.grasp_model import FRICTION, build_grasp_model
 from dexnudge.simulation.hold import HoldTest
-from dexnudge.simulation.link_hulls import link_pieces
 
 HALF_WIDTH = 0.02  # [m] of the block, along y
 
@@ -85,8 +84,7 @@ def test_a_shadow_hand_holds_a_box_until_it_opens_its_fingers():
     opened = closed.copy()
     opened[9:] = np.clip(0.0, hand.lower, hand.upper)
     opened[9 + hand.joint_names.index("THJ4")] = 0.0
-    links = link_pieces(hand)
-    test = HoldTest(hand, mesh, links=links)
+    test = HoldTest(hand, mesh)
     grasped, dropped = test(np.stack([closed, opened]), [contacts, _none()])
     assert (grasped.held, grasped.reason) == (True, "")
     assert grasped.translation < 0.005
@@ -95,7 +93,7 @@ def test_a_shadow_hand_holds_a_box_until_it_opens_its_fingers():
     (opened_with_forces, again) = test(np.stack([opened, closed]), [contacts, contacts])
     assert not opened_with_forces.held
     assert again == grasped
-    (whole,) = HoldTest(hand, mesh, links=links, full_length=True)(closed[None], [contacts])
+    (whole,) = HoldTest(hand, mesh, full_length=True)(closed[None], [contacts])
     assert whole.held
     assert whole.steps > 3000 > 2 * grasped.steps
 

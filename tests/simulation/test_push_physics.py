@@ -9,6 +9,7 @@ from dexnudge.mechanics.sliding_task import GRAVITY
 from dexnudge.scenes.boxes import box
 from dexnudge.scenes.scene import Scene
 from dexnudge.simulation.drive import PUSH, SETTLE, Drive, push_drive
+from dexnudge.simulation.link_hulls import link_pieces
 from dexnudge.simulation.push import PushRun, run_push
 from dexnudge.simulation.push_forces import PushForces
 from dexnudge.simulation.push_model import PushModel, load_push_model, push_model_xml
@@ -28,13 +29,11 @@ def scene() -> Scene:
 
 
 @pytest.fixture(scope="module")
-def links(pad_hand) -> list[list[np.ndarray]]:
-    return [[np.asarray(mesh.vertices)] for mesh in pad_hand.link_meshes]
-
-
-@pytest.fixture(scope="module")
-def push(pad_hand, scene, links) -> PushModel:
-    return load_push_model(push_model_xml(pad_hand, scene, links=links), pad_hand, scene)
+def push(pad_hand, scene) -> PushModel:
+    for (corners,), mesh in zip(link_pieces(pad_hand), pad_hand.link_meshes, strict=True):
+        # The closed forms below hold for the boxes themselves, and not for bodies that are cut off by some tolerance.
+        np.testing.assert_allclose(np.unique(corners, axis=0), np.unique(mesh.vertices, axis=0), atol=1e-12)
+    return load_push_model(push_model_xml(pad_hand, scene), pad_hand, scene)
 
 
 def palm_at(height: float) -> np.ndarray:

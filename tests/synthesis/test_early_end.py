@@ -13,7 +13,7 @@ from dexnudge.objects.builtin import builtin_object
 from dexnudge.simulation.hold import PULL_STEPS, HoldTest
 from dexnudge.synthesis.grasps import GraspConfig, descend_to_grasp
 from dexnudge.synthesis.object_data import TARGET_SPACING, at_rest
-from dexnudge.synthesis.verification import GraspVerifier, _link_pieces, floating_scene
+from dexnudge.synthesis.verification import GraspVerifier, floating_scene
 
 BATCH = 24
 
@@ -35,9 +35,9 @@ def test_the_early_end_changes_no_verdict(hand: Hand, name: str) -> None:
     simulated = np.flatnonzero(np.isfinite(verdict.hold_translation))
     assert len(simulated) > BATCH / 3
     assert verdict.kept.any()
-    contacts, links = [verdict.contacts[row] for row in simulated], _link_pieces(hand)
-    short = HoldTest(hand, mesh, links=links)(q[simulated], contacts)
-    whole = HoldTest(hand, mesh, links=links, full_length=True)(q[simulated], contacts)
+    contacts = [verdict.contacts[row] for row in simulated]
+    short = HoldTest(hand, mesh)(q[simulated], contacts)
+    whole = HoldTest(hand, mesh, full_length=True)(q[simulated], contacts)
     for row, one, other in zip(simulated, short, whole, strict=True):
         assert one.reason == other.reason == verdict.reason[row]
         assert one.during == other.during

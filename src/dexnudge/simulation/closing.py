@@ -37,9 +37,8 @@ def closed_configuration(
         for link in range(len(push.hand.link_names)):
             gap, towards, point = _gap(push, link)
             if gap < 0 or (link in wanted and gap < LOOK):
-                jacobian = np.zeros((3, push.model.nv))
-                mujoco.mj_jac(push.model, push.data, jacobian, None, point, int(push.indices.link_body[link]))
-                fingers = towards @ jacobian @ push.indices.dof_of_angle @ angle_of_motor
+                jacobian = push.indices.point_jacobian(push.model, push.data, point, link)
+                fingers = towards @ jacobian @ angle_of_motor
                 rows.append(np.concatenate([fingers, BASE_LEVER * towards]))
                 gaps.append(gap)
         if not gaps or np.abs(gaps).max() < CLOSE_ENOUGH:

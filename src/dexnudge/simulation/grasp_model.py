@@ -12,11 +12,12 @@ import mujoco
 import numpy as np
 import torch
 import trimesh
-from jaxtyping import Float, Int
+from jaxtyping import Float
 
 from dexnudge.geometry.meshes import centre_of_mass
 from dexnudge.hands.export_mjcf import mjcf_of_hand
 from dexnudge.hands.hand import ROOT_COORDINATES, Hand
+from dexnudge.simulation.hand_indices import HandIndices, hand_indices
 
 TIMESTEP = 0.004  # [s] this and the next five are DexGraspBench's
 NORMAL_TO_TANGENT_STIFFNESS = 10.0  # MuJoCo's impratio
@@ -32,28 +33,22 @@ HAND_SIDE, OBJECT_SIDE = 1, 2  # bits of MuJoCo's contype and conaffinity
 
 @dataclass(frozen=True)
 class GraspModel:
-    """A compiled model and where the hand's coordinates stand in it.
+    """A compiled model, its state, and where hand and object stand in it.
 
     Attributes:
         model, data: MuJoCo's; `data` is overwritten by every grasp.
-        link_body: body of each link of the hand.
+        indices: where the hand's coordinates stand in it.
         object_body: the object's body, whose frame is the object mesh's frame.
         object_position, object_velocity: first entry of its free joint in qpos and in qvel.
-        joint_position: entry in qpos of the joint that carries each link, -1 where the link is fixed.
-        dof_of_angle: (nv, d) velocity of every degree of freedom for unit velocity of a joint angle of q.
-        motor_of_angle: (nu, d) length of every motor for unit joint angle.
     """
 
     hand: Hand
     model: Any
     data: Any
-    link_body: Int[np.ndarray, " link"]
+    indices: HandIndices
     object_body: int
     object_position: int
     object_velocity: int
-    joint_position: Int[np.ndarray, " link"]
-    dof_of_angle: Float[np.ndarray, "dof angle"]
-    motor_of_angle: Float[np.ndarray, "motor angle"]
 
     def place(self, q: Float[np.ndarray, " coordinates"]) -> None:
         """Reset everything, warm starts included, and put hand and object where the grasp q has them."""
@@ -62,11 +57,7 @@ class GraspModel:
         root = self.hand.forward_kinematics(torch.as_tensor(q, dtype=torch.float64)[None])[0, 0].numpy()
         data.mocap_pos[0] = root[:3, 3]
         mujoco.mju_mat2Quat(data.mocap_quat[0], np.ascontiguousarray(root[:3, :3]).reshape(9))
-        for link, joint in enumerate(self.hand.joints):
-            if joint is not None and joint.index is not None:
-                angle = q[ROOT_COORDINATES + joint.index]
-                data.qpos[self.joint_position[link]] = joint.multiplier * angle + joint.offset
-        data.ctrl[:] = self.motor_of_angle @ q[ROOT_COORDINATES:]
+        self.indices.place_joints(self.hand, data, q[ROOT_COORDINATES:])
         mujoco.mj_forward(model, data)
 
 
@@ -129,29 +120,13 @@ def _add_object(spec: Any, mesh: trimesh.Trimesh, pieces: list[Float[np.ndarray,
 
 
 def _indexed(hand: Hand, model: Any) -> GraspModel:
-    joint_position = np.full(len(hand.link_names), -1)
-    dof_of_angle = np.zeros((model.nv, hand.num_joints))
-    for link, joint in enumerate(hand.joints):
-        if joint is not None and joint.index is not None:
-            joint_position[link] = model.joint(joint.name).qposadr[0]
-            dof_of_angle[model.joint(joint.name).dofadr[0], joint.index] = joint.multiplier
-    motor_of_angle = np.zeros((model.nu, hand.num_joints))
-    coupled = {name for pair in hand.couplings for name in pair}
-    for index, name in enumerate(hand.joint_names):
-        if name not in coupled:
-            motor_of_angle[model.actuator(name).id, index] = 1.0
-    for (follower, leader), pair in zip(hand.couplings, hand.coupled_indices, strict=True):
-        motor_of_angle[model.actuator(f"{follower}+{leader}").id, pair] = 1.0
     free = model.joint(OBJECT)
     return GraspModel(
         hand=hand,
         model=model,
         data=mujoco.MjData(model),
-        link_body=np.asarray([model.body(name).id for name in hand.link_names]),
+        indices=hand_indices(hand, model),
         object_body=int(model.body(OBJECT).id),
         object_position=int(free.qposadr[0]),
         object_velocity=int(free.dofadr[0]),
-        joint_position=joint_position,
-        dof_of_angle=dof_of_angle,
-        motor_of_angle=motor_of_angle,
     )

@@ -1,12 +1,14 @@
-"""Where a hand's coordinates stand in a compiled MuJoCo model."""
+"""Where a hand's coordinates stand in a compiled MuJoCo model, and what is done with them there."""
 
 from dataclasses import dataclass
 from typing import Any
 
+import mujoco
 import numpy as np
 from jaxtyping import Float, Int
 
 from dexnudge.hands.hand import Hand
+from dexnudge.mechanics.contacts import HandContacts
 
 
 @dataclass(frozen=True)
@@ -27,6 +29,26 @@ class HandIndices:
     def angle_of_motor(self) -> Float[np.ndarray, "angle motor"]:
         """Joint angles for unit length of a motor: the joints of a shared tendon move alike."""
         return self.motor_of_angle.T / np.maximum(self.motor_of_angle.sum(axis=1), 1.0)
+
+    def place_joints(self, hand: Hand, data: Any, joint_angles: Float[np.ndarray, " angle"]) -> None:
+        """Put the joints of `hand` at these angles [rad] in MuJoCo's `data`, and the motors' targets there."""
+        for link, joint in enumerate(hand.joints):
+            if joint is not None and joint.index is not None:
+                data.qpos[self.joint_position[link]] = joint.multiplier * joint_angles[joint.index] + joint.offset
+        data.ctrl[:] = self.motor_of_angle @ joint_angles
+
+    def point_jacobian(self, model: Any, data: Any, point: np.ndarray, link: int) -> Float[np.ndarray, "3 angle"]:
+        """d point / d joint angles [m/rad] of a point [m, world] that is fixed to a link, with the palm fixed."""
+        jacobian = np.zeros((3, model.nv))
+        mujoco.mj_jac(model, data, jacobian, None, point, int(self.link_body[link]))
+        return np.asarray(jacobian @ self.dof_of_angle)
+
+    def contact_jacobians(self, model: Any, data: Any, contacts: HandContacts) -> Float[np.ndarray, "contact 3 angle"]:
+        """The same of the points of the hand at the contacts."""
+        found = np.zeros((len(contacts.points), 3, self.dof_of_angle.shape[1]))
+        for index, (point, link) in enumerate(zip(contacts.points, contacts.link, strict=True)):
+            found[index] = self.point_jacobian(model, data, point, int(link))
+        return found
 
 
 def hand_indices(hand: Hand, model: Any) -> HandIndices:

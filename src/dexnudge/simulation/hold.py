@@ -17,7 +17,7 @@ from dexnudge.hands.physical import POSITION_GAIN
 from dexnudge.mechanics.contacts import HandContacts
 from dexnudge.simulation.convex_pieces import convex_pieces
 from dexnudge.simulation.grasp_model import MASS, build_grasp_model
-from dexnudge.simulation.link_hulls import LinkPieces, link_pieces
+from dexnudge.simulation.link_hulls import link_pieces
 from dexnudge.simulation.object_motion import ObjectPose, at_rest
 from dexnudge.simulation.squeeze import Squeeze, squeeze
 
@@ -60,18 +60,14 @@ class HoldTest:
     Args:
         hand: a description from `dexnudge.hands`.
         object_mesh: metres; its frame is that of q and of the contacts.
-        links: `link_pieces(hand)` where several objects are tested, so that they are made once.
         full_length: whether pulls go on for their two seconds even when the object has come to rest.
 
     Raises:
         MeshError: when the object cannot be cut into convex pieces.
     """
 
-    def __init__(
-        self, hand: Hand, object_mesh: trimesh.Trimesh, *, links: LinkPieces | None = None, full_length: bool = False
-    ) -> None:
-        links = link_pieces(hand) if links is None else links
-        self._grasp = build_grasp_model(hand, links, object_mesh, convex_pieces(object_mesh))
+    def __init__(self, hand: Hand, object_mesh: trimesh.Trimesh, *, full_length: bool = False) -> None:
+        self._grasp = build_grasp_model(hand, link_pieces(hand), object_mesh, convex_pieces(object_mesh))
         self._half_length = float(np.max(object_mesh.extents)) / 2
         self._full_length = full_length
         model = self._grasp.model

@@ -7,7 +7,6 @@ joints alike, and what differs only a joint's end stop, or the order of the two 
 
 from dataclasses import dataclass, replace
 
-import mujoco
 import numpy as np
 from jaxtyping import Float
 from scipy.optimize import nnls
@@ -64,7 +63,7 @@ def push_forces(
     above the task's largest normal force. Where none balance, the linear program's forces in the whole cone.
     """
     push.place(q)
-    jacobians = _contact_jacobians(push, contacts)
+    jacobians = push.indices.contact_jacobians(push.model, push.data, contacts)
     for share in CONE_SHARES:
         narrowed = replace(task, friction_hand=share * task.friction_hand)
         force = _balanced(push, q, contacts, supports, narrowed, jacobians)
@@ -156,13 +155,3 @@ def _motor_torque(push: PushModel, q: np.ndarray, jacobians: np.ndarray, force: 
         if straight and torque[follower] > torque[leader]:
             found[motors[:, leader] > 0] = torque[leader]
     return np.asarray(found)
-
-
-def _contact_jacobians(push: PushModel, contacts: HandContacts) -> Float[np.ndarray, "contact 3 angle"]:
-    """d point / d joint angles [m/rad] of the points of the hand at the contacts, with the palm fixed."""
-    jacobian = np.zeros((3, push.model.nv))
-    found = np.zeros((len(contacts.points), 3, push.indices.dof_of_angle.shape[1]))
-    for index, (point, link) in enumerate(zip(contacts.points, contacts.link, strict=True)):
-        mujoco.mj_jac(push.model, push.data, jacobian, None, point, int(push.indices.link_body[link]))
-        found[index] = jacobian @ push.indices.dof_of_angle
-    return found

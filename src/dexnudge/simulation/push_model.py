@@ -25,7 +25,7 @@ from dexnudge.scenes.scene import Scene
 from dexnudge.simulation.convex_pieces import convex_pieces
 from dexnudge.simulation.environment_pieces import environment_pieces
 from dexnudge.simulation.hand_indices import HandIndices, hand_indices
-from dexnudge.simulation.link_hulls import LinkPieces, link_pieces
+from dexnudge.simulation.link_hulls import link_pieces
 
 TIMESTEP = 0.002  # [s]
 NORMAL_TO_TANGENT_STIFFNESS = 10.0  # MuJoCo's impratio: friction holds as firmly as the normal force, little creep
@@ -88,11 +88,7 @@ class PushModel:
         root = self.hand.forward_kinematics(torch.as_tensor(q, dtype=torch.float64)[None])[0, 0].numpy()
         data.mocap_pos[0] = data.qpos[palm : palm + 3] = root[:3, 3]
         data.mocap_quat[0] = data.qpos[palm + 3 : palm + 7] = _quaternion(root)
-        for link, joint in enumerate(self.hand.joints):
-            if joint is not None and joint.index is not None:
-                angle = q[ROOT_COORDINATES + joint.index]
-                data.qpos[self.indices.joint_position[link]] = joint.multiplier * angle + joint.offset
-        data.ctrl[:] = self.indices.motor_of_angle @ q[ROOT_COORDINATES:]
+        self.indices.place_joints(self.hand, data, q[ROOT_COORDINATES:])
         free = self.object_position
         data.qpos[free : free + 3] = self.T_world_object[:3, 3]
         data.qpos[free + 3 : free + 7] = _quaternion(self.T_world_object)
@@ -109,13 +105,12 @@ class PushModel:
         return q
 
 
-def push_model_xml(hand: Hand, scene: Scene, *, links: LinkPieces | None = None) -> str:
+def push_model_xml(hand: Hand, scene: Scene) -> str:
     """The model as MJCF that needs no other file, so that what is simulated is what a file of this text holds.
 
     Args:
         hand: its joints and motors.
         scene: object, surroundings, frictions, mass.
-        links: `link_pieces(hand)` where several scenes share a hand.
 
     Raises:
         MeshError: object or surroundings cannot be cut into convex bodies.
@@ -125,7 +120,7 @@ def push_model_xml(hand: Hand, scene: Scene, *, links: LinkPieces | None = None)
     _set_options(spec)
     _drive_base(spec, hand)
     torsion = 2.0 / 3.0 * scene.friction_hand * PAD_RADIUS
-    for name, hulls in zip(hand.link_names, link_pieces(hand) if links is None else links, strict=True):
+    for name, hulls in zip(hand.link_names, link_pieces(hand), strict=True):
         body = spec.body(name)
         body.gravcomp = 1.0
         _add_pieces(spec, body, hulls, HAND_SIDE, (scene.friction_hand, torsion))

@@ -2,7 +2,6 @@
 
 from dataclasses import dataclass
 
-import mujoco
 import numpy as np
 from jaxtyping import Float
 from scipy.optimize import nnls
@@ -47,16 +46,6 @@ def squeeze(grasp: GraspModel, contacts: HandContacts, *, half_length: float) ->
     strongest = np.bincount(np.repeat(contacts.link, EDGE_COUNT), weights=size).max()
     size *= min(1.0, STRONGEST_LINK / max(strongest, STRONGEST_LINK))
     force = np.einsum("ck,ckx->cx", size.reshape(-1, EDGE_COUNT), edges)
-    torque = np.einsum("cxa,cx->a", _contact_jacobians(grasp, contacts), force)
-    motors = grasp.motor_of_angle
+    torque = np.einsum("cxa,cx->a", grasp.indices.contact_jacobians(grasp.model, grasp.data, contacts), force)
+    motors = grasp.indices.motor_of_angle
     return Squeeze(force=force, motor_torque=motors @ torque / motors.sum(axis=1))
-
-
-def _contact_jacobians(grasp: GraspModel, contacts: HandContacts) -> Float[np.ndarray, "contact 3 angle"]:
-    """d point / d joint angles [m/rad] of the points of the hand at the contacts, with the palm fixed."""
-    jacobian = np.zeros((3, grasp.model.nv))
-    found = np.zeros((len(contacts.points), 3, grasp.dof_of_angle.shape[1]))
-    for index, (point, link) in enumerate(zip(contacts.points, contacts.link, strict=True)):
-        mujoco.mj_jac(grasp.model, grasp.data, jacobian, None, point, int(grasp.link_body[link]))
-        found[index] = jacobian @ grasp.dof_of_angle
-    return found

@@ -13,7 +13,6 @@ from jaxtyping import Bool, Float
 from dexnudge.dataset.schema import INFEASIBLE, NUM_DIRECTIONS, best_direction, direction_angles
 from dexnudge.evaluation.penetration import PenetrationCheck, PointHits
 from dexnudge.hands.hand import Hand
-from dexnudge.hands.per_hand import per_hand
 from dexnudge.mechanics.contacts import (
     HAND_CONTACT_DISTANCE,
     HandContacts,
@@ -24,7 +23,6 @@ from dexnudge.mechanics.fast_balance import force_margins
 from dexnudge.mechanics.sliding_task import sliding_task
 from dexnudge.scenes.scene import Scene
 from dexnudge.simulation.hold import HoldTest
-from dexnudge.simulation.link_hulls import LinkPieces, link_pieces
 
 PRESSING = 0.7  # mean vertical part of the contacts' normals above which a hand presses
 FAR_BELOW = 5.0  # [m]
@@ -83,7 +81,7 @@ class GraspVerifier:
     def __init__(self, hand: Hand, scene: Scene) -> None:
         self._hand = hand
         self._check = PenetrationCheck(hand, scene)
-        self._hold = HoldTest(hand, scene.object_mesh, links=_link_pieces(hand))
+        self._hold = HoldTest(hand, scene.object_mesh)
 
     def __call__(self, q: Float[np.ndarray, "n coordinates"]) -> Verified:
         """Verdicts on grasps in the frame of the object's mesh."""
@@ -96,11 +94,6 @@ class GraspVerifier:
             reason[row] = held.reason
         margin = np.full((len(q), NUM_DIRECTIONS), INFEASIBLE)
         return Verified(reason, penetration, margin, translation, rotation, contacts, self._hand)
-
-
-@per_hand
-def _link_pieces(hand: Hand) -> LinkPieces:
-    return link_pieces(hand)
 
 
 class NonPrehensileVerifier:
