@@ -1,5 +1,7 @@
 """The fused kernel against a plain twin: torch, double precision, one hand and one pair of links at a time, autograd."""
 
+from dataclasses import replace
+
 import numpy as np
 import pytest
 import torch
@@ -14,14 +16,28 @@ from dexnudge.energies.scene_fields import (
     NEAR_PADDING,
     OBJECT_CELL,
     OBJECT_PADDING,
+    build_guided_fields,
 )
+from dexnudge.energies.swept_space import swept_grid
+from dexnudge.errors import InputError
 from dexnudge.geometry.distance_grid import DistanceGrid, distance_grid
 from dexnudge.geometry.exact_distance import ExactDistance
 from dexnudge.geometry.rotations import matrix_to_rotation_6d, rotation_vector_to_matrix
 from dexnudge.hands.shadow_lite import shadow_lite
 
 BATCH = 4
-WEIGHTS = TermWeights(environment=1.0, object=2.0, self=0.5, contact=3.0, target=1.5, clearance_object=0.001)
+WAY = np.array([0.1, 0.0, 0.0])  # [m] of the motion
+WEIGHTS = TermWeights(
+    environment=1.0,
+    object=2.0,
+    self=0.5,
+    contact=3.0,
+    target=1.5,
+    sweep=0.7,
+    base=0.4,
+    clearance_object=0.001,
+    clearance_base=0.03,
+)
 
 
 def trilinear(grid: DistanceGrid, points: torch.Tensor) -> torch.Tensor:
@@ -55,14 +71,15 @@ class NaiveEnergy:
     """The terms as `energies` defines them, without culling, fusion or hand-written derivatives."""
 
     def __init__(self, hand, object_mesh, environment_mesh):
-        self.hand = hand
+        self.hand, self.environment_mesh = hand, environment_mesh
         lower, upper = object_mesh.bounds
         exact, around = ExactDistance(object_mesh), ExactDistance(environment_mesh)
         self.object_grid = distance_grid(exact, lower - OBJECT_PADDING, upper + OBJECT_PADDING, cell=OBJECT_CELL)
         self.near = distance_grid(around, lower - NEAR_PADDING, upper + NEAR_PADDING, cell=NEAR_CELL)
         self.far = distance_grid(around, lower - FAR_REACH, upper + FAR_REACH, cell=FAR_CELL)
         self.links = [_link_grid(hand, link, "cpu") for link in range(len(hand.link_names))]
-        fields = build_scene_fields(object_mesh, environment_mesh)
+        self.swept_near, self.swept_far = swept_grid(self.near, WAY, around=self.far), swept_grid(self.far, WAY)
+        fields = build_guided_fields(object_mesh, environment_mesh, guiding=False, displacement=WAY)[0]
         self.fields = fields
         self.fixed = {
             "object": torch.as_tensor(fields.object_points.numpy(), dtype=torch.float64),
@@ -72,12 +89,16 @@ class NaiveEnergy:
     def environment_distance(self, points):
         return torch.where(in_box(self.near, points), trilinear(self.near, points), trilinear(self.far, points))
 
+    def swept_distance(self, points):
+        near, far = trilinear(self.swept_near, points), trilinear(self.swept_far, points)
+        return torch.where(in_box(self.near, points), near, far)
+
     def __call__(self, q, contact_weight, target, target_weight):
-        """(5,) terms of ONE hand, differentiable in q."""
+        """(7,) terms of ONE hand, differentiable in q."""
         hand, w = self.hand, WEIGHTS
         transforms = hand.forward_kinematics(q[None])[0]
         sparse = hand.sparse_points
-        terms = torch.zeros(5, dtype=torch.float64)
+        terms = torch.zeros(7, dtype=torch.float64)
         own = {}
         for link in range(len(hand.link_names)):
             local = torch.as_tensor(sparse.points[sparse.link == link].astype(np.float32), dtype=torch.float64)
@@ -86,6 +107,11 @@ class NaiveEnergy:
         for link in solid:
             depth = (w.clearance_environment - self.environment_distance(own[link])).clamp_min(0)
             terms[0] = terms[0] + w.environment * depth.square().sum()
+            on_the_way = (w.clearance_environment - self.swept_distance(own[link])).clamp_min(0)
+            terms[5] = terms[5] + w.sweep * on_the_way.square().sum()
+            if hand.link_names[link] == hand.base_link:
+                close = (w.clearance_base - self.environment_distance(own[link])).clamp_min(0)
+                terms[6] = terms[6] + w.base * close.square().sum()
             distance = trilinear(self.object_grid, own[link])
             terms[1] = terms[1] + w.object * (w.clearance_object - distance).clamp_min(0).square().sum()
             if contact_weight[link] > 0:
@@ -117,6 +143,8 @@ def setting():
     object_mesh = trimesh.creation.box((0.14, 0.07, 0.012))
     environment = trimesh.creation.box((0.5, 0.4, 0.1))
     environment.apply_translation((0.2, 0.1, -0.006 - 0.05))
+    ahead = trimesh.creation.box((0.03, 0.2, 0.2)).apply_translation((0.18, 0.0, 0.1))
+    environment = trimesh.util.concatenate([environment, ahead])
     naive = NaiveEnergy(hand, object_mesh, environment)
     generator = np.random.default_rng(7)
     rotation = rotation_vector_to_matrix(torch.as_tensor(generator.normal(size=(BATCH, 3)) * 2, dtype=torch.float32))
@@ -172,3 +200,44 @@ def test_a_hand_far_away_costs_nothing_but_its_contacts(setting):
     energy(HandPose(pose.translation + 3.0, pose.rotation, straight))
     assert float(energy.energy.abs().max()) == 0.0
     assert float(energy.gradient.abs().max()) == 0.0
+
+
+def evaluated(setting, fields, weights):
+    hand, _, _, pose = setting
+    energy = HandEnergy(hand, fields, BATCH, weights)
+    energy(pose)
+    return energy
+
+
+@pytest.mark.parametrize(
+    ("name", "column"), [("environment", 0), ("object", 1), ("self", 2), ("sweep", 5), ("base", 6)]
+)
+def test_a_weight_of_zero_switches_its_term_off_and_leaves_the_others(setting, name, column):
+    on = evaluated(setting, setting[1].fields, WEIGHTS)
+    off = evaluated(setting, setting[1].fields, replace(WEIGHTS, **{name: 0.0}))
+    assert float(on.energy[:, column].max()) > 0
+    assert float(off.energy[:, column].abs().max()) == 0.0
+    others = [term for term in range(on.energy.shape[1]) if term != column]
+    torch.testing.assert_close(off.energy[:, others], on.energy[:, others], rtol=1e-5, atol=1e-8)
+
+
+def test_sweep_does_nothing_where_the_fields_were_not_swept(setting):
+    naive = setting[1]
+    body = trimesh.creation.box((0.14, 0.07, 0.012))
+    plain = evaluated(setting, build_scene_fields(body, naive.environment_mesh), WEIGHTS)
+    swept = evaluated(setting, naive.fields, WEIGHTS)
+    assert float(plain.energy[:, 5].abs().max()) == 0.0
+    assert float(plain.swept_depth.max()) == 0.0
+    assert float(swept.swept_depth.amax()) >= float(swept.depth[:, :, 0].amax())
+    torch.testing.assert_close(plain.energy[:, :5], swept.energy[:, :5], rtol=1e-5, atol=1e-8)
+
+
+@pytest.mark.parametrize("value", [-1.0, float("nan"), float("inf")])
+@pytest.mark.parametrize("name", ["sweep", "force", "clearance_base"])
+def test_weights_that_make_no_sense_are_refused(name, value):
+    what, off = ("distance", "") if name == "clearance_base" else ("weight", "; 0 switches it off")
+    with pytest.raises(InputError) as caught:
+        TermWeights(**{name: value})
+    assert (
+        str(caught.value) == f"the {what} '{name}' of the energy is {value:g}; expected a finite number, 0 or more{off}"
+    )

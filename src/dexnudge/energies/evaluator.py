@@ -41,7 +41,8 @@ class HandEnergy:
         contact_distance, contact_point, contact_normal: per link, its point nearest to the object; distance 1e6 where
             the link is far from the object and no contact is wanted of it.
         active: (batch,) to be set: a hand with 0 is skipped and keeps the results of its last evaluation.
-        depth: (batch, link, 3) deepest guiding point in environment, object and other links [m].
+        depth: (batch, link, 3) deepest guiding point in environment, object and other links [m]. swept_depth: (batch, link)
+            the same in the environment swept along the motion; 0 where that term is off.
     """
 
     hand: Hand
@@ -73,6 +74,7 @@ class HandEnergy:
                 "contact_distance": (self.batch, links),
                 "contact_normal": (self.batch, links, 3),
                 "depth": (self.batch, links, 3),
+                "swept_depth": (self.batch, links),
                 "link_energy": (self.batch, links, NUM_TERMS),
                 "energy": (self.batch, NUM_TERMS),
                 "gradient": (self.batch, 6 + joints),
@@ -106,8 +108,8 @@ class HandEnergy:
         """Replaces the weights of all terms."""
         self.weights = weights
         self._kernel_weights = EnergyWeights()
-        for name, value in vars(weights).items():
-            setattr(self._kernel_weights, name, float(value))
+        for name in EnergyWeights.vars:
+            setattr(self._kernel_weights, name, float(getattr(weights, name)))
 
     def __call__(self, pose: HandPose) -> Float[Tensor, " batch"]:
         """Total energy of each hand; the attributes hold its parts and its gradient."""

@@ -9,7 +9,12 @@ The terms stand in files of their own: `environment_kernel`, `object_kernel`, `f
 All positions are in the working frame of the scene (see `scene_fields`); [m], distances negative inside.
 """
 
-from dexnudge.energies.environment_kernel import environment_distance, points_in_environment
+from dexnudge.energies.environment_kernel import (
+    environment_distance,
+    lowest_grid,
+    points_in_environment,
+    widest_clearance,
+)
 from dexnudge.energies.fixed_points_kernel import fixed_points_in_link
 from dexnudge.energies.grid_kernel import grid_distance
 from dexnudge.energies.kernel_structs import (
@@ -66,6 +71,7 @@ def energies(hand: HandModel, scene: SceneFields, weights: EnergyWeights, state:
     for term in range(NUM_TERMS):
         state.link_energy[i, l, term] = 0.0
     state.depth[i, l] = wp.vec3()
+    state.swept_depth[i, l] = 0.0
     state.contact_distance[i, l] = FAR
     if hand.radius[l] < 0.0:
         return
@@ -75,9 +81,9 @@ def energies(hand: HandModel, scene: SceneFields, weights: EnergyWeights, state:
     to_object = grid_distance(scene.grids.headers[OBJECT_GRID], scene.grids.values, centre)[0] - radius
     to_environment = float(FAR)
     if scene.has_environment > 0:
-        to_environment = environment_distance(scene, centre)[0] - radius
+        to_environment = environment_distance(scene, centre, lowest_grid(scene, weights))[0] - radius
     near_object = to_object < weights.clearance_object
-    near_environment = to_environment < weights.clearance_environment
+    near_environment = to_environment < widest_clearance(hand, weights, l)
 
     energy_environment = float(0.0)
     energy_object = float(0.0)

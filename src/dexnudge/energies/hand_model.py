@@ -75,6 +75,7 @@ def _build(key: _ByIdentity, device: str) -> WarpStruct:
     keypoint = centre.copy()
     keypoint[[hand.link_names.index(link) for link in hand.fingertip_links]] = hand.fingertip_keypoints
     model.keypoint = array(keypoint.astype(np.float32), wp.vec3)
+    model.base = -1 if hand.base_link is None else hand.link_names.index(hand.base_link)
     model.partner = array(np.asarray(list(chain.from_iterable(partners)), dtype=np.int32), wp.int32)
     model.first_partner = array(np.cumsum([0, *(len(p) for p in partners)]).astype(np.int32), wp.int32)
     model.grids = pack_grids([_link_grid(hand, link, device) for link in range(links)], device=device)

@@ -11,10 +11,14 @@ TERM_OBJECT = wp.constant(1)
 TERM_SELF = wp.constant(2)
 TERM_CONTACT = wp.constant(3)
 TERM_TARGET = wp.constant(4)
-NUM_TERMS = 5
+TERM_SWEEP = wp.constant(5)
+TERM_BASE = wp.constant(6)
+NUM_TERMS = 7
 OBJECT_GRID = wp.constant(0)
 ENVIRONMENT_NEAR_GRID = wp.constant(1)
 ENVIRONMENT_FAR_GRID = wp.constant(2)
+SWEPT_NEAR_GRID = wp.constant(3)
+NEAR_TO_FAR = wp.constant(1)  # from a near grid's place to that of its far one
 FAR = wp.constant(1.0e6)
 
 
@@ -44,6 +48,7 @@ class HandModel:
     centre: wp.array(dtype=wp.vec3)  # (L,) of the bounding sphere, link frame [m]
     radius: wp.array(dtype=float)  # (L,) [m]; negative for a link without geometry
     keypoint: wp.array(dtype=wp.vec3)  # (L,) the place that targets pull, link frame [m]
+    base: int  # the forearm or adapter behind the palm; -1 where there is none
     partner: wp.array(dtype=int)  # links against which a link's points are tested, grouped by link
     first_partner: wp.array(dtype=int)  # (L + 1,)
     grids: PackedGrids  # one per link
@@ -53,12 +58,13 @@ class HandModel:
 class SceneFields:
     """Distance grids of object and environment, and points of both that are tested against the links."""
 
-    grids: PackedGrids  # object, environment near, environment far
+    grids: PackedGrids  # object, environment near and far, and where has_sweep the same two swept
     object_points: wp.array(dtype=wp.vec3)  # [m]
     object_clusters: Clusters
     environment_points: wp.array(dtype=wp.vec3)  # [m]
     environment_clusters: Clusters
     has_environment: int
+    has_sweep: int  # 1 where the environment's grids also stand swept along the motion, nowhere above the plain ones
     environment_jumps: int  # 1 where its distances are not continuous, so that one says nothing of its surroundings
 
 
@@ -71,9 +77,12 @@ class EnergyWeights:
     self: float
     contact: float
     target: float
+    sweep: float
+    base: float
     clearance_environment: float
     clearance_object: float
     clearance_self: float
+    clearance_base: float
     contact_gap: float
 
 
@@ -98,6 +107,7 @@ class State:
     contact_distance: wp.array2d(dtype=float)  # (B, L) [m]
     contact_normal: wp.array2d(dtype=wp.vec3)  # (B, L) gradient of the object's distance there
     depth: wp.array2d(dtype=wp.vec3)  # (B, L) deepest sparse point in environment, object, another link [m]
+    swept_depth: wp.array2d(dtype=float)  # (B, L) deepest sparse point in the swept environment [m]
     link_energy: wp.array3d(dtype=float)  # (B, L, NUM_TERMS)
     energy: wp.array2d(dtype=float)  # (B, NUM_TERMS)
     gradient: wp.array2d(dtype=float)  # (B, 6 + d)

@@ -7,6 +7,7 @@ from jaxtyping import Float
 from dexnudge.energies.grid_kernel import pack_grids
 from dexnudge.energies.kernel_structs import SceneFields
 from dexnudge.energies.point_clusters import cluster_points
+from dexnudge.energies.swept_space import swept_grid
 from dexnudge.energies.visible_space import shadowed_grid
 from dexnudge.geometry.distance_grid import DistanceGrid, distance_grid
 from dexnudge.geometry.exact_distance import ExactDistance
@@ -37,8 +38,18 @@ def build_guided_fields(
     *,
     device: str = "cpu",
     guiding: bool = True,
+    displacement: Float[np.ndarray, " 3"] | None = None,
 ) -> tuple[WarpStruct, WarpStruct]:
-    """(fields of the scene, the same with the environment's shadow as solid for guidance); equal without `guiding`."""
+    """(fields of the scene, the same with the environment's shadow as solid for guidance); equal without `guiding`.
+
+    Args:
+        object_mesh: in the working frame [m].
+        environment_mesh: in the same frame; None where there is none.
+        device: of Warp.
+        guiding: whether the second is wanted.
+        displacement: direction of the motion times its length [m], along an axis of the working frame. With it the
+            environment's grids also stand swept along the motion, for the weight `sweep`.
+    """
     lower, upper = object_mesh.bounds
     object_grid = cached_distance_grid(
         object_mesh, lower - OBJECT_PADDING, upper + OBJECT_PADDING, cell=OBJECT_CELL, device=device
@@ -46,12 +57,16 @@ def build_guided_fields(
     empty = DistanceGrid(np.full((2, 2, 2), NO_ENVIRONMENT, dtype=np.float32), np.zeros(3), 1.0e-6)
     environment, edge_points = [empty, empty], np.zeros((0, 3))
     shadowed = environment
+    swept: list[DistanceGrid] = []
     if environment_mesh is not None:
         around = ExactDistance(environment_mesh, device=device)
         environment = [
             distance_grid(around, lower - padding, upper + padding, cell=cell)
             for padding, cell in ((NEAR_PADDING, NEAR_CELL), (FAR_REACH, FAR_CELL))
         ]
+        if displacement is not None:
+            near, far = environment
+            swept = [swept_grid(near, displacement, around=far), swept_grid(far, displacement)]
         edge_points = sharp_edge_points(environment_mesh, lower - FAR_REACH, upper + FAR_REACH)
         if guiding:
             shadowed = [shadowed_grid(grid, object_mesh, environment_mesh, around) for grid in environment]
@@ -63,15 +78,23 @@ def build_guided_fields(
 
     def fields(grids: list[DistanceGrid], *, jumps: bool) -> WarpStruct:
         packed = SceneFields()
-        packed.grids = pack_grids([object_grid, *grids], device=device)
+        # The shadow belongs to where the hand stands now, so it is not swept; but nothing swept is above it.
+        lowest = [_lower(*pair) for pair in zip(grids, swept, strict=False)]
+        packed.grids = pack_grids([object_grid, *grids, *lowest], device=device)
         packed.object_points, packed.object_clusters = on_object
         packed.environment_points, packed.environment_clusters = on_edges
         packed.has_environment = int(environment_mesh is not None)
+        packed.has_sweep = int(bool(swept))
         packed.environment_jumps = int(jumps)
         return packed
 
     plain = fields(environment, jumps=False)
     return plain, fields(shadowed, jumps=True) if guiding and environment_mesh is not None else plain
+
+
+def _lower(one: DistanceGrid, other: DistanceGrid) -> DistanceGrid:
+    """The lesser of two grids over the same corners."""
+    return DistanceGrid(np.minimum(one.values, other.values), one.origin, one.cell)
 
 
 def sharp_edge_points(

@@ -54,7 +54,10 @@ def prepare(scene: Scene, *, device: str = "cpu") -> SamplingProblem:
     object_mesh.apply_transform(T_canonical_world)
     environment_mesh = scene.environment_mesh.copy()
     environment_mesh.apply_transform(T_canonical_world)
-    fields, guiding_fields = build_guided_fields(object_mesh, environment_mesh, device=device)
+    displacement = scene.motion_length * (T_canonical_world[:3, :3] @ scene.motion)
+    fields, guiding_fields = build_guided_fields(
+        object_mesh, environment_mesh, device=device, displacement=displacement
+    )
     return SamplingProblem(
         scene=scene,
         T_world_canonical=T_world_canonical,
