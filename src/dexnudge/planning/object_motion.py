@@ -130,16 +130,21 @@ class _Way:
     direction: Float[np.ndarray, "3"]
 
 
-def plan_object_motion(scene: Scene, limits: GraspableLimits = DEFAULT_LIMITS) -> ObjectMotion | NoObjectMotion:
+def plan_object_motion(
+    scene: Scene, limits: GraspableLimits = DEFAULT_LIMITS, *, own_motion_only: bool = False
+) -> ObjectMotion | NoObjectMotion:
     """The shortest way after which the object is graspable; see the head of this file for what that means.
 
     One straight piece where that will do, else two. The object is lifted 1.5 mm in the mind, so the support itself is no
-    obstacle and a low step is none either; rays along the way find every other.
+    obstacle and a low step is none either; rays along the way find every other. With `own_motion_only` the way is straight
+    along the scene's motion, for hands that were sampled for it.
     """
     lying = LyingObject(scene)
     if not lying.normal.any():
         return NoObjectMotion("nothing below carries the object at rest")
     directions = _directions(lying, scene.motion, limits.directions)
+    if own_motion_only:
+        directions = directions[:1]
     refused = _Refusals()
     best: _Way | None = None
     for direction in directions:
@@ -147,11 +152,12 @@ def plan_object_motion(scene: Scene, limits: GraspableLimits = DEFAULT_LIMITS) -
         way = _distance(lying, np.zeros(3), direction, reach, limits, refused)
         if way is not None and (best is None or way < best.length):
             best = _Way(way, [way * direction] if way else [], direction)
-    if best is None:
+    if best is None and not own_motion_only:
         best = _two_pieces(lying, directions, limits)
     if best is None:
+        tried = "along the scene's motion" if own_motion_only else f"in any of {len(directions)} directions or two pieces"
         return NoObjectMotion(
-            f"in none of {len(directions)} directions, nor after a first piece aside, does {limits.overhang[0]:.0%} of the "
+            f"nowhere {tried} does {limits.overhang[0]:.0%} of the "
             f"object's length come free with {1e3 * limits.room:.0f} mm of room above and below: {refused.text()}"
         )
     return _result(scene, lying, best, limits)

@@ -9,6 +9,7 @@ from scipy.optimize import nnls
 from dexnudge.mechanics.contacts import HandContacts
 from dexnudge.mechanics.friction_cone import EDGE_COUNT, UP, friction_cone_edges, wrenches
 from dexnudge.simulation.grasp_model import FRICTION, GraspModel
+from dexnudge.simulation.push_model import PushModel
 
 SQUEEZE = 14.0  # [N] wanted sum of all normal forces, before the limit per link
 STRONGEST_LINK = 5.0  # [N] normal force of one link; what a tendon-driven finger holds continuously
@@ -20,22 +21,24 @@ EVENNESS = 0.1  # weight of each edge's own size: forces spread over contacts an
 class Squeeze:
     """Contact forces ON the object [N] whose net wrench is (nearly) zero, and what the motors must do for them.
 
-    force: per contact, object frame. motor_torque: [N m] per motor of the model.
+    force: per contact, in the frame of the contacts. motor_torque: [N m] per motor of the model.
     """
 
     force: Float[np.ndarray, "contact 3"]
     motor_torque: Float[np.ndarray, " motor"]
 
 
-def squeeze(grasp: GraspModel, contacts: HandContacts, *, half_length: float) -> Squeeze:
-    """The squeeze of the grasp that `grasp` was placed at.
+def squeeze(
+    grasp: GraspModel | PushModel, contacts: HandContacts, *, half_length: float, friction: float = FRICTION
+) -> Squeeze:
+    """The squeeze of the grasp that `grasp` was placed at, with forces inside cones of this `friction`.
 
     Non-negative least squares over the edges of the contacts' friction pyramids: no net wrench first (torques over
     `half_length` [m]), then a sum of normal forces near SQUEEZE, then evenly spread; scaled down until no link presses
     harder than STRONGEST_LINK. A force f of the hand at a contact takes the joint torques J^T f; a motor that two
     joints share takes the mean of theirs, since its tendon pulls on both alike.
     """
-    edges = friction_cone_edges(contacts.normals, UP, friction=FRICTION)
+    edges = friction_cone_edges(contacts.normals, UP, friction=friction)
     centre = np.array(grasp.data.xipos[grasp.object_body])
     wrench = wrenches(contacts.points[:, None], edges, centre=centre, half_length=half_length).reshape(-1, 6)
     count = len(wrench)
@@ -47,5 +50,4 @@ def squeeze(grasp: GraspModel, contacts: HandContacts, *, half_length: float) ->
     size *= min(1.0, STRONGEST_LINK / max(strongest, STRONGEST_LINK))
     force = np.einsum("ck,ckx->cx", size.reshape(-1, EDGE_COUNT), edges)
     torque = np.einsum("cxa,cx->a", grasp.indices.contact_jacobians(grasp.model, grasp.data, contacts), force)
-    motors = grasp.indices.motor_of_angle
-    return Squeeze(force=force, motor_torque=motors @ torque / motors.sum(axis=1))
+    return Squeeze(force=force, motor_torque=torque @ grasp.indices.angle_of_motor)
