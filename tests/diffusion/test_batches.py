@@ -21,6 +21,7 @@ PLAIN = TrainingConfig(
     direction_dropout=0.0,
     behaviour_dropout=0.0,
     point_noise=0.0,
+    scale_jitter=0.0,
 )
 
 
@@ -70,6 +71,17 @@ def test_the_object_turns_with_the_hand(dataset):
         turned = cloud[:, :2] @ turn.T
         nearest = torch.cdist(batch.points[group, :, :2][None], turned[None])[0].amin(dim=1)
         assert nearest.max() < 1e-4
+
+
+def test_the_cloud_alone_is_scaled_about_the_origin(dataset):
+    plain = BatchSampler(dataset, range(4), PLAIN).batch(2)
+    scaled = BatchSampler(dataset, range(4), dataclasses.replace(PLAIN, scale_jitter=0.02)).batch(2)
+    assert torch.equal(scaled.q, plain.q)
+    assert torch.equal(scaled.points[..., 3:], plain.points[..., 3:])
+    ratio = scaled.points[..., :3].flatten(1).norm(dim=1) / plain.points[..., :3].flatten(1).norm(dim=1)
+    torch.testing.assert_close(scaled.points[..., :3], ratio[:, None, None] * plain.points[..., :3])
+    assert 0.98 <= ratio.min() < 0.985  # of 40 uniform draws
+    assert 1.015 < ratio.max() <= 1.02
 
 
 def test_a_batch_depends_on_seed_stream_and_index_alone(dataset):

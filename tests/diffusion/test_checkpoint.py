@@ -96,6 +96,13 @@ def test_foreign_configs(folder, change, message):
         load_model(folder)
 
 
+def test_a_config_from_before_token_layouts_is_read(folder, network):
+    content = json.loads((folder / CONFIG_NAME).read_text())
+    assert content["model"]["architecture"].pop("token_layout") == "digits"
+    (folder / CONFIG_NAME).write_text(json.dumps(content))
+    assert load_model(folder)[0].config == network.config
+
+
 def test_broken_json(folder):
     path = folder / CONFIG_NAME
     path.write_text(path.read_text()[:40])

@@ -9,7 +9,8 @@ from dexnudge.diffusion.conditioning import GRASP, NON_PREHENSILE, Condition
 from dexnudge.diffusion.config import Architecture, ModelConfig
 from dexnudge.diffusion.network import ConditionalDenoiser, timestep_features
 from dexnudge.diffusion.point_encoder import POINT_SCALE
-from dexnudge.errors import CheckpointError
+from dexnudge.diffusion.token_layout import LAYOUTS, token_parts
+from dexnudge.errors import CheckpointError, InputError, UnknownNameError
 
 
 def inputs(config, feature, num=5, behaviour=NON_PREHENSILE, direction=(1.0, 0.0, 0.0), t=300):
@@ -86,8 +87,14 @@ def test_support_function_against_a_loop(network, points):
         assert float(u.norm()) == pytest.approx(1.0, abs=1e-6)
 
 
-def test_joint_order_is_only_a_name(network, config, points):
+@pytest.mark.parametrize("layout", list(LAYOUTS))
+def test_joint_order_is_only_a_name(config, points, layout):
     """The same digits, their joints stored in another order: same function, entries permuted alike."""
+    torch.manual_seed(0)
+    config = dataclasses.replace(config, architecture=dataclasses.replace(config.architecture, token_layout=layout))
+    network = ConditionalDenoiser(config)
+    for layer in (network.modulation, *network.token_out):
+        torch.nn.init.normal_(layer.weight, std=0.1)
     permutation = torch.randperm(16, generator=torch.Generator().manual_seed(5))
     inverse = torch.argsort(permutation).tolist()
     renamed = dataclasses.replace(
@@ -101,6 +108,28 @@ def test_joint_order_is_only_a_name(network, config, points):
     columns = torch.cat([torch.arange(9), 9 + permutation])
     found = other(arguments[0][:, columns], *arguments[1:])
     torch.testing.assert_close(found, network(*arguments)[:, columns])
+
+
+@pytest.mark.parametrize(("layout", "tokens"), [("digits", 6), ("single", 1), ("scalars", 25)])
+def test_every_layout_starts_at_zero_and_sees_every_entry(config, points, layout, tokens):
+    torch.manual_seed(0)
+    shape = dataclasses.replace(config.architecture, token_layout=layout)
+    network = ConditionalDenoiser(dataclasses.replace(config, architecture=shape))
+    assert network.token_position.shape == (tokens, shape.width)
+    feature = network.encode(points)
+    arguments = inputs(config, feature)
+    assert torch.equal(network(*arguments), torch.zeros(5, config.dimension))
+    for layer in (network.modulation, *network.token_out):
+        torch.nn.init.normal_(layer.weight, std=0.1)
+    x_t = arguments[0][:1].requires_grad_()
+    jacobian = torch.autograd.functional.jacobian(lambda x: network(x, *arguments[1:])[0], x_t)[:, 0]
+    assert (jacobian.abs() > 0.0).all()
+
+
+@pytest.mark.parametrize("layout", list(LAYOUTS))
+def test_tokens_hold_each_entry_once(config, layout):
+    parts = token_parts(layout, config.digit_joints)
+    assert sorted(index for part in parts for index in part) == list(range(config.dimension))
 
 
 def test_digits_of_different_sizes(points):
@@ -128,5 +157,16 @@ def test_the_default_model_fits_into_ten_megabytes(config):
 def test_impossible_shapes_are_refused(config):
     with pytest.raises(CheckpointError, match="width 30 is not a multiple of num_heads 4"):
         Architecture(width=30)
+    with pytest.raises(UnknownNameError, match="unknown token layout 'words'; expected one of digits, single, scalars"):
+        token_parts("words", config.digit_joints)
+    with pytest.raises(InputError, match="zero_terminal_snr cannot be used with epsilon prediction"):
+        Architecture(prediction_type="epsilon", zero_terminal_snr=True)
     with pytest.raises(CheckpointError, match="do not cover each of the 16 joints exactly once"):
         dataclasses.replace(config, digit_joints=config.digit_joints[:3])
+
+
+def test_the_last_step_follows_the_prediction_type():
+    last = {kind: Architecture(prediction_type=kind).noise_schedule() for kind in ("epsilon", "sample", "v_prediction")}
+    assert [float(schedule.alphas_cumprod[-1]) == 0.0 for schedule in last.values()] == [False, True, True]
+    kept = Architecture(zero_terminal_snr=False)
+    assert float(kept.noise_schedule().alphas_cumprod[-1]) > 0.0

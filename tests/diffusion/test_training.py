@@ -8,6 +8,8 @@ import signal
 import numpy as np
 import pytest
 import torch
+from safetensors import safe_open
+from safetensors.torch import load_file, save_file
 
 from dexnudge.dataset.manifest import write_manifest
 from dexnudge.dataset.schema import NUM_DIRECTIONS, BehaviourCounts, ConfigurationRow
@@ -18,7 +20,7 @@ from dexnudge.diffusion.prior import DiffusionPrior
 from dexnudge.diffusion.training import train
 from dexnudge.diffusion.training_config import TrainingConfig
 from dexnudge.diffusion.training_run import TrainingRun
-from dexnudge.diffusion.training_state import STATE_NAME
+from dexnudge.diffusion.training_state import SETTINGS_BEFORE, STATE_NAME
 from dexnudge.errors import CheckpointError, DexnudgeError, InputError
 
 
@@ -128,6 +130,47 @@ def test_another_run_is_not_continued(toy, dataset_folder, short, uninterrupted,
         train(tmp_path, uninterrupted, short, progress=False)
 
 
+@pytest.fixture
+def older_run(dataset_folder, short, tmp_path):
+    """Seven steps without scale jitter, their state as it was written before the newer settings existed."""
+    config = dataclasses.replace(short, scale_jitter=0.0)
+    train(dataset_folder, tmp_path, config, progress=False, stop_at_step=7)
+    path = tmp_path / STATE_NAME
+    with safe_open(path, framework="pt") as file:
+        header = json.loads(file.metadata()["training"])
+    settings = header["config"]
+    for name in SETTINGS_BEFORE:
+        *outer, inner = name.split(".")
+        (settings[outer[0]] if outer else settings).pop(inner)
+    save_file(load_file(path), path, metadata={"training": json.dumps(header)})
+    return tmp_path
+
+
+def test_a_run_from_before_newer_settings_goes_on_as_it_was(dataset_folder, short, older_run):
+    with pytest.raises(
+        CheckpointError, match=r"cannot be continued: scale_jitter was 0\.0, is now 0\.01; use the same"
+    ):
+        train(dataset_folder, older_run, short, progress=False)
+    other = dataclasses.replace(short.architecture, token_layout="single")  # noqa: S106
+    with pytest.raises(CheckpointError, match=r"architecture\.token_layout was 'digits', is now 'single'"):
+        train(dataset_folder, older_run, dataclasses.replace(short, architecture=other), progress=False)
+    assert train(dataset_folder, older_run, dataclasses.replace(short, scale_jitter=0.0), progress=False).step == 12
+
+
+@pytest.mark.parametrize("prediction_type", ["epsilon", "sample", "v_prediction"])
+def test_every_prediction_type_lowers_its_loss(dataset_folder, short, tmp_path, prediction_type):
+    architecture = dataclasses.replace(short.architecture, prediction_type=prediction_type, zero_terminal_snr=None)
+    config = dataclasses.replace(short, steps=60, groups=4, learning_rate=4e-3, architecture=architecture)
+    train(dataset_folder, tmp_path, config, progress=False)
+    log = [json.loads(line) for line in (tmp_path / "train.jsonl").read_text().splitlines()]
+    losses = [line["validation/loss"] for line in log if "validation/loss" in line]
+    assert losses[-1] < 0.9 * losses[0]
+    prior = DiffusionPrior.from_folder(tmp_path / "model")
+    condition = prior.condition(torch.rand(1, 50, 6))
+    clean = prior.predict_clean(prior.noise(8), prior.schedule.num_train_timesteps - 1, condition)
+    assert clean.isfinite().all()
+
+
 def test_a_truncated_state_is_named(dataset_folder, short, uninterrupted, tmp_path):
     data = (uninterrupted / STATE_NAME).read_bytes()
     for share in (0.0, 0.01, 0.9):
@@ -171,6 +214,10 @@ def test_impossible_settings():
         TrainingConfig(steps=0)
     with pytest.raises(InputError, match=r"grasp_fraction is 1.5, expected a share between 0 and 1"):
         TrainingConfig(grasp_fraction=1.5)
+    with pytest.raises(InputError, match=r"scale_jitter is 1.0, expected a relative error from 0 to below 1"):
+        TrainingConfig(scale_jitter=1.0)
+    with pytest.raises(InputError, match=r"point_noise is -0.1, expected 0 or more"):
+        TrainingConfig(point_noise=-0.1)
     with pytest.raises(InputError, match=r"max_minutes is 0.0, expected more than 0"):
         TrainingConfig(max_minutes=0.0)
 

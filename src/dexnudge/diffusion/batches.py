@@ -85,6 +85,8 @@ class BatchSampler:
         points = turn_clouds(self._clouds[objects][:, torch.from_numpy(subset)], yaw)
         noise = rng.standard_normal((*points.shape[:2], 3), dtype=np.float32) * np.float32(self.config.point_noise)
         points[..., :3] += torch.from_numpy(noise)
+        scale = 1.0 + self.config.scale_jitter * rng.uniform(-1.0, 1.0, (len(groups), 1, 1))
+        points[..., :3] *= torch.from_numpy(scale.astype(np.float32))
         has_direction = torch.tensor([group.has_direction for group in groups])
         return TrainingBatch(
             q=turn_configurations(self._q[torch.from_numpy(rows)], yaw.repeat_interleave(self.config.rows_per_group)),

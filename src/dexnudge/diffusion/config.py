@@ -3,6 +3,7 @@
 from dataclasses import asdict, dataclass, field
 
 from dexnudge.diffusion.schedule import NoiseSchedule, PredictionType, ScheduleName
+from dexnudge.diffusion.token_layout import TokenLayout
 from dexnudge.errors import CheckpointError
 
 CONFIG_VERSION = 1  # raised whenever a weight changes its meaning
@@ -13,7 +14,9 @@ class Architecture:
     """The network's shape and the noise schedule it is trained with.
 
     width, depth, num_heads, mlp_ratio: of the transformer; encoder_widths: of PointNet's per-point layers;
-    feature_width: of the pooled object feature; clean_limit: |x_0 estimate| is clamped to it, in standard deviations.
+    feature_width: of the pooled object feature; clean_limit: |x_0 estimate| is clamped to it, in standard deviations;
+    token_layout: see `token_layout.py`; zero_terminal_snr: None follows the prediction type, which epsilon forbids.
+    Configs written before `token_layout` was a choice lack it and mean its default.
     """
 
     width: int = 128
@@ -25,14 +28,18 @@ class Architecture:
     schedule: ScheduleName = "cosine"
     num_train_timesteps: int = 1000
     prediction_type: PredictionType = "v_prediction"
-    zero_terminal_snr: bool = True
+    zero_terminal_snr: bool | None = None
     clean_limit: float = 6.0
+    token_layout: TokenLayout = "digits"  # noqa: S105 - a transformer's tokens, no secret
 
     def __post_init__(self) -> None:
+        if self.zero_terminal_snr is None:
+            object.__setattr__(self, "zero_terminal_snr", self.prediction_type != "epsilon")
         if self.width % self.num_heads:
             raise CheckpointError(
                 f"width {self.width} is not a multiple of num_heads {self.num_heads}; choose one that is."
             )
+        self.noise_schedule()  # refuses a combination that cannot be trained before anything is made
 
     def noise_schedule(self) -> NoiseSchedule:
         """The schedule that the model was, or will be, trained with."""
@@ -40,7 +47,7 @@ class Architecture:
             self.schedule,
             num_train_timesteps=self.num_train_timesteps,
             prediction_type=self.prediction_type,
-            zero_terminal_snr=self.zero_terminal_snr,
+            zero_terminal_snr=bool(self.zero_terminal_snr),
         )
 
 

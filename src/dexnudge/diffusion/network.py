@@ -1,7 +1,7 @@
 """The conditional denoiser: a PointNet over the object and a diffusion transformer over the parts of the hand.
 
-q becomes one token for the translation, one for the rotation and one for each digit. Time, object, class and direction
-are summed into one vector that scales, shifts and gates every layer (adaLN-Zero; Peebles and Xie, 2023).
+x_t is cut into tokens by the architecture's token layout. Time, object, class and direction are summed into one vector
+that scales, shifts and gates every layer (adaLN-Zero; Peebles and Xie, 2023).
 """
 
 import math
@@ -14,6 +14,7 @@ from torch.nn import functional
 from dexnudge.diffusion.conditioning import CLASSES
 from dexnudge.diffusion.config import ModelConfig
 from dexnudge.diffusion.point_encoder import PointEncoder
+from dexnudge.diffusion.token_layout import token_parts
 
 TIME_FREQUENCIES = 64  # sine and cosine pairs of the timestep embedding
 LONGEST_PERIOD = 10_000.0  # of the timestep embedding, in steps
@@ -30,7 +31,7 @@ class ConditionalDenoiser(nn.Module):
         self.config = config
         shape = config.architecture
         width = shape.width
-        parts = [(0, 1, 2), (3, 4, 5, 6, 7, 8), *(tuple(9 + joint for joint in digit) for digit in config.digit_joints)]
+        parts = token_parts(shape.token_layout, config.digit_joints)
         order = [index for part in parts for index in part]
         self.part_sizes = [len(part) for part in parts]
         self.order: Tensor

@@ -1,5 +1,6 @@
 """Everything that decides how a model is trained."""
 
+import math
 from dataclasses import asdict, dataclass, field
 
 from dexnudge.diffusion.config import Architecture
@@ -30,6 +31,8 @@ class TrainingConfig:
         min_direction_margin: force margin from which a configuration counts as able to move the object in a direction.
         yaw_jitter: half-width of the uniform error of frame C's yaw [rad].
         point_noise: standard deviation of noise on surface points [m]; num_points: random subset a group.
+        scale_jitter: half-width of the uniform relative error of the cloud's size, about the origin of frame C: what a mesh
+            measured wrong looks like. Hands are not scaled with it: a hand has one size, and it touched the true object.
         loss_weighting, snr_limit: see `loss.py`. ema_decay: of the averaged weights that are shipped.
         num_threads: of torch; None leaves it as it is.
     """
@@ -51,6 +54,7 @@ class TrainingConfig:
     min_direction_margin: float = 1.0
     yaw_jitter: float = 0.0873
     point_noise: float = 5e-4
+    scale_jitter: float = 0.01
     num_points: int = 256
     loss_weighting: LossWeighting = "uniform"
     snr_limit: float = 5.0
@@ -69,6 +73,11 @@ class TrainingConfig:
         for name in _SHARES:
             if not 0.0 <= getattr(self, name) <= 1.0:
                 raise InputError(f"{name} is {getattr(self, name)}, expected a share between 0 and 1.")
+        for name in ("yaw_jitter", "point_noise"):
+            if not 0.0 <= getattr(self, name) < math.inf:
+                raise InputError(f"{name} is {getattr(self, name)}, expected 0 or more.")
+        if not 0.0 <= self.scale_jitter < 1.0:
+            raise InputError(f"scale_jitter is {self.scale_jitter}, expected a relative error from 0 to below 1.")
         if self.max_minutes is not None and self.max_minutes <= 0.0:
             raise InputError(f"max_minutes is {self.max_minutes}, expected more than 0, or None for no limit.")
 

@@ -3,6 +3,7 @@
 import json
 from dataclasses import dataclass
 from pathlib import Path
+from typing import Any
 
 import torch
 from safetensors import SafetensorError, safe_open
@@ -15,6 +16,8 @@ from dexnudge.errors import CheckpointError
 
 STATE_NAME = "training_state.safetensors"
 STATE_VERSION = 1  # raised whenever the optimiser or the order of random draws changes
+# what a state means that was written before the setting existed
+SETTINGS_BEFORE = {"scale_jitter": 0.0, "architecture.token_layout": "digits"}
 
 
 @dataclass(kw_only=True)
@@ -78,8 +81,9 @@ def load_state(folder: Path, config: TrainingConfig, dataset_id: str) -> Trainin
 
 def _check_identity(path: Path, header: dict, config: TrainingConfig, dataset_id: str) -> None:
     identity = json.loads(json.dumps(config.identity()))  # tuples become lists, as in the file
-    found = {"version": header.get("version"), "dataset": header.get("dataset"), **header.get("config", {})}
-    expected = {"version": STATE_VERSION, "dataset": dataset_id, **identity}
+    saved = {**SETTINGS_BEFORE, **_flat(header.get("config", {}))}
+    found = {"version": header.get("version"), "dataset": header.get("dataset"), **saved}
+    expected = {"version": STATE_VERSION, "dataset": dataset_id, **_flat(identity)}
     names = sorted(name for name in {*found, *expected} if found.get(name) != expected.get(name))
     if names:
         differences = "; ".join(f"{name} was {found.get(name)!r}, is now {expected.get(name)!r}" for name in names)
@@ -87,6 +91,13 @@ def _check_identity(path: Path, header: dict, config: TrainingConfig, dataset_id
             f"{path} belongs to another run and cannot be continued: {differences}; "
             "use the same settings, or another output folder."
         )
+
+
+def _flat(settings: dict[str, Any]) -> dict[str, Any]:
+    """Nested settings under names like `architecture.width`."""
+    inner = {name: value for name, value in settings.items() if isinstance(value, dict)}
+    outer = {name: value for name, value in settings.items() if name not in inner}
+    return outer | {f"{name}.{key}": value for name, values in inner.items() for key, value in values.items()}
 
 
 def restore_moments(optimizer: torch.optim.Optimizer, named: dict[str, Tensor], state: TrainingState) -> None:
