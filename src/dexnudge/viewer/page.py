@@ -1,30 +1,19 @@
 """One HTML file that shows configurations in 3-D: no server, no internet, no plug-in."""
 
-import json
 import math
 from collections.abc import Sequence
 from dataclasses import dataclass
 from html import escape
-from importlib.resources import files
 from pathlib import Path
-from string import Template
-from typing import Any
 
-import numpy as np
-import trimesh
-
-from dexnudge.errors import InputError, OutputError
-from dexnudge.viewer.camera import TAN_HALF_HEIGHT
+from dexnudge.errors import InputError
 from dexnudge.viewer.drawing import Drawing
-from dexnudge.viewer.page_geometry import encoded, page_geometry
-from dexnudge.viewer.palette import PALETTE, Role
-from dexnudge.viewer.viewpoint import choose_camera
+from dexnudge.viewer.page_data import check_same_bodies, page_data
+from dexnudge.viewer.page_text import filled_template, json_text, legend, write_text
+from dexnudge.viewer.palette import Role
 
-ASPECT = 4 / 3  # of the stage for which the first view is chosen
-BALL_RADIUS = 0.0035  # [m] of a contact
 LARGEST_PAGE = 500  # configurations; more would make the page slow to open
 OPACITY = 40  # [%] of the surroundings at first
-EDGE = (0.42, 0.42, 0.44)  # sRGB of the surroundings' edges
 LEGEND: dict[Role, str] = {
     "object": "object",
     "fingertip": "fingertips",
@@ -32,7 +21,6 @@ LEGEND: dict[Role, str] = {
     "arrow": "motion",
     "environment": "surroundings",
 }
-MOVING: tuple[Role, ...] = ("object", "link", "fingertip", "base")
 HEAD = """<th>#</th><th class="text">verdict</th><th>object<br>mm</th><th>surr.<br>mm</th><th>self<br>mm</th>
 <th>force<br>margin</th><th class="text">contact links</th>"""
 
@@ -71,26 +59,20 @@ def write_page(
     order = sorted(range(len(drawings)), key=lambda index: not figures[index].success)[:LARGEST_PAGE]
     if len(order) < len(drawings):
         subtitle = f"{subtitle} The first {len(order)} of {len(drawings)} are shown.".strip()
-    package = files("dexnudge.viewer")
-    page = Template((package / "page.html").read_text(encoding="utf-8")).substitute(
+    page = filled_template(
+        "page.html",
+        ("page.css",),
+        ("stage.js", "page.js"),
         title=escape(title),
         subtitle=escape(subtitle),
         last=len(order) - 1,
         opacity=OPACITY,
-        legend="".join(_legend(role, text) for role, text in LEGEND.items()),
+        legend=legend(LEGEND),
         head=HEAD,
         rows="\n".join(_row(index, figures[index]) for index in order),
-        data=_json(_data([drawings[index] for index in order])),
-        script=(package / "page.js").read_text(encoding="utf-8"),
+        data=json_text(page_data([drawings[index] for index in order])),
     )
-    path = Path(path)
-    try:
-        path.write_text(page, encoding="utf-8")
-    except OSError as error:
-        raise OutputError(
-            f"the page {path} cannot be written: {error}; expected a folder that exists and is writable"
-        ) from error
-    return path
+    return write_text(page, path)
 
 
 def _check(drawings: Sequence[Drawing], figures: Sequence[Figures]) -> None:
@@ -100,13 +82,7 @@ def _check(drawings: Sequence[Drawing], figures: Sequence[Figures]) -> None:
         raise InputError(
             f"figures of {len(figures)} configurations were given for {len(drawings)}; expected one entry for each"
         )
-    bodies = [[(id(part.mesh), part.role) for part in drawing.parts] for drawing in drawings]
-    for index, other in enumerate(bodies):
-        if other != bodies[0]:
-            raise InputError(
-                f"drawing {index} shows other bodies than drawing 0; expected the same meshes in the same order; "
-                "write one page for each scene"
-            )
+    check_same_bodies(drawings)
 
 
 def _row(index: int, figures: Figures) -> str:
@@ -120,56 +96,5 @@ def _row(index: int, figures: Figures) -> str:
     )
 
 
-def _legend(role: Role, text: str) -> str:
-    red, green, blue = (round(255 * channel) for channel in PALETTE[role])
-    return f'<span><i style="background:rgb({red} {green} {blue})"></i>{text}</span>'
-
-
 def _number(value: float) -> str:
     return f"{value:.2f}" if math.isfinite(value) else "&ndash;"
-
-
-def _json(data: Any) -> str:
-    """JSON that cannot end the script element that holds it."""
-    text = json.dumps(data, allow_nan=False, separators=(",", ":"))
-    return text.replace("&", "\\u0026").replace("<", "\\u003c").replace(">", "\\u003e")
-
-
-def _data(drawings: Sequence[Drawing]) -> dict[str, Any]:
-    first = drawings[0]
-    meshes: dict[int, trimesh.Trimesh] = {id(part.mesh): part.mesh for part in first.parts}
-    place = {key: index for index, key in enumerate(meshes)}
-    extra = [first.arrow().mesh, trimesh.creation.icosphere(subdivisions=2, radius=BALL_RADIUS)]
-    return {
-        "geometries": [page_geometry(mesh) for mesh in [*meshes.values(), *extra]],
-        "arrow": len(meshes),
-        "ball": len(meshes) + 1,
-        "bodies": [
-            {"geometry": place[id(part.mesh)], "role": part.role, "moves": part.role in MOVING} for part in first.parts
-        ],
-        "configurations": [
-            {
-                "poses": encoded(np.stack([part.T_world_part[:3] for part in drawing.parts]).astype(np.float32)),
-                "contacts": np.round(drawing.contacts, 5).tolist(),
-            }
-            for drawing in drawings
-        ],
-        "palette": {**PALETTE, "edge": EDGE},
-        "motion": first.motion.tolist(),
-        "motion_length": first.motion_length,
-        "camera": _camera(first),
-    }
-
-
-def _camera(drawing: Drawing) -> dict[str, Any]:
-    """The best view of the first configuration, as the page turns it: about a point near the object."""
-    camera = choose_camera(drawing, aspect=ASPECT)
-    middle = np.concatenate([part.vertices_in_world() for part in drawing.with_role("object")]).mean(axis=0)
-    distance = float((middle - camera.position) @ camera.forward)
-    return {
-        "target": (camera.position + distance * camera.forward).tolist(),
-        "distance": distance,
-        "azimuth": float(np.arctan2(-camera.forward[1], -camera.forward[0])),
-        "elevation": float(np.arcsin(-camera.forward[2])),
-        "tangent": TAN_HALF_HEIGHT,
-    }
