@@ -1,10 +1,12 @@
-"""Shape and type checks on every call into dexnudge, and settings that all tests share."""
+"""Shape and type checks on every call into dexnudge, and settings and a hand that all tests share."""
 
 import os
 import re
 from pathlib import Path
 
+import numpy as np
 import pytest
+import trimesh
 from jaxtyping import install_import_hook
 
 SOURCE = Path(__file__).parents[1] / "src"
@@ -34,3 +36,40 @@ def one_torch_thread_per_worker(request: pytest.FixtureRequest) -> None:
         import torch
 
         torch.set_num_threads(1)
+
+
+@pytest.fixture(scope="session")
+def boxy_hand():
+    """A palm and two fingers of two segments, side by side in x, pointing along -z; joints turn about y.
+
+    Every depth of it is easily known by hand. Each segment hangs 30 mm down from its joint, fingers stand 30 mm apart,
+    and at zero joint angles the fingertips are 73 mm below the palm's centre.
+    """
+    from dexnudge.hands.hand import Hand, Joint
+
+    def joint(name, origin, index):
+        pose = np.eye(4)
+        pose[:3, 3] = origin
+        return Joint(name, pose, np.array([0.0, 1.0, 0.0]), index)
+
+    segment = trimesh.creation.box((0.01, 0.01, 0.03))
+    segment.apply_translation([0, 0, -0.015])
+    return Hand(
+        name="boxy",
+        joint_names=("one", "two", "three", "four"),
+        lower=np.full(4, -1.0),
+        upper=np.full(4, 1.0),
+        link_names=("palm", "near_a", "tip_a", "near_b", "tip_b"),
+        link_parent=np.array([-1, 0, 1, 0, 3]),
+        joints=(
+            None,
+            joint("one", (-0.015, 0, -0.011), 0),
+            joint("two", (0, 0, -0.032), 1),
+            joint("three", (0.015, 0, -0.011), 2),
+            joint("four", (0, 0, -0.032), 3),
+        ),
+        link_meshes=(trimesh.creation.box((0.06, 0.06, 0.02)), segment, segment, segment, segment),
+        fingertips={"a": "tip_a", "b": "tip_b"},
+        couplings=(("two", "one"),),
+        palm_normal=np.array([0.0, 0.0, -1.0]),
+    )

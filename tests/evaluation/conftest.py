@@ -1,50 +1,11 @@
-"""A hand of five boxes whose every depth is known by hand, and a block on a floor."""
+"""What every depth of is known by hand: the hand of five boxes and a block on a floor; and rows of that kind."""
 
 import numpy as np
 import pytest
 import trimesh
 
 from dexnudge.evaluation.rows import Row
-from dexnudge.hands.hand import Hand, Joint
 from dexnudge.scenes.scene import Scene
-
-PALM, SEGMENT = (0.06, 0.06, 0.02), (0.01, 0.01, 0.03)
-
-
-def joint(name: str, origin: tuple[float, float, float], index: int) -> Joint:
-    pose = np.eye(4)
-    pose[:3, 3] = origin
-    return Joint(name, pose, np.array([0.0, 1.0, 0.0]), index)
-
-
-@pytest.fixture(scope="session")
-def boxy_hand() -> Hand:
-    """A palm and two fingers of two segments, side by side in x, pointing along -z; joints turn about y.
-
-    Each segment hangs 30 mm down from its joint. Fingers stand 30 mm apart.
-    """
-    segment = trimesh.creation.box(SEGMENT)
-    segment.apply_translation([0, 0, -0.015])
-    return Hand(
-        name="boxy",
-        joint_names=("one", "two", "three", "four"),
-        lower=np.full(4, -1.0),
-        upper=np.full(4, 1.0),
-        link_names=("palm", "near_a", "tip_a", "near_b", "tip_b"),
-        link_parent=np.array([-1, 0, 1, 0, 3]),
-        joints=(
-            None,
-            joint("one", (-0.015, 0, -0.011), 0),
-            joint("two", (0, 0, -0.032), 1),
-            joint("three", (0.015, 0, -0.011), 2),
-            joint("four", (0, 0, -0.032), 3),
-        ),
-        link_meshes=(trimesh.creation.box(PALM), segment, segment, segment, segment),
-        fingertips={"a": "tip_a", "b": "tip_b"},
-        couplings=(("two", "one"),),
-        palm_normal=np.array([0.0, 0.0, -1.0]),
-    )
-
 
 TIP = 0.011 + 0.032 + 0.03
 """Height of the palm's centre over the fingertips at zero joint angles [m]."""

@@ -1,46 +1,12 @@
-"""A small hand of boxes, a block on a floor, and walls to plan around."""
+"""A block on a floor and walls to plan around, for the small hand of boxes."""
 
 import numpy as np
 import pytest
 import trimesh
 
-from dexnudge.hands.hand import Hand, Joint
 from dexnudge.scenes.scene import Scene
 
-PALM, SEGMENT = (0.06, 0.06, 0.02), (0.01, 0.01, 0.03)
 TIP = 0.011 + 0.032 + 0.03  # [m] of the palm's centre over the fingertips at zero joint angles
-
-
-def joint(name, origin, index):
-    pose = np.eye(4)
-    pose[:3, 3] = origin
-    return Joint(name, pose, np.array([0.0, 1.0, 0.0]), index)
-
-
-@pytest.fixture(scope="session")
-def boxy_hand():
-    """A palm and two fingers of two segments, 30 mm apart in x, pointing along -z; joints turn about y."""
-    segment = trimesh.creation.box(SEGMENT)
-    segment.apply_translation([0, 0, -0.015])
-    return Hand(
-        name="boxy",
-        joint_names=("one", "two", "three", "four"),
-        lower=np.full(4, -1.0),
-        upper=np.full(4, 1.0),
-        link_names=("palm", "near_a", "tip_a", "near_b", "tip_b"),
-        link_parent=np.array([-1, 0, 1, 0, 3]),
-        joints=(
-            None,
-            joint("one", (-0.015, 0, -0.011), 0),
-            joint("two", (0, 0, -0.032), 1),
-            joint("three", (0.015, 0, -0.011), 2),
-            joint("four", (0, 0, -0.032), 3),
-        ),
-        link_meshes=(trimesh.creation.box(PALM), segment, segment, segment, segment),
-        fingertips={"a": "tip_a", "b": "tip_b"},
-        couplings=(("two", "one"),),
-        palm_normal=np.array([0.0, 0.0, -1.0]),
-    )
 
 
 def block_on(*solids):

@@ -34,6 +34,7 @@ from dexnudge.energies.object_kernel import points_on_object
 from dexnudge.energies.self_collision_kernel import links_come_close, points_in_other_link
 from dexnudge.energies.wrench_kernel import add_wrench
 from dexnudge.geometry.warp_runtime import wp
+from dexnudge.hands.kinematics_kernel import place_links
 
 
 @wp.kernel(enable_backward=False)
@@ -42,20 +43,16 @@ def kinematics(hand: HandModel, state: State, first: int):
     i = first + wp.tid()
     if state.active[i] == 0:
         return
-    for l in range(hand.parent.shape[0]):
-        if hand.parent[l] < 0:
-            state.link_rotation[i, l] = state.root_rotation[i]
-            state.link_translation[i, l] = state.root_translation[i]
-        else:
-            parent_rotation = state.link_rotation[i, hand.parent[l]]
-            rotation = parent_rotation * hand.origin_rotation[l]
-            if hand.joint[l] >= 0:
-                angle = hand.multiplier[l] * state.joint_angles[i, hand.joint[l]] + hand.offset[l]
-                rotation = rotation * wp.quat_to_matrix(wp.quat_from_axis_angle(hand.axis[l], angle))
-            state.link_rotation[i, l] = rotation
-            state.link_translation[i, l] = (
-                state.link_translation[i, hand.parent[l]] + parent_rotation * hand.origin_translation[l]
-            )
+    place_links(
+        hand.tree,
+        state.root_rotation[i],
+        state.root_translation[i],
+        state.joint_angles,
+        i,
+        state.link_rotation,
+        state.link_translation,
+    )
+    for l in range(hand.tree.parent.shape[0]):
         state.link_centre[i, l] = state.link_translation[i, l] + state.link_rotation[i, l] * hand.centre[l]
         state.force[i, l] = wp.vec3()
         state.moment[i, l] = wp.vec3()
@@ -145,7 +142,7 @@ def reduce_gradient(hand: HandModel, state: State, first: int):
     i = first + wp.tid()
     if state.active[i] == 0:
         return
-    links = hand.parent.shape[0]
+    links = hand.tree.parent.shape[0]
     for term in range(NUM_TERMS):
         total = float(0.0)
         for l in range(links):
@@ -157,15 +154,15 @@ def reduce_gradient(hand: HandModel, state: State, first: int):
         l = links - 1 - n
         force = state.force[i, l]
         moment = state.moment[i, l]
-        if hand.parent[l] < 0:
+        if hand.tree.parent[l] < 0:
             about_root = moment - wp.cross(state.root_translation[i], force)
             for c in range(3):
                 state.gradient[i, c] = force[c]
                 state.gradient[i, 3 + c] = about_root[c]
         else:
-            state.force[i, hand.parent[l]] += force
-            state.moment[i, hand.parent[l]] += moment
-            if hand.joint[l] >= 0:
-                axis = state.link_rotation[i, l] * hand.axis[l]
+            state.force[i, hand.tree.parent[l]] += force
+            state.moment[i, hand.tree.parent[l]] += moment
+            if hand.tree.joint[l] >= 0:
+                axis = state.link_rotation[i, l] * hand.tree.axis[l]
                 torque = wp.dot(axis, moment - wp.cross(state.link_translation[i, l], force))
-                state.gradient[i, 6 + hand.joint[l]] += hand.multiplier[l] * torque
+                state.gradient[i, 6 + hand.tree.joint[l]] += hand.tree.multiplier[l] * torque

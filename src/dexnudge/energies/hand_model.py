@@ -1,6 +1,5 @@
 """A hand's constant arrays for the fused kernel."""
 
-from functools import lru_cache
 from itertools import chain
 from typing import Any
 
@@ -13,6 +12,8 @@ from dexnudge.geometry.distance_grid import DistanceGrid, distance_grid
 from dexnudge.geometry.exact_distance import ExactDistance
 from dexnudge.geometry.warp_runtime import WarpStruct, wp
 from dexnudge.hands.hand import Hand
+from dexnudge.hands.kinematic_tree import kinematic_tree
+from dexnudge.hands.per_hand import per_hand
 
 LINK_CELL = 0.0015  # [m] grid cell of a digit's link
 LARGE_LINK_CELL = 0.003  # [m] of the palm and the base
@@ -22,28 +23,20 @@ FREE = 1.0  # [m] distance reported by the grid of a link without geometry
 
 def build_hand_model(hand: Hand, *, device: str = "cpu") -> WarpStruct:
     """Packs the tree, the sparse points, the bounding spheres and the link grids; cached per hand object."""
-    return _build(_ByIdentity(hand), device)
+    models = _models(hand)
+    if device not in models:
+        models[device] = _build(hand, device)
+    return models[device]
 
 
-class _ByIdentity:
-    """Hashes a hand by identity: its arrays are not hashable, and two equal hands may have two models."""
-
-    def __init__(self, hand: Hand) -> None:
-        self.hand = hand
-
-    def __hash__(self) -> int:
-        return id(self.hand)
-
-    def __eq__(self, other: object) -> bool:
-        return isinstance(other, _ByIdentity) and other.hand is self.hand
+@per_hand
+def _models(hand: Hand) -> dict[str, WarpStruct]:  # noqa: ARG001 - what is kept is the hand's
+    """Device -> the model there, as far as one was asked for."""
+    return {}
 
 
-@lru_cache(maxsize=8)
-def _build(key: _ByIdentity, device: str) -> WarpStruct:
-    hand = key.hand
+def _build(hand: Hand, device: str) -> WarpStruct:
     links = len(hand.link_names)
-    joints = hand.joints
-    origins = np.stack([np.eye(4) if joint is None else joint.origin for joint in joints])
     sparse = hand.sparse_points
     centre, radius = np.zeros((links, 3)), np.full(links, -1.0)
     for link, mesh in enumerate(hand.link_meshes):
@@ -59,15 +52,7 @@ def _build(key: _ByIdentity, device: str) -> WarpStruct:
         return wp.array(np.asarray(values), dtype=dtype, device=device)
 
     model = HandModel()
-    model.parent = array(hand.link_parent.astype(np.int32), wp.int32)
-    model.joint = array(
-        np.asarray([-1 if j is None or j.index is None else j.index for j in joints], np.int32), wp.int32
-    )
-    model.multiplier = array(np.asarray([1.0 if j is None else j.multiplier for j in joints], np.float32), wp.float32)
-    model.offset = array(np.asarray([0.0 if j is None else j.offset for j in joints], np.float32), wp.float32)
-    model.axis = array(np.stack([np.zeros(3) if j is None else j.axis for j in joints]).astype(np.float32), wp.vec3)
-    model.origin_rotation = array(origins[:, :3, :3].astype(np.float32), wp.mat33)
-    model.origin_translation = array(origins[:, :3, 3].astype(np.float32), wp.vec3)
+    model.tree = kinematic_tree(hand, device=device)
     model.points, model.clusters, first_cluster = cluster_points(sparse.points, sparse.link, links, device=device)
     model.first_cluster = array(first_cluster, wp.int32)
     model.centre = array(centre.astype(np.float32), wp.vec3)

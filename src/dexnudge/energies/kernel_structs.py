@@ -5,6 +5,7 @@
 
 from dexnudge.energies.grid_kernel import PackedGrids
 from dexnudge.geometry.warp_runtime import wp
+from dexnudge.hands.kinematics_kernel import KinematicTree
 
 TERM_ENVIRONMENT = wp.constant(0)
 TERM_OBJECT = wp.constant(1)
@@ -35,13 +36,7 @@ class Clusters:
 class HandModel:
     """The kinematic tree and the sparse surface points of a hand; constant."""
 
-    parent: wp.array(dtype=int)  # (L,)
-    joint: wp.array(dtype=int)  # (L,) index of the joint angle, -1 where fixed
-    multiplier: wp.array(dtype=float)  # (L,)
-    offset: wp.array(dtype=float)  # (L,) [rad]
-    axis: wp.array(dtype=wp.vec3)  # (L,)
-    origin_rotation: wp.array(dtype=wp.mat33)  # (L,)
-    origin_translation: wp.array(dtype=wp.vec3)  # (L,) [m]
+    tree: KinematicTree
     points: wp.array(dtype=wp.vec3)  # (P,) link frame [m], grouped by cluster
     clusters: Clusters  # grouped by link
     first_cluster: wp.array(dtype=int)  # (L + 1,)

@@ -7,6 +7,7 @@ distance of the points, and the less the nearer: exact where it is zero or negat
 """
 
 from dexnudge.geometry.warp_runtime import wp
+from dexnudge.hands.kinematics_kernel import KinematicTree, place_links
 
 WINDING_ACCURACY = wp.constant(2.0)  # Barnes-Hut opening ratio of Warp's fast winding number; 2 is Warp's default
 INSIDE_WINDING_NUMBER = wp.constant(0.5)  # a point is inside where the surface winds around it at least half a turn
@@ -18,13 +19,7 @@ FAR = wp.constant(1.0e3)  # [m] farther than any scene is wide
 class ClearanceHand:
     """Kinematic tree and nested balls of surface points; see `Hand` and `PointBalls`."""
 
-    parent: wp.array(dtype=int)  # (L,)
-    joint: wp.array(dtype=int)  # (L,) index of the joint angle, -1 where fixed
-    multiplier: wp.array(dtype=float)  # (L,)
-    offset: wp.array(dtype=float)  # (L,) [rad]
-    axis: wp.array(dtype=wp.vec3)  # (L,)
-    origin_rotation: wp.array(dtype=wp.mat33)  # (L,)
-    origin_translation: wp.array(dtype=wp.vec3)  # (L,) [m]
+    tree: KinematicTree
     point: wp.array(dtype=wp.vec3)  # (N,) [m] link frame
     radius: wp.array(dtype=float)  # (N,) [m]
     link: wp.array(dtype=int)  # (N,)
@@ -111,20 +106,15 @@ def clearances(
 ):
     """Poses of the links, then the least distance to either mesh; one thread per hand."""
     i = wp.tid()
-    for l in range(hand.parent.shape[0]):
-        if hand.parent[l] < 0:
-            states.link_rotation[i, l] = states.rotation[i]
-            states.link_translation[i, l] = states.translation[i]
-        else:
-            above = states.link_rotation[i, hand.parent[l]]
-            rotation = above * hand.origin_rotation[l]
-            if hand.joint[l] >= 0:
-                angle = hand.multiplier[l] * states.joint_angles[i, hand.joint[l]] + hand.offset[l]
-                rotation = rotation * wp.quat_to_matrix(wp.quat_from_axis_angle(hand.axis[l], angle))
-            states.link_rotation[i, l] = rotation
-            states.link_translation[i, l] = (
-                states.link_translation[i, hand.parent[l]] + above * hand.origin_translation[l]
-            )
+    place_links(
+        hand.tree,
+        states.rotation[i],
+        states.translation[i],
+        states.joint_angles,
+        i,
+        states.link_rotation,
+        states.link_translation,
+    )
     least_distance(hand, states, environment, cap, stop, i, 0)
     if states.distance[i, 0] >= stop:
         least_distance(hand, states, thing, cap, stop, i, 1)

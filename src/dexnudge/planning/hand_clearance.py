@@ -1,7 +1,6 @@
 """How far a hand is from the surroundings and from the object at rest, for many poses of the hand at once."""
 
 from dataclasses import dataclass
-from functools import lru_cache
 
 import numpy as np
 import trimesh
@@ -9,8 +8,10 @@ from jaxtyping import Float, Int
 
 from dexnudge.geometry.warp_runtime import WarpStruct, wp
 from dexnudge.hands.hand import Hand
+from dexnudge.hands.kinematic_tree import kinematic_tree
+from dexnudge.hands.per_hand import per_hand
 from dexnudge.planning.clearance_kernel import ClearanceHand, HandStates, Obstacle, clearances
-from dexnudge.planning.point_balls import point_balls
+from dexnudge.planning.point_balls import PointBalls, point_balls
 from dexnudge.scenes.scene import Scene
 
 CAP = 0.10  # [m] clearances are measured up to here; beyond, all that counts is that it is far
@@ -42,7 +43,7 @@ class HandClearance:
         self.count = 0
         """States measured so far: what a budget is counted in, since it is the same on every machine."""
         self.origin = scene.T_world_object[:3, 3].copy()  # single precision is finest near the object
-        self._model = _model(_ByIdentity(hand))
+        self._model = _model(hand)
         self._meshes: list[wp.Mesh] = []
         obstacles = [self._obstacle(mesh) for mesh in (scene.environment_mesh, scene.object_in_world())]
         links, joints = len(hand.link_names), hand.num_joints
@@ -118,38 +119,16 @@ class HandClearance:
         return obstacle
 
 
-class _ByIdentity:
-    """Hashes a hand by identity: its arrays are not hashable."""
-
-    def __init__(self, hand: Hand) -> None:
-        self.hand = hand
-
-    def __hash__(self) -> int:
-        return id(self.hand)
-
-    def __eq__(self, other: object) -> bool:
-        return isinstance(other, _ByIdentity) and other.hand is self.hand
-
-
-@lru_cache(maxsize=8)
-def _model(key: _ByIdentity) -> tuple:
+@per_hand
+def _model(hand: Hand) -> tuple[WarpStruct, PointBalls]:
     """(struct for the kernel, the same balls for Python) of a hand."""
-    hand = key.hand
-    joints = hand.joints
-    origins = np.stack([np.eye(4) if joint is None else joint.origin for joint in joints])
     balls = point_balls(hand.dense_points)
 
-    def array(values: np.ndarray | list, dtype: type) -> wp.array:
-        return wp.array(np.asarray(values), dtype=dtype, device="cpu")
+    def array(values: np.ndarray, dtype: type) -> wp.array:
+        return wp.array(values, dtype=dtype, device="cpu")
 
     model = ClearanceHand()
-    model.parent = array(hand.link_parent.astype(np.int32), wp.int32)
-    model.joint = array([-1 if j is None or j.index is None else j.index for j in joints], wp.int32)
-    model.multiplier = array([1.0 if j is None else j.multiplier for j in joints], wp.float32)
-    model.offset = array([0.0 if j is None else j.offset for j in joints], wp.float32)
-    model.axis = array(np.stack([np.zeros(3) if j is None else j.axis for j in joints]), wp.vec3)
-    model.origin_rotation = array(origins[:, :3, :3], wp.mat33)
-    model.origin_translation = array(origins[:, :3, 3], wp.vec3)
+    model.tree = kinematic_tree(hand)
     model.point = array(balls.point, wp.vec3)
     model.radius = array(balls.radius, wp.float32)
     model.link = array(balls.link, wp.int32)

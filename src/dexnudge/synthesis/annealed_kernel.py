@@ -56,7 +56,7 @@ def depth_in_link(hand: HandModel, state: State, i: int, l: int, p: wp.vec3) -> 
 def depth_in_hand(hand: HandModel, state: State, i: int, p: wp.vec3) -> float:
     """Largest depth of p over the links [m]."""
     depth = float(-1.0)
-    for l in range(hand.parent.shape[0]):
+    for l in range(hand.tree.parent.shape[0]):
         depth = wp.max(depth, depth_in_link(hand, state, i, l, p)[0])
     return depth
 

@@ -1,0 +1,44 @@
+"""Forward kinematics in Warp, for every kernel that needs the links of a hand."""
+
+# Warp's own language: its annotations are no Python types.
+# mypy: disable-error-code="misc, no-untyped-def, valid-type"
+
+from dexnudge.geometry.warp_runtime import wp
+
+
+@wp.struct
+class KinematicTree:
+    """A hand's links and joints; parents stand before their children."""
+
+    parent: wp.array(dtype=int)  # (L,) -1 for the root
+    joint: wp.array(dtype=int)  # (L,) index of the joint angle, -1 where fixed
+    multiplier: wp.array(dtype=float)  # (L,)
+    offset: wp.array(dtype=float)  # (L,) [rad]
+    axis: wp.array(dtype=wp.vec3)  # (L,)
+    origin_rotation: wp.array(dtype=wp.mat33)  # (L,)
+    origin_translation: wp.array(dtype=wp.vec3)  # (L,) [m]
+
+
+@wp.func
+def place_links(
+    tree: KinematicTree,
+    root_rotation: wp.mat33,
+    root_translation: wp.vec3,
+    joint_angles: wp.array2d(dtype=float),
+    i: int,
+    link_rotation: wp.array2d(dtype=wp.mat33),
+    link_translation: wp.array2d(dtype=wp.vec3),
+):
+    """Pose of every link of hand i in the frame of its root's pose."""
+    for l in range(tree.parent.shape[0]):
+        if tree.parent[l] < 0:
+            link_rotation[i, l] = root_rotation
+            link_translation[i, l] = root_translation
+        else:
+            above = link_rotation[i, tree.parent[l]]
+            rotation = above * tree.origin_rotation[l]
+            if tree.joint[l] >= 0:
+                angle = tree.multiplier[l] * joint_angles[i, tree.joint[l]] + tree.offset[l]
+                rotation = rotation * wp.quat_to_matrix(wp.quat_from_axis_angle(tree.axis[l], angle))
+            link_rotation[i, l] = rotation
+            link_translation[i, l] = link_translation[i, tree.parent[l]] + above * tree.origin_translation[l]
