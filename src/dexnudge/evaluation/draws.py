@@ -14,12 +14,13 @@ from jaxtyping import Float, Int
 from dexnudge.errors import InputError
 from dexnudge.evaluation.success import Verdicts, judge
 from dexnudge.hands.hand import Hand
-from dexnudge.sampling.methods import find_method
+from dexnudge.sampling.methods import Method, find_method
 from dexnudge.sampling.problem import SamplingProblem, prepare
 from dexnudge.sampling.sampler import Sampler
 from dexnudge.scenes.scene import Scene
 
 MAX_DRAWS_FACTOR = 32  # a search for K verified ones gives up after this many draws each, unless told otherwise
+SMALLEST_CALL = 4  # draws: fewer take as long, since a call's own steps cost more than their arithmetic
 
 
 @dataclass(frozen=True)
@@ -54,7 +55,7 @@ def draw_and_judge(
     *,
     num: int = 32,
     seed: int = 0,
-    method: str = "ours",
+    method: str | Method = "ours",
     verified: int | None = None,
     max_draws: int | None = None,
     problem: SamplingProblem | None = None,
@@ -66,9 +67,10 @@ def draw_and_judge(
         sampler: where draws come from.
         hand: judges; need not be the object that the sampler holds.
         scene: the problem.
-        num: draws of one call of the sampler.
+        num: draws of one call of the sampler, or the most of one call where some are to be verified: such a call draws
+            twice as many as are still missing, so that the first one comes soon.
         seed: of the first call; later calls use seeds derived from it.
-        method: as in `sampling.METHODS`.
+        method: name in `sampling.METHODS`, or one made from such a one.
         verified: go on drawing until this many succeed.
         max_draws: stop after this many draws; the default is 32 for each one asked for in `verified`.
         problem: the scene made ready, where a caller draws from it more than once; then no time is spent on it here.
@@ -79,7 +81,7 @@ def draw_and_judge(
         InputError: a count below 1, or `max_draws` without `verified`.
     """
     check_counts(num, verified, max_draws)
-    found = find_method(method)
+    found = find_method(method) if isinstance(method, str) else method
     limit = num if verified is None else max_draws or max(num, MAX_DRAWS_FACTOR * verified)
     q: list[np.ndarray] = []
     verdicts: list[Verdicts] = []
@@ -92,7 +94,9 @@ def draw_and_judge(
         seconds.update({"prepare": time.perf_counter() - start})
     drawn = succeeded = 0
     while drawn < limit and (verified is None or succeeded < verified):
-        batch = sampler.draw(problem, num=min(num, limit - drawn), seed=_batch_seed(seed, len(q)), method=found)
+        wanted = num if verified is None else max(SMALLEST_CALL, 2 * (verified - succeeded))
+        size = min(wanted, num, limit - drawn)
+        batch = sampler.draw(problem, num=size, seed=_batch_seed(seed, len(q)), method=found)
         start = time.perf_counter()
         verdicts.append(judge(hand, scene, batch.q.astype(np.float64)))
         seconds.update({**batch.timings, "verify": time.perf_counter() - start})
@@ -137,7 +141,7 @@ def _concatenate(parts: list[Verdicts]) -> Verdicts:
 
 
 def _batch_seed(seed: int, batch: int) -> int:
-    """The user's own seed for the first batch, so that `--verified` starts with the draws that it would give without."""
+    """The user's own seed for the first batch, and one derived from it for each later one."""
     if batch == 0:
         return seed
     return int(np.random.SeedSequence([seed, batch]).generate_state(1)[0])

@@ -30,9 +30,11 @@ class DenoisingConfig:
     Attributes:
         num_inference_steps: of DDIM. eta: 0 deterministic, 1 as much noise as DDPM.
         guidance_scale: of classifier-free guidance; 1 is the plain conditional model.
-        particles: of each draw; 1 is plain denoising. With more, each draw first denoises that many coarse hands without
-            guidance, keeps the one of its own with the least energy in the scene, and denoises it again from
+        particles: of each draw; 1 is plain denoising. With more, each draw first denoises up to that many coarse hands
+            without guidance, keeps the one of its own with the least energy in the scene, and denoises it again from
             `restart`, guided. Nothing is judged in between, and draws never see each other.
+        first_particles, good_enough: a draw begins with so many coarse hands, and takes no more once one of them has an
+            energy [m^2] below `good_enough`.
         coarse_steps: DDIM steps of the coarse hands. selection_force: weight [m^2] of the squared force residual in
             choosing among them. restart: share of training steps to which the chosen one is noised.
         weights: of the energy that selects and guides.
@@ -42,7 +44,9 @@ class DenoisingConfig:
     eta: float = 0.0
     guidance_scale: float = 1.0
     particles: int = 1
-    coarse_steps: int = 6
+    first_particles: int = 4
+    good_enough: float = 2.0e-3
+    coarse_steps: int = 4
     restart: float = 0.3
     selection_force: float = 0.01
     weights: TermWeights = TermWeights(contact=6.0)
@@ -99,19 +103,43 @@ def denoise(
     run = _Run(hand, problem, prior, condition, config, generator)
     total = prior.schedule.num_train_timesteps
     timesteps = inference_timesteps(total, config.num_inference_steps)
-    x = prior.noise(num * config.particles, generator=generator)
     if config.particles > 1:
-        x = run.denoise(x, inference_timesteps(total, config.coarse_steps), unguided)
-        x = _least_energy(run, x, num)
         timesteps = [t for t in timesteps if t <= config.restart * total]
         alpha_bar = float(prior.schedule.alphas_cumprod[timesteps[0]])
         noise = prior.noise(num, generator=generator)
-        x = alpha_bar**0.5 * x + (1.0 - alpha_bar) ** 0.5 * noise
+        x = alpha_bar**0.5 * _chosen_coarse_hands(run, num) + (1.0 - alpha_bar) ** 0.5 * noise
+    else:
+        x = prior.noise(num, generator=generator)
     return hand.clamp(prior.denormalise(run.denoise(x, timesteps, rule)))
 
 
-def _least_energy(run: _Run, x: Float[Tensor, "particle dimension"], num: int) -> Float[Tensor, "num dimension"]:
-    """Of each draw's particles the one with the least energy in the scene, its force balance included."""
+def _chosen_coarse_hands(run: _Run, num: int) -> Float[Tensor, "num dimension"]:
+    """For each draw the one of its own coarse hands with the least energy in the scene.
+
+    A draw looks at `first_particles` of them, then at twice as many in all, and so on, until one is good enough or it has
+    seen `particles`: an easy scene takes few, a hard one all.
+    """
+    config = run.config
+    timesteps = inference_timesteps(run.prior.schedule.num_train_timesteps, config.coarse_steps)
+    chosen = torch.zeros(num, run.prior.config.dimension)
+    least = torch.full((num,), torch.inf)
+    seen, looking = 0, torch.arange(num)
+    while len(looking) and seen < config.particles:
+        count = min(max(seen, config.first_particles), config.particles - seen)
+        x = run.prior.noise(len(looking) * count, generator=run.generator)
+        x = run.denoise(x, timesteps, unguided)
+        energy, best = _scene_energy(run, x).unflatten(0, (len(looking), count)).min(dim=1)
+        better = energy < least[looking]
+        places = looking[better]
+        least[places] = energy[better]
+        chosen[places] = x.unflatten(0, (len(looking), count))[better, best[better]]
+        seen += count
+        looking = looking[least[looking] > config.good_enough]
+    return chosen
+
+
+def _scene_energy(run: _Run, x: Float[Tensor, "particle dimension"]) -> Float[Tensor, " particle"]:
+    """Energy of coarse hands in the scene [m^2], their force balance included."""
     q = run.hand.tie(run.prior.denormalise(x))
     energy = HandEnergy(run.hand, run.problem.guiding_fields, len(x), run.config.weights)
     tips = [run.hand.link_names.index(link) for link in run.hand.fingertip_links]
@@ -125,8 +153,7 @@ def _least_energy(run: _Run, x: Float[Tensor, "particle dimension"], num: int) -
         force = ForceResidual(run.problem.balance, len(x), len(tips))
         force(energy.contact_point[:, tips], energy.contact_normal[:, tips], wanted, sweeps=SELECTION_SWEEPS)
         value = value + run.config.selection_force * force.residual.square()
-    best = value.unflatten(0, (num, -1)).argmin(dim=1)
-    return x.unflatten(0, (num, -1))[torch.arange(num), best].clone()
+    return value
 
 
 def inference_timesteps(num_train_timesteps: int, num_inference_steps: int) -> list[int]:
