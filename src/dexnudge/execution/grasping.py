@@ -1,0 +1,134 @@
+"""Grasps of an object where it lies now: drawn by the same model, clean by exact distance, holding in the hold test.
+
+The surroundings come in as for pushes: the model knows the object alone, guidance and projection keep the hand out of the
+rest. What they ask of the forces is to hold the object's weight tilted by 60 degrees: farther than friction lets it lie on
+fingers that only carry it, so digits have to oppose each other. What holds is for the hold test to say, as in the dataset.
+"""
+
+from collections import Counter
+from dataclasses import dataclass, replace
+
+import numpy as np
+import torch
+from jaxtyping import Float
+
+from dexnudge.energies.force_residual import SlidingBalance
+from dexnudge.evaluation.penetration import PenetrationCheck
+from dexnudge.evaluation.success import PENETRATION_LIMIT
+from dexnudge.geometry.frames import transform_configurations
+from dexnudge.hands.hand import Hand
+from dexnudge.mechanics.contacts import HAND_CONTACT_DISTANCE, HandContacts
+from dexnudge.mechanics.sliding_task import sliding_task
+from dexnudge.sampling.methods import METHODS
+from dexnudge.sampling.problem import SamplingProblem, prepare
+from dexnudge.sampling.sampler import Sampler
+from dexnudge.scenes.scene import Scene
+from dexnudge.simulation.hold import HoldTest
+from dexnudge.simulation.object_motion import FARTHEST, MOST_TURNED
+from dexnudge.synthesis.verification import contacts_per_configuration
+
+TILT = np.radians(60.0)  # of the weight that the projection balances: beyond the angle of friction of any fingertip
+NARROWED = 0.6  # of the hand's friction that it may use for that: forces stay away from the edges of their cones
+PARTICLES = 16  # coarse hands of each draw: most grasps of the object alone meet its surroundings
+GRASPS = replace(
+    METHODS["grasp_projection"],
+    summary="grasps in their surroundings, the best of 16 coarse hands denoised again under guidance, then projected",
+    denoising=replace(METHODS["grasp_projection"].denoising, particles=PARTICLES),
+)
+
+
+@dataclass(frozen=True)
+class Grasp:
+    """A grasp that holds.
+
+    q: in the object's frame. contacts: the same frame. drift: how far the object moved in the hold test, as a share of
+    what it may move; the least is the best.
+    """
+
+    q: Float[np.ndarray, " coordinates"]
+    contacts: HandContacts
+    drift: float
+
+    def in_world(self, T_world_object: Float[np.ndarray, "4 4"]) -> Float[np.ndarray, " coordinates"]:
+        """Its q with the object at this pose."""
+        return np.asarray(transform_configurations(T_world_object, self.q[None])[0])
+
+
+@dataclass(frozen=True)
+class FoundGrasps:
+    """Grasps, best first, of so many draws; the others by the reason why not: drawn = found + rejected."""
+
+    grasps: list[Grasp]
+    drawn: int
+    rejected: dict[str, int]
+
+
+class GraspFinder:
+    """Finds grasps of one object by one hand, wherever the object lies.
+
+    Args:
+        hand: the sampler's, as read from the files of the scene.
+        sampler: has a prior that knows grasps.
+        scene: gives the object, its mass and its frictions.
+    """
+
+    def __init__(self, hand: Hand, sampler: Sampler, scene: Scene) -> None:
+        self._hand, self._sampler = hand, sampler
+        self._hold = HoldTest(hand, scene.object_mesh)
+
+    def find(self, scene: Scene, *, num: int, seed: int) -> FoundGrasps:
+        """What is left of `num` draws in this scene, in which the object lies where it is now."""
+        problem = prepare(scene)
+        problem = replace(problem, balance=holding_balance(problem))
+        drawn = self._sampler.draw(problem, num=num, seed=seed, method=GRASPS).q.astype(np.float64)
+        q = transform_configurations(np.linalg.inv(scene.T_world_object), drawn)
+        reasons, contacts = self._touch(scene, q)
+        grasps = []
+        for row, reason in enumerate(reasons):
+            if reason:
+                continue
+            held = self._hold(q[row : row + 1], [contacts[row]])[0]
+            reasons[row] = held.reason
+            if held.held:
+                drift = max(held.translation / FARTHEST, held.rotation / MOST_TURNED)
+                grasps.append(Grasp(q[row], contacts[row], drift))
+        grasps.sort(key=lambda grasp: grasp.drift)
+        return FoundGrasps(grasps, num, dict(Counter(reason for reason in reasons if reason)))
+
+    def still_clean(self, scene: Scene, grasps: list[Grasp]) -> list[Grasp]:
+        """Those that are clean in this scene too, in which the object may lie elsewhere."""
+        if not grasps:
+            return []
+        reasons, _ = self._touch(scene, np.array([grasp.q for grasp in grasps]))
+        return [grasp for grasp, reason in zip(grasps, reasons, strict=True) if not reason]
+
+    def _touch(self, scene: Scene, q: Float[np.ndarray, "n coordinates"]) -> tuple[list[str], list[HandContacts]]:
+        """Why each q (object frame) is not clean, "" if it is, and where it touches the object."""
+        environment = scene.environment_mesh.copy()
+        environment.apply_transform(np.linalg.inv(scene.T_world_object))
+        own = replace(scene, environment_mesh=environment, T_world_object=np.eye(4))
+        T_object_link = self._hand.forward_kinematics(torch.as_tensor(q)).numpy()
+        found = PenetrationCheck(self._hand, own)(T_object_link, reach=HAND_CONTACT_DISTANCE)
+        contacts = contacts_per_configuration(self._hand, T_object_link, found.near_object)
+        reasons = []
+        for row, contact in enumerate(contacts):
+            depths = {"object": found.object, "environment": found.environment, "self": found.itself}
+            deep = [f"penetration {name}" for name, depth in depths.items() if depth[row] > PENETRATION_LIMIT]
+            reasons.append(deep[0] if deep else ("" if len(contact.points) else "no contact"))
+        return reasons, contacts
+
+
+def holding_balance(problem: SamplingProblem) -> SlidingBalance:
+    """The object in the air, its weight tilted by 60 degrees against the motion, held by the hand alone; frame C."""
+    task = sliding_task(problem.scene)
+    T_canonical_world = np.linalg.inv(problem.T_world_canonical)
+    centre = T_canonical_world[:3, :3] @ task.centre + T_canonical_world[:3, 3]
+    weight = np.array([np.sin(TILT), 0.0, -np.cos(TILT)])  # x of frame C is the motion
+    return SlidingBalance(
+        centre_of_mass=torch.as_tensor(centre, dtype=torch.float32),
+        half_length=task.half_length,
+        support_wrenches=torch.zeros(1, 6),
+        gravity=torch.as_tensor(weight, dtype=torch.float32),
+        friction_hand=NARROWED * task.friction_hand,
+        max_normal=task.max_normal_force / task.weight,
+    )
