@@ -31,6 +31,10 @@ class Part:
         """Vertices [m], world frame."""
         return trimesh.transform_points(self.mesh.vertices, self.T_world_part)
 
+    def mesh_in_world(self) -> trimesh.Trimesh:
+        """The mesh [m], world frame; as many vertices and triangles in the same order."""
+        return trimesh.Trimesh(self.vertices_in_world(), self.mesh.faces, process=False)
+
 
 @dataclass(frozen=True, eq=False)
 class Drawing:

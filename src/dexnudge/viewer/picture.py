@@ -1,10 +1,11 @@
 """Pictures of a drawing, ray-cast on the CPU: no GPU, no display, no system packages."""
 
+from collections.abc import Sequence
 from pathlib import Path
 from typing import Any
 
 import numpy as np
-from jaxtyping import Float, UInt8
+from jaxtyping import Bool, Float, UInt8
 from PIL import Image
 
 from dexnudge.errors import InputError, OutputError
@@ -23,7 +24,11 @@ LIGHT_ELEVATION = 55.0  # [deg]
 
 
 def render_array(
-    drawing: Drawing, *, size: tuple[int, int] = SIZE, camera: Camera | None = None
+    drawing: Drawing,
+    *,
+    size: tuple[int, int] = SIZE,
+    camera: Camera | None = None,
+    glass: Sequence[Bool[np.ndarray, " face"]] | None = None,
 ) -> UInt8[np.ndarray, "height width 3"]:
     """The picture as sRGB bytes. The same drawing gives the same bytes on every run and number of cores.
 
@@ -31,6 +36,7 @@ def render_array(
         drawing: what to show.
         size: width and height in pixels.
         camera: where to look from; None looks for the best of many directions.
+        glass: of each part of the surroundings, the triangles to look through; None for what hides object or hand.
 
     Raises:
         InputError: a size below one pixel.
@@ -40,7 +46,7 @@ def render_array(
         raise InputError(f"a picture of {width} x {height} pixels was asked for; expected at least 1 x 1")
     aspect = width / height
     camera = camera or choose_camera(drawing, aspect=aspect)
-    scene = ray_scene(drawing, camera, aspect=aspect)
+    scene = ray_scene(drawing, camera, aspect=aspect, hiding=glass)
     view = _view(camera, size)
     count = width * height
     face, depth, opacity = (wp.empty(count, dtype=kind, device="cpu") for kind in (int, float, float))

@@ -1,5 +1,6 @@
 """A drawing packed for the ray kernels."""
 
+from collections.abc import Sequence
 from dataclasses import dataclass, fields, replace
 from typing import Any
 
@@ -53,24 +54,28 @@ def linear_colour(srgb: tuple[float, float, float]) -> Float[np.ndarray, "3"]:
     return np.where(value <= 0.04045, value / 12.92, ((value + 0.055) / 1.055) ** 2.4)
 
 
-def ray_scene(drawing: Drawing, camera: Camera, *, aspect: float) -> RayScene:
-    """Everything solid, what of the environment hides the subject as glass, and contacts as markers that show through."""
+def ray_scene(
+    drawing: Drawing, camera: Camera, *, aspect: float, hiding: Sequence[Bool[np.ndarray, " face"]] | None = None
+) -> RayScene:
+    """Everything solid, what of the environment hides the subject as glass, and contacts as markers that show through.
+
+    hiding: of each part of the environment, the triangles that are glass; `hiding_faces` unless given.
+    """
     solid = [_triangles(part) for part in (*drawing.with_role("object", "base", "link", "fingertip"), drawing.arrow())]
     casting = np.concatenate([triangles.corners for triangles in solid])
     glass, blocking = [], [casting]
-    for part in drawing.with_role("environment"):
-        placed = _triangles(part)
-        mesh = trimesh.Trimesh(part.vertices_in_world(), part.mesh.faces, process=False)
-        hiding = hiding_faces(mesh, drawing, camera, aspect=aspect)
+    for place, part in enumerate(drawing.with_role("environment")):
+        placed, mesh = _triangles(part), part.mesh_in_world()
+        see_through = hiding_faces(mesh, drawing, camera, aspect=aspect) if hiding is None else hiding[place]
         # The back of a closed body cannot be seen, and shows as soon as its front is glass; an open one has two sides.
         towards = np.einsum("ij,ij->i", mesh.face_normals, camera.position - mesh.triangles_center) > 0
         facing = towards if mesh.is_watertight else np.ones_like(towards)
-        solid.append(placed.select(facing & ~hiding))
+        solid.append(placed.select(facing & ~see_through))
         glass += [
-            replace(placed, colour=_same_colour("glass", len(hiding))).select(facing & hiding),
-            _edge_lines(mesh, hiding, camera),
+            replace(placed, colour=_same_colour("glass", len(see_through))).select(facing & see_through),
+            _edge_lines(mesh, see_through, camera),
         ]
-        blocking.append(placed.corners[~hiding])
+        blocking.append(placed.corners[~see_through])
     ball = trimesh.creation.icosphere(subdivisions=2, radius=CONTACT_RADIUS)
     markers = [
         _triangles(Part("contact", "contact", ball, trimesh.transformations.translation_matrix(point)))

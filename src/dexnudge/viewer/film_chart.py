@@ -1,0 +1,100 @@
+"""Curves over time as SVG text for a page that loads nothing: phases as bands, and a cursor that the page's script moves."""
+
+import math
+from collections.abc import Callable, Sequence
+from html import escape
+from itertools import groupby
+
+import numpy as np
+from jaxtyping import Float
+
+from dexnudge.viewer.film import Curve, Film
+
+COLOURS = ("#3b6fb6", "#e07b39", "#2a8f6a", "#8e5ea2")  # of a chart's curves, in turn
+BANDS = ("#f4f6f8", "#e9edf2")  # of phases, alternating
+WIDTH, HEIGHT = 440.0, 112.0  # pixels
+LEFT, RIGHT, TOP, BOTTOM = 44.0, 8.0, 24.0, 18.0  # pixels around the curves
+NAME_WIDTH = 6.0  # pixels of a letter: a phase whose band is narrower than its name goes without one
+TICKS = 3  # numbers beside the axis, about
+NOISE = 0.03  # of a chart's range: what lies less beyond 0 gets no room of its own
+LEAST_RANGE = 1.0  # in a curve's own unit, so that a quantity that stays does not fill its chart with noise
+
+
+def film_charts(film: Film) -> list[str]:
+    """One SVG for each chart of the film; `data-left` and `data-width` tell where its time axis lies."""
+    return [_chart(title, curves, film) for title, curves in film.charts.items()]
+
+
+def phase_spans(film: Film) -> list[tuple[str, float, float]]:
+    """Name, beginning and end [s] of each phase in order; a phase ends where the next one begins."""
+    begins: list[tuple[str, float]] = []
+    for name, members in groupby(zip(film.phase, film.time.tolist(), strict=True), key=lambda moment: moment[0]):
+        begins.append((name, next(members)[1]))
+    ends = [begin for _, begin in begins[1:]] + [float(film.time[-1])]
+    return [(name, begin, end) for (name, begin), end in zip(begins, ends, strict=True)]
+
+
+def _chart(title: str, curves: Sequence[Curve], film: Film) -> str:
+    low, high, step = _scale(np.concatenate([curve.values for curve in curves]))
+    first, last = float(film.time[0]), float(film.time[-1])
+    width, height = WIDTH - LEFT - RIGHT, HEIGHT - TOP - BOTTOM
+    across = width / max(last - first, 1e-9)
+    up = height / (high - low)
+
+    def place(time: float, value: float) -> tuple[float, float]:
+        return LEFT + (time - first) * across, TOP + (high - value) * up
+
+    parts = []
+    for index, (name, begin, end) in enumerate(phase_spans(film)):
+        x, wide = place(begin, low)[0], (end - begin) * across
+        parts.append(f'<rect x="{x:.1f}" y="{TOP}" width="{wide:.1f}" height="{height}" fill="{BANDS[index % 2]}"/>')
+        if wide > NAME_WIDTH * len(name):
+            parts.append(f'<text x="{x + wide / 2:.1f}" y="{HEIGHT - 5}" class="phase">{escape(name)}</text>')
+    for tick in np.arange(low, high + step / 2, step).tolist():
+        y = place(first, tick)[1]
+        parts.append(f'<line x1="{LEFT}" y1="{y:.1f}" x2="{WIDTH - RIGHT}" y2="{y:.1f}" class="grid"/>')
+        parts.append(f'<text x="{LEFT - 5}" y="{y + 4:.1f}" class="tick">{tick:g}</text>')
+    x = 4.0
+    parts.append(f'<text x="{x}" y="14" class="title">{escape(title)}</text>')
+    x += 7.0 * len(title) + 12
+    for curve, colour in zip(curves, COLOURS, strict=False):
+        points = _points(film.time, curve.values, place)
+        parts += [f'<polyline points="{run}" stroke="{colour}" class="curve"/>' for run in points]
+        parts.append(
+            f'<text x="{x:.0f}" y="14" fill="{colour}">{escape(curve.name)} <tspan data-value=""></tspan></text>'
+        )
+        x += 6.0 * len(curve.name) + 66
+    parts.append(f'<line x1="{LEFT}" y1="{TOP}" x2="{LEFT}" y2="{HEIGHT - BOTTOM}" class="cursor"/>')
+    return (
+        f'<svg viewBox="0 0 {WIDTH:g} {HEIGHT:g}" data-left="{LEFT:g}" data-width="{width:g}" role="img">'
+        f"{''.join(parts)}</svg>"
+    )
+
+
+def _points(
+    time: Float[np.ndarray, " frame"],
+    values: Float[np.ndarray, " frame"],
+    place: Callable[[float, float], tuple[float, float]],
+) -> list[str]:
+    """Corners of a polyline for each stretch of finite values."""
+    runs: list[list[str]] = [[]]
+    for moment, value in zip(time.tolist(), values.tolist(), strict=True):
+        if math.isfinite(value):
+            x, y = place(moment, value)
+            runs[-1].append(f"{x:.1f},{y:.1f}")
+        elif runs[-1]:
+            runs.append([])
+    return [" ".join(run) for run in runs if run]
+
+
+def _scale(values: Float[np.ndarray, " value"]) -> tuple[float, float, float]:
+    """Ends of an axis that holds 0 and the finite values, and its step, which divides both: 1, 2 or 5 and a power of ten."""
+    finite = values[np.isfinite(values)]
+    low, high = min(0.0, float(finite.min(initial=0.0))), max(0.0, float(finite.max(initial=0.0)))
+    low, high = (end if abs(end) > NOISE * (high - low) else 0.0 for end in (low, high))
+    if high - low < LEAST_RANGE:
+        high = low + LEAST_RANGE
+    rough = (high - low) / TICKS
+    power = 10.0 ** math.floor(math.log10(rough))
+    step = next(factor * power for factor in (1, 2, 5, 10) if factor * power >= rough * (1 - 1e-9))
+    return step * math.floor(low / step + 1e-9), step * math.ceil(high / step - 1e-9), step

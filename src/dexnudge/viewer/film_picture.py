@@ -1,0 +1,96 @@
+"""A film as pictures, without GPU or display: a strip of moments side by side, and an animation."""
+
+from pathlib import Path
+
+import numpy as np
+from jaxtyping import Bool, Int, UInt8
+from PIL import Image
+
+from dexnudge.errors import InputError, OutputError
+from dexnudge.viewer.camera import Camera
+from dexnudge.viewer.drawing import Drawing
+from dexnudge.viewer.film import SAMPLES, Film, film_camera
+from dexnudge.viewer.picture import render_array, write_png
+from dexnudge.viewer.sheet import arrange
+from dexnudge.viewer.viewpoint import hiding_faces
+
+TILE = (400, 300)  # pixels of each picture, width and height
+STRIP_PICTURES = 6
+PICTURES_PER_SECOND = 10.0  # of the animation, as far as that makes no more than
+MOST_PICTURES = 60
+PICTURE_TIME = (0.06, 0.2)  # [s] that the animation shows each picture: a long film runs faster than it was
+LAST_PICTURE_TIME = 1.5  # [s] that it shows the last one, before it begins again
+COLOURS = 255  # of an animation's pictures together; one more is left for what did not change
+PALETTE_PICTURES = 4  # of which the colours are taken
+
+
+def write_pictures(
+    film: Film,
+    strip: Path | str,
+    animation: Path | str,
+    *,
+    pictures: int | None = None,
+    tile: tuple[int, int] = TILE,
+) -> None:
+    """Write the strip (PNG) and the animation (GIF); every picture says its time and phase.
+
+    Args:
+        film: what is shown.
+        strip: six moments, as many lie between any two of them as something moves.
+        animation: evenly spaced moments, in real time where the film is not too long for that.
+        pictures: of the animation, at most as many as the film has moments; ten a second, up to 60, unless given.
+        tile: width and height of a picture in pixels.
+
+    Raises:
+        InputError: fewer than two pictures.
+        OutputError: a file cannot be written.
+    """
+    if pictures is not None and pictures < 2:
+        raise InputError(f"an animation of {pictures} pictures was asked for; expected at least 2")
+    aspect = tile[0] / tile[1]
+    camera = film_camera(film, aspect=aspect)
+    glass = _glass(film, camera, aspect)
+    length = float(film.time[-1] - film.time[0])
+    animated = film.evenly(pictures or int(np.clip(round(PICTURES_PER_SECOND * length), 2, MOST_PICTURES)))
+    shown = _nearest(film, animated, film.eventful(STRIP_PICTURES))
+    drawn = {
+        index: render_array(film.frames[index], size=tile, camera=camera, glass=glass) for index in animated.tolist()
+    }
+    captions = {index: film.caption(index) for index in drawn}
+    chosen = shown.tolist()
+    sheet = arrange([drawn[index] for index in chosen], [captions[index] for index in chosen], columns=len(chosen))
+    write_png(sheet, strip)
+    shown_for = float(np.clip(length / len(drawn), *PICTURE_TIME))
+    _write_gif([arrange([drawn[index]], [captions[index]], columns=1) for index in drawn], shown_for, animation)
+
+
+def _nearest(
+    film: Film, among: Int[np.ndarray, " drawn"], wanted: Int[np.ndarray, " chosen"]
+) -> Int[np.ndarray, " chosen"]:
+    """Of the moments `among`, the nearest in time to each wanted one; each once."""
+    return among[np.unique(np.abs(film.time[among][:, None] - film.time[wanted]).argmin(axis=0))]
+
+
+def _glass(film: Film, camera: Camera, aspect: float) -> list[Bool[np.ndarray, " face"]]:
+    """Which triangles of each part of the surroundings hide something at some moment: so none flickers."""
+    sampled = film.part(film.eventful(SAMPLES)).frames
+    parts = film.frames[0].with_role("environment")
+    return [np.any([_hiding(frame, place, camera, aspect) for frame in sampled], axis=0) for place in range(len(parts))]
+
+
+def _hiding(frame: Drawing, place: int, camera: Camera, aspect: float) -> Bool[np.ndarray, " face"]:
+    return hiding_faces(frame.with_role("environment")[place].mesh_in_world(), frame, camera, aspect=aspect)
+
+
+def _write_gif(pictures: list[UInt8[np.ndarray, "height width 3"]], shown_for: float, path: Path | str) -> None:
+    """Each picture is shown for so long [s], the last one longer."""
+    some = [pictures[index] for index in np.linspace(0, len(pictures) - 1, PALETTE_PICTURES).astype(int)]
+    palette = Image.fromarray(np.concatenate(some)).quantize(COLOURS, method=Image.Quantize.MEDIANCUT)
+    frames = [Image.fromarray(picture).quantize(palette=palette, dither=Image.Dither.NONE) for picture in pictures]
+    durations = [round(1e3 * shown_for)] * (len(frames) - 1) + [round(1e3 * LAST_PICTURE_TIME)]
+    try:
+        frames[0].save(path, format="GIF", save_all=True, append_images=frames[1:], duration=durations, loop=0)
+    except OSError as error:
+        raise OutputError(
+            f"the animation {path} cannot be written: {error}; expected a folder that exists and is writable"
+        ) from error
