@@ -67,6 +67,18 @@ class Reports:
 
 
 @dataclass(frozen=True)
+class Compute:
+    """Where and how a run is computed. `torchrun --nproc-per-node N -m dexnudge train ...` shares it among N processes."""
+
+    num_threads: OptionalCount = None
+    """Threads of torch; its own choice unless given."""
+    device: Literal["cpu", "cuda"] = "cpu"
+    """cuda takes one GPU for each process."""
+    precision: Literal["float32", "bfloat16"] = "float32"
+    """bfloat16 pays on GPUs and on processors with AMX; on others it is slower."""
+
+
+@dataclass(frozen=True)
 class Train:
     """Train the diffusion model on a dataset; a stopped run goes on where it was.
 
@@ -87,9 +99,8 @@ class Train:
     """Peak learning rate; 0.001 unless given."""
     loss_weighting: Literal["uniform", "min_snr", "velocity"] | None = None
     """Weight of the loss over noise levels; uniform unless given."""
-    num_threads: OptionalCount = None
-    """Threads of torch; its own choice unless given."""
     batches: Batches = field(default_factory=Batches)
+    compute: Compute = field(default_factory=Compute)
     reports: Reports = field(default_factory=Reports)
     network: Network = field(default_factory=Network)
 
@@ -105,6 +116,8 @@ class Train:
         read_manifest(self.data)  # a missing dataset is refused before anything is made
         check_writable_place(self.out)
         result = train(self.data, self.out, config)
+        if not result.is_main:
+            return 0 if result.finished else INTERRUPTED
         console = stdout()
         for name, value in result.validation.items():
             console.print(f"{name}: {value:.4g}")
@@ -119,8 +132,8 @@ class Train:
         from dexnudge.diffusion.config import Architecture
         from dexnudge.diffusion.training_config import TrainingConfig
 
-        own = _given(self, without=("data", "out", "batches", "reports", "network"))
-        settings = {**own, **_given(self.batches), **_given(self.reports)}
+        own = _given(self, without=("data", "out", "batches", "compute", "reports", "network"))
+        settings = {**own, **_given(self.batches), **_given(self.compute), **_given(self.reports)}
         return TrainingConfig(**settings, architecture=Architecture(**_given(self.network)))
 
 

@@ -39,6 +39,21 @@ class TrainingBatch:
             has_direction=self.has_direction.repeat_interleave(rows),
         )
 
+    def part(self, groups: slice) -> "TrainingBatch":
+        """These groups with their rows."""
+        rows = len(self.q) // len(self.points)
+        return TrainingBatch(
+            q=self.q[groups.start * rows : groups.stop * rows],
+            points=self.points[groups],
+            behaviour=self.behaviour[groups],
+            direction=self.direction[groups],
+            has_direction=self.has_direction[groups],
+        )
+
+    def to(self, device: torch.device) -> "TrainingBatch":
+        """The same on another device."""
+        return TrainingBatch(**{name: tensor.to(device) for name, tensor in vars(self).items()})
+
 
 class BatchSampler:
     """Draws groups evenly over objects, and within an object evenly over the directions in which it can be moved.

@@ -4,7 +4,7 @@ import math
 import signal
 import threading
 from collections.abc import Iterator
-from contextlib import closing, contextmanager
+from contextlib import closing, contextmanager, nullcontext
 from dataclasses import dataclass
 from pathlib import Path
 from types import FrameType
@@ -13,6 +13,7 @@ import torch
 from rich.progress import BarColumn, MofNCompleteColumn, Progress, TextColumn, TimeElapsedColumn, TimeRemainingColumn
 
 from dexnudge.dataset.loading import load_dataset
+from dexnudge.diffusion.processes import joined_processes
 from dexnudge.diffusion.training_config import TrainingConfig
 from dexnudge.diffusion.training_log import TrainingLog
 from dexnudge.diffusion.training_run import MODEL_FOLDER, TrainingRun
@@ -20,13 +21,17 @@ from dexnudge.diffusion.training_run import MODEL_FOLDER, TrainingRun
 
 @dataclass(frozen=True, kw_only=True)
 class TrainingResult:
-    """model_folder: the averaged weights so far; step of steps done; finished: False if it was interrupted."""
+    """model_folder: the averaged weights so far; step of steps done; finished: False if it was interrupted.
+
+    is_main: whether this process is the one that validates and reports; there is one in each run.
+    """
 
     model_folder: Path
     step: int
     minutes: float
     finished: bool
     validation: dict[str, float]
+    is_main: bool
 
 
 def train(
@@ -40,14 +45,14 @@ def train(
     """Train on a dataset folder; continue if `out_folder` holds an unfinished run of the same settings and data.
 
     SIGTERM and SIGINT end the run after the current step with everything saved. `stop_at_step` does the same at a step.
-    Raises DatasetError for unusable data, CheckpointError for a run that cannot be continued, DexnudgeError when the
-    loss stops being finite.
+    Started by torchrun, the processes share every batch; `out_folder` must be the same for all of them.
+    Raises DatasetError for unusable data, CheckpointError for a run that cannot be continued, InputError for a device or
+    precision that is not there, DexnudgeError when the loss stops being finite.
     """
     out_folder = Path(out_folder)
     out_folder.mkdir(parents=True, exist_ok=True)
     if config.num_threads is not None:
         torch.set_num_threads(config.num_threads)
-    run = TrainingRun(load_dataset(dataset_folder), out_folder, config)
     columns = (
         TextColumn("training"),
         BarColumn(),
@@ -56,24 +61,27 @@ def train(
         TimeElapsedColumn(),
         TimeRemainingColumn(),
     )
-    with (
-        _stop_signals() as stop,
-        closing(TrainingLog(out_folder, step=run.step)) as log,
-        Progress(*columns, disable=not progress) as bar,
-    ):
-        task = bar.add_task("training", total=config.steps, completed=run.step, loss=math.nan)
-        while not run.finished:
-            if stop.is_set() or run.step == stop_at_step:
-                run.save()
-                break
-            run.advance(log)
-            bar.update(task, completed=run.step, loss=run.mean_loss)
+    with joined_processes(config.device) as processes:
+        run = TrainingRun(load_dataset(dataset_folder), out_folder, config, processes)
+        with (
+            _stop_signals() as stop,
+            closing(TrainingLog(out_folder, step=run.step)) if processes.is_main else nullcontext() as log,
+            Progress(*columns, disable=not (progress and processes.is_main)) as bar,
+        ):
+            task = bar.add_task("training", total=config.steps, completed=run.step, loss=math.nan)
+            while not run.finished:
+                if processes.largest(float(stop.is_set())) or run.step == stop_at_step:
+                    run.save()
+                    break
+                run.advance(log)
+                bar.update(task, completed=run.step, loss=run.mean_loss)
     return TrainingResult(
         model_folder=out_folder / MODEL_FOLDER,
         step=run.step,
         minutes=run.minutes,
         finished=run.finished,
         validation=run.validation,
+        is_main=processes.is_main,
     )
 
 

@@ -2,9 +2,11 @@
 
 import math
 from dataclasses import asdict, dataclass, field
+from typing import Literal
 
 from dexnudge.diffusion.config import Architecture
 from dexnudge.diffusion.loss import LossWeighting
+from dexnudge.diffusion.precision import Precision
 from dexnudge.errors import InputError
 
 # may differ between a run and its continuation, because they do not change the weights of a run with max_minutes unset
@@ -35,6 +37,7 @@ class TrainingConfig:
             measured wrong looks like. Hands are not scaled with it: a hand has one size, and it touched the true object.
         loss_weighting, snr_limit: see `loss.py`. ema_decay: of the averaged weights that are shipped.
         num_threads: of torch; None leaves it as it is.
+        device: cpu, or cuda, one GPU a process. precision: see `precision.py`.
     """
 
     steps: int = 20_000
@@ -63,6 +66,8 @@ class TrainingConfig:
     log_every: int = 50
     seed: int = 0
     num_threads: int | None = None
+    device: Literal["cpu", "cuda"] = "cpu"
+    precision: Precision = "float32"
     architecture: Architecture = field(default_factory=Architecture)
 
     def __post_init__(self) -> None:

@@ -4,6 +4,7 @@ import hashlib
 import json
 import math
 import time
+from dataclasses import asdict
 from pathlib import Path
 
 import torch
@@ -18,6 +19,8 @@ from dexnudge.diffusion.config import ModelConfig
 from dexnudge.diffusion.loss import diffusion_loss, loss_weights
 from dexnudge.diffusion.network import ConditionalDenoiser
 from dexnudge.diffusion.normaliser import Normaliser
+from dexnudge.diffusion.precision import check_precision, computed_in
+from dexnudge.diffusion.processes import Processes
 from dexnudge.diffusion.training_config import TrainingConfig
 from dexnudge.diffusion.training_log import TrainingLog
 from dexnudge.diffusion.training_state import TrainingState, load_state, restore_moments, save_state
@@ -32,11 +35,17 @@ LOSS_SMOOTHING = 0.98  # of the loss that is shown
 
 
 class TrainingRun:
-    """A run in memory: network, averaged weights, optimiser and counters."""
+    """A run in memory: network, averaged weights, optimiser and counters; one for each process, with equal weights."""
 
-    def __init__(self, dataset: Dataset, folder: Path, config: TrainingConfig) -> None:
+    def __init__(
+        self, dataset: Dataset, folder: Path, config: TrainingConfig, processes: Processes | None = None
+    ) -> None:
         manifest = dataset.manifest
         self.folder, self.config = folder, config
+        self.processes = processes or Processes()
+        self.device = self.processes.device
+        check_precision(config.precision, self.device)
+        self.share = self.processes.share(config.groups)
         self.dataset_id = _fingerprint(dataset)
         self.model_config = ModelConfig(
             hand=manifest.hand,
@@ -49,17 +58,18 @@ class TrainingRun:
         self.sampler = BatchSampler(dataset, training, config)
         self.validation_sampler = BatchSampler(dataset, held_out, config) if held_out else None
         fitted = [self.sampler.batch(k, stream=NORMALISER_STREAM).q for k in range(NORMALISER_BATCHES)]
-        self.normaliser = Normaliser.fit(torch.cat(fitted))
+        self.normaliser = Normaliser.fit(torch.cat(fitted)).to(self.device)
+        self.settings = {**config.identity(), "processes": self.processes.count}
         self.provenance = {
             "dataset": self.dataset_id,
             "objects": len(training),
             "held_out_objects": [dataset.object_names[k] for k in held_out],
             "configurations": len(dataset),
-            "config": config.identity(),
+            "config": {**asdict(config), "processes": self.processes.count},
         }
         with torch.random.fork_rng(devices=[]):
             torch.manual_seed(config.seed)  # torch's layers draw their first weights from the global generator only
-            self.network = ConditionalDenoiser(self.model_config)
+            self.network = ConditionalDenoiser(self.model_config).to(self.device)
         self.parameters: dict[str, Tensor] = dict(self.network.named_parameters())
         self.average = {name: parameter.detach().clone() for name, parameter in self.parameters.items()}
         self.optimizer = torch.optim.AdamW(
@@ -68,7 +78,7 @@ class TrainingRun:
         self.step, self.minutes, self.mean_loss = 0, 0.0, math.nan
         self.validation: dict[str, float] = {}
         self._logged_at = (0, 0.0)
-        state = load_state(folder, config, self.dataset_id)
+        state = load_state(folder, self.settings, self.dataset_id)
         if state is not None:
             self._restore(state)
 
@@ -83,8 +93,8 @@ class TrainingRun:
         """True when the steps or the time are used up."""
         return self.progress >= 1.0
 
-    def advance(self, log: TrainingLog) -> None:
-        """One optimiser step, with whatever is due after it."""
+    def advance(self, log: TrainingLog | None) -> None:
+        """One optimiser step, with whatever is due after it; `log` only where this is the main process."""
         started = time.perf_counter()
         loss = self._optimise()
         if not math.isfinite(loss):
@@ -96,7 +106,13 @@ class TrainingRun:
             loss if math.isnan(self.mean_loss) else LOSS_SMOOTHING * self.mean_loss + (1.0 - LOSS_SMOOTHING) * loss
         )
         self.step += 1
-        self.minutes += (time.perf_counter() - started) / 60.0
+        self.minutes += self.processes.largest(time.perf_counter() - started) / 60.0
+        if log is not None:
+            self._report(log)
+        if self.step % self.config.checkpoint_every == 0 or self.finished:
+            self.save()
+
+    def _report(self, log: TrainingLog) -> None:
         if self.step % self.config.log_every == 0:
             since_step, since_minutes = self._logged_at
             rate = (self.step - since_step) / max(60.0 * (self.minutes - since_minutes), 1e-9)
@@ -110,8 +126,6 @@ class TrainingRun:
         if self.validation_sampler is not None and (self.step % self.config.validate_every == 0 or self.finished):
             self.validation = self._validate(self.validation_sampler)
             log.write(self.step, self.validation)
-        if self.step % self.config.checkpoint_every == 0 or self.finished:
-            self.save()
 
     def learning_rate(self) -> float:
         """Linear warm-up, then half a cosine down to 1 % of the peak."""
@@ -120,8 +134,8 @@ class TrainingRun:
         return self.config.learning_rate * warm_up * (FINAL_LEARNING_RATE + (1.0 - FINAL_LEARNING_RATE) * cosine)
 
     def save(self) -> None:
-        """Training state first, then the model that is shipped; nothing before the first step."""
-        if self.step == 0:
+        """Training state first, then the model that is shipped; by the main process only, and not before the first step."""
+        if self.step == 0 or not self.processes.is_main:
             return
         moments = {name: self.optimizer.state[parameter] for name, parameter in self.parameters.items()}
         state = TrainingState(
@@ -132,40 +146,46 @@ class TrainingRun:
             first_moment={name: moment["exp_avg"] for name, moment in moments.items()},
             second_moment={name: moment["exp_avg_sq"] for name, moment in moments.items()},
         )
-        save_state(self.folder, state, self.config, self.dataset_id)
+        save_state(self.folder, state, self.settings, self.dataset_id)
         provenance = {**self.provenance, "step": self.step, "validation": self.validation}
         save_model(self.folder / MODEL_FOLDER, self.model_config, self.average, self.normaliser, provenance=provenance)
 
     def _optimise(self) -> float:
-        batch = self.sampler.batch(self.step)
+        whole = self.sampler.batch(self.step)
         generator = torch.Generator().manual_seed(self.config.seed * 1_000_003 + self.step)
+        noise = torch.randn(whole.q.shape, generator=generator)
+        timesteps = _stratified_timesteps(len(whole.q), self.schedule.num_train_timesteps, generator)
+        batch = whole.part(self.share).to(self.device)
+        rows = slice(self.share.start * self.config.rows_per_group, self.share.stop * self.config.rows_per_group)
+        epsilon, t = noise[rows].to(self.device), timesteps[rows].to(self.device)
         x_0 = self.normaliser.normalise(batch.q)
-        epsilon = torch.randn(x_0.shape, generator=generator)
-        t = _stratified_timesteps(len(x_0), self.schedule.num_train_timesteps, generator)
         condition = batch.condition(self.network.encode(batch.points))
-        prediction = self.network(
-            self.schedule.add_noise(x_0, epsilon, t),
-            t,
-            condition.object_feature,
-            condition.behaviour,
-            condition.direction,
-            condition.has_direction,
-        )
+        with computed_in(self.config.precision, self.device):
+            prediction = self.network(
+                self.schedule.add_noise(x_0, epsilon, t),
+                t,
+                condition.object_feature,
+                condition.behaviour,
+                condition.direction,
+                condition.has_direction,
+            ).float()
         weights = loss_weights(self.schedule, t, self.config.loss_weighting, self.config.snr_limit)
         loss = diffusion_loss(prediction, self.schedule.target(x_0, epsilon, t), weights)
         self.optimizer.param_groups[0]["lr"] = self.learning_rate()
         self.optimizer.zero_grad(set_to_none=True)
         loss.backward()
+        shown = loss.detach()
+        self.processes.average([shown, *(p.grad for p in self.parameters.values() if p.grad is not None)])
         torch.nn.utils.clip_grad_norm_(self.parameters.values(), self.config.gradient_clip)
         self.optimizer.step()
         decay = min(self.config.ema_decay, (1.0 + self.step) / (10.0 + self.step))  # forgets the random start early
         with torch.no_grad():
             average = [self.average[name] for name in self.parameters]  # a restored state comes in another order
             torch._foreach_lerp_(average, list(self.parameters.values()), 1.0 - decay)
-        return float(loss.detach())
+        return float(shown)
 
     def _validate(self, sampler: BatchSampler) -> dict[str, float]:
-        averaged = ConditionalDenoiser(self.model_config)
+        averaged = ConditionalDenoiser(self.model_config).to(self.device)
         averaged.load_state_dict(self.average)
         return validate(averaged, sampler, self.normaliser, self.schedule, self.config)
 
@@ -173,7 +193,7 @@ class TrainingRun:
         self.step, self.minutes = state.step, state.minutes
         self._logged_at = (state.step, state.minutes)
         self.network.load_state_dict(state.weights)
-        self.average = state.average
+        self.average = {name: tensor.to(self.device) for name, tensor in state.average.items()}
         restore_moments(self.optimizer, self.parameters, state)
 
 

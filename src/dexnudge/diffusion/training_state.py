@@ -11,13 +11,18 @@ from safetensors.torch import save_file
 from torch import Tensor
 
 from dexnudge.dataset.atomic import replace_atomically
-from dexnudge.diffusion.training_config import TrainingConfig
 from dexnudge.errors import CheckpointError
 
 STATE_NAME = "training_state.safetensors"
 STATE_VERSION = 1  # raised whenever the optimiser or the order of random draws changes
 # what a state means that was written before the setting existed
-SETTINGS_BEFORE = {"scale_jitter": 0.0, "architecture.token_layout": "digits"}
+SETTINGS_BEFORE = {
+    "scale_jitter": 0.0,
+    "device": "cpu",
+    "precision": "float32",
+    "processes": 1,
+    "architecture.token_layout": "digits",
+}
 
 
 @dataclass(kw_only=True)
@@ -38,8 +43,8 @@ class TrainingState:
 _GROUPS = ("weights", "average", "first_moment", "second_moment")
 
 
-def save_state(folder: Path, state: TrainingState, config: TrainingConfig, dataset_id: str) -> None:
-    """Write the state with the identity of the run that it belongs to."""
+def save_state(folder: Path, state: TrainingState, settings: dict[str, Any], dataset_id: str) -> None:
+    """Write the state with the settings and the dataset of the run that it belongs to."""
     tensors = {
         f"{group}/{name}": tensor.detach().cpu().contiguous()
         for group in _GROUPS
@@ -50,13 +55,13 @@ def save_state(folder: Path, state: TrainingState, config: TrainingConfig, datas
         "step": state.step,
         "minutes": state.minutes,
         "dataset": dataset_id,
-        "config": config.identity(),
+        "config": settings,
     }
     with replace_atomically(folder / STATE_NAME) as temporary:
         save_file(tensors, temporary, metadata={"training": json.dumps(header)})
 
 
-def load_state(folder: Path, config: TrainingConfig, dataset_id: str) -> TrainingState | None:
+def load_state(folder: Path, settings: dict[str, Any], dataset_id: str) -> TrainingState | None:
     """The state saved in `folder`, or None if there is none.
 
     Raises CheckpointError when it is truncated or belongs to another run: other settings, dataset or version.
@@ -75,12 +80,12 @@ def load_state(folder: Path, config: TrainingConfig, dataset_id: str) -> Trainin
         raise CheckpointError(
             f"{path} cannot be read: truncated or not a training state ({error}); delete it to start again."
         ) from error
-    _check_identity(path, header, config, dataset_id)
+    _check_identity(path, header, settings, dataset_id)
     return TrainingState(step=header["step"], minutes=header["minutes"], **tensors)
 
 
-def _check_identity(path: Path, header: dict, config: TrainingConfig, dataset_id: str) -> None:
-    identity = json.loads(json.dumps(config.identity()))  # tuples become lists, as in the file
+def _check_identity(path: Path, header: dict, settings: dict[str, Any], dataset_id: str) -> None:
+    identity = json.loads(json.dumps(settings))  # tuples become lists, as in the file
     saved = {**SETTINGS_BEFORE, **_flat(header.get("config", {}))}
     found = {"version": header.get("version"), "dataset": header.get("dataset"), **saved}
     expected = {"version": STATE_VERSION, "dataset": dataset_id, **_flat(identity)}
@@ -104,7 +109,7 @@ def restore_moments(optimizer: torch.optim.Optimizer, named: dict[str, Tensor], 
     """Give an AdamW over the parameters `named` its moments back."""
     for name, parameter in named.items():
         optimizer.state[parameter] = {
-            "step": torch.tensor(float(state.step)),
-            "exp_avg": state.first_moment[name].clone(),
-            "exp_avg_sq": state.second_moment[name].clone(),
+            "step": torch.tensor(float(state.step), device=parameter.device),
+            "exp_avg": state.first_moment[name].to(parameter.device, copy=True),
+            "exp_avg_sq": state.second_moment[name].to(parameter.device, copy=True),
         }
