@@ -36,7 +36,7 @@ def write_pictures(
 
     Args:
         film: what is shown.
-        strip: six moments, as many lie between any two of them as something moves.
+        strip: up to six of the animation's moments, between which about equally much moves.
         animation: evenly spaced moments, in real time where the film is not too long for that.
         pictures: of the animation, at most as many as the film has moments; ten a second, up to 60, unless given.
         tile: width and height of a picture in pixels.
@@ -60,13 +60,13 @@ def write_pictures(
     chosen = shown.tolist()
     sheet = arrange([drawn[index] for index in chosen], [captions[index] for index in chosen], columns=len(chosen))
     write_png(sheet, strip)
-    shown_for = float(np.clip(length / len(drawn), *PICTURE_TIME))
+    shown_for = float(np.clip(length / max(len(drawn) - 1, 1), *PICTURE_TIME))
     _write_gif([arrange([drawn[index]], [captions[index]], columns=1) for index in drawn], shown_for, animation)
 
 
 def _nearest(
     film: Film, among: Int[np.ndarray, " drawn"], wanted: Int[np.ndarray, " chosen"]
-) -> Int[np.ndarray, " chosen"]:
+) -> Int[np.ndarray, " found"]:
     """Of the moments `among`, the nearest in time to each wanted one; each once."""
     return among[np.unique(np.abs(film.time[among][:, None] - film.time[wanted]).argmin(axis=0))]
 
