@@ -9,12 +9,12 @@ from typing import Annotated, Any
 
 import tyro
 
+from dexnudge.evaluation.method_names import method_name
 from dexnudge.evaluation.paper_tables import FULL, TABLE_1
+from dexnudge.evaluation.reproduction_parts import MAIN, OURS, WITH_BASE
 
 ROOT = Path(__file__).parents[1]
 BEGIN, END = "<!-- results:begin -->", "<!-- results:end -->"
-README_METHODS = {"ours": "dexnudge", "random_start_projection": "random start + projection"}
-README_PART = "with_base"  # of a reproduction; the experiments of `evaluate` have no parts
 PLOT = re.compile(r"\]\(plots/([^)]+)\)")
 
 
@@ -55,15 +55,15 @@ def readme_table(report: dict[str, Any]) -> str:
         "| scene | method | single draw | single, robust | top-ranked | top-ranked, robust | the paper, its own scenes |",
         "|---|---|---:|---:|---:|---:|---:|",
     ]
-    order = [(scene, method) for scene in config["scenes"] for method in README_METHODS]
-    shown = [line for line in report["lines"] if line.get("part", README_PART) == README_PART]
+    order = [(scene, method) for scene in config["scenes"] for method in MAIN]
+    shown = [line for line in report["lines"] if line.get("part", WITH_BASE) == WITH_BASE]  # evaluate has no parts
     lines = {(line["scene"], line["method"]): line for line in shown}
     for key in order:
         if key in lines:
             line = lines[key]
             cells = [percent(line[name]) for name in ("single", "single_robust", "top", "top_robust")]
-            paper = f"{TABLE_1[line['scene']][FULL]}" if line["method"] == "ours" and line["scene"] in TABLE_1 else ""
-            rows.append(f"| {line['scene']} | {README_METHODS[line['method']]} | {' | '.join(cells)} | {paper} |")
+            paper = f"{TABLE_1[line['scene']][FULL]}" if line["method"] == OURS and line["scene"] in TABLE_1 else ""
+            rows.append(f"| {line['scene']} | {method_name(line['method'])} | {' | '.join(cells)} | {paper} |")
     objects = max(line["objects"] for line in shown)
     note = (
         f"\n% of everything attempted, 95 % intervals over objects: {objects} objects of `{config['objects']}`, "

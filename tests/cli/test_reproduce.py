@@ -1,6 +1,7 @@
 """`dexnudge reproduce`: bad input, and a small real run that is killed and goes on."""
 
 import json
+import re
 import signal
 import subprocess
 import sys
@@ -27,6 +28,11 @@ def rows(out: Path) -> list[bytes]:
         (["--workers", 0], "--workers is 0; expected 1 or more"),
         (["--objects", "nowhere"], "nowhere: no such set of objects; expected builtin:train"),
         (["--scenes", "tabel"], "unknown scene 'tabel'; expected some of table, layers"),
+        (["--parts", "harder"], "unknown part 'harder'; expected some of with_base, without_base"),
+        (["--methods", "mine"], "no part of this run has the method 'mine'; expected some of ours, ours_one_particle"),
+        (["--prediction-weights", "epsilon"], "got 'epsilon'; expected NAME=DIR with a name of letters"),
+        (["--prediction-weights", "a/b=c"], "got 'a/b=c'; expected NAME=DIR with a name of letters"),
+        (["--prediction-weights", "a=b", "a=c"], "--prediction-weights names 'a' twice; expected each name once"),
     ],
 )
 def test_bad_options(dexnudge, tmp_path, options, message):
@@ -60,18 +66,21 @@ def test_a_killed_run_goes_on_and_reports(tmp_path):
     process.send_signal(signal.SIGKILL)
     process.wait()
     before = [line for line in rows(out) if line.endswith(b"\n")]
-    assert 3 <= len(before) < 12
+    assert 3 <= len(before) < 14
 
     done = subprocess.run(command, check=True, capture_output=True, text=True, timeout=300)
     after = rows(out)
     assert after[: len(before)] == before
     found = [json.loads(line) for line in after]
-    methods = [(row["method"], index >= 8) for index, row in enumerate(found)]
-    assert len(methods) == len(set(methods)) == 12
+    methods = [(row["method"], index >= 9) for index, row in enumerate(found)]
+    assert len(methods) == len(set(methods)) == 14
     assert all(row["status"] == "sampled" and len(row["success"]) == row["num"] == 2 for row in found)
     assert all(len(flags) == 2 for row in found for flags in row["swept"].values())
-    assert {len(row["swept"]) for row in found} == {6}
+    assert [len(row["swept"]) for row in found] == [6] * 9 + [0] * 5
     report = (out / "report.md").read_text()
     assert done.stdout.startswith(report)
-    assert "| table | ours | 1 | 0 | 2 |" in report
-    assert "nearest_pose: needs a dataset, --data DIR" in report
+    assert "| table | dexnudge | 1 | 0 | 2 |" in report
+    assert "nearest training pose + projection: needs a dataset, --data DIR" in report
+    pictures = set(re.findall(r"\]\((plots/failure[^)]+)\)", report))
+    assert {f"plots/{path.name}" for path in (out / "plots").glob("failure-*.png")} == pictures
+    assert pictures or "No draw of dexnudge was rejected." in report

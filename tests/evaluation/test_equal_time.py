@@ -1,4 +1,4 @@
-"""Two methods at equal time, against counts and times that are chosen."""
+"""Methods at equal time, against counts and times that are chosen."""
 
 from dataclasses import replace
 
@@ -14,36 +14,55 @@ def rows(made_up_rows):
     one = [True, False, False, False]
 
     def baseline(row, seconds):
-        return replace(row, method="plain", success=one, seconds={"load": 1.0, "prepare": 0.5, "draw": seconds})
+        spent = {"load": 1.0, "prepare": 0.5, "draw": seconds}
+        return replace(row, method="plain", success=one, seconds=spent, joint_spread=0.1, contact_spread=seconds)
 
+    a = replace(a, joint_spread=0.2, contact_spread=0.5)
     return [a, baseline(a, 0.75), b, baseline(b, 3.0), c, baseline(c, 3.0), failed, replace(failed, method="plain")]
 
 
-def test_the_baselines_count_is_scaled_to_the_same_time(rows):
-    (found,) = equal_time(rows, "ours", "plain")
-    assert (found.scene, found.method, found.baseline) == ("table", "ours", "plain")
-    assert found.seconds.value == pytest.approx(1.5 * 3 / 4)
-    assert found.verified.value == pytest.approx(4 / 4)
-    assert found.baseline_verified.value == pytest.approx((1.5 / 0.75 + 1.5 / 3 + 1.5 / 3) / 4)
+def test_every_count_is_scaled_to_the_same_time(rows):
+    ours, plain = equal_time(rows, "ours", "plain")
+    assert [(each.method, each.budget, each.baseline) for each in (ours, plain)] == [
+        ("ours", "ours", "plain"),
+        ("plain", "ours", "plain"),
+    ]
+    for each in (ours, plain):
+        assert each.scene == "table"
+        assert each.seconds.value == pytest.approx(1.5 * 3 / 4)
+    assert ours.verified.value == pytest.approx(4 / 4)
+    assert plain.verified.value == pytest.approx((1.5 / 0.75 + 1.5 / 3 + 1.5 / 3) / 4)
+    swapped = equal_time(rows, "plain", "ours")[0]  # ours in the time of the baseline
+    assert swapped.verified.value == pytest.approx((3 * 0.75 / 1.5 + 1 * 3.0 / 1.5) / 4)
 
 
 def test_rates_are_ratios_of_sums_and_loading_never_counts(rows):
-    (found,) = equal_time(rows, "ours", "plain")
+    found, itself = equal_time(rows, "ours", "plain")
     ours, plain = 4 / (3 * 2.0), 3 / (1.25 + 3.5 + 3.5)
     assert found.per_second.value == pytest.approx(ours)
-    assert found.baseline_per_second.value == pytest.approx(plain)
+    assert itself.per_second.value == pytest.approx(plain)
+    assert found.prepared_per_second.value == pytest.approx(4 / 4.5)
     assert found.speed_up.value == pytest.approx(ours / plain)
     assert found.prepared_speed_up.value == pytest.approx((4 / 4.5) / (3 / 6.75))
     assert found.speed_up.low <= found.speed_up.value <= found.speed_up.high
+    assert (itself.speed_up.low, itself.speed_up.value, itself.speed_up.high) == pytest.approx((1.0, 1.0, 1.0))
+
+
+def test_spreads_are_means_over_the_objects_that_have_one(rows):
+    ours, plain = equal_time(rows, "ours", "plain")
+    assert (ours.joint_spread.value, ours.contact_spread.value) == (0.2, 0.5)  # of the first object alone
+    assert plain.contact_spread.value == pytest.approx((0.75 + 3.0 + 3.0) / 3)
+    none = [replace(row, joint_spread=None) for row in rows]
+    assert equal_time(none, "ours", "plain")[0].joint_spread is None
 
 
 def test_a_baseline_that_verifies_nothing_is_infinitely_slower(rows):
     nothing = [replace(row, success=[False] * 4) if row.method == "plain" and row.success else row for row in rows]
-    (found,) = equal_time(nothing, "ours", "plain")
-    assert found.baseline_verified.value == 0.0
+    found, itself = equal_time(nothing, "ours", "plain")
+    assert itself.verified.value == 0.0
     assert found.speed_up.as_json()["value"] is None
-    assert "| table | ours | plain |" in equal_time_table([found])
+    assert "| table | dexnudge | 1.00 (" in equal_time_table([found])
 
 
 def test_every_scene_has_its_comparison(rows):
-    assert len(equal_time([*rows, *(replace(row, scene="shelf") for row in rows)], "ours", "plain")) == 2
+    assert len(equal_time([*rows, *(replace(row, scene="shelf") for row in rows)], "ours", "plain")) == 4

@@ -97,9 +97,7 @@ def test_bad_options_are_refused_before_anything_is_written(tmp_path, changes, m
 
 
 def test_a_dead_worker_becomes_a_failed_row(tmp_path, monkeypatch):
-    monkeypatch.setattr(
-        experiments, "run_tasks", lambda _make, tasks, workers: ((task, WorkerDied(-9)) for task in tasks)
-    )
+    monkeypatch.setattr(experiments, "run_tasks", lambda _make, tasks, **_: ((task, WorkerDied(-9)) for task in tasks))
     rows = run_experiment(CONFIG, tmp_path / "out", workers=2)
     assert {row.status for row in rows} == {"failed"}
     assert {row.num for row in rows} == {4}

@@ -29,10 +29,10 @@ def test_rates_by_hand(made_up_rows):
 def test_depths_and_margins_are_those_of_every_sampled_draw(made_up_rows):
     (line,) = summarise(made_up_rows)
     depths = [0.0, 0.0, 0.5, 2.0, 0.2, 0.3, 0.4, 0.6, 1.5, 4.0, 0.1]
-    assert line.depth_median_mm == pytest.approx(0.4)
+    assert line.depth_mm.value == pytest.approx((0.25 + 0.35 + 1.5) / 3)
     assert line.depth_95_mm == pytest.approx(np.percentile(depths, 95))
-    assert line.margin_median == pytest.approx(0.5)
-    assert line.top_margin_median == pytest.approx(1.2)
+    assert line.margin.value == pytest.approx((2.25 + 0.5 + 0.5) / 3)
+    assert line.top_margin.value == pytest.approx((3.0 + 1.2 + 0.5) / 3)
 
 
 def test_spreads_are_means_over_the_objects_that_have_one(made_up_rows):
@@ -72,5 +72,5 @@ def test_a_method_whose_every_object_failed_has_a_line_of_zeros(made_up_rows):
     (line,) = summarise([made_up_rows[3]])
     assert (line.objects, line.failed, line.samples) == (1, 1, 4)
     assert line.single.value == line.any.value == line.verified_per_second.value == 0.0
-    assert line.depth_median_mm is line.margin_median is line.joint_spread is None
+    assert line.depth_mm is line.margin is line.top_margin is line.joint_spread is None
     assert line.rejected == {"object failed": 4}

@@ -12,9 +12,11 @@ from dexnudge.evaluation.experiment_config import ExperimentConfig
 from dexnudge.evaluation.experiments import FILE, FORMAT_VERSION
 from dexnudge.evaluation.report import write_report
 from dexnudge.evaluation.reproduction import FILE as REPRODUCTION_FILE
-from dexnudge.evaluation.reproduction import ReproductionConfig, parts
-from dexnudge.evaluation.reproduction_report import write_reproduction_report
+from dexnudge.evaluation.reproduction import FORMAT_VERSION as REPRODUCTION_VERSION
+from dexnudge.evaluation.reproduction_parts import ReproductionConfig, parts
 from dexnudge.evaluation.rows import RowWriter
+from dexnudge.results import reproduction_report
+from dexnudge.results.reproduction_report import write_reproduction_report
 
 SCRIPT = Path(__file__).parents[2] / "benchmarks" / "publish.py"
 README = "before\n<!-- results:begin -->\nold\n<!-- results:end -->\nafter\n"
@@ -50,7 +52,7 @@ def evaluated(tmp_path, made_up_rows):
 
 
 @pytest.fixture
-def reproduced(tmp_path, made_up_rows):
+def reproduced(tmp_path, made_up_rows, monkeypatch):
     """Without the forearm nothing succeeds, so that the README's table shows which part it is made from."""
     folder = tmp_path / "reproduced"
     objects = tmp_path / "objects"
@@ -58,7 +60,7 @@ def reproduced(tmp_path, made_up_rows):
     for row in made_up_rows:
         (objects / f"{row.object}.obj").write_text("")
     config = ReproductionConfig(objects=str(objects), scenes=("table",), num=4, quick=True)
-    claim_folder(folder, REPRODUCTION_FILE, asdict(config), format_version=1, device="cpu")
+    claim_folder(folder, REPRODUCTION_FILE, config.as_json(), format_version=REPRODUCTION_VERSION, device="cpu")
     for part in parts(config):
         claim_folder(folder / part.folder, FILE, asdict(part.config), format_version=FORMAT_VERSION, device="cpu")
         with closing(RowWriter(folder / part.folder)) as writer:
@@ -66,6 +68,7 @@ def reproduced(tmp_path, made_up_rows):
                 for row in made_up_rows:
                     success = row.success if part.config.base else [False] * len(row.success)
                     writer.append(replace(row, method=method, success=success))
+    monkeypatch.setattr(reproduction_report, "picture_rejected", lambda cases, folder: [None] * len(cases))
     write_reproduction_report(folder)
     return folder
 
@@ -84,6 +87,7 @@ def test_a_run_of_reproduce_with_its_plots(publish, root, reproduced, evaluated)
     publish((reproduced, evaluated), root=root).run()
     readme = (root / "README.md").read_text()
     assert OURS in readme
+    assert "| table | dexnudge, no choice among coarse hands | 25.0 (" in readme
     assert "| table | random start + projection | 25.0 (" in readme
     results = (root / "docs" / "results.md").read_text()
     assert "](plots/" not in results

@@ -8,16 +8,34 @@ import pytest
 
 from dexnudge.errors import InputError, OutputError
 from dexnudge.evaluation import experiments
+from dexnudge.evaluation.method_names import method_name
 from dexnudge.evaluation.paper_tables import TABLE_1, TABLE_2
-from dexnudge.evaluation.reproduction import ReproductionConfig, left_out, parts, read_reproduction, run_reproduction
-from dexnudge.evaluation.reproduction_report import write_reproduction_report
+from dexnudge.evaluation.reproduction import read_reproduction, run_reproduction
+from dexnudge.evaluation.reproduction_parts import (
+    HARD_SCENES,
+    MAIN,
+    NEW_SCENES,
+    ReproductionConfig,
+    left_out,
+    parts,
+)
 from dexnudge.evaluation.rows import FILE, Row, read_rows
 from dexnudge.evaluation.sweeps import SWEEPS, setting_name
+from dexnudge.results import reproduction_report
+from dexnudge.results.rejected_pictures import RejectedDraw
+from dexnudge.results.reproduction_report import write_reproduction_report
 from dexnudge.sampling.methods import METHODS
 
 CONFIG = ReproductionConfig(
-    max_objects=3, scenes=("table", "shelf", "slot"), num=8, grasp_weights="grasps", data="data"
+    max_objects=3,
+    scenes=("table", "shelf", "slot"),
+    num=8,
+    grasp_weights="grasps",
+    prediction_weights={"epsilon": "noise", "sample": "clean"},
+    data="data",
 )
+SIZES = {"with_base": 13 * 9, "without_base": 7 * 9, "grasps_only": 9, "predictions-epsilon": 2 * 9}
+SIZES |= {"predictions-sample": 2 * 9, "hard": 3 * 12, "generalisation": 3 * 9}
 SETTINGS = [setting_name(quantity, factor) for quantity, factors in SWEEPS.items() for factor in factors]
 
 
@@ -58,6 +76,7 @@ class InstantRowMaker:
 def instant(monkeypatch):
     InstantRowMaker.made = []
     monkeypatch.setattr(experiments, "RowMaker", InstantRowMaker)
+    monkeypatch.setattr(reproduction_report, "picture_rejected", lambda cases, folder: [None] * len(cases))
 
 
 @pytest.fixture
@@ -67,7 +86,7 @@ def finished(tmp_path):
 
 
 def test_every_method_is_asked_for_with_the_forearm_and_the_tables_without():
-    with_base, without_base, grasps = parts(CONFIG)
+    with_base, without_base, grasps, *_ = parts(CONFIG)
     assert set(with_base.config.methods) == set(METHODS)
     assert len(with_base.config.methods) == len(METHODS)
     assert with_base.config.base
@@ -75,19 +94,61 @@ def test_every_method_is_asked_for_with_the_forearm_and_the_tables_without():
     assert {"ours", "guidance_only", "grasp_projection", "random_start_projection"} <= set(without_base.config.methods)
     assert without_base.config.data is None
     assert (grasps.config.methods, grasps.config.weights) == (("grasp_projection",), "grasps")
-    assert all(part.config.sweep and part.config.num == 8 for part in parts(CONFIG))
+    assert all(part.config.num == 8 and part.config.sweep == (part is with_base) for part in [with_base, without_base])
+
+
+def test_hard_and_new_scenes_and_other_models_have_parts_of_their_own():
+    found = {part.folder: part.config for part in parts(CONFIG)}
+    assert list(found) == list(SIZES)
+    assert (found["hard"].scenes, found["hard"].methods) == (HARD_SCENES, MAIN)
+    assert (found["generalisation"].scenes, found["generalisation"].methods) == (NEW_SCENES, MAIN)
+    for name, folder in CONFIG.prediction_weights.items():
+        theirs = found[f"predictions-{name}"]
+        assert (theirs.weights, theirs.methods) == (folder, ("ours", "ours_one_particle"))
+        assert replace(theirs, weights=None, methods=()) == replace(
+            found["with_base"], methods=(), sweep=False, data=None
+        )
+
+
+def test_a_single_pass_stands_below_ours_in_every_part_that_has_ours():
+    for part in [*parts(CONFIG), *parts(replace(CONFIG, quick=True))]:
+        if "ours" in part.config.methods:
+            assert part.config.methods[:2] == ("ours", "ours_one_particle")
 
 
 def test_what_a_run_cannot_have_is_named():
     assert left_out(CONFIG) == []
-    bare = replace(CONFIG, data=None, grasp_weights=None, quick=True)
-    named = left_out(bare)
+    bare = replace(CONFIG, data=None, grasp_weights=None, prediction_weights={}, quick=True)
     asked = {method for part in parts(bare) for method in part.config.methods}
-    assert named[:2] == [
-        "nearest_pose: needs a dataset, --data DIR",
+    assert left_out(bare) == [
+        "part hard: left out by --quick",
+        "part generalisation: left out by --quick",
+        "nearest training pose + projection: needs a dataset, --data DIR",
         "a model trained on grasps only: needs its folder, --grasp-weights DIR",
+        "other prediction types: need models, --prediction-weights NAME=DIR ...",
+        *(f"{method_name(each)}: left out by --quick" for each in METHODS if each not in {*asked, "nearest_pose"}),
     ]
-    assert {line.split(":")[0] for line in named} - {"a model trained on grasps only"} == set(METHODS) - asked
+
+
+def test_parts_and_methods_are_chosen():
+    some = replace(CONFIG, parts=("hard", "with_base"), methods=("ours", "paper"))
+    assert [(part.folder, part.config.methods) for part in parts(some)] == [
+        ("with_base", ("ours", "paper")),
+        ("hard", ("ours",)),
+    ]
+    assert "part grasps_only: left out by --parts" in left_out(some)
+    assert "MPGD + projection: left out by --methods" in left_out(some)
+    with pytest.raises(InputError, match="unknown part 'harder'; expected some of with_base, without_base"):
+        parts(replace(CONFIG, parts=("harder",)))
+    with pytest.raises(InputError, match=r"has the method 'nearest_pose'; expected some of ours, .*needs --data"):
+        parts(replace(CONFIG, data=None, methods=("nearest_pose",)))
+    with pytest.raises(InputError, match="grasps_only needs --grasp-weights"):
+        parts(replace(CONFIG, grasp_weights=None, parts=("grasps_only",)))
+
+
+def test_options_are_read_back_as_they_were_written():
+    for config in (CONFIG, replace(CONFIG, parts=("hard",), methods=("ours",))):
+        assert ReproductionConfig.from_json(json.loads(json.dumps(config.as_json()))) == config
 
 
 def test_the_report_has_every_row_that_was_asked_for(finished):
@@ -96,32 +157,20 @@ def test_the_report_has_every_row_that_was_asked_for(finished):
     asked = {
         (part.folder, scene, method)
         for part in parts(CONFIG)
-        for scene in CONFIG.scenes
+        for scene in part.config.scenes
         for method in part.config.methods
     }
     assert {(line["part"], line["scene"], line["method"]) for line in content["lines"]} == asked
     assert {(line["part"], line["scene"], line["method"]) for line in content["sweeps"]} == asked
     assert {line["setting"] for line in content["sweeps"]} == {"as drawn", *SETTINGS}
-    compared = {(each["part"], each["scene"], each["baseline"]) for each in content["equal_time"]}
-    assert compared == {
-        (part, scene, baseline)
-        for part, baselines in [
-            ("with_base", ("random_start_projection", "nearest_pose")),
-            ("without_base", ("random_start_projection",)),
-        ]
-        for scene in CONFIG.scenes
-        for baseline in baselines
-    }
+    compared = {(each["part"], each["scene"], each["method"]) for each in content["equal_time"]}
+    with_both = ("with_base", "without_base", "hard", "generalisation")
+    assert compared == {key for key in asked if key[0] in with_both}
     for _, scene, method in asked:
-        assert f"| {scene} | {method} | 3 | {int(scene == 'slot')} | 24 |" in text
+        assert f"| {scene} | {method_name(method)} | 3 | {int(scene == 'slot')} | 24 |" in text
     assert "- phone-200, slot: SceneError: too thick" in text
     assert "Nothing is missing." in text
-    for plot in content["left_out"] or [
-        "with_base-single",
-        "with_base-speed",
-        "with_base-sweeps",
-        "grasps_only-single",
-    ]:
+    for plot in ["with_base-single", "with_base-top", "with_base-speed", "with_base-sweeps", "hard-single"]:
         assert f"![{plot}](plots/{plot}.svg)" in text
         assert ElementTree.parse(finished / "plots" / f"{plot}.svg").getroot().get("width")  # noqa: S314  our own
 
@@ -139,12 +188,51 @@ def test_attempted_is_the_denominator_everywhere(finished):
 
 def test_the_papers_numbers_stand_beside_ours(finished):
     text = write_reproduction_report(finished)
-    assert "| table | ours | with the forearm | 73.2 | 87.5 (88-88) | 100.0 (100-100) | 100.0" in text
-    assert "| table | ours | without the forearm | 73.2 | 87.5 (88-88) |" in text
-    assert "| shelf | grasps only | a model trained on grasps only | 0.0 | 25.0 (25-25) |" in text
-    assert "| table | ours, guidance only | with the forearm | 26.8 | 0.0 | 100.0 (100-100) | 12.5 (12-12) |" in text
-    assert "| shelf | Eq. 5, guidance + projection | with the forearm | 73.2 | 63.4 |" in text
-    assert "| slot | ours | with the forearm |  | " in text
+    assert "| table | dexnudge | with the forearm | 73.2 | 87.5 (88-88) | 100.0 (100-100) | 100.0" in text
+    assert "| table | dexnudge | without the forearm | 73.2 | 87.5 (88-88) |" in text
+    assert "| shelf | dexnudge, asked for grasps | a model trained on grasps only | 0.0 | 25.0 (25-25) |" in text
+    assert (
+        "| table | dexnudge, not projected | with the forearm | 26.8 | 0.0 | 100.0 (100-100) | 12.5 (12-12) |" in text
+    )
+    assert "| shelf | Eq. 5 + projection | with the forearm | 73.2 | 63.4 |" in text
+    assert "| slot | dexnudge | with the forearm |  | " in text
+
+
+def test_the_main_table_has_a_single_pass_below_ours_and_no_prior_below_that(finished):
+    text = write_reproduction_report(finished).split("## Main table")[1].split("##")[0]
+    names = [method_name(method) for method in MAIN]
+    scenes = [*CONFIG.scenes, *HARD_SCENES, *NEW_SCENES]
+    lines = [line for line in text.splitlines() if line.startswith("| ")][2:]
+    assert sorted({tuple(line.split(" | ")[:2]) for line in lines}) == sorted(
+        {(f"| {scene}", name) for scene in scenes for name in names}
+    )
+    assert [line.split(" | ")[1] for line in lines[:6]] == names * 2
+
+
+def test_other_models_stand_beside_the_runs_own(finished):
+    text = write_reproduction_report(finished).split("## Prediction types")[1].split("\n## ")[0]
+    rows = [line.split(" | ")[:4] for line in text.splitlines() if line.startswith("| table | dexnudge |")]
+    assert [row[2] for row in rows] == ["the run's own", "Weights epsilon", "Weights sample"]
+    assert rows[0][3] == "87.5 (88-88)"
+
+
+def test_the_worst_cases_are_shown_with_picture_and_reason(finished, monkeypatch):
+    asked = []
+
+    def pictured(cases, folder):
+        asked.extend(case.row for case in cases)
+        shown = RejectedDraw(folder / "failure-1.png", "force", 0.0, 0.0004, 0.0, 0.73, ("ffdistal", "thdistal"))
+        return [shown, None, None]
+
+    monkeypatch.setattr(reproduction_report, "picture_rejected", pictured)
+    text = write_reproduction_report(finished).split("## Three failures, and why")[1].split("\n## ")[0]
+    assert len({row.scene for row in asked}) == 3
+    for row in asked:
+        assert f"### {row.object}, {row.scene}: 7 of 8 draws of dexnudge succeed" in text
+    assert text.count("| force | the contacts cannot move the object") == 3
+    assert "![A rejected draw: force](plots/failure-1.png)" in text
+    assert "0.40 mm in object" in text
+    assert "ffdistal, thdistal; force margin 0.73, 1 is needed" in text
 
 
 def test_the_two_tables_of_the_paper_agree_where_they_overlap():
@@ -153,18 +241,18 @@ def test_the_two_tables_of_the_paper_agree_where_they_overlap():
 
 def test_a_second_run_computes_only_what_is_missing(finished):
     asked = len(InstantRowMaker.made)
-    assert asked == len(set(InstantRowMaker.made)) == 3 * 3 * (13 + 6 + 1)
+    assert asked == sum(SIZES.values()) == len(InstantRowMaker.made)
     file = finished / "without_base" / FILE
     lines = file.read_bytes().splitlines(keepends=True)
     file.write_bytes(b"".join(lines[:-2]) + lines[-2][:30])
-    with pytest.raises(InputError, match=r"2 of 54 rows of without_base are missing \(first: .*with the same options"):
+    with pytest.raises(InputError, match=r"2 of 63 rows of without_base are missing \(first: .*with the same options"):
         read_reproduction(finished)
     InstantRowMaker.made.clear()
     seen = []
     run_reproduction(CONFIG, finished, workers=1, on_row=lambda row, done, total: seen.append((done, total)))
     assert len(InstantRowMaker.made) == 2
-    assert seen == [(13 * 9 + 53, 180), (13 * 9 + 54, 180)]
-    assert len(read_rows(finished / "without_base")) == 54
+    assert seen == [(13 * 9 + 62, asked), (13 * 9 + 63, asked)]
+    assert len(read_rows(finished / "without_base")) == 63
 
 
 def test_other_options_and_other_folders_are_refused(finished, tmp_path):

@@ -11,6 +11,7 @@ from pathlib import Path
 import pytest
 
 from dexnudge.errors import MeshError
+from dexnudge.jobs import processes
 from dexnudge.jobs.answers import WorkerDied
 from dexnudge.jobs.processes import run_tasks
 
@@ -50,6 +51,20 @@ def test_a_killed_process_costs_its_own_task_only():
     results = dict(run_tasks(make_fragile, range(8), workers=2))
     assert results.pop(3) == WorkerDied(-signal.SIGKILL)
     assert results == {x: x for x in range(8) if x != 3}
+
+
+def test_a_worker_takes_what_it_has_prepared_then_what_no_other_has_then_anything():
+    groups = ["c", "b", "b", "a", "a"]  # of the waiting tasks, the next one last
+    assert processes._next_place(groups, [], []) == 4
+    assert processes._next_place(groups, ["b"], ["a"]) == 2
+    assert processes._next_place(groups, ["d"], ["a"]) == 2
+    assert processes._next_place(groups, [], ["a", "b"]) == 0
+    assert processes._next_place(groups, ["d"], ["a", "b", "c"]) == 4
+
+
+def test_tasks_that_belong_together_are_answered_once_too():
+    results = dict(run_tasks(make_square, range(20), workers=2, together=lambda task: task % 3))
+    assert results == {x: x * x for x in range(20)}
 
 
 @pytest.mark.parametrize("workers", [1, 2])

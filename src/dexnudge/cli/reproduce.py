@@ -1,5 +1,6 @@
 """`dexnudge reproduce`: Tables I and II of the paper and the rows that they lack, as one report."""
 
+import re
 from dataclasses import dataclass
 from pathlib import Path
 from typing import TYPE_CHECKING, Annotated
@@ -14,19 +15,22 @@ from dexnudge.cli.arguments import (
     check_at_least,
     metavar,
 )
+from dexnudge.errors import InputError
 
 if TYPE_CHECKING:
-    from dexnudge.evaluation.reproduction import ReproductionConfig
+    from dexnudge.evaluation.reproduction_parts import ReproductionConfig
     from dexnudge.evaluation.rows import Row
+
+NAME = re.compile(r"[A-Za-z0-9_-]+")
 
 
 @dataclass(frozen=True)
 class Reproduce:
     """Tables I and II of the paper, every guidance rule and baseline, with and without the forearm, as one report.
 
-    The draws are also judged again at other frictions and masses, and ours is compared at equal time. All of builtin:test
-    takes an hour or two on two cores, --quick about a quarter of an hour. Stopped runs go on where they were: give the
-    same options and the same --out again.
+    The draws are also judged again at other frictions and masses, all methods are compared at equal time, and the worst
+    cases are shown with a picture and a reason. All of builtin:test takes two to three hours on two cores, --quick about
+    a quarter of an hour. Stopped runs go on where they were: give the same options and the same --out again.
     """
 
     out: Folder
@@ -36,7 +40,12 @@ class Reproduce:
     max_objects: OptionalCount = None
     """Take this many of the set, evenly spaced; all unless given, 30 with --quick."""
     scenes: Annotated[tuple[str, ...], metavar("FAMILY...")] = ("table", "layers", "shelf")
-    """Scene families."""
+    """Scene families of the tables; the parts hard and generalisation have their own."""
+    parts: Annotated[tuple[str, ...] | None, metavar("PART...")] = None
+    """Only these parts: with_base, without_base, grasps_only, predictions, hard (slot, deep, corner, clutter),
+    generalisation (drawer, ramp, stack). All unless given; the first four with --quick."""
+    methods: Annotated[tuple[str, ...] | None, metavar("NAME...")] = None
+    """Only these of each part's methods; all unless given, an unknown name lists them."""
     num: OptionalCount = None
     """Draws for each object, scene and method; 32 unless given, 16 with --quick."""
     seed: Count = 0
@@ -51,6 +60,8 @@ class Reproduce:
     """Folder of the model; the shipped one unless given."""
     grasp_weights: OptionalFolder = None
     """Folder of a model trained on grasps only (train --grasp-fraction 1), for one more row of Table I."""
+    prediction_weights: Annotated[tuple[str, ...], metavar("NAME=DIR...")] = ()
+    """Models to compare with, such as one for each prediction type: epsilon=DIR sample=DIR v_prediction=DIR."""
     data: OptionalFolder = None
     """Dataset folder that the nearest training pose is taken from; without it that row is left out."""
     quick: bool = False
@@ -62,8 +73,8 @@ class Reproduce:
         check_at_least(1, workers=self.workers)
         from dexnudge.cli.console import stdout
         from dexnudge.evaluation.reproduction import run_reproduction
-        from dexnudge.evaluation.reproduction_report import write_reproduction_report
         from dexnudge.jobs.progress import progress
+        from dexnudge.results.reproduction_report import write_reproduction_report
 
         with progress() as bars:
             bar = bars.add_task("reproducing", total=None)
@@ -79,7 +90,7 @@ class Reproduce:
         return 0
 
     def _config(self) -> "ReproductionConfig":
-        from dexnudge.evaluation.reproduction import FULL_NUM, QUICK_NUM, QUICK_OBJECTS, ReproductionConfig
+        from dexnudge.evaluation.reproduction_parts import FULL_NUM, QUICK_NUM, QUICK_OBJECTS, ReproductionConfig
 
         num, max_objects = (QUICK_NUM, QUICK_OBJECTS) if self.quick else (FULL_NUM, None)
         return ReproductionConfig(
@@ -92,6 +103,29 @@ class Reproduce:
             length=self.length,
             weights=self.weights,
             grasp_weights=self.grasp_weights,
+            prediction_weights=named_folders(self.prediction_weights),
             data=self.data,
+            parts=self.parts,
+            methods=self.methods,
             quick=self.quick,
         )
+
+
+def named_folders(entries: tuple[str, ...]) -> dict[str, str]:
+    """NAME -> DIR of the entries NAME=DIR.
+
+    Raises:
+        InputError: an entry of another form, a name that cannot be part of a folder's name, or one that occurs twice.
+    """
+    found: dict[str, str] = {}
+    for entry in entries:
+        name, _, folder = entry.partition("=")
+        if not folder or not NAME.fullmatch(name):
+            raise InputError(
+                f"--prediction-weights got {entry!r}; expected NAME=DIR with a name of letters, digits, _ and -, such as "
+                "epsilon=runs/epsilon/model"
+            )
+        if name in found:
+            raise InputError(f"--prediction-weights names {name!r} twice; expected each name once")
+        found[name] = folder
+    return found

@@ -1,6 +1,6 @@
 """A number over objects with its interval."""
 
-from collections.abc import Callable
+from collections.abc import Callable, Iterable
 from dataclasses import asdict, dataclass
 from typing import Any
 
@@ -41,6 +41,12 @@ def mean_estimate(values: list[float]) -> Estimate:
     """Mean over objects; of shares of draws it is the share over all draws, as every object has the same number."""
     array: Float[np.ndarray, " n"] = np.array(values, dtype=np.float64)
     return Estimate(float(array.mean()), *bootstrap_interval(array))
+
+
+def mean_of_known(values: Iterable[float | None]) -> Estimate | None:
+    """Mean over the objects that have the number; None where none has."""
+    known = [value for value in values if value is not None]
+    return mean_estimate(known) if known else None
 
 
 def estimate_of_sums(

@@ -42,7 +42,8 @@ def run_experiment(
     rows = {row.key: row for row in read_rows(out)}
     todo = [task for task in tasks if task.key not in rows]
     with closing(RowWriter(out)) as writer:
-        for task, result in run_tasks(partial(RowMaker, config), todo, workers=workers):
+        work = partial(RowMaker, config)
+        for task, result in run_tasks(work, todo, workers=workers, together=lambda task: (task.object, task.scene)):
             if isinstance(result, WorkerDied):
                 row = failed_row(config, task, f"the worker process died with exit code {result.exit_code}")
             else:

@@ -2,8 +2,10 @@
 
 from collections.abc import Sequence
 
+from dexnudge.evaluation.estimate import Estimate
 from dexnudge.evaluation.lines import Line
 from dexnudge.evaluation.markdown import markdown_table, number
+from dexnudge.evaluation.method_names import method_name
 
 KEY = ("scene", "method")
 
@@ -27,7 +29,7 @@ def rate_table(lines: Sequence[Line]) -> str:
                 *(rate.percent() for rate in before),
                 *chosen,
                 *(rate.percent() for rate in after),
-                f"{line.verified_per_second.value:.1f}",
+                line.verified_per_second.text(1),
             ]
         )
     return markdown_table(header, rows)
@@ -38,9 +40,9 @@ def measure_table(lines: Sequence[Line]) -> str:
     header = [
         *KEY,
         "no penetration > 1 mm, %",
-        "worst depth, median, mm",
+        "worst depth, mm",
         "95th percentile, mm",
-        "margin, median",
+        "margin",
         "of top-ranked",
         "joint spread, rad",
         "contact spread, half lengths",
@@ -51,12 +53,12 @@ def measure_table(lines: Sequence[Line]) -> str:
         [
             *_key(line),
             line.clean.percent(),
-            number(line.depth_median_mm),
+            _text(line.depth_mm),
             number(line.depth_95_mm),
-            number(line.margin_median),
-            number(line.top_margin_median),
-            line.joint_spread.text() if line.joint_spread else "",
-            line.contact_spread.text() if line.contact_spread else "",
+            _text(line.margin),
+            _text(line.top_margin),
+            _text(line.joint_spread),
+            _text(line.contact_spread),
             line.spread_objects,
             line.verified_per_second.inverse().text(),
         ]
@@ -82,4 +84,8 @@ def seconds_table(lines: Sequence[Line]) -> str:
 
 
 def _key(line: Line) -> list[str]:
-    return [line.scene, line.method]
+    return [line.scene, method_name(line.method)]
+
+
+def _text(estimate: Estimate | None) -> str:
+    return estimate.text() if estimate else ""

@@ -7,7 +7,7 @@ from dataclasses import dataclass
 import numpy as np
 from jaxtyping import Float
 
-from dexnudge.evaluation.estimate import Estimate, estimate_of_sums, mean_estimate, ratio
+from dexnudge.evaluation.estimate import Estimate, estimate_of_sums, mean_estimate, mean_of_known, ratio
 from dexnudge.evaluation.rows import Row
 from dexnudge.evaluation.statistics import chance_of_any
 from dexnudge.evaluation.success import PENETRATION_LIMIT, ROBUST_MARGIN
@@ -33,8 +33,10 @@ class Line:
         top: share of objects whose top-ranked draw, the one that a robot would use, succeeds.
         top_robust: the same with a force margin of at least 1.5.
         any: share of objects with at least one draw that succeeds.
-        depth_median_mm, depth_95_mm: of the worst depth of every draw that is a pose [mm]; None where there is none.
-        margin_median, top_margin_median: force margin over all draws, and over the objects' top-ranked draws.
+        depth_mm: worst depth [mm], median over an object's draws that are poses, mean over objects; None without any.
+        depth_95_mm: 95th percentile of the worst depth of every draw that is a pose [mm]; None where there is none.
+        margin: force margin, median over an object's draws, mean over objects. top_margin: that of the top-ranked draw,
+            mean over objects. Objects that failed have neither; None where all did.
         joint_spread [rad], contact_spread [half lengths]: of verified draws, mean over the `spread_objects` that have
             enough of them.
         rejected: draws by reason; those of failed objects under "object failed".
@@ -56,10 +58,10 @@ class Line:
     top: Estimate
     top_robust: Estimate
     any: Estimate
-    depth_median_mm: float | None
+    depth_mm: Estimate | None
     depth_95_mm: float | None
-    margin_median: float | None
-    top_margin_median: float | None
+    margin: Estimate | None
+    top_margin: Estimate | None
     joint_spread: Estimate | None
     contact_spread: Estimate | None
     spread_objects: int
@@ -84,9 +86,7 @@ def _line(scene: str, method: str, rows: list[Row]) -> Line:
         rejected.update(row.rejected if row.status == "sampled" else {"object failed": row.num})
     for row in sampled:
         seconds.update(row.seconds)
-    depths = [depth for row in sampled for depth in row.penetration_mm if depth is not None]
-    joint_spreads = [row.joint_spread for row in sampled if row.joint_spread is not None]
-    contact_spreads = [row.contact_spread for row in sampled if row.contact_spread is not None]
+    depths = [[depth for depth in row.penetration_mm if depth is not None] for row in sampled]
     return Line(
         scene=scene,
         method=method,
@@ -102,13 +102,13 @@ def _line(scene: str, method: str, rows: list[Row]) -> Line:
         top=mean_estimate([float(any(row.success[:1])) for row in rows]),
         top_robust=mean_estimate([float(any(robust(row)[:1])) for row in rows]),
         any=mean_estimate([float(any(row.success)) for row in rows]),
-        depth_median_mm=_quantile(depths, 0.5),
-        depth_95_mm=_quantile(depths, DEEP_QUANTILE),
-        margin_median=_quantile([margin for row in sampled for margin in row.force_margin], 0.5),
-        top_margin_median=_quantile([margin for row in sampled for margin in row.force_margin[:1]], 0.5),
-        joint_spread=mean_estimate(joint_spreads) if joint_spreads else None,
-        contact_spread=mean_estimate(contact_spreads) if contact_spreads else None,
-        spread_objects=len(joint_spreads),
+        depth_mm=mean_of_known([float(np.median(each)) for each in depths if each]),
+        depth_95_mm=_quantile([depth for each in depths for depth in each], DEEP_QUANTILE),
+        margin=mean_of_known([float(np.median(row.force_margin)) for row in sampled]),
+        top_margin=mean_of_known([row.force_margin[0] for row in sampled]),
+        joint_spread=mean_of_known(row.joint_spread for row in sampled),
+        contact_spread=mean_of_known(row.contact_spread for row in sampled),
+        spread_objects=sum(row.joint_spread is not None for row in sampled),
         rejected=dict(rejected.most_common()),
         seconds={stage: value / len(sampled) for stage, value in seconds.items()},
         verified_per_second=estimate_of_sums(verified_and_seconds(rows), ratio),

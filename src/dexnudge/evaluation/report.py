@@ -9,6 +9,7 @@ from dexnudge.evaluation.estimate import as_json
 from dexnudge.evaluation.experiments import read_experiment
 from dexnudge.evaluation.line_tables import measure_table, rate_table, rejection_table, seconds_table
 from dexnudge.evaluation.lines import Line, summarise
+from dexnudge.evaluation.method_names import method_table
 from dexnudge.evaluation.rows import read_rows
 
 MARKDOWN_FILE, JSON_FILE = "report.md", "report.json"
@@ -18,9 +19,10 @@ COLUMNS_EXPLAINED = (
     "verification. Robust: with a force margin of at least 1.5."
 )
 MEASURES_EXPLAINED = (
-    "Depth and margin: of all draws; worst depth: the deepest of object, surroundings and hand itself. Spread: of verified "
-    "draws, mean over the objects with at least two. Joint spread: standard deviation, mean over the joints. Contact "
-    "spread: mean distance of the fingertips' contact places from their mean."
+    "Worst depth: the deepest of object, surroundings and hand itself. Depth and margin: median over an object's draws, "
+    "mean over objects; 95th percentile: over all draws. Spread: of verified draws, mean over the objects with at least "
+    "two. Joint spread: standard deviation, mean over the joints. Contact spread: mean distance of the fingertips' "
+    "contact places from their mean."
 )
 
 
@@ -59,6 +61,8 @@ def as_markdown(lines: list[Line], experiment: dict[str, Any]) -> str:
         f"# Success on {config['objects']}",
         f"{draws} {COLUMNS_EXPLAINED}",
         rate_table(lines),
+        "## Methods",
+        method_table(line.method for line in lines),
         "## Depth, force, variety, cost",
         MEASURES_EXPLAINED,
         measure_table(lines),

@@ -18,6 +18,15 @@ from dexnudge.scenes.scene import Scene
 
 
 @dataclass(frozen=True)
+class DrawnTask:
+    """The scene of a task and its draws, judged; `seconds` by stage."""
+
+    scene: Scene
+    draws: JudgedDraws
+    seconds: dict[str, float]
+
+
+@dataclass(frozen=True)
 class _Prepared:
     """A scene made ready, and the seconds that each of its rows would have spent on it alone."""
 
@@ -37,9 +46,9 @@ class RowMaker:
         self._config = config
         entries = resolve_object_set(config.objects, units=config.units, length=config.length)
         self._objects = {entry.name: entry for entry in entries}
-        self._hand = load_hand(config.hand, base=config.base)
+        self.hand = load_hand(config.hand, base=config.base)
         self._sampler = load_sampler(
-            self._hand, config.methods, weights=config.weights, data=config.data, device=config.device
+            self.hand, config.methods, weights=config.weights, data=config.data, device=config.device
         )
         self._last: tuple[tuple[str, str], _Prepared] | None = None
         self._warm = False
@@ -48,20 +57,25 @@ class RowMaker:
         """The row of a task. An object that cannot be read or does not fit its scene gives a failed row."""
         config = self._config
         try:
-            prepared = self._prepare(task)
+            self._prepare(task)
         except DexnudgeError as error:
             return failed_row(config, task, f"{type(error).__name__}: {error}")
+        drawn = self.draw(task)
+        return sampled_row(task, drawn, self.hand, seed=row_seed(config.seed, task), sweep=config.sweep)
+
+    def draw(self, task: Task) -> DrawnTask:
+        """What the row of a task is made from; a DexnudgeError where the object cannot be read or does not fit."""
+        prepared = self._prepare(task)
         if not self._warm:
             self._draw(task, prepared, num=1)  # loads kernels: seconds that belong to no method
             self._warm = True
-        draws = self._draw(task, prepared, num=config.num)
-        seconds, seed = {**prepared.seconds, **draws.seconds}, row_seed(config.seed, task)
-        return sampled_row(task, draws, self._hand, prepared.scene, seed=seed, seconds=seconds, sweep=config.sweep)
+        draws = self._draw(task, prepared, num=self._config.num)
+        return DrawnTask(prepared.scene, draws, {**prepared.seconds, **draws.seconds})
 
     def _draw(self, task: Task, prepared: _Prepared, *, num: int) -> JudgedDraws:
         return draw_and_judge(
             self._sampler,
-            self._hand,
+            self.hand,
             prepared.scene,
             num=num,
             seed=row_seed(self._config.seed, task),
@@ -86,10 +100,9 @@ class RowMaker:
         return self._last[1]
 
 
-def sampled_row(
-    task: Task, draws: JudgedDraws, hand: Hand, scene: Scene, *, seed: int, seconds: dict[str, float], sweep: bool
-) -> Row:
-    """The row of a task whose draws are judged; `seconds` by stage."""
+def sampled_row(task: Task, drawn: DrawnTask, hand: Hand, *, seed: int, sweep: bool) -> Row:
+    """The row of a task whose draws are judged."""
+    scene, draws = drawn.scene, drawn.draws
     verdicts = draws.verdicts
     deepest = np.maximum.reduce(
         [verdicts.penetration_object, verdicts.penetration_environment, verdicts.penetration_self]
@@ -113,7 +126,7 @@ def sampled_row(
         contact_spread=contact_spread(hand, scene, [contacts[index] for index in verified.tolist()]),
         swept=sweep_success(scene, verdicts, contacts) if sweep else {},
         rejected=draws.rejections(),
-        seconds={stage: round(value, 4) for stage, value in seconds.items()},
+        seconds={stage: round(value, 4) for stage, value in drawn.seconds.items()},
     )
 
 

@@ -5,8 +5,14 @@ from dataclasses import dataclass
 
 from dexnudge.evaluation.estimate import Estimate, mean_estimate
 from dexnudge.evaluation.markdown import markdown_table
+from dexnudge.evaluation.method_names import method_name
 from dexnudge.evaluation.rows import Row
 
+QUANTITIES = {  # of a scene -> what reports call it
+    "friction_environment": "friction on the surroundings",
+    "friction_hand": "friction on the hand",
+    "mass": "mass",
+}
 AS_DRAWN = "as drawn"  # the setting for which the draws were made and ranked
 
 
@@ -51,10 +57,21 @@ def sweep_lines(rows: Sequence[Row]) -> list[SweepLine]:
     return lines
 
 
+def setting_text(setting: str) -> str:
+    """What reports call a setting."""
+    quantity, times, factor = setting.partition(" x ")
+    return f"{QUANTITIES[quantity]} × {factor}" if times else setting
+
+
 def sweep_table(lines: Sequence[SweepLine]) -> str:
     """Rates in percent with 95 % intervals over objects."""
     rows = [
-        [line.scene, line.method, line.setting, line.single.percent(), line.top.percent(), line.any.percent()]
+        [
+            line.scene,
+            method_name(line.method),
+            setting_text(line.setting),
+            *(rate.percent() for rate in (line.single, line.top, line.any)),
+        ]
         for line in lines
     ]
     return markdown_table(["scene", "method", "setting", "single", "top-ranked", "any of n"], rows, names=3)

@@ -4,7 +4,7 @@ import multiprocessing
 import os
 import signal
 import threading
-from collections.abc import Callable, Generator, Iterator, Sequence
+from collections.abc import Callable, Generator, Hashable, Iterator, Sequence
 from contextlib import contextmanager
 from dataclasses import dataclass
 from multiprocessing.connection import Connection, wait
@@ -30,6 +30,7 @@ def run_tasks(
     *,
     workers: int,
     isolated: bool = False,
+    together: Callable[[Task], Hashable] | None = None,
 ) -> Generator[tuple[Task, Result | WorkerDied], None, None]:
     """Yield (task, result) in the order in which tasks finish.
 
@@ -40,6 +41,8 @@ def run_tasks(
         tasks: picklable.
         workers: number of processes, each with one torch thread.
         isolated: a single worker gets a process of its own, too, which may die; else it works in this process.
+        together: tasks for which it is equal share what has to be prepared for them, so a worker goes on with its own as
+            long as there are some, and leaves those of the others alone as long as there are yet others.
 
     Raises:
         Exception: whatever the handler raised, from the first task that did.
@@ -52,16 +55,23 @@ def run_tasks(
     context = multiprocessing.get_context("spawn")  # a fork would copy the state of torch's and Warp's threads
     waiting = list(reversed(tasks))
     busy: list[_Worker[Task]] = []
+
+    def place_for(worker: _Worker[Task] | None) -> int:
+        if together is None:
+            return len(waiting) - 1
+        others = [together(other.task) for other in busy if other is not worker]
+        return _next_place([together(task) for task in waiting], [together(worker.task)] if worker else [], others)
+
     try:
         while waiting or busy:
             while waiting and len(busy) < workers:
-                busy.append(_start(context, make_handler, waiting.pop()))
+                busy.append(_start(context, make_handler, waiting.pop(place_for(None))))
             ready = wait([worker.connection for worker in busy])
             for worker in [worker for worker in busy if worker.connection in ready]:
                 task, result = worker.task, _receive(worker)
                 if isinstance(result, Raised):
                     raise result.error
-                if isinstance(result, WorkerDied) or not _give_next(worker, waiting):
+                if isinstance(result, WorkerDied) or not _give_next(worker, waiting, place_for(worker)):
                     _stop(worker)
                     busy.remove(worker)
                 yield task, result
@@ -102,16 +112,27 @@ def _receive(worker: _Worker[Any]) -> Any:
         return WorkerDied(worker.process.exitcode)
 
 
-def _give_next(worker: _Worker[Task], waiting: list[Task]) -> bool:
+def _give_next(worker: _Worker[Task], waiting: list[Task], place: int) -> bool:
     """Whether the worker has another task; one that died while it had none leaves the task to others."""
     if not waiting:
         return False
     try:
-        worker.connection.send(waiting[-1])
+        worker.connection.send(waiting[place])
     except OSError:
         return False
-    worker.task = waiting.pop()
+    worker.task = waiting.pop(place)
     return True
+
+
+def _next_place(groups: Sequence[Hashable], own: Sequence[Hashable], others: Sequence[Hashable]) -> int:
+    """Where a worker's next task stands among those that wait, the last of which would be next.
+
+    groups: of the waiting tasks. own: of the worker's last task, if it had one. others: of the other workers' tasks.
+    """
+    backwards = range(len(groups) - 1, -1, -1)
+    mine = (place for place in backwards if groups[place] in own)
+    untouched = (place for place in backwards if groups[place] not in others)
+    return next(mine, next(untouched, len(groups) - 1))
 
 
 def _stop(worker: _Worker[Any]) -> None:
