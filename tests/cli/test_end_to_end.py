@@ -38,7 +38,7 @@ def test_from_objects_to_verified_configurations(dexnudge, folder):
     outcome = dexnudge("dataset", "check", data, "--objects", objects, "--num", 5)
     assert outcome.out == f"{kept} configurations of 2 objects read, 5 verified again: all agree\n"
 
-    assert sorted(os.listdir(run / "model")) == ["config.json", "model.safetensors"]
+    assert sorted(os.listdir(run / "model")) == ["README.md", "config.json", "model.safetensors"]
 
     options = ["--scene", "table", "--weights", run / "model", "--num", 8]
     assert dexnudge("sample", "phone", *options, "--out", out).code == 0

@@ -88,7 +88,7 @@ class Train:
     data: Folder
     """Folder that `dataset generate` wrote."""
     out: Folder
-    """Folder of the run: checkpoints, logs, and in model/ what --weights takes."""
+    """Folder of the run: checkpoints, logs, and in model/ what --weights takes, with its card."""
     steps: OptionalCount = None
     """Optimiser steps; 20000 unless given."""
     max_minutes: OptionalNumber = None
@@ -110,12 +110,13 @@ class Train:
         from dexnudge.cli.console import stdout
         from dexnudge.dataset.manifest import read_manifest
         from dexnudge.diffusion.training import train
+        from dexnudge.evaluation.provenance import machine, versions
         from dexnudge.results.new_folder import check_writable_place
 
         config = self.config()
         read_manifest(self.data)  # a missing dataset is refused before anything is made
         check_writable_place(self.out)
-        result = train(self.data, self.out, config)
+        result = train(self.data, self.out, config, made_with={**machine(config.device), **versions()})
         if not result.is_main:
             return 0 if result.finished else INTERRUPTED
         console = stdout()

@@ -8,11 +8,13 @@ from contextlib import closing, contextmanager, nullcontext
 from dataclasses import dataclass
 from pathlib import Path
 from types import FrameType
+from typing import Any
 
 import torch
 from rich.progress import BarColumn, MofNCompleteColumn, Progress, TextColumn, TimeElapsedColumn, TimeRemainingColumn
 
 from dexnudge.dataset.loading import load_dataset
+from dexnudge.diffusion.model_card import write_model_card
 from dexnudge.diffusion.processes import joined_processes
 from dexnudge.diffusion.training_config import TrainingConfig
 from dexnudge.diffusion.training_log import TrainingLog
@@ -41,10 +43,12 @@ def train(
     *,
     progress: bool = True,
     stop_at_step: int | None = None,
+    made_with: dict[str, Any] | None = None,
 ) -> TrainingResult:
     """Train on a dataset folder; continue if `out_folder` holds an unfinished run of the same settings and data.
 
     SIGTERM and SIGINT end the run after the current step with everything saved. `stop_at_step` does the same at a step.
+    made_with: versions and machine, for the model's card, which is written at the end.
     Started by torchrun, the processes share every batch; `out_folder` must be the same for all of them.
     Raises DatasetError for unusable data, CheckpointError for a run that cannot be continued, InputError for a device or
     precision that is not there, DexnudgeError when the loss stops being finite.
@@ -63,6 +67,7 @@ def train(
     )
     with joined_processes(config.device) as processes:
         run = TrainingRun(load_dataset(dataset_folder), out_folder, config, processes)
+        run.provenance |= {"data": Path(dataset_folder).resolve().name, "made_with": made_with or {}}
         with (
             _stop_signals() as stop,
             closing(TrainingLog(out_folder, step=run.step)) if processes.is_main else nullcontext() as log,
@@ -75,6 +80,8 @@ def train(
                     break
                 run.advance(log)
                 bar.update(task, completed=run.step, loss=run.mean_loss)
+        if processes.is_main and run.step > 0:
+            write_model_card(out_folder)
     return TrainingResult(
         model_folder=out_folder / MODEL_FOLDER,
         step=run.step,

@@ -1,6 +1,8 @@
 """The state of an unfinished training run: one safetensors file, replaced atomically."""
 
 import json
+from collections.abc import Iterator
+from contextlib import contextmanager
 from dataclasses import dataclass
 from pathlib import Path
 from typing import Any
@@ -70,18 +72,33 @@ def load_state(folder: Path, settings: dict[str, Any], dataset_id: str) -> Train
     if not path.is_file():
         return None
     tensors: dict[str, dict[str, Tensor]] = {group: {} for group in _GROUPS}
+    with _opened(path) as (header, file):
+        for key in file.keys():  # noqa: SIM118 - not a dict
+            group, name = key.split("/", 1)
+            tensors[group][name] = file.get_tensor(key)
+    _check_identity(path, header, settings, dataset_id)
+    return TrainingState(step=header["step"], minutes=header["minutes"], **tensors)
+
+
+def read_header(folder: Path) -> dict[str, Any]:
+    """Steps, minutes, dataset and settings of the run in `folder`; CheckpointError when it has no readable state."""
+    path = folder / STATE_NAME
+    if not path.is_file():
+        raise CheckpointError(f"{path} does not exist; expected the folder of a run of `dexnudge train`.")
+    with _opened(path) as (header, _):
+        return header
+
+
+@contextmanager
+def _opened(path: Path) -> Iterator[tuple[dict[str, Any], Any]]:
+    """Header and tensors of a state file; CheckpointError when it is damaged."""
     try:
         with safe_open(path, framework="pt") as file:
-            header = json.loads(file.metadata()["training"])
-            for key in file.keys():  # noqa: SIM118 - not a dict
-                group, name = key.split("/", 1)
-                tensors[group][name] = file.get_tensor(key)
+            yield json.loads(file.metadata()["training"]), file
     except (SafetensorError, KeyError, TypeError, ValueError) as error:
         raise CheckpointError(
             f"{path} cannot be read: truncated or not a training state ({error}); delete it to start again."
         ) from error
-    _check_identity(path, header, settings, dataset_id)
-    return TrainingState(step=header["step"], minutes=header["minutes"], **tensors)
 
 
 def _check_identity(path: Path, header: dict, settings: dict[str, Any], dataset_id: str) -> None:
