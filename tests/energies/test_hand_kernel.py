@@ -108,7 +108,7 @@ class NaiveEnergy:
             depth = (w.clearance_environment - self.environment_distance(own[link])).clamp_min(0)
             terms[0] = terms[0] + w.environment * depth.square().sum()
             on_the_way = (w.clearance_environment - self.swept_distance(own[link])).clamp_min(0)
-            terms[5] = terms[5] + w.sweep * on_the_way.square().sum()
+            terms[5] = terms[5] + w.sweep * (on_the_way.square() - depth.square()).sum()
             if hand.link_names[link] == hand.base_link:
                 close = (w.clearance_base - self.environment_distance(own[link])).clamp_min(0)
                 terms[6] = terms[6] + w.base * close.square().sum()

@@ -1,5 +1,7 @@
 """Guidance rules: their formulas, and what they do to hands that need no guidance."""
 
+from dataclasses import replace
+
 import pytest
 import torch
 
@@ -7,11 +9,12 @@ from dexnudge.diffusion.ddim import ddim_mean_and_sigma
 from dexnudge.diffusion.prior import DiffusionPrior
 from dexnudge.energies import HandEnergy, TermWeights
 from dexnudge.energies.descent import pose_from_configuration
+from dexnudge.energies.force_residual import ForceResidual
 from dexnudge.sampling.denoise import DenoisingConfig
 from dexnudge.sampling.guidance.clean_descent import CleanDescent
 from dexnudge.sampling.guidance.clean_gradient import CleanGradient
-from dexnudge.sampling.guidance.contacts import wanted_contacts
-from dexnudge.sampling.guidance.gradient import configuration_energy, gradient_through_network
+from dexnudge.sampling.guidance.contacts import pull_to_balance, set_wanted_contacts, wanted_contacts
+from dexnudge.sampling.guidance.gradient import configuration_energy, gradient_through_network, squared_violation
 from dexnudge.sampling.guidance.paper import PaperGuidance
 from dexnudge.sampling.guidance.rule import ReverseStep
 from dexnudge.sampling.guidance.spherical import SphericalGuidance
@@ -147,6 +150,60 @@ def test_energy_of_configurations_is_differentiated_right(hand, problem, starts)
             slopes[:, column] = upstream * (above - configuration_energy(q - shift, energy)) / (2 * step)
     assert float(slopes.abs().max()) > 0.05
     torch.testing.assert_close(gradient, slopes, atol=2e-3 * float(slopes.abs().max()), rtol=0.01)
+
+
+def test_limits_and_couplings_pull_joint_angles_back(hand, problem, starts):
+    """Nothing but the limits: the energy is their squared violation, its gradient that of a plain formula."""
+    off = dict.fromkeys(("environment", "object", "self", "contact"), 0.0)
+    energy = HandEnergy(hand, problem.fields, 3, TermWeights(**off, limits=2.0))
+    q = hand.clamp(starts[:3]).clone()
+    torch.testing.assert_close(configuration_energy(q, energy), torch.zeros(3))
+    follower, leader = (int(index) + 9 for index in hand.coupled_indices[0])
+    q[0, 9] = float(hand.upper[0]) + 0.1
+    q[1, 9] = float(hand.lower[0]) - 0.2
+    q[2, leader], q[2, follower] = 0.5, 0.8
+    q.requires_grad_()
+    value = configuration_energy(q, energy)
+    torch.testing.assert_close(value, 2.0 * torch.tensor([0.01, 0.04, 0.09]), rtol=1e-4, atol=1e-6)
+    torch.testing.assert_close(squared_violation(hand, q[:, 9:]), value / 2)
+    (gradient,) = torch.autograd.grad(value.sum(), q)
+    expected = torch.zeros_like(q)
+    expected[0, 9], expected[1, 9], expected[2, follower], expected[2, leader] = 0.4, -0.8, 1.2, -1.2
+    torch.testing.assert_close(gradient, expected, rtol=1e-4, atol=1e-5)
+
+
+def balanced_step(make_step, hand, problem, use, weight: float) -> ReverseStep:
+    step = make_step(use=use, t=20, t_previous=-1)
+    step.energy.set_weights(replace(WEIGHTS, force=weight))
+    return replace(step, force=ForceResidual(problem.balance, BATCH, len(hand.fingertip_links)))
+
+
+def test_the_force_balance_guides_contacts_by_its_own_gradient(make_step, hand, problem, prior, starts):
+    clean = hand.clamp(starts[:BATCH])
+    step = balanced_step(make_step, hand, problem, Knowing(prior, clean), weight=0.002)
+    set_wanted_contacts(step, clean)
+    tips = [hand.link_names.index(link) for link in hand.fingertip_links]
+    torch.testing.assert_close(step.energy.extra_force[:, tips], 0.002 * step.force.gradient)
+    torch.testing.assert_close(pull_to_balance(step), 0.001 * step.force.residual.square())
+    assert pull_to_balance(make_step()) == 0.0
+
+
+def test_descent_with_the_force_balance_ends_nearer_to_it(make_step, hand, problem, prior, starts):
+    """The same estimates guided with and without the term; the residual is then solved anew, from a cold start."""
+    tips = [hand.link_names.index(link) for link in hand.fingertip_links]
+    left = {}
+    for weight in (0.0, 0.05):
+        rule, clean = CleanDescent(), hand.clamp(starts[:BATCH])
+        for _ in range(6):
+            step = balanced_step(make_step, hand, problem, Knowing(prior, clean), weight)
+            clean = hand.clamp(prior.denormalise(rule(step)))
+        step.energy.contact_weight[:, tips] = 1.0
+        step.energy(pose_from_configuration(clean))
+        judge = ForceResidual(problem.balance, BATCH, len(tips))
+        points, normals = (getattr(step.energy, f"contact_{name}")[:, tips] for name in ("point", "normal"))
+        judge(points, normals, torch.ones(BATCH, len(tips)), sweeps=300)
+        left[weight] = float(judge.residual.mean())
+    assert left[0.05] < left[0.0]
 
 
 def test_unguided_is_the_plain_step(make_step, prior):

@@ -88,9 +88,12 @@ def points_in_environment(
                 hit = environment_distance(scene, p, lowest)
                 if hit[0] < widest:
                     gradient = wp.vec3()
+                    here = float(weights.environment)  # the weight of the plain distance
                     if lowest == SWEPT_NEAR_GRID:
                         hinge = weights.clearance_environment - hit[0]
                         if hinge > 0.0:
+                            # What the way adds to where the hand stands: nothing where nothing is in the way.
+                            here -= weights.sweep
                             energy_sweep += weights.sweep * hinge * hinge
                             deepest_swept = wp.max(deepest_swept, -hit[0])
                             gradient -= 2.0 * weights.sweep * hinge * wp.vec3(hit[1], hit[2], hit[3])
@@ -98,8 +101,9 @@ def points_in_environment(
                     hinge = weights.clearance_environment - hit[0]
                     if hinge > 0.0:
                         energy += weights.environment * hinge * hinge
+                        energy_sweep += (here - weights.environment) * hinge * hinge
                         deepest = wp.max(deepest, -hit[0])
-                        gradient -= 2.0 * weights.environment * hinge * wp.vec3(hit[1], hit[2], hit[3])
+                        gradient -= 2.0 * here * hinge * wp.vec3(hit[1], hit[2], hit[3])
                     if l == hand.base:
                         hinge = weights.clearance_base - hit[0]
                         if hinge > 0.0:

@@ -12,7 +12,7 @@ from dexnudge.energies import hand_kernel
 from dexnudge.energies.hand_kernel import energies, kinematics, reduce_gradient
 from dexnudge.energies.hand_model import build_hand_model
 from dexnudge.energies.kernel_structs import NUM_TERMS, EnergyWeights, State
-from dexnudge.energies.weights import TermWeights
+from dexnudge.energies.weights import OUTSIDE_KERNEL, TermWeights
 from dexnudge.geometry.warp_runtime import WarpStruct, wp
 from dexnudge.hands.hand import Hand
 
@@ -108,8 +108,9 @@ class HandEnergy:
         """Replaces the weights of all terms."""
         self.weights = weights
         self._kernel_weights = EnergyWeights()
-        for name in EnergyWeights.vars:
-            setattr(self._kernel_weights, name, float(getattr(weights, name)))
+        for name, value in vars(weights).items():
+            if name not in OUTSIDE_KERNEL:
+                setattr(self._kernel_weights, name, float(value))
 
     def __call__(self, pose: HandPose) -> Float[Tensor, " batch"]:
         """Total energy of each hand; the attributes hold its parts and its gradient."""

@@ -5,6 +5,8 @@ from dataclasses import dataclass
 
 from dexnudge.errors import InputError
 
+OUTSIDE_KERNEL = ("force", "limits")  # terms of those who know more than hand and scene
+
 
 @dataclass(frozen=True)
 class TermWeights:
@@ -12,13 +14,14 @@ class TermWeights:
 
     The penetration terms (`environment`, `object`, `self`) are those of Eq. 6, squared distances summed over points;
     `contact` is its unsigned object term, taken at the nearest point of each link that should touch; `target` is the first
-    term of Eq. 1. A clearance above zero keeps what lies between the guiding points clear as well.
+    term of Eq. 1, for links that have a target. A clearance above zero keeps what lies between the guiding points clear as
+    well.
 
-    `sweep` counts the environment that the hand meets while it is carried along the motion, with the environment's
-    clearance. `base` keeps the forearm at `clearance_base` from the environment. `force` [m^2] weighs half the squared
-    residual of the force balance [weights of the object], `limits` [m^2/rad^2] the squared violation of joint limits and
-    couplings; both are for those who hold the balance and the joint angles (`force_residual`, the guidance rules): the
-    kernel knows nothing of them.
+    `sweep` counts the environment that the hand meets while it is carried along the motion, over and above what it meets
+    where it stands, with the environment's clearance. `base` keeps the forearm at `clearance_base` from the environment.
+    `force` [m^2] weighs half the squared residual of the force balance [weights of the object], `limits` [m^2/rad^2] the
+    squared violation of joint limits and couplings; both are for those who hold the balance and the joint angles
+    (`force_residual`, the guidance rules): the kernel knows nothing of them.
 
     Raises:
         InputError: a value that is negative or not finite.

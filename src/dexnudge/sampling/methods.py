@@ -1,8 +1,9 @@
 """Named ways to draw configurations: ours, the paper's, and the baselines, all with the same data, checks and projection."""
 
-from collections.abc import Callable
-from dataclasses import dataclass, field, replace
+from collections.abc import Callable, Mapping
+from dataclasses import asdict, dataclass, field, replace
 
+from dexnudge.energies.weights import TermWeights
 from dexnudge.errors import UnknownNameError
 from dexnudge.sampling.denoise import DenoisingConfig
 from dexnudge.sampling.guidance.clean_descent import CleanDescent
@@ -12,6 +13,9 @@ from dexnudge.sampling.guidance.rule import GuidanceRule
 from dexnudge.sampling.guidance.spherical import SphericalGuidance
 from dexnudge.sampling.guidance.unguided import unguided
 from dexnudge.sampling.projection import ProjectionConfig
+
+GUIDING_WEIGHTS = TermWeights(contact=6.0, sweep=1.0, base=1.0, clearance_base=0.010)
+"""Of the energy that chooses among coarse hands and guides; that of the projection is `PROJECTION_WEIGHTS`."""
 
 
 @dataclass(frozen=True)
@@ -30,18 +34,37 @@ class Method:
     start: str = "prior"
     behaviour: str = "non_prehensile"
     make_rule: Callable[[], GuidanceRule] = CleanDescent
-    denoising: DenoisingConfig = field(default_factory=DenoisingConfig)
+    denoising: DenoisingConfig = field(default_factory=lambda: DenoisingConfig(weights=GUIDING_WEIGHTS))
     projection: ProjectionConfig | None = field(default_factory=ProjectionConfig)
+
+    def with_weights(self, changes: Mapping[str, float]) -> "Method":
+        """The same with other weights and clearances, by their names in `TermWeights`, in guidance and projection alike.
+
+        Raises:
+            InputError: a value that is negative or not finite.
+        """
+        denoising = replace(self.denoising, weights=replace(self.denoising.weights, **changes))
+        projection = self.projection
+        if projection is not None:
+            projection = replace(projection, weights=replace(projection.weights, **changes))
+        return replace(self, denoising=denoising, projection=projection)
+
+    def weights(self) -> dict[str, dict[str, float]]:
+        """The weights and clearances of each stage that uses an energy, for reports."""
+        stages = {} if self.start != "prior" else {"guidance": asdict(self.denoising.weights)}
+        return stages if self.projection is None else {**stages, "projection": asdict(self.projection.weights)}
 
 
 OURS = Method(
     "prior, the best of 32 coarse hands denoised again under guidance on the clean estimate, then projected",
-    denoising=DenoisingConfig(particles=32),
+    denoising=DenoisingConfig(particles=32, weights=GUIDING_WEIGHTS),
 )
 METHODS: dict[str, Method] = {
     "ours": OURS,
     "ours_one_particle": replace(
-        OURS, summary="ours without coarse hands: guided from pure noise", denoising=DenoisingConfig()
+        OURS,
+        summary="ours without coarse hands: guided from pure noise",
+        denoising=DenoisingConfig(weights=GUIDING_WEIGHTS),
     ),
     "guidance_only": replace(OURS, summary="ours without the projection", projection=None),
     "paper": Method("Eq. 5 as printed, then projected", make_rule=PaperGuidance),

@@ -10,11 +10,13 @@ from torch import Tensor
 
 from dexnudge.energies.force_residual import SlidingBalance, support_wrenches
 from dexnudge.energies.scene_fields import build_guided_fields
+from dexnudge.geometry.exact_distance import ExactDistance
 from dexnudge.geometry.frames import canonical_frame, transform_configurations
 from dexnudge.geometry.object_cloud import object_cloud
 from dexnudge.geometry.warp_runtime import WarpStruct
 from dexnudge.mechanics.contacts import support_contacts
 from dexnudge.mechanics.sliding_task import sliding_task
+from dexnudge.sampling.working_surface import WorkingSurface, working_surface
 from dexnudge.scenes.scene import Scene
 
 FRICTION_MARGIN = 1.6  # factor on friction_environment that the contacts are asked to overcome: above robust's 1.5
@@ -30,6 +32,7 @@ class SamplingProblem:
         guiding_fields: the same, with what cannot be seen from the object as solid (see `visible_space`).
         balance: the force balance to reach; None when nothing supports the object or its supports block the motion.
         cloud: (1024, 6) points [m] and outward normals of the object.
+        working: where on the object a fingertip can work for the motion.
         object_mesh: in frame C.
     """
 
@@ -39,6 +42,7 @@ class SamplingProblem:
     guiding_fields: WarpStruct
     balance: SlidingBalance | None
     cloud: Float[Tensor, "point 6"]
+    working: WorkingSurface
     object_mesh: trimesh.Trimesh
 
     def to_world(self, q: Float[Tensor, "n coordinates"]) -> Float[np.ndarray, "n coordinates"]:
@@ -54,17 +58,19 @@ def prepare(scene: Scene, *, device: str = "cpu") -> SamplingProblem:
     object_mesh.apply_transform(T_canonical_world)
     environment_mesh = scene.environment_mesh.copy()
     environment_mesh.apply_transform(T_canonical_world)
-    displacement = scene.motion_length * (T_canonical_world[:3, :3] @ scene.motion)
+    motion = T_canonical_world[:3, :3] @ scene.motion
     fields, guiding_fields = build_guided_fields(
-        object_mesh, environment_mesh, device=device, displacement=displacement
+        object_mesh, environment_mesh, device=device, displacement=scene.motion_length * motion
     )
+    cloud = object_cloud(object_mesh)
     return SamplingProblem(
         scene=scene,
         T_world_canonical=T_world_canonical,
         fields=fields,
         guiding_fields=guiding_fields,
         balance=_balance(scene, T_canonical_world),
-        cloud=object_cloud(object_mesh),
+        cloud=cloud,
+        working=working_surface(cloud, _tensor(motion), ExactDistance(environment_mesh, device=device)),
         object_mesh=object_mesh,
     )
 

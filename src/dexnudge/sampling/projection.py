@@ -1,7 +1,9 @@
 """Projection: from a configuration that nearly fits to one that penetrates nothing, touches, and can exert the force.
 
 Paper III-C b: descend the loss with a collision check at each step until nothing penetrates. Here the loss also holds the
-contacts and lowers the residual of the force balance, and a hand stops moving only when all three are satisfied.
+contacts, lowers the residual of the force balance, draws idle fingertips to where they can work and keeps the hand's way
+along the motion free. A hand stops moving when it is clean and touches, its forces balance and its way is free; or, when its
+patience is over, without the last two.
 """
 
 from dataclasses import dataclass, field
@@ -23,6 +25,18 @@ from dexnudge.hands.hand import Hand
 from dexnudge.sampling.guidance.contacts import wanted_contacts
 from dexnudge.sampling.problem import SamplingProblem
 
+PROJECTION_WEIGHTS = TermWeights(
+    contact=6.0,
+    target=1.0,
+    sweep=1.0,
+    base=1.0,
+    force=0.001,
+    clearance_object=0.0005,
+    clearance_environment=0.0015,
+    clearance_base=0.010,
+    contact_gap=0.0007,
+)
+
 
 @dataclass(frozen=True)
 class ProjectionConfig:
@@ -31,18 +45,16 @@ class ProjectionConfig:
     max_steps: int = 160
     steps: StepSizes = StepSizes(translation=0.002, rotation=0.015, joints=0.03)
     final_scale: float = 0.1
-    weights: TermWeights = TermWeights(
-        contact=6.0, clearance_object=0.0005, clearance_environment=0.0015, contact_gap=0.0007
-    )
+    weights: TermWeights = PROJECTION_WEIGHTS
     contact_reach: float = 0.020  # [m] a fingertip this close at the start is held to the object
     contact_tolerance: float = 0.0010  # [m] of the gap to the object; success allows 2 mm
     depth_tolerance: float = 0.0001  # [m] that a guiding point may still be inside something
-    force_weight: float = 0.001  # of the force residual's gradient against the squared distances
     force_tolerance: float = 0.05  # residual [weights of the object] that counts as balanced
     force_sweeps: int = 12  # of the balance solver per step, warm-started
     first_force_sweeps: int = 200  # before the first step, from a cold start
+    idle_steps: int = 80  # first steps, in which fingertips that cannot work are drawn to where they can
     guided_steps: int = 40  # first steps, which still count the environment's shadow as solid
-    patience: int = 120  # steps after which a hand that is clean and touching stops waiting for its forces
+    patience: int = 120  # steps after which a hand that is clean and touching stops waiting for its forces and its way
 
 
 @dataclass
@@ -50,7 +62,8 @@ class ProjectionReport:
     """What the projection did, per configuration.
 
     Attributes:
-        iterations: steps until the hand was left alone. converged: clean, touching and balanced by its own measure.
+        iterations: steps until the hand was left alone. converged: clean, touching, balanced and with a free
+            way by its own measure, or out of patience for the last two.
         moved: mean distance [m] that the fingertips travelled. contacts_before, contacts_after: fingertips that touch.
         residual_before, residual_after: of the force balance [weights of the object].
     """
@@ -73,7 +86,8 @@ def project(
     q = hand.tie(q)
     tips = [hand.link_names.index(link) for link in hand.fingertip_links]
     energy = HandEnergy(hand, problem.fields, batch, config.weights)
-    force = ForceResidual(problem.balance, batch, len(tips)) if problem.balance else None
+    balance = problem.balance if config.weights.force > 0 else None
+    force = ForceResidual(balance, batch, len(tips)) if balance is not None else None
     descent = HandDescent(hand, batch, steps=config.steps, tied=True)
     pose = pose_from_configuration(q)
     start_keypoints = hand.keypoints(q)
@@ -105,10 +119,16 @@ def project(
             balanced = residual < config.force_tolerance
             if step == 0:
                 residual_before = residual.clone()
-            energy.extra_force[:, tips] = config.force_weight * force.gradient
+            energy.extra_force[:, tips] = config.weights.force * force.gradient
+            idle = problem.working.idle(energy.contact_normal[:, tips]) & (near > 0) & ~balanced[:, None]
+            energy.target[:, tips] = problem.working.nearest(
+                energy.contact_point[:, tips], energy.contact_normal[:, tips]
+            )
+            energy.target_weight[:, tips] = idle.float() * (step < config.idle_steps)
         clean = energy.depth.amax(dim=(1, 2)) <= config.depth_tolerance
         held = (contact | (energy.contact_weight[:, tips] == 0)).all(dim=1) & contact.any(dim=1)
-        moving = ~(clean & held & (balanced | (step >= config.patience)))
+        way_free = energy.swept_depth.amax(dim=1) <= config.depth_tolerance
+        moving = ~(clean & held & ((balanced & way_free) | (step >= config.patience)))
         if not moving.any():
             break
         energy.active.copy_(moving)

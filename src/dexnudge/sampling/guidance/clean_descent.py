@@ -15,7 +15,7 @@ from torch import Tensor
 
 from dexnudge.diffusion.ddim import ddim_step
 from dexnudge.energies.descent import HandDescent, StepSizes, configuration_from_pose, pose_from_configuration
-from dexnudge.sampling.guidance.contacts import set_wanted_contacts
+from dexnudge.sampling.guidance.contacts import pull_to_balance, set_wanted_contacts
 from dexnudge.sampling.guidance.rule import ReverseStep
 
 
@@ -51,7 +51,7 @@ class CleanDescent:
             self._descent = HandDescent(step.hand, len(q), steps=self.step_sizes, tied=True)
         pose = pose_from_configuration(q)
         for _ in range(self.inner_steps):
-            energy = step.energy(pose)[:, None]
+            energy = (step.energy(pose) + pull_to_balance(step))[:, None]
             # Adam alone would take full steps on a hand that is almost right.
             pose = self._descent.step(pose, step.energy.gradient, scale=(energy / (energy + self.negligible)).sqrt())
         return step.prior.normalise(configuration_from_pose(pose))

@@ -6,7 +6,7 @@ from torch import Tensor
 
 from dexnudge.energies.evaluator import HandEnergy, HandPose
 from dexnudge.geometry.rotations import rotation_6d_to_matrix
-from dexnudge.hands.hand import ROOT_COORDINATES
+from dexnudge.hands.hand import ROOT_COORDINATES, Hand
 from dexnudge.sampling.guidance.contacts import set_wanted_contacts
 from dexnudge.sampling.guidance.rule import ReverseStep
 
@@ -33,7 +33,21 @@ def unit(gradient: Float[Tensor, "batch dimension"]) -> Float[Tensor, "batch dim
 def configuration_energy(q: Float[Tensor, "batch coordinates"], energy: HandEnergy) -> Float[Tensor, " batch"]:
     """Energy of each configuration, differentiable in q (first derivatives, from the fused kernel)."""
     rotation = rotation_6d_to_matrix(q[:, 3:9])
-    return _KernelEnergy.apply(q[:, :3], rotation, q[:, ROOT_COORDINATES:], energy)
+    angles = q[:, ROOT_COORDINATES:]
+    total = _KernelEnergy.apply(q[:, :3], rotation, angles, energy)
+    if energy.weights.limits > 0:
+        total = total + energy.weights.limits * squared_violation(energy.hand, angles)
+    return total
+
+
+def squared_violation(hand: Hand, angles: Float[Tensor, "batch joint"]) -> Float[Tensor, " batch"]:
+    """Sum of the squared violations of joint limits and couplings [rad^2]."""
+    lower, upper = (
+        torch.as_tensor(bound, dtype=angles.dtype, device=angles.device) for bound in (hand.lower, hand.upper)
+    )
+    follower, leader = hand.coupled_indices.T
+    excess = torch.cat([lower - angles, angles - upper, angles[:, follower] - angles[:, leader]], dim=1)
+    return excess.clamp_min(0.0).square().sum(dim=1)
 
 
 class _KernelEnergy(torch.autograd.Function):

@@ -10,12 +10,18 @@ from torch import Tensor
 from dexnudge.diffusion.conditioning import Condition
 from dexnudge.diffusion.prior import DiffusionPrior
 from dexnudge.energies.evaluator import HandEnergy
+from dexnudge.energies.force_residual import ForceResidual
 from dexnudge.hands.hand import Hand
 
 
 @dataclass(frozen=True)
 class ReverseStep:
-    """One step of the reverse diffusion from t to t_previous."""
+    """One step of the reverse diffusion from t to t_previous.
+
+    Attributes:
+        energy: of the scene. force: the force balance of the same batch, weighed by the energy's weight `force`; None where
+            it does not guide.
+    """
 
     prior: DiffusionPrior
     condition: Condition
@@ -27,6 +33,7 @@ class ReverseStep:
     guidance_scale: float
     eta: float
     generator: torch.Generator
+    force: ForceResidual | None = None
 
     @property
     def alpha_bar(self) -> float:

@@ -1,0 +1,77 @@
+"""Where a fingertip can work: places found on a slab in a slot, and hands that are drawn to them."""
+
+from dataclasses import replace
+
+import numpy as np
+import pytest
+import torch
+import trimesh
+
+from dexnudge.evaluation.success import judge
+from dexnudge.geometry.exact_distance import ExactDistance
+from dexnudge.geometry.object_cloud import object_cloud
+from dexnudge.objects.builtin import builtin_object
+from dexnudge.sampling.problem import prepare
+from dexnudge.sampling.projection import ProjectionConfig, project
+from dexnudge.sampling.random_start import random_start
+from dexnudge.sampling.working_surface import ROOM, TIP_RADIUS, WORKING, working_surface
+from dexnudge.scenes.families import build_scene
+
+FORWARD = torch.tensor([1.0, 0.0, 0.0])
+LENGTH, HEIGHT, EXPOSED = 0.15, 0.01, 0.03  # [m] of the slab, and of what the upper board leaves of it
+
+
+@pytest.fixture(scope="module")
+def slot():
+    """A slab on a board; another board 1 mm above all but its front end, at x = 0.045 to 0.075."""
+    slab = trimesh.creation.box((LENGTH, 0.07, HEIGHT))
+    lower = trimesh.creation.box(bounds=((-0.3, -0.2, -0.025), (0.075, 0.2, -0.005)))
+    upper = trimesh.creation.box(bounds=((-0.3, -0.2, 0.006), (0.075 - EXPOSED, 0.2, 0.026)))
+    return object_cloud(slab), ExactDistance(trimesh.util.concatenate([lower, upper]))
+
+
+def test_places_are_where_a_fingertip_fits_and_does_not_push_back(slot):
+    cloud, environment = slot
+    surface = working_surface(cloud, FORWARD, environment)
+    assert len(surface.places) > 0
+    assert (environment(surface.places.double().numpy()).distance > ROOM).all()
+    exposed = surface.places[:, 0] > 0.075 - EXPOSED - ROOM
+    assert exposed.all(), "nothing under the upper board, nothing behind it"
+    on_top = surface.places[:, 2] > HEIGHT / 2 + 0.9 * TIP_RADIUS
+    assert on_top.any()
+    in_front = surface.places[:, 0] > LENGTH / 2 + 0.5 * TIP_RADIUS
+    assert not in_front.any()
+
+
+def test_a_contact_that_faces_the_motion_is_idle(slot):
+    cloud, environment = slot
+    surface = working_surface(cloud, FORWARD, environment)
+    normals = torch.tensor([[[1.0, 0.0, 0.0], [0.0, 0.0, 1.0], [-1.0, 0.0, 0.0], [0.8, 0.0, 0.6]]])
+    assert surface.idle(normals).tolist() == [[True, False, False, True]]
+    assert not working_surface(cloud, FORWARD, ExactDistance(trimesh.creation.box((1.0, 1.0, 1.0)))).idle(normals).any()
+
+
+def test_the_nearest_place_of_a_fingertip_in_front_is_on_the_exposed_end(slot):
+    cloud, environment = slot
+    surface = working_surface(cloud, FORWARD, environment)
+    touching = torch.tensor([[[LENGTH / 2, 0.0, 0.0]]])
+    place = surface.nearest(touching, FORWARD.expand(1, 1, 3))[0, 0]
+    distance = (surface.places - (touching[0, 0] + TIP_RADIUS * FORWARD)).norm(dim=1)
+    torch.testing.assert_close(place, surface.places[distance.argmin()])
+    nearest = cloud[(cloud[:, :3] + TIP_RADIUS * cloud[:, 3:] - place).norm(dim=1).argmin()]
+    assert float(nearest[3:] @ FORWARD) < WORKING
+
+
+@pytest.mark.slow
+def test_more_hands_can_pull_out_of_a_slot_when_idle_fingertips_are_drawn_away(hand):
+    """Random hands in front of the slot, judged; the same projection without the pull is the reference."""
+    scene = build_scene("slot", builtin_object("phone"), seed=0)
+    problem = prepare(scene)
+    starts = random_start(hand, problem.cloud, count=48, generator=torch.Generator().manual_seed(0))
+    config = ProjectionConfig()
+    without = replace(config, weights=replace(config.weights, target=0.0))
+    margins = {}
+    for name, used in (("with", config), ("without", without)):
+        q, _ = project(hand, problem, starts, config=used)
+        margins[name] = judge(hand, scene, problem.to_world(q).astype(np.float64)).force_margin
+    assert (margins["with"] >= 1.0).mean() > (margins["without"] >= 1.0).mean()
