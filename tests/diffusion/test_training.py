@@ -117,7 +117,9 @@ def test_a_crash_costs_only_the_steps_since_the_last_checkpoint(
 
 def test_a_finished_run_is_not_trained_again(dataset_folder, short, uninterrupted):
     before = outcome(uninterrupted)
-    assert train(dataset_folder, uninterrupted, short, progress=False).step == 12
+    again = train(dataset_folder, uninterrupted, short, progress=False)
+    assert again.step == 12
+    assert again.validation == read_provenance(uninterrupted / "model")["validation"] != {}
     assert outcome(uninterrupted) == before
 
 

@@ -141,6 +141,7 @@ class TrainingRun:
         state = TrainingState(
             step=self.step,
             minutes=self.minutes,
+            validation=self.validation,
             weights=dict(self.parameters),
             average=self.average,
             first_moment={name: moment["exp_avg"] for name, moment in moments.items()},
@@ -190,7 +191,7 @@ class TrainingRun:
         return validate(averaged, sampler, self.normaliser, self.schedule, self.config)
 
     def _restore(self, state: TrainingState) -> None:
-        self.step, self.minutes = state.step, state.minutes
+        self.step, self.minutes, self.validation = state.step, state.minutes, state.validation
         self._logged_at = (state.step, state.minutes)
         self.network.load_state_dict(state.weights)
         self.average = {name: tensor.to(self.device) for name, tensor in state.average.items()}

@@ -3,7 +3,7 @@
 import json
 from collections.abc import Iterator
 from contextlib import contextmanager
-from dataclasses import dataclass
+from dataclasses import dataclass, field
 from pathlib import Path
 from typing import Any
 
@@ -31,7 +31,8 @@ SETTINGS_BEFORE = {
 class TrainingState:
     """Everything that decides how the run goes on; random draws depend on the step alone.
 
-    step: steps done; minutes: time spent on them; weights, average, first_moment, second_moment: by parameter name.
+    step: steps done; minutes: time spent on them; weights, average, first_moment, second_moment: by parameter name;
+    validation: the figures last found.
     """
 
     step: int
@@ -40,6 +41,7 @@ class TrainingState:
     average: dict[str, Tensor]
     first_moment: dict[str, Tensor]
     second_moment: dict[str, Tensor]
+    validation: dict[str, float] = field(default_factory=dict)
 
 
 _GROUPS = ("weights", "average", "first_moment", "second_moment")
@@ -56,6 +58,7 @@ def save_state(folder: Path, state: TrainingState, settings: dict[str, Any], dat
         "version": STATE_VERSION,
         "step": state.step,
         "minutes": state.minutes,
+        "validation": state.validation,
         "dataset": dataset_id,
         "config": settings,
     }
@@ -77,7 +80,8 @@ def load_state(folder: Path, settings: dict[str, Any], dataset_id: str) -> Train
             group, name = key.split("/", 1)
             tensors[group][name] = file.get_tensor(key)
     _check_identity(path, header, settings, dataset_id)
-    return TrainingState(step=header["step"], minutes=header["minutes"], **tensors)
+    validation = header.get("validation", {})  # not in the first states that were written
+    return TrainingState(step=header["step"], minutes=header["minutes"], validation=validation, **tensors)
 
 
 def read_header(folder: Path) -> dict[str, Any]:
