@@ -145,7 +145,7 @@ class Comparison:
         names = [name for name in self.variants if (self.out / folder_name(name) / "model").is_dir()]
         text = comparison_table({name: self.out / folder_name(name) for name in names})
         (self.out / TABLE_NAME).write_text(text, encoding="utf-8")
-        stdout().print(text)
+        stdout().print(text, soft_wrap=True, markup=False)
 
 
 def folder_name(variant: str) -> str:

@@ -75,7 +75,7 @@ class Compute:
     device: Literal["cpu", "cuda"] = "cpu"
     """cuda takes one GPU for each process."""
     precision: Literal["float32", "bfloat16"] = "float32"
-    """bfloat16 pays on GPUs and on processors with AMX; on others it is slower."""
+    """bfloat16 is slower on processors without units for matrices in it, such as AMX."""
 
 
 @dataclass(frozen=True)
