@@ -17,7 +17,9 @@ from dexnudge.cli.arguments import (
 )
 
 if TYPE_CHECKING:
+    from dexnudge.evaluation.experiment_config import ExperimentConfig
     from dexnudge.evaluation.rows import Row
+    from dexnudge.execution.experiment_rows import ExecutionRow
 
 
 @dataclass(frozen=True)
@@ -56,11 +58,17 @@ class Evaluate:
     """Dataset folder, for the method nearest_pose."""
     device: Text = "cpu"
     """torch device to sample on."""
+    execute: bool = False
+    """Also play the best verified draw of each in physics, for the executed rate."""
+    execute_num: Count = 1
+    """With --execute: play this many of each, best first."""
+    execute_errors: bool = False
+    """With --execute: play the best one with other frictions and masses, too."""
 
     def run(self) -> int:
         """Compute the missing rows, write and print the report."""
         check_at_least(0, seed=self.seed)
-        check_at_least(1, num=self.num, workers=self.workers)
+        check_at_least(1, num=self.num, workers=self.workers, execute_num=self.execute_num)
         from dexnudge.cli.console import stdout
         from dexnudge.evaluation.experiment_config import ExperimentConfig
         from dexnudge.evaluation.experiments import run_experiment
@@ -97,5 +105,34 @@ class Evaluate:
         report = write_report(Path(self.out))
         console = stdout()
         console.print(report, markup=False, soft_wrap=True)
+        if self.execute:
+            console.print(self._executed(config), markup=False, soft_wrap=True)
         console.print(f"written: {self.out}", soft_wrap=True)
         return 0
+
+    def _executed(self, config: "ExperimentConfig") -> str:
+        """Compute the missing executions; return their report."""
+        from dexnudge.execution.experiment import run_executions
+        from dexnudge.execution.experiment_report import write_execution_report
+        from dexnudge.jobs.progress import progress
+
+        succeeded = 0
+        with progress() as bars:
+            bar = bars.add_task("executing", total=None)
+
+            def show(row: "ExecutionRow", finished: int, total: int) -> None:
+                nonlocal succeeded
+                succeeded += row.top_succeeded
+                bars.update(
+                    bar, completed=finished, total=total, description=f"executing, {succeeded} top-ranked succeed"
+                )
+
+            run_executions(
+                config,
+                Path(self.out),
+                num=self.execute_num,
+                errors=self.execute_errors,
+                workers=self.workers,
+                on_row=show,
+            )
+        return write_execution_report(Path(self.out))

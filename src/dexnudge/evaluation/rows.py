@@ -8,7 +8,7 @@ import json
 import os
 from dataclasses import asdict, dataclass, field, fields
 from pathlib import Path
-from typing import Literal
+from typing import Any, Literal, TypeVar, cast
 
 from dexnudge.errors import InputError, OutputError
 
@@ -61,21 +61,29 @@ class Row:
         return (self.object, self.scene, self.method)
 
 
+Line = TypeVar("Line")
+
+
 def read_rows(folder: Path) -> list[Row]:
     """All whole lines of `FILE`; none when there is no file.
 
     Raises:
         InputError: a line that is not a `Row`, or one that occurs twice; the message names the line.
     """
+    return read_lines(folder, Row)
+
+
+def read_lines(folder: Path, kind: type[Line]) -> list[Line]:
+    """All whole lines of `FILE` as objects of a dataclass that has a `key`; see `read_rows`."""
     path = folder / FILE
     if not path.exists():
         return []
-    rows: dict[RowKey, Row] = {}
-    names = {f.name for f in fields(Row)}
+    rows: dict[RowKey, Line] = {}
+    names = {f.name for f in fields(cast(Any, kind))}
     for number, line in enumerate(_whole_lines(path.read_bytes()), start=1):
         try:
             content = json.loads(line)
-            row = Row(**{name: content[name] for name in names})
+            row: Any = kind(**{name: content[name] for name in names})
         except (ValueError, KeyError, TypeError) as error:
             raise InputError(
                 f"{path}, line {number}: {type(error).__name__}: {error}; expected a JSON object with the fields "
@@ -104,8 +112,8 @@ class RowWriter:
         except OSError as error:
             raise self._cannot_write(error) from error
 
-    def append(self, row: Row) -> None:
-        """Write one row and have it reach the disk."""
+    def append(self, row: Any) -> None:
+        """Write one row, an object of a dataclass, and have it reach the disk."""
         try:
             self._file.write((json.dumps(asdict(row), allow_nan=False) + "\n").encode())
             self._file.flush()

@@ -17,7 +17,7 @@ from dexnudge.scenes.scene import Scene
 from dexnudge.simulation.drive import push_drive
 from dexnudge.simulation.push import PushRun, run_push
 from dexnudge.simulation.push_forces import PushForces, push_forces
-from dexnudge.simulation.push_model import load_push_model
+from dexnudge.simulation.push_model import PushModel, load_push_model
 from dexnudge.simulation.push_verdict import PushVerdict, judge_push
 
 EXACT_FRAMES = 8  # of a run at which the hand's depth in its surroundings is also measured by exact distance
@@ -64,16 +64,34 @@ class Executor:
         (contacts,) = contacts_of(self._hand, self._scene, q[None])
         forces = push_forces(self._push, q, contacts, self._supports, self._task)
         seconds["forces"], clock = time.perf_counter() - clock, time.perf_counter()
-        times, way = _last_stretch(approach, q)
-        motion, length = self._task.motion, self._scene.motion_length
-        run = run_push(self._push, way[0], push_drive(times, way, motion=motion, length=length), forces)
+        run = self._play(self._push, q, approach, forces)
         seconds["simulation"], clock = time.perf_counter() - clock, time.perf_counter()
         frames = np.unique(np.linspace(0, len(run.time) - 1, EXACT_FRAMES).astype(int))
         configurations = self._push.configurations(run.qpos[frames])
         poses = self._hand.forward_kinematics(torch.as_tensor(configurations)).numpy()
         exact = float(self._exact(poses, reach=0.0).environment.max())
         seconds["exact distance"] = time.perf_counter() - clock
-        return Execution(judge_push(run, motion=motion, length=length), run, forces, approach, exact, seconds)
+        return Execution(self._judge(run), run, forces, approach, exact, seconds)
+
+    def again(self, q: Float[np.ndarray, " coordinates"], execution: Execution, push: PushModel) -> PushVerdict:
+        """The verdict on the same way and forces, played in another model of the same hand and scene.
+
+        Args:
+            q: a configuration.
+            execution: what came of it here.
+            push: for example a model with other frictions, which approach and forces then know nothing of.
+        """
+        return self._judge(self._play(push, q, execution.approach, execution.forces))
+
+    def _play(
+        self, push: PushModel, q: Float[np.ndarray, " coordinates"], approach: Approach, forces: PushForces
+    ) -> PushRun:
+        times, way = _last_stretch(approach, q)
+        drive = push_drive(times, way, motion=self._task.motion, length=self._scene.motion_length)
+        return run_push(push, way[0], drive, forces)
+
+    def _judge(self, run: PushRun) -> PushVerdict:
+        return judge_push(run, motion=self._task.motion, length=self._scene.motion_length)
 
 
 def _last_stretch(

@@ -1,0 +1,176 @@
+"""The report of an experiment's executions, made from their rows: executed.md, executed.json and a calibration plot."""
+
+import json
+from collections.abc import Mapping, Sequence
+from dataclasses import asdict
+from pathlib import Path
+from typing import Any
+
+from dexnudge.errors import InputError, OutputError
+from dexnudge.evaluation.estimate import Estimate, as_json
+from dexnudge.evaluation.markdown import markdown_table
+from dexnudge.evaluation.report import made_with
+from dexnudge.evaluation.rows import read_rows
+from dexnudge.execution.calibration_chart import calibration_chart
+from dexnudge.execution.experiment import read_executions
+from dexnudge.execution.experiment_lines import (
+    ExecutedLine,
+    Group,
+    calibration,
+    changed_rates,
+    executed_lines,
+    grouped,
+    margin_bins,
+)
+from dexnudge.execution.experiment_rows import ExecutionRow
+
+MARKDOWN_FILE, JSON_FILE, CHART_FILE = "executed.md", "executed.json", "calibration.svg"
+EXPLAINED = (
+    "Top-ranked: share of all attempted objects whose best verified draw, the one that a robot would use, succeeds in "
+    "physics; an object that failed or has no verified draw counts as one that does not. Executed: the first verified "
+    "draws of each, up to {num}, and the share of them that succeeds. In %; in brackets, 95 % intervals by bootstrap over "
+    "objects."
+)
+CALIBRATION_EXPLAINED = (
+    "Executed configurations by their force margin, which is at most 3: the largest factor on the surroundings' friction "
+    "at which the forces balance."
+)
+CHANGED_EXPLAINED = (
+    "The top-ranked configurations once more, with one quantity of the physics multiplied, while approach and forces were "
+    "planned for its nominal value; over the objects that have one."
+)
+
+
+def write_execution_report(out: Path) -> str:
+    """Write the files into the folder of an experiment and return the markdown.
+
+    Raises:
+        InputError: the folder holds no executions, or damaged ones.
+        OutputError: the folder cannot be written.
+    """
+    claim, rows = read_executions(out)
+    if not rows:
+        raise InputError(
+            f"{out} holds no executions yet; expected a folder that `dexnudge evaluate --execute` worked on"
+        )
+    lines, bins = executed_lines(rows), calibration(rows)
+    groups = {
+        "behaviour": grouped(rows, lambda each: each.behaviour, order=("push", "press", "hook")),
+        "links that touch": grouped(rows, lambda each: str(each.links), order=[str(n) for n in range(1, 30)]),
+        "way to contact": grouped(rows, lambda each: "found" if each.approach else "none, starts at contact"),
+    }
+    changed, differing = changed_rates(rows), _drawn_differently(out, rows)
+    markdown = _as_markdown(claim, lines, bins, groups, changed, differing)
+    numbers = {
+        **claim,
+        "lines": [vars(line) for line in lines],
+        "calibration": _plain({scene: dict(found) for scene, found in bins.items()}),
+        "groups": _plain(groups),
+        "changed": changed,
+        "drawn_differently": differing,
+    }
+    chart = calibration_chart(
+        "Executed, by force margin: success in %, and number",
+        margin_bins(),
+        {**bins} if len(bins) > 2 else {"all": bins["all"]},
+    )
+    try:
+        (out / MARKDOWN_FILE).write_text(markdown, encoding="utf-8")
+        (out / JSON_FILE).write_text(json.dumps(as_json(numbers), indent=2, allow_nan=False) + "\n", encoding="utf-8")
+        (out / CHART_FILE).write_text(chart, encoding="utf-8")
+    except OSError as error:
+        raise OutputError(f"cannot write the report into {out}: {error.strerror or error}") from error
+    return markdown
+
+
+def _as_markdown(
+    claim: dict[str, Any],
+    lines: Sequence[ExecutedLine],
+    bins: Mapping[str, Mapping[str, Group]],
+    groups: Mapping[str, Mapping[str, Group]],
+    changed: Mapping[str, Estimate],
+    differing: int,
+) -> str:
+    config = claim["config"]
+    reasons = list(dict.fromkeys(reason for line in lines for reason in line.failures))
+    parts = [
+        f"# Executed in physics: {config['objects']}",
+        EXPLAINED.format(num=config["execute_num"]),
+        _line_table(lines),
+        "## Why executions failed",
+        "Executed configurations by reason, and objects that had none." if reasons else "None did.",
+        *([_failure_table(lines, reasons)] if reasons else []),
+        "## Does the force margin foretell it?",
+        f"{CALIBRATION_EXPLAINED} ![calibration]({CHART_FILE})",
+        _calibration_table(bins),
+    ]
+    for name, found in groups.items():
+        parts += [f"## By {name}", _group_table(name, found)]
+    if changed:
+        rows = [[setting, rate.percent()] for setting, rate in changed.items()]
+        parts += [
+            "## With friction and mass errors",
+            CHANGED_EXPLAINED,
+            markdown_table(["setting", "top-ranked"], rows, names=1),
+        ]
+    if differing:
+        parts.append(
+            f"{differing} rows were drawn otherwise than the experiment's own ones, as another machine or version does."
+        )
+    return "\n\n".join([*parts, "## Made with", made_with(claim)]) + "\n"
+
+
+def _line_table(lines: Sequence[ExecutedLine]) -> str:
+    header = ["scene", "method", "objects", "failed", "without verified", "top-ranked", "executed", "of these"]
+    rows = [
+        [
+            line.scene,
+            line.method,
+            line.objects,
+            line.failed,
+            line.unverified,
+            line.top.percent(),
+            line.executed,
+            line.single.percent() if line.single else "",
+        ]
+        for line in lines
+    ]
+    return markdown_table(header, rows)
+
+
+def _failure_table(lines: Sequence[ExecutedLine], reasons: Sequence[str]) -> str:
+    rows = [[line.scene, line.method, *(line.failures.get(reason, 0) for reason in reasons)] for line in lines]
+    return markdown_table(["scene", "method", *reasons], rows)
+
+
+def _calibration_table(bins: Mapping[str, Mapping[str, Group]]) -> str:
+    rows = [[label, *(_cell(found.get(label)) for found in bins.values())] for label in margin_bins()]
+    return markdown_table(["force margin", *bins], rows, names=1)
+
+
+def _group_table(name: str, groups: Mapping[str, Group]) -> str:
+    rows = [[label, group.executed, group.objects, group.rate.percent()] for label, group in groups.items()]
+    return markdown_table([name, "executed", "objects", "success"], rows, names=1)
+
+
+def _cell(group: Group | None) -> str:
+    return "" if group is None else f"{group.rate.percent()}, n = {group.executed}"
+
+
+def _plain(groups: Mapping[str, Mapping[str, Group]]) -> dict[str, Any]:
+    """Groups as dicts, their estimates kept as such for `as_json`."""
+    return {
+        key: {label: {**asdict(group), "rate": group.rate} for label, group in found.items()}
+        for key, found in groups.items()
+    }
+
+
+def _drawn_differently(out: Path, rows: Sequence[ExecutionRow]) -> int:
+    """How many rows have other best margins than the experiment's own rows of the same name, where these are there."""
+    own = {row.key: row for row in read_rows(out)}
+    return sum(
+        row.key in own
+        and row.status == "executed"
+        and own[row.key].force_margin[: len(row.configurations)] != [each.force_margin for each in row.configurations]
+        for row in rows
+    )
