@@ -116,6 +116,13 @@ def test_a_dragged_slab_takes_the_force_that_the_balance_predicts(push):
     assert np.mean(run.hand_object_force[steady, 1]) == pytest.approx(expected, rel=0.1)
 
 
+def test_a_dragged_slab_does_not_hop(push):
+    run, _ = drag(push, 4.0)
+    steady = (run.phase == PUSH) & (np.abs(run.object_pose[:, 0] - 0.025) < 0.015)
+    assert np.std(run.hand_object_force[steady, 0]) < 0.02 * np.mean(run.hand_object_force[steady, 0])
+    assert np.ptp(run.object_pose[steady, 2]) < 2e-5
+
+
 def test_the_base_goes_where_it_is_told(push):
     run, drive = drag(push, 4.0)
     moving = (run.phase == PUSH) & (run.time > 0.9)

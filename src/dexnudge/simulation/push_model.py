@@ -35,6 +35,11 @@ ROLLING_FRICTION = 1.0e-4  # [m] MuJoCo's default; without effect at four contac
 CONTACT_TIME = (
     2 * TIMESTEP
 )  # [s] time constant of contacts, the shortest that is stable: a softer one swallows the press
+# MuJoCo's friction lifts a sliding body off its support by friction * speed * damping / stiffness of the contact: 0.16 mm at
+# the time constant above. On contacts stiffer than that a body hops every few steps, and walks sideways. Those with the
+# surroundings are as stiff, but have a quarter of the damping, and begin soft, so that they stay closed 0.1 mm deep.
+SLIDING_CONTACT = (2 * CONTACT_TIME, 0.5)  # [s], [-] MuJoCo's solref: time constant, damping ratio
+SLIDING_IMPEDANCE = (0.1, 0.95, 0.0002, 0.5, 2.0)  # MuJoCo's solimp: from 0.1 at touch to 0.95 at a depth of 0.2 mm
 BASE_STIFFNESS = 1000.0  # [N/m] of an arm under impedance control: what contacts give way by costs little of the force
 BASE_ROTATION_STIFFNESS = 100.0  # [N m/rad] the same at a lever of 0.2 m
 ARM_MASS, ARM_INERTIA = (
@@ -49,7 +54,7 @@ OBJECT, DRIVER, ARM, SURROUNDINGS = (
 )  # no link of a hand is called so
 BASE_MOTORS = tuple(f"base {kind} {axis}" for kind in ("force", "torque") for axis in "xyz")
 HAND_SIDE, OBJECT_SIDE, ENVIRONMENT_SIDE = 1, 2, 4  # bits of MuJoCo's contype and conaffinity
-# Of two touching geoms the one of higher priority gives the friction, and not, as by default, the larger one.
+# Of two touching geoms the one of higher priority gives friction and softness; by default both would be mixed.
 PRIORITY = {OBJECT_SIDE: 0, HAND_SIDE: 1, ENVIRONMENT_SIDE: 2}
 COLOURS = {
     HAND_SIDE: (0.75, 0.75, 0.80, 1.0),
@@ -208,6 +213,8 @@ def _add_pieces(spec: Any, body: Any, pieces: list[np.ndarray], side: int, frict
         geom.condim = 4 if side == HAND_SIDE else 3
         geom.priority = PRIORITY[side]
         geom.solref = (CONTACT_TIME, 1.0)
+        if side == ENVIRONMENT_SIDE:
+            geom.solref, geom.solimp = SLIDING_CONTACT, SLIDING_IMPEDANCE
         geom.friction = (*friction, ROLLING_FRICTION)
         geom.rgba = COLOURS[side]
 
