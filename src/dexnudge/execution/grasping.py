@@ -2,7 +2,8 @@
 
 The surroundings come in as for pushes: the model knows the object alone, guidance and projection keep the hand out of the
 rest. What they ask of the forces is to hold the object's weight tilted by 60 degrees: farther than friction lets it lie on
-fingers that only carry it, so digits have to oppose each other. What holds is for the hold test to say, as in the dataset.
+fingers that only carry it, so digits have to oppose each other. What holds is for the hold test to say, as in the dataset,
+and for a rehearsal of the lift.
 """
 
 from collections import Counter
@@ -25,6 +26,7 @@ from dexnudge.sampling.sampler import Sampler
 from dexnudge.scenes.scene import Scene
 from dexnudge.simulation.hold import HoldTest
 from dexnudge.simulation.object_motion import FARTHEST, MOST_TURNED
+from dexnudge.simulation.rehearsal import LiftRehearsal
 from dexnudge.synthesis.verification import contacts_per_configuration
 
 TILT = np.radians(60.0)  # of the weight that the projection balances: beyond the angle of friction of any fingertip
@@ -41,8 +43,8 @@ GRASPS = replace(
 class Grasp:
     """A grasp that holds.
 
-    q: in the object's frame. contacts: the same frame. drift: how far the object moved in the hold test, as a share of
-    what it may move; the least is the best.
+    q: in the object's frame. contacts: the same frame. drift: how far the object moved in the hold test or in the
+    rehearsal of the lift, whichever is more, as a share of what it may move; the least is the best.
     """
 
     q: Float[np.ndarray, " coordinates"]
@@ -52,6 +54,10 @@ class Grasp:
     def in_world(self, T_world_object: Float[np.ndarray, "4 4"]) -> Float[np.ndarray, " coordinates"]:
         """Its q with the object at this pose."""
         return np.asarray(transform_configurations(T_world_object, self.q[None])[0])
+
+    def contacts_in_world(self, T_world_object: Float[np.ndarray, "4 4"]) -> HandContacts:
+        """Its contacts with the object at this pose."""
+        return contacts_in_world(self.contacts, T_world_object)
 
 
 @dataclass(frozen=True)
@@ -69,11 +75,12 @@ class GraspFinder:
     Args:
         hand: the sampler's, as read from the files of the scene.
         sampler: has a prior that knows grasps.
-        scene: gives the object, its mass and its frictions.
+        scene: gives the object.
+        rehearsal: of lifts of this object by this hand.
     """
 
-    def __init__(self, hand: Hand, sampler: Sampler, scene: Scene) -> None:
-        self._hand, self._sampler = hand, sampler
+    def __init__(self, hand: Hand, sampler: Sampler, scene: Scene, rehearsal: LiftRehearsal) -> None:
+        self._hand, self._sampler, self._rehearsal = hand, sampler, rehearsal
         self._hold = HoldTest(hand, scene.object_mesh)
 
     def find(self, scene: Scene, *, num: int, seed: int) -> FoundGrasps:
@@ -88,10 +95,16 @@ class GraspFinder:
             if reason:
                 continue
             held = self._hold(q[row : row + 1], [contacts[row]])[0]
-            reasons[row] = held.reason
-            if held.held:
-                drift = max(held.translation / FARTHEST, held.rotation / MOST_TURNED)
-                grasps.append(Grasp(q[row], contacts[row], drift))
+            if not held.held:
+                reasons[row] = held.reason
+                continue
+            pose = scene.T_world_object
+            rehearsed = self._rehearsal(drawn[row], contacts_in_world(contacts[row], pose), pose)
+            if rehearsed > 1.0:
+                reasons[row] = "drops when rehearsed"
+                continue
+            drift = max(held.translation / FARTHEST, held.rotation / MOST_TURNED, rehearsed)
+            grasps.append(Grasp(q[row], contacts[row], drift))
         grasps.sort(key=lambda grasp: grasp.drift)
         return FoundGrasps(grasps, num, dict(Counter(reason for reason in reasons if reason)))
 
@@ -116,6 +129,12 @@ class GraspFinder:
             deep = [f"penetration {name}" for name, depth in depths.items() if depth[row] > PENETRATION_LIMIT]
             reasons.append(deep[0] if deep else ("" if len(contact.points) else "no contact"))
         return reasons, contacts
+
+
+def contacts_in_world(contacts: HandContacts, T_world_object: Float[np.ndarray, "4 4"]) -> HandContacts:
+    """Contacts in the object's frame with the object at this pose."""
+    rotation, translation = T_world_object[:3, :3], T_world_object[:3, 3]
+    return replace(contacts, points=contacts.points @ rotation.T + translation, normals=contacts.normals @ rotation.T)
 
 
 def holding_balance(problem: SamplingProblem) -> SlidingBalance:

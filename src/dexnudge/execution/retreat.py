@@ -1,56 +1,97 @@
-"""Where a hand that has let go moves, straight, so that it can open its fingers and plan its next way."""
+"""How a hand that has let go frees itself: straight away from what is around it, then its fingers open."""
 
-from itertools import combinations
+from dataclasses import dataclass
+from itertools import combinations, pairwise
 
 import numpy as np
 from jaxtyping import Float
 
 from dexnudge.hands.hand import ROOT_COORDINATES, Hand
+from dexnudge.hands.per_hand import per_hand
+from dexnudge.planning.approach import GOAL_PENETRATION
 from dexnudge.planning.hand_clearance import HandClearance
-from dexnudge.planning.hand_states import palm_pose, state, state_space
-from dexnudge.planning.motion_check import MotionCheck
+from dexnudge.planning.hand_states import palm_pose, state_space
+from dexnudge.planning.motion_check import CLEARANCE
+from dexnudge.planning.self_penetration import SelfPenetration
 from dexnudge.scenes.scene import Scene
 
 DISTANCES = (0.0, 0.03, 0.06, 0.10, 0.15, 0.20, 0.30)  # [m] the least that will do is taken
 STEP = 0.002  # [m] between the places that are looked at
-MOST_START_CLEARANCE = 0.0015  # [m] asked for while it moves away, or what it has where it stands
+OPENING_STEPS = 17  # openings that are looked at between two sets of joint angles
+LEAST_CLEARANCE = 0.0015  # [m] kept while it moves away, or what it has where it stands
 
 
-def retreat(hand: Hand, scene: Scene, q: Float[np.ndarray, " coordinates"]) -> Float[np.ndarray, " 3"] | None:
-    """The shortest translation [m, world] after which the fingers can open without touching anything; None: all blocked.
+@dataclass(frozen=True)
+class Retreat:
+    """way: translation of the hand [m, world]. openings: joint angles [rad] one after another, the last the open hand."""
+
+    way: Float[np.ndarray, " 3"]
+    openings: list[Float[np.ndarray, " joint"]]
+
+
+def retreat(hand: Hand, scene: Scene, q: Float[np.ndarray, " coordinates"]) -> Retreat | None:
+    """The shortest way after which the fingers can open without touching anything, themselves included; None if none is.
 
     Tried are up, back along the fingers, back of the hand first, along the scene's motion and against it, and the sums of
     two of them.
     """
-    space = state_space(hand, q[ROOT_COORDINATES:])
-    measure = HandClearance(hand, scene)
+    openings = opening_path(hand, q[ROOT_COORDINATES:])
+    if openings is None:
+        return None
     pose = palm_pose(q)
-    here = state(pose, 0.0)
-    room = MotionCheck(space, measure)
-    now = float(room.clearances(here[None]).distance.min())
-    moving = MotionCheck(space, measure, max(0.0, min(MOST_START_CLEARANCE, now)))
-    back = -pose[:3, :3]
-    own = [
-        np.array([0.0, 0.0, 1.0]),
-        back @ hand.finger_axis,
-        back @ hand.palm_normal,
-        scene.motion,
-        -scene.motion,
-    ]
-    sums = own + [one + two for one, two in combinations(own, 2)]
-    directions = [total / np.linalg.norm(total) for total in sums if np.linalg.norm(total) > 0.3]
+    measure = HandClearance(hand, scene)
+
+    def clear(shifts: np.ndarray, angles: np.ndarray, room: float) -> bool:
+        rotation = np.repeat(pose[None, :3, :3], len(shifts), axis=0)
+        return bool((measure(q[:3] + shifts, rotation, angles, stop=room).distance >= room).all())
+
+    closed = q[None, ROOT_COORDINATES:]
+    now = float(measure(q[None, :3], pose[None, :3, :3], closed).distance.min())
+    room = max(0.0, min(LEAST_CLEARANCE, now))
+    opening = _between([q[ROOT_COORDINATES:], *openings])
     for distance in DISTANCES:
-        for direction in directions[: 1 if distance == 0 else None]:
-            there, opened = here.copy(), here.copy()
-            there[:3] += distance * direction
-            opened[:3], opened[7] = there[:3], 1.0
-            if room.free(there, opened) and _moves(moving, here, there):
-                return distance * direction
+        for direction in _directions(hand, pose, scene.motion)[: 1 if distance == 0 else None]:
+            way = distance * direction
+            shifts = np.linspace(0.0, 1.0, int(distance / STEP) + 2)[:, None] * way
+            if clear(np.repeat(way[None], len(opening), axis=0), opening, CLEARANCE) and clear(
+                shifts, np.repeat(closed, len(shifts), axis=0), room
+            ):
+                return Retreat(way, openings)
     return None
 
 
-def _moves(check: MotionCheck, here: np.ndarray, there: np.ndarray) -> bool:
-    """Whether the straight motion keeps the clearance of `check`, looked at every few millimetres."""
-    count = int(np.ceil(np.linalg.norm(there[:3] - here[:3]) / STEP)) + 1
-    states = np.linspace(here, there, count)
-    return bool((check.clearances(states, stop=check.clearance).distance >= check.clearance).all())
+def opening_path(hand: Hand, angles: Float[np.ndarray, " joint"]) -> list[Float[np.ndarray, " joint"]] | None:
+    """Joint angles from these to the open hand, the links never more than 1 mm in one another; None if no order is found.
+
+    All digits at once if that will do, else one of them before the others, or after them.
+    """
+    opened = state_space(hand, angles).opened
+    depth = _self_penetration(hand)
+    paths = [[opened]]
+    for digit in hand.fingertips:
+        mine = np.zeros(hand.num_joints, dtype=bool)
+        for name, joint in zip(hand.link_names, hand.joints, strict=True):
+            if joint is not None and joint.index is not None:
+                mine[joint.index] |= hand.digit_of_link[name] == digit
+        paths += [[np.where(mine, opened, angles), opened], [np.where(mine, angles, opened), opened]]
+    return next((path for path in paths if depth(_between([angles, *path])).max() <= GOAL_PENETRATION), None)
+
+
+@per_hand
+def _self_penetration(hand: Hand) -> SelfPenetration:
+    return SelfPenetration(hand)
+
+
+def _between(path: list[Float[np.ndarray, " joint"]]) -> Float[np.ndarray, "n joint"]:
+    """Joint angles along a path."""
+    fractions = np.linspace(0.0, 1.0, OPENING_STEPS)[:, None]
+    return np.concatenate([start + fractions * (end - start) for start, end in pairwise(path)])
+
+
+def _directions(
+    hand: Hand, pose: Float[np.ndarray, "4 4"], motion: Float[np.ndarray, " 3"]
+) -> list[Float[np.ndarray, " 3"]]:
+    back = -pose[:3, :3]
+    own = [np.array([0.0, 0.0, 1.0]), back @ hand.finger_axis, back @ hand.palm_normal, motion, -motion]
+    sums = own + [one + two for one, two in combinations(own, 2)]
+    return [total / np.linalg.norm(total) for total in sums if np.linalg.norm(total) > 0.3]

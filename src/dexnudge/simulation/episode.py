@@ -28,6 +28,7 @@ from dexnudge.simulation.push_readings import (
 
 IDLE_TORQUE = 1.0e-3  # [N m] below which a motor has no part in the squeeze and keeps its place, as in the hold test
 CLOSING_STEPS = 10  # between two updates of the squeeze: 20 ms
+CLOSE_RAMP, CLOSE_TIME, SETTLE_TIME = 0.1, 0.2, 0.1  # [s] of a grasp that closes, as in the hold test
 
 
 @dataclass(frozen=True)
@@ -62,6 +63,8 @@ class _Resumed(PushModel):
 class Episode:
     """A simulation from the hand at `q_start` (world) and the object where the model's scene has it.
 
+    With `recorded` off there are no records, which take longer than the simulation.
+
     Attributes:
         push: the model; `data` is the state now.
         told: configuration that hand and fingers were told last.
@@ -70,8 +73,8 @@ class Episode:
         last_state: MuJoCo's integration state at the last record before a divergence.
     """
 
-    def __init__(self, push: PushModel, q_start: Float[np.ndarray, " coordinates"]) -> None:
-        self.push = push
+    def __init__(self, push: PushModel, q_start: Float[np.ndarray, " coordinates"], *, recorded: bool = True) -> None:
+        self.push, self._recorded = push, recorded
         self.told = np.array(q_start, dtype=np.float64)
         self.attempt, self.diverged = 1, False
         self._columns: dict[str, list] = {field.name: [] for field in fields(Trace)}
@@ -185,6 +188,8 @@ class Episode:
             if not np.abs(data.qvel).max() < FASTEST:  # NaN is not below anything
                 self.diverged = True
                 return
+            if not self._recorded:
+                continue
             deepest = max(deepest, hand_in_environment(push))
             if (step + 1) % RECORD_STEPS == 0 or step + 1 == len(path):
                 self._record(phase, deepest)

@@ -33,6 +33,17 @@ def along_line(q: Float[np.ndarray, " coordinates"], way: Float[np.ndarray, " 3"
     return steps
 
 
+def bending(
+    q: Float[np.ndarray, " coordinates"], angles: Float[np.ndarray, " joint"], *, speed: float
+) -> Configurations:
+    """The joints go evenly to `angles` [rad], the fastest at `speed` [rad/s]; the base is told to stay."""
+    change = angles - q[ROOT_COORDINATES:]
+    count = int(np.ceil(np.abs(change).max() / speed / TIMESTEP))
+    steps = np.tile(q, (count, 1))
+    steps[:, ROOT_COORDINATES:] += np.arange(1, count + 1)[:, None] / max(count, 1) * change
+    return steps
+
+
 def waiting(q: Float[np.ndarray, " coordinates"], *, seconds: float) -> Configurations:
     """The hand is told to stay."""
     return np.tile(q, (round(seconds / TIMESTEP), 1))

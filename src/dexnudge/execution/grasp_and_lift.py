@@ -1,0 +1,109 @@
+"""The second act: the object is grasped where it lies, lifted and held."""
+
+from dataclasses import dataclass
+
+import numpy as np
+from jaxtyping import Float
+
+from dexnudge.execution.grasping import Grasp, GraspFinder
+from dexnudge.execution.lift_way import LiftWay
+from dexnudge.execution.stage import Stage, stretches
+from dexnudge.mechanics.sliding_task import sliding_task
+from dexnudge.planning.approach import Approach, ApproachPlanner
+from dexnudge.scenes.scene import Scene
+from dexnudge.simulation.episode import CLOSE_RAMP, CLOSE_TIME, SETTLE_TIME
+from dexnudge.simulation.hand_path import along_line, along_way, waiting
+from dexnudge.simulation.squeeze import squeeze
+
+LIFT = 0.10  # [m]
+LIFT_SPEED = 0.10  # [m/s] in the middle of the lift
+HOLD_TIME = 2.0  # [s]
+SQUEEZE_SHARE = 0.75  # of the hand's friction that the squeeze's forces use: 0.6 of 0.8, as in the hold test
+MOST_PLANNED = 6  # grasps that are planned for until one has a way
+GRASP_BATCHES = 3  # of draws until one holds
+
+
+@dataclass(frozen=True)
+class ChosenGrasp:
+    """A grasp with the way there, and the translations up [m, world] from it."""
+
+    grasp: Grasp
+    approach: Approach
+    ways: list[Float[np.ndarray, " 3"]]
+
+
+@dataclass(frozen=True)
+class NoGrasp:
+    """phase: "grasp search" or "approach"; reason: what stood against it."""
+
+    phase: str
+    reason: str
+
+
+class GraspAndLift:
+    """Grasps and lifts the object of a stage; no grasp is tried twice.
+
+    Attributes:
+        found: grasps that are known to hold and have not been tried. drawn: draws so far.
+    """
+
+    def __init__(self, stage: Stage, finder: GraspFinder, *, draws: int, seed: int) -> None:
+        self._stage, self._finder, self._draws, self._seed = stage, finder, draws, seed
+        self.found: list[Grasp] = []
+        self.drawn = 0
+
+    def choose(self, scene: Scene) -> ChosenGrasp | NoGrasp:
+        """The best grasp that the hand can reach from where it is, and lift; draws some where none is known."""
+        self.found = self._finder.still_clean(scene, self.found)
+        rejected: dict[str, int] = {}
+        for _ in range(GRASP_BATCHES):
+            if self.found:
+                break
+            found = self._finder.find(scene, num=self._draws, seed=self._seed + self.drawn)
+            self.drawn += found.drawn
+            self.found, rejected = found.grasps, found.rejected
+        if not self.found:
+            text = ", ".join(
+                f"{reason} {count}" for reason, count in sorted(rejected.items(), key=lambda item: -item[1])
+            )
+            return NoGrasp("grasp search", f"no grasp found in {self.drawn} draws; of the last {self._draws}: {text}")
+        planner, up = ApproachPlanner(self._stage.hand, scene), LiftWay(self._stage.hand, scene, height=LIFT)
+        reasons = []
+        for grasp in self.found[:MOST_PLANNED]:
+            q = grasp.in_world(scene.T_world_object)
+            ways = up(q)
+            if ways is None:
+                reasons.append("no free way up or out")
+                continue
+            approach = planner.plan(q, start=self._stage.q)
+            if approach.blocked is None:
+                return ChosenGrasp(grasp, approach, ways)
+            reasons.append(f"{approach.blocked.stage}: {approach.blocked.reason}")
+        return NoGrasp("approach", f"approach blocked for {len(reasons)} grasps; the best: {reasons[0]}")
+
+    def lift(self, scene: Scene, chosen: ChosenGrasp) -> None:
+        """Go there, close, lift, hold."""
+        self.found = [other for other in self.found if other is not chosen.grasp]
+        episode, way = self._stage.go_to(chosen.approach, all_the_way=True), stretches(chosen.approach)
+        episode.play(along_way(way.times, way.q), "reach")
+        contacts = chosen.grasp.contacts_in_world(scene.T_world_object)
+        half_length = sliding_task(scene).half_length
+        with episode.elsewhere():
+            model = self._stage.model_at(scene)
+            model.place(way.q[-1])
+            friction = SQUEEZE_SHARE * scene.friction_hand
+            torque = squeeze(model, contacts, half_length=half_length, friction=friction).motor_torque
+        episode.close(torque, "close", ramp=CLOSE_RAMP, seconds=CLOSE_TIME)
+        episode.play(waiting(episode.told, seconds=SETTLE_TIME), "close")
+        for one in chosen.ways:
+            episode.play(along_line(episode.told, one, speed=LIFT_SPEED), "lift")
+        episode.play(waiting(episode.told, seconds=HOLD_TIME), "hold")
+
+    def put_back(self, chosen: ChosenGrasp) -> None:
+        """Down again, let go, and back off."""
+        episode = self._stage.episode
+        assert episode is not None
+        for one in reversed(chosen.ways):
+            episode.play(along_line(episode.told, -one, speed=LIFT_SPEED), "lower")
+        episode.let_go()
+        self._stage.back_off(chosen.approach)
