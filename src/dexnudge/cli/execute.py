@@ -9,6 +9,7 @@ from typing import Annotated, Any
 import tyro
 
 from dexnudge.cli.arguments import Count, OptionalFolder, check_at_least, metavar
+from dexnudge.errors import InputError
 
 
 @dataclass(frozen=True)
@@ -16,7 +17,8 @@ class Execute:
     """Play the best verified configurations out in MuJoCo: close in, squeeze, push by the scene's motion length.
 
     A push succeeds if the object advances 80 % of the way, turns less than 15 degrees and is not dropped, and the hand
-    never gets deeper than 2 mm into the surroundings.
+    never gets deeper than 2 mm into the surroundings. With --then-grasp the object is pushed until it can be grasped,
+    grasped, lifted by 10 cm and held for 2 s, in one continuous simulation.
     """
 
     folder: tyro.conf.Positional[Annotated[str, metavar("DIR")]]
@@ -25,14 +27,27 @@ class Execute:
     """Execute this many, best first."""
     workers: Count = 2
     """Processes; one core each."""
+    then_grasp: bool = False
+    """Slide, grasp and lift."""
+    tries: Count = 3
+    """With --then-grasp: most tries; each goes on from where the one before has left hand and object."""
+    seed: Count = 0
+    """With --then-grasp: of the grasps."""
+    weights: OptionalFolder = None
+    """With --then-grasp: folder of the model; the shipped one unless given."""
     out: OptionalFolder = None
-    """Folder to write; DIR/execution unless given."""
+    """Folder to write; DIR/execution unless given, with --then-grasp DIR/slide_grasp_lift."""
     overwrite: bool = False
     """Replace an existing folder of an earlier execution."""
+    films: Count = 1
+    """Draw film.png and film.gif of the first N, which takes some seconds each; the page film.html is of each."""
 
     def run(self) -> int:
         """Execute, write, print."""
-        check_at_least(1, top=self.top, workers=self.workers)
+        check_at_least(1, top=self.top, workers=self.workers, tries=self.tries)
+        check_at_least(0, seed=self.seed, films=self.films)
+        if self.then_grasp:
+            return self._slide_grasp_lift()
         from dexnudge.execution.folder import FOLDER, execute_folder
         from dexnudge.jobs.progress import progress
 
@@ -46,13 +61,39 @@ class Execute:
                 workers=self.workers,
                 out=out,
                 overwrite=self.overwrite,
+                films=self.films,
                 on_done=lambda *_: bars.advance(bar),
             )
-        _print(summary, out)
+        _print_pushes(summary, out)
+        return 0
+
+    def _slide_grasp_lift(self) -> int:
+        if self.top != 1:
+            raise InputError(
+                f"--top is {self.top} with --then-grasp, which goes through the configurations by itself, best first; "
+                "expected no --top; use --tries"
+            )
+        from dexnudge.execution.story_folder import FOLDER, slide_grasp_lift_folder
+        from dexnudge.jobs.progress import progress
+
+        folder = Path(self.folder)
+        out = folder / FOLDER if self.out is None else Path(self.out)
+        with progress() as bars:
+            bars.add_task("slide, grasp, lift", total=None)
+            summary = slide_grasp_lift_folder(
+                folder,
+                tries=self.tries,
+                seed=self.seed,
+                weights=self.weights,
+                out=out,
+                overwrite=self.overwrite,
+                films=self.films > 0,
+            )
+        _print_story(summary, out)
         return 0
 
 
-def _print(summary: dict[str, Any], out: Path) -> None:
+def _print_pushes(summary: dict[str, Any], out: Path) -> None:
     from dexnudge.cli.console import stdout, table
 
     shown = table("configuration", "outcome", "advanced [mm]", "turned [deg]", "hand in surroundings [mm]")
@@ -68,5 +109,39 @@ def _print(summary: dict[str, Any], out: Path) -> None:
     console = stdout()
     console.print(shown)
     console.print(f"{summary['succeeded']} of {summary['attempted']} succeed")
+    _print_where(out)
+
+
+def _print_story(summary: dict[str, Any], out: Path) -> None:
+    from dexnudge.cli.console import stdout, table
+
+    shown = table("try", "slid by", "overhang", "grasps", "raised [mm]", "turned [deg]", "failed in", "outcome")
+    for row in summary["tries"]:
+        shown.add_row(
+            str(row["number"]),
+            "" if row["configuration"] < 0 else f"configuration {row['configuration']}",
+            "" if row["overhang"] is None else f"{row['overhang']:.0%}",
+            "" if row["grasps"] < 0 else f"{row['grasps']} of {row['drawn']}",
+            "" if row["raised"] is None else f"{1e3 * row['raised']:.0f}",
+            "" if row["turned_deg"] is None else f"{row['turned_deg']:.0f}",
+            row["phase"],
+            row["reason"] or "lifted and held",
+        )
+    console = stdout()
+    console.print(shown)
+    first = "yes" if summary["success_first_try"] else "no"
+    console.print(f"success: {'yes' if summary['success'] else 'no'}; without retries: {first}")
+    if summary["ended"]:
+        console.print(f"no further try: {summary['ended']}", soft_wrap=True)
+    _print_where(out)
+
+
+def _print_where(out: Path) -> None:
+    from dexnudge.cli.console import stdout
+    from dexnudge.execution.film import PAGE_FILE
+
+    console = stdout()
     console.print(f"written: {out}", soft_wrap=True)
-    console.print(f"look at it: python -m mujoco.viewer --mjcf={out / 'scene.xml'}", soft_wrap=True)
+    for film in sorted(out.glob(f"*/{PAGE_FILE}"))[:1]:
+        console.print(f"watch it: {film}", soft_wrap=True)
+    console.print(f"open the model: python -m mujoco.viewer --mjcf={out / 'scene.xml'}", soft_wrap=True)

@@ -8,18 +8,18 @@ from typing import Any
 
 import numpy as np
 
-from dexnudge.errors import InputError
 from dexnudge.evaluation.provenance import machine, versions
 from dexnudge.execution.executor import Execution, Executor
-from dexnudge.execution.files import MODEL_FILE, write_execution, write_model
-from dexnudge.hands.hand import Hand
+from dexnudge.execution.files import MODEL_FILE, film_folder, write_execution, write_model
+from dexnudge.execution.film import film_of_trace, film_trace, write_film
+from dexnudge.execution.verified import read_verified
 from dexnudge.jobs.answers import WorkerDied
 from dexnudge.jobs.processes import run_tasks
-from dexnudge.results.configurations import Configurations, load_configurations
+from dexnudge.results.configurations import Configurations
 from dexnudge.results.new_folder import new_folder
 from dexnudge.results.summary import write_summary
 from dexnudge.results.writing import read_problem
-from dexnudge.simulation.push_model import TIMESTEP, push_model_xml
+from dexnudge.simulation.push_model import TIMESTEP, load_push_model, push_model_xml
 from dexnudge.simulation.push_verdict import PushVerdict
 
 FOLDER = "execution"  # in the result folder, unless told otherwise
@@ -32,11 +32,12 @@ def execute_folder(
     workers: int = 1,
     out: Path | None = None,
     overwrite: bool = False,
+    films: int = 1,
     on_done: Callable[[int, Execution | WorkerDied], None] | None = None,
 ) -> dict[str, Any]:
     """Execute the `top` best verified configurations of a folder that `sample` wrote; return the summary.
 
-    Writes scene.xml, the traces of every configuration and summary.json into `out`, or into folder/execution.
+    Writes scene.xml, the traces and film of every configuration and summary.json into `out`, or into folder/execution.
 
     Args:
         folder: scene, hand and configurations.
@@ -44,6 +45,7 @@ def execute_folder(
         workers: processes.
         out: folder to make.
         overwrite: replace it.
+        films: draw film.png and film.gif of this many, best first, which takes some seconds each; film.html is of each.
         on_done: called with each configuration's index and outcome, as they finish.
 
     Raises:
@@ -51,20 +53,12 @@ def execute_folder(
         MeshError: MuJoCo cannot take the object or the surroundings.
         OutputError: `out` exists or cannot be written.
     """
-    if not folder.is_dir():
-        raise InputError(f"{folder} is not a folder; expected the one that `dexnudge sample --out` wrote")
-    configurations = load_configurations(folder)
-    scene, hand = read_problem(folder)
-    scene.validate()
-    _check_joints(folder, configurations, hand)
-    chosen = np.flatnonzero(configurations.success)[:top].tolist()
-    if not chosen:
-        raise InputError(
-            f"{folder}: none of the {len(configurations.q)} configurations is verified; expected at least one; sample "
-            "again with --verified 1"
-        )
+    found = read_verified(folder)
+    scene, hand, configurations = found.scene, found.hand, found.configurations
+    chosen = found.verified[:top].tolist()
     with new_folder(out or folder / FOLDER, overwrite=overwrite, marker=MODEL_FILE) as written:
         xml = push_model_xml(hand, scene)
+        push = load_push_model(xml, hand, scene)
         outcomes: dict[int, Execution | WorkerDied] = {}
         tasks = [(index, configurations.q[index].astype(np.float64)) for index in chosen]
         workers = min(workers, len(tasks))
@@ -72,6 +66,14 @@ def execute_folder(
             outcomes[index] = outcome
             if isinstance(outcome, Execution):
                 write_execution(written, index, outcome)
+                film = film_of_trace(
+                    scene,
+                    push,
+                    film_trace(outcome.run),
+                    title=f"{folder.absolute().name}: configuration {index}",
+                    subtitle=_figures(outcome.verdict),
+                )
+                write_film(film, written / film_folder(index), pictures=chosen.index(index) < films)
             if on_done:
                 on_done(index, outcome)
         runs = {index: outcome.run for index, outcome in outcomes.items() if isinstance(outcome, Execution)}
@@ -87,12 +89,9 @@ def _handler(folder: Path, xml: str) -> Callable[[tuple[int, np.ndarray]], Execu
     return lambda task: executor(task[1])
 
 
-def _check_joints(folder: Path, configurations: Configurations, hand: Hand) -> None:
-    if tuple(hand.joint_names) != configurations.joint_names:
-        raise InputError(
-            f"{folder}: the configurations have the joints {', '.join(configurations.joint_names)}, the hand in hand/ has "
-            f"{', '.join(hand.joint_names)}; expected the same joints in the same order; sample again"
-        )
+def _figures(verdict: PushVerdict) -> str:
+    outcome = verdict.reason or "success"
+    return f"{outcome}; {1e3 * verdict.advanced:.0f} mm along the motion, turned {verdict.turned_deg:.0f} deg"
 
 
 def _summary(outcomes: dict[int, Execution | WorkerDied], configurations: Configurations) -> dict[str, Any]:
