@@ -108,7 +108,7 @@ class NaiveEnergy:
             depth = (w.clearance_environment - self.environment_distance(own[link])).clamp_min(0)
             terms[0] = terms[0] + w.environment * depth.square().sum()
             on_the_way = (w.clearance_environment - self.swept_distance(own[link])).clamp_min(0)
-            terms[5] = terms[5] + w.sweep * (on_the_way.square() - depth.square()).sum()
+            terms[5] = terms[5] + (w.sweep * on_the_way.square() - min(w.sweep, w.environment) * depth.square()).sum()
             if hand.link_names[link] == hand.base_link:
                 close = (w.clearance_base - self.environment_distance(own[link])).clamp_min(0)
                 terms[6] = terms[6] + w.base * close.square().sum()
@@ -217,8 +217,22 @@ def test_a_weight_of_zero_switches_its_term_off_and_leaves_the_others(setting, n
     off = evaluated(setting, setting[1].fields, replace(WEIGHTS, **{name: 0.0}))
     assert float(on.energy[:, column].max()) > 0
     assert float(off.energy[:, column].abs().max()) == 0.0
-    others = [term for term in range(on.energy.shape[1]) if term != column]
+    # What the way adds is over and above the environment's term, so it depends on that weight.
+    dependent = {column, 5} if name == "environment" else {column}
+    others = [term for term in range(on.energy.shape[1]) if term not in dependent]
     torch.testing.assert_close(off.energy[:, others], on.energy[:, others], rtol=1e-5, atol=1e-8)
+
+
+@pytest.mark.parametrize("sweep", [1.0, 5.0])
+def test_what_the_way_adds_is_never_negative_and_without_the_place_it_is_all_of_it(setting, sweep):
+    fields = setting[1].fields
+    both, alone = (evaluated(setting, fields, replace(WEIGHTS, sweep=sweep, environment=e)) for e in (1.0, 0.0))
+    unit = evaluated(setting, fields, replace(WEIGHTS, sweep=1.0, environment=0.0))
+    torch.testing.assert_close(alone.energy[:, 5], sweep * unit.energy[:, 5], rtol=1e-4, atol=1e-8)
+    here = evaluated(setting, fields, replace(WEIGHTS, sweep=0.5)).energy[:, 5] - 0.5 * unit.energy[:, 5]
+    assert float(here.min()) < 0
+    assert (both.energy[:, 5] >= 0).all()
+    torch.testing.assert_close(both.energy[:, 5], alone.energy[:, 5] + 2.0 * here, rtol=1e-3, atol=1e-6)
 
 
 def test_sweep_does_nothing_where_the_fields_were_not_swept(setting):

@@ -21,6 +21,7 @@ from dexnudge.cli.arguments import (
     check_at_least,
     metavar,
 )
+from dexnudge.cli.losses import Losses
 from dexnudge.errors import InputError
 
 if TYPE_CHECKING:
@@ -69,6 +70,9 @@ class Sample:
     """Folder of the model; the shipped one unless given."""
     method: Text = "ours"
     """Sampling method; an unknown name lists them."""
+    losses: Losses = field(default_factory=Losses)
+    projection_report: bool = False
+    """Also judge the draws as they were before the projection, for the summary; takes about twice as long."""
     device: Text = "cpu"
     """torch device to sample on, such as cpu or cuda."""
     overwrite: bool = False
@@ -110,8 +114,10 @@ class Sample:
         from dexnudge.jobs.progress import progress
         from dexnudge.results.writing import write_answer, write_problem
         from dexnudge.sampling.loading import load_sampler
+        from dexnudge.sampling.methods import find_method
 
         check_counts(self.num, self.verified, self.max_draws)
+        method = find_method(self.method).with_weights(self.losses.given())
         start = time.perf_counter()
         name, scene = self._scene()
         scene.validate()
@@ -135,7 +141,7 @@ class Sample:
                 written_scene,
                 num=self.num,
                 seed=self.seed,
-                method=self.method,
+                method=method,
                 verified=self.verified,
                 max_draws=self.max_draws,
                 on_progress=show,
@@ -145,10 +151,17 @@ class Sample:
             "scene": scene.name,
             "hand": hand.name,
             "method": self.method,
+            "energy": method.weights(),
             "seed": self.seed,
             "weights": self.weights or "shipped",
             "device": self.device,
         }
+        if self.projection_report:
+            from dexnudge.evaluation.projection_effect import projection_effect
+
+            details["projection"] = projection_effect(
+                sampler, written_hand, written_scene, num=self.num, seed=self.seed, method=method
+            )
         return write_answer(
             folder,
             written_scene,
@@ -182,6 +195,7 @@ class Sample:
         )
 
     def _print(self, summary: dict[str, Any]) -> None:
+        from dexnudge.cli.advice import nothing_verified
         from dexnudge.cli.console import stdout, table
 
         counts = table("draws", "number", "share")
@@ -195,7 +209,7 @@ class Sample:
         console = stdout()
         console.print(f"{summary['object']}, {summary['scene']}, {summary['hand']}", soft_wrap=True)
         console.print(counts)
-        console.print(f"best force margin: {'none verified' if best is None else f'{best:.2f}'}")
+        console.print(nothing_verified(summary) if best is None else f"best force margin: {best:.2f}", soft_wrap=True)
         used = f"total {summary['seconds_total']:.1f}; memory {summary['peak_memory_mb']:.0f} MB"
         console.print(f"seconds: {stages}; {used}", soft_wrap=True)
         console.print(f"written: {self.out}", soft_wrap=True)

@@ -93,7 +93,7 @@ def points_in_environment(
                         hinge = weights.clearance_environment - hit[0]
                         if hinge > 0.0:
                             # What the way adds to where the hand stands: nothing where nothing is in the way.
-                            here -= weights.sweep
+                            here = wp.max(here - weights.sweep, 0.0)
                             energy_sweep += weights.sweep * hinge * hinge
                             deepest_swept = wp.max(deepest_swept, -hit[0])
                             gradient -= 2.0 * weights.sweep * hinge * wp.vec3(hit[1], hit[2], hit[3])

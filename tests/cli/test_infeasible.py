@@ -1,0 +1,102 @@
+"""Scenes in which nothing can succeed: exit 0, every draw written and counted, and the reason said."""
+
+import json
+
+import numpy as np
+import pytest
+import trimesh
+
+from dexnudge.cli.advice import ADVICE, nothing_verified
+from dexnudge.evaluation.success import Verdicts
+
+NUM = 4
+
+
+@pytest.fixture
+def sample(dexnudge, tmp_path):
+    """Draws in surroundings of boxes for a slab of 150 x 70 x 10 mm at the origin, motion +x: (stdout, summary, success)."""
+
+    def draw(*boxes, options=()):
+        trimesh.creation.box((0.15, 0.07, 0.010)).export(tmp_path / "object.obj")
+        walls = [trimesh.creation.box(bounds=bounds) for bounds in boxes]
+        trimesh.util.concatenate(walls).export(tmp_path / "environment.obj")
+        (tmp_path / "pose.json").write_text(json.dumps({"position": [0, 0, 0], "quaternion_wxyz": [1, 0, 0, 0]}))
+        own = ["--environment", tmp_path / "environment.obj", "--object-pose", tmp_path / "pose.json"]
+        outcome = dexnudge(
+            *("sample", tmp_path / "object.obj", *own, "--motion", 1, 0, 0, "--num", NUM),
+            *("--method", "random_start_projection", *options, "--out", tmp_path / "out"),
+        )
+        assert outcome.code == 0, outcome.err
+        with np.load(tmp_path / "out" / "configurations.npz") as archive:
+            success = archive["success"]
+        return outcome.out, json.loads((tmp_path / "out" / "summary.json").read_text()), success
+
+    return draw
+
+
+FLOOR = ((-0.5, -0.5, -0.055), (0.5, 0.5, -0.005))
+
+
+def assert_nothing(summary, success):
+    assert (summary["drawn"], summary["verified"], summary["best_force_margin"]) == (NUM, 0, None)
+    assert sum(summary["rejected"].values()) == NUM
+    assert success.tolist() == [False] * NUM
+
+
+def test_an_object_wedged_against_a_wall(sample, dexnudge, tmp_path):
+    wall = ((0.075, -0.5, -0.005), (0.1, 0.5, 0.02))
+    out, summary, success = sample(FLOOR, wall)
+    assert_nothing(summary, success)
+    assert "motion blocked" in summary["rejected"]
+    assert ADVICE["motion blocked"] in " ".join(out.split())
+    assert nothing_verified(summary) in " ".join(out.split())
+    assert dexnudge("check", tmp_path / "out").code == 0
+
+
+@pytest.mark.slow
+def test_an_object_that_is_walled_in(sample):
+    """The cell leaves 2 mm around the object: no finger fits in, so the hand always stands in something."""
+    low, high = np.array([-0.077, -0.037, -0.005]), np.array([0.077, 0.037, 0.007])
+    walls = []
+    for axis in range(3):
+        for inner, sign in ((low[axis], -1), (high[axis], 1)):
+            bounds = np.array([low - 0.05, high + 0.05])
+            bounds[:, axis] = sorted([inner, inner + 0.05 * sign])
+            walls.append(bounds)
+    out, summary, success = sample(*walls)
+    assert_nothing(summary, success)
+    assert set(summary["rejected"]) <= {
+        "penetration environment",
+        "penetration object",
+        "penetration self",
+        "no contact",
+    }
+    assert f"none of {NUM} draws is verified" in out
+
+
+@pytest.mark.slow
+def test_a_hand_too_slippery_and_weak_to_move_anything(sample):
+    out, summary, success = sample(
+        FLOOR, options=("--friction-hand", 0, "--friction-environment", 1, "--max-normal-force", 0.01)
+    )
+    assert_nothing(summary, success)
+    assert "force" in summary["rejected"]
+    assert "failed for" in out
+
+
+def test_the_most_frequent_reason_is_the_one_that_is_said():
+    summary = {"drawn": 9, "rejected": {"force": 5, "penetration self": 4}}
+    assert nothing_verified(summary) == f"none of 9 draws is verified; 5 of them failed for 'force': {ADVICE['force']}"
+
+
+def test_a_blocked_motion_is_said_even_where_most_draws_failed_for_something_else():
+    said = nothing_verified({"drawn": 5, "rejected": {"penetration self": 4, "motion blocked": 1}})
+    assert said.startswith("none of 5 draws is verified; 4 of them failed for 'penetration self'")
+    assert said.endswith(f"; and no hand can help it: {ADVICE['motion blocked']}")
+
+
+def test_there_is_advice_for_every_reason():
+    assert Verdicts.__doc__ is not None
+    for reason in ADVICE:
+        assert f'"{reason}"' in " ".join(Verdicts.__doc__.split())
+    assert len(ADVICE) == 8
