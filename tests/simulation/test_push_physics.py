@@ -119,8 +119,8 @@ def test_a_dragged_slab_takes_the_force_that_the_balance_predicts(push):
 def test_a_dragged_slab_does_not_hop(push):
     run, _ = drag(push, 4.0)
     steady = (run.phase == PUSH) & (np.abs(run.object_pose[:, 0] - 0.025) < 0.015)
-    assert np.std(run.hand_object_force[steady, 0]) < 0.02 * np.mean(run.hand_object_force[steady, 0])
-    assert np.ptp(run.object_pose[steady, 2]) < 2e-5
+    assert np.std(run.hand_object_force[steady, 0]) < 1e-3 * np.mean(run.hand_object_force[steady, 0])
+    assert np.ptp(run.object_pose[steady, 2]) < 2e-6
 
 
 def test_the_base_goes_where_it_is_told(push):

@@ -12,7 +12,8 @@ import numpy as np
 from jaxtyping import Float, Int
 
 from dexnudge.errors import InputError
-from dexnudge.evaluation.success import Verdicts, judge
+from dexnudge.evaluation.success import Verdicts, contacts_of, judge
+from dexnudge.evaluation.way_margin import least_margins
 from dexnudge.hands.hand import Hand
 from dexnudge.sampling.methods import Method, find_method
 from dexnudge.sampling.problem import SamplingProblem, prepare
@@ -107,19 +108,30 @@ def draw_and_judge(
         succeeded += int(verdicts[-1].success.sum())
         if on_progress:
             on_progress(drawn, succeeded)
-    together = _concatenate(verdicts)
-    order = best_first(together)
+    together, drawn_q = _concatenate(verdicts), np.concatenate(q)
+    start = time.perf_counter()
+    order = best_first(hand, scene, drawn_q, together)
+    seconds.update({"rank": time.perf_counter() - start})
     return JudgedDraws(
-        np.concatenate(q)[order], take(together, order), np.concatenate(own_rank)[order], dict(seconds), tuple(reports)
+        drawn_q[order], take(together, order), np.concatenate(own_rank)[order], dict(seconds), tuple(reports)
     )
 
 
-def best_first(verdicts: Verdicts) -> Int[np.ndarray, " n"]:
-    """Order of the draws: verified ones first, then by force margin, then by the least penetration."""
+def best_first(
+    hand: Hand, scene: Scene, q: Float[np.ndarray, "n coordinates"], verdicts: Verdicts
+) -> Int[np.ndarray, " n"]:
+    """Order of the draws: verified ones first, then by the least force margin along the way, then by the least penetration.
+
+    Of those that are not verified the force margin where the way begins counts.
+    """
+    margin, verified = np.array(verdicts.force_margin), np.flatnonzero(verdicts.success)
+    if len(verified) > 1:
+        contacts = contacts_of(hand, scene, q[verified].astype(np.float64))
+        margin[verified] = least_margins(scene, contacts, margin[verified])
     deepest = np.maximum.reduce(
         [verdicts.penetration_object, verdicts.penetration_environment, verdicts.penetration_self]
     )
-    return np.lexsort((deepest, -verdicts.force_margin, ~verdicts.success))
+    return np.lexsort((deepest, -margin, ~verdicts.success))
 
 
 def take(verdicts: Verdicts, order: Int[np.ndarray, " m"]) -> Verdicts:

@@ -13,6 +13,7 @@ from dexnudge.hands.hand import Hand
 from dexnudge.mechanics.contacts import support_contacts
 from dexnudge.mechanics.sliding_task import sliding_task
 from dexnudge.planning.approach import Approach, ApproachPlanner
+from dexnudge.planning.push_length import push_length
 from dexnudge.scenes.scene import Scene
 from dexnudge.simulation.drive import push_drive
 from dexnudge.simulation.push import PushRun, run_push
@@ -46,10 +47,12 @@ class Executor:
     Args:
         hand, scene: as read from the same files as the model.
         xml: what `push_model_xml(hand, scene)` made.
+        length: of the push [m]; the default is `push_length(scene)`.
     """
 
-    def __init__(self, hand: Hand, scene: Scene, xml: str) -> None:
+    def __init__(self, hand: Hand, scene: Scene, xml: str, *, length: float | None = None) -> None:
         self._hand, self._scene = hand, scene
+        self._length = push_length(scene) if length is None else length
         self._push = load_push_model(xml, hand, scene)
         self._planner = ApproachPlanner(hand, scene)
         self._exact = PenetrationCheck(hand, scene)
@@ -87,11 +90,11 @@ class Executor:
         self, push: PushModel, q: Float[np.ndarray, " coordinates"], approach: Approach, forces: PushForces
     ) -> PushRun:
         times, way = _last_stretch(approach, q)
-        drive = push_drive(times, way, motion=self._task.motion, length=self._scene.motion_length)
+        drive = push_drive(times, way, motion=self._task.motion, length=self._length)
         return run_push(push, way[0], drive, forces)
 
     def _judge(self, run: PushRun) -> PushVerdict:
-        return judge_push(run, motion=self._task.motion, length=self._scene.motion_length)
+        return judge_push(run, motion=self._task.motion, length=self._length)
 
 
 def _last_stretch(

@@ -1,0 +1,69 @@
+"""Force margins along the way of a push, not only where it begins: what tells apart configurations that all succeed there.
+
+As an object comes over an edge, less and less of it is carried, and a finger that presses beyond the edge tips it.
+"""
+
+from collections.abc import Sequence
+from dataclasses import replace
+
+import numpy as np
+from jaxtyping import Float
+
+from dexnudge.mechanics.contacts import HandContacts, SupportContacts, support_contacts
+from dexnudge.mechanics.fast_balance import force_margins
+from dexnudge.mechanics.sliding_task import sliding_task
+from dexnudge.planning.push_length import push_length
+from dexnudge.scenes.scene import Scene
+
+STATIONS = 3  # places along the way beside its beginning; the last one is its end
+SAME_PLACE = 1e-5  # [m] by which two places of supports differ for no other reason than rounding
+
+
+def way_margins(
+    scene: Scene, contacts: Sequence[HandContacts], *, length: float
+) -> Float[np.ndarray, "configuration station"]:
+    """The force margin of each configuration's contacts at 3 places evenly spread over the way, the end included.
+
+    Hand and object are carried `length` [m] along the motion, keeping their contacts; what the surroundings carry is found
+    anew at each place.
+    """
+    margins = np.zeros((len(contacts), STATIONS))
+    for station in range(STATIONS):
+        way = (station + 1) / STATIONS * length
+        moved = _moved(scene, way)
+        carried = [replace(each, points=each.points + way * scene.motion) for each in contacts]
+        margins[:, station] = force_margins(carried, support_contacts(moved), sliding_task(moved)).factor[:, 0]
+    return margins
+
+
+def least_margins(
+    scene: Scene, contacts: Sequence[HandContacts], force_margin: Float[np.ndarray, " configuration"]
+) -> Float[np.ndarray, " configuration"]:
+    """The least force margin from the beginning, where it is `force_margin`, to the end of the way (see `push_length`).
+
+    Where the whole motion leaves the object carried as it is, no margin changes, and none is computed.
+    """
+    if not len(contacts) or _carried_alike(scene):
+        return np.array(force_margin)
+    return np.minimum(force_margin, way_margins(scene, contacts, length=push_length(scene)).min(axis=1))
+
+
+def _carried_alike(scene: Scene) -> bool:
+    """Whether the surroundings carry the object at the end of the motion where they do at its beginning."""
+    before, after = support_contacts(scene), support_contacts(_moved(scene, scene.motion_length))
+    if len(before.points) != len(after.points):
+        return False
+    shift = scene.motion_length * scene.motion
+    return bool(np.abs(_sorted(after, shift) - _sorted(before, np.zeros(3))).max(initial=0.0) < SAME_PLACE)
+
+
+def _sorted(supports: SupportContacts, shift: Float[np.ndarray, " 3"]) -> Float[np.ndarray, "support 6"]:
+    """Places less `shift`, and normals, in an order that depends on nothing but them."""
+    rows = np.concatenate([supports.points - shift, supports.normals], axis=1)
+    return rows[np.lexsort(np.round(rows / SAME_PLACE).T)]
+
+
+def _moved(scene: Scene, way: float) -> Scene:
+    T_world_object = np.array(scene.T_world_object)
+    T_world_object[:3, 3] += way * scene.motion
+    return replace(scene, T_world_object=T_world_object)

@@ -1,0 +1,57 @@
+"""Margins along a push: what a closed form says of a block that is pressed from above and comes over an edge."""
+
+import numpy as np
+import pytest
+import trimesh
+
+from dexnudge.evaluation.way_margin import least_margins, way_margins
+from dexnudge.mechanics.contacts import HandContacts
+from dexnudge.scenes.boxes import box
+from dexnudge.scenes.scene import Scene
+
+LENGTH, HEIGHT = 0.15, 0.02  # [m] of the block, whose front end is flush with the table's edge at x = 0
+
+
+@pytest.fixture(scope="module")
+def at_the_edge() -> Scene:
+    pose = np.eye(4)
+    pose[:3, 3] = -LENGTH / 2, 0.0, HEIGHT / 2
+    table = box((-0.5, -0.3, -0.04), (0.0, 0.3, 0.0))
+    return Scene(trimesh.creation.box((LENGTH, 0.06, HEIGHT)), table, pose, np.array([1.0, 0.0, 0.0]))
+
+
+def pressed_at(x: float) -> HandContacts:
+    """Two links side by side on top of the block, x [m] from the edge."""
+    points = np.array([[x, -0.02, HEIGHT], [x, 0.02, HEIGHT]])
+    return HandContacts(points=points, normals=np.tile([0.0, 0.0, 1.0], (2, 1)), link=np.array([1, 2]))
+
+
+def test_a_press_tips_the_block_once_it_is_too_far_beyond_the_edge(at_the_edge):
+    # Pulled on top and held back below, the resultant at the support stands mu_e * HEIGHT ahead of the forces from above.
+    # About the edge then N at `beyond` against the weight at `behind`; sliding needs N >= mu_e W / (mu_h - mu_e) = W.
+    stations, ahead = np.array([0.02, 0.04, 0.06]), 0.4 * HEIGHT
+    for x in (-0.005, -0.02, -0.04, -0.06, -0.07):
+        (margins,) = way_margins(at_the_edge, [pressed_at(x)], length=0.06)
+        beyond, behind = x + stations + ahead, LENGTH / 2 - stations - ahead
+        np.testing.assert_array_equal(margins >= 1.0, (beyond <= 0) | (behind >= beyond))
+
+
+def test_a_press_in_the_middle_cannot_hold_a_block_whose_centre_is_beyond_the_edge(at_the_edge):
+    assert way_margins(at_the_edge, [pressed_at(-LENGTH / 2)], length=0.09)[0, -1] == 0.0
+
+
+def test_the_least_margin_prefers_the_press_that_stays_over_the_table(at_the_edge):
+    begin = np.array([2.0, 2.0])
+    tips, stays = least_margins(at_the_edge, [pressed_at(-0.005), pressed_at(-0.06)], begin)
+    assert tips < 1.0
+    assert 1.0 <= stays <= 2.0
+
+
+def test_where_the_object_is_carried_alike_the_margins_stay_as_they_are(at_the_edge):
+    pose = np.eye(4)
+    pose[:3, 3] = -0.3, 0.0, HEIGHT / 2
+    scene = Scene(at_the_edge.object_mesh, at_the_edge.environment_mesh, pose, at_the_edge.motion)
+    begin = np.array([1.7])
+    np.testing.assert_array_equal(least_margins(scene, [pressed_at(-0.3)], begin), begin)
+    (along,) = way_margins(scene, [pressed_at(-0.3)], length=scene.motion_length)
+    np.testing.assert_allclose(along, along[0], atol=2e-3)
