@@ -19,7 +19,7 @@ def sampled(tmp_path_factory):
 @pytest.mark.slow
 def test_a_phone_is_slid_grasped_and_lifted_in_one_simulation(dexnudge, sampled, tmp_path):
     out = tmp_path / "story"
-    outcome = dexnudge("execute", sampled, "--then-grasp", "--no-films", "--out", out)
+    outcome = dexnudge("execute", sampled, "--then-grasp", "--films", "0", "--out", out)
     assert outcome.code == 0
     assert "lifted and held" in outcome.out
     summary = json.loads((out / "summary.json").read_text(encoding="utf-8"))
