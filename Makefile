@@ -6,7 +6,7 @@ PIP := $(BIN)/python -m pip install -q -c constraints.txt
 # One file stays on one worker, so that what a file prepares is prepared once.
 PYTEST := $(BIN)/python -m pytest -n 2 --dist loadfile
 
-.PHONY: help demo test test-fast check bench clean
+.PHONY: help demo test test-fast check bench results clean
 .DEFAULT_GOAL := help
 
 help:  ## list the targets
@@ -45,6 +45,10 @@ bench: $(VENV)/.dev.stamp  ## time energies, grids, grasps, data generation and 
 	$(BIN)/python benchmarks/grasps.py --num-objects 1
 	$(BIN)/python benchmarks/generation.py --num-objects 2
 	$(BIN)/python benchmarks/sampling.py
+
+results: $(VENV)/.run.stamp  ## the paper's tables and more: docs/results.md, its plots and the README's table; RESULTS_ARGS=--quick
+	$(BIN)/dexnudge reproduce --out runs/results $(RESULTS_ARGS)
+	$(BIN)/python benchmarks/publish.py runs/results
 
 clean:  ## remove everything that the other targets made
 	rm -rf $(VENV) demo runs build dist src/*.egg-info .pytest_cache .mypy_cache .ruff_cache .hypothesis

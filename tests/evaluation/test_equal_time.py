@@ -61,7 +61,7 @@ def test_a_baseline_that_verifies_nothing_is_infinitely_slower(rows):
     found, itself = equal_time(nothing, "ours", "plain")
     assert itself.verified.value == 0.0
     assert found.speed_up.as_json()["value"] is None
-    assert "| table | dexnudge | 1.00 (" in equal_time_table([found])
+    assert "| table | dexnudge | 1.0 (" in equal_time_table([found])
 
 
 def test_every_scene_has_its_comparison(rows):

@@ -38,7 +38,29 @@ def test_names_and_numbers_stand_beside_the_bars():
     root, _, _ = parts(interval_chart("Rates [%]", GROUPS, factor=100.0))
     texts = [text.text for text in root.iter(f"{SVG}text")]
     assert texts[0] == "Rates [%]"
-    assert {"table <1>", "ours & others", "80 (70-90)", "40 (10-50)"} <= set(texts)
+    assert {"table <1>", "ours & others", "80.0 (70.0-90.0)", "40.0 (10.0-50.0)"} <= set(texts)
+
+
+def test_the_scale_has_its_numbers_where_bars_of_that_length_end():
+    root, bars, _ = parts(interval_chart("Rates [%]", GROUPS, limit=1.0, factor=100.0))
+    left, unit = float(bars[0].get("x")), float(bars[0].get("width")) / 0.8
+    ticks = {text.text: float(text.get("x")) for text in root.iter(f"{SVG}text") if text.get("class") == "scale"}
+    for number in (0, 25, 50, 75, 100):
+        assert ticks[str(number)] == pytest.approx(left + 0.01 * number * unit, abs=0.05)
+
+
+@pytest.mark.parametrize(("greatest", "last"), [(15.6, "20"), (8.0, "8"), (0.31, "0.4"), (99.0, "100")])
+def test_a_scale_without_a_limit_ends_at_a_round_number(greatest, last):
+    root, _, _ = parts(interval_chart("Rates", {"one": {"a": Estimate(greatest, greatest, greatest)}}))
+    ticks = [text.text for text in root.iter(f"{SVG}text") if text.get("class") == "scale"]
+    assert ticks[4] == last
+
+
+def test_names_of_any_length_have_room():
+    name = "a name as long as this one is, and then some more of it"
+    root, bars, _ = parts(interval_chart("Rates", {"one": {name: Estimate(0.5, 0.4, 0.6)}}))
+    assert float(bars[0].get("x")) > 6.0 * len(name)
+    assert float(root.get("width")) > float(bars[0].get("x")) + float(bars[0].get("width"))
 
 
 def test_nothing_reaches_beyond_the_chart():

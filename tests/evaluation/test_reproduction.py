@@ -170,7 +170,7 @@ def test_the_report_has_every_row_that_was_asked_for(finished):
         assert f"| {scene} | {method_name(method)} | 3 | {int(scene == 'slot')} | 24 |" in text
     assert "- phone-200, slot: SceneError: too thick" in text
     assert "Nothing is missing." in text
-    for plot in ["with_base-single", "with_base-top", "with_base-speed", "with_base-sweeps", "hard-single"]:
+    for plot in ["with_base-single", "with_base-speed", "with_base-sweeps", "hard-single"]:
         assert f"![{plot}](plots/{plot}.svg)" in text
         assert ElementTree.parse(finished / "plots" / f"{plot}.svg").getroot().get("width")  # noqa: S314  our own
 
@@ -221,7 +221,9 @@ def test_the_worst_cases_are_shown_with_picture_and_reason(finished, monkeypatch
 
     def pictured(cases, folder):
         asked.extend(case.row for case in cases)
-        shown = RejectedDraw(folder / "failure-1.png", "force", 0.0, 0.0004, 0.0, 0.73, ("ffdistal", "thdistal"))
+        shown = RejectedDraw(
+            folder / "failure-1.png", "force", 0.0, 0.0004, 0.0, 0.73, ("ffdistal", "thdistal"), "thdistal"
+        )
         return [shown, None, None]
 
     monkeypatch.setattr(reproduction_report, "picture_rejected", pictured)
@@ -231,7 +233,7 @@ def test_the_worst_cases_are_shown_with_picture_and_reason(finished, monkeypatch
         assert f"### {row.object}, {row.scene}: 7 of 8 draws of dexnudge succeed" in text
     assert text.count("| force | the contacts cannot move the object") == 3
     assert "![A rejected draw: force](plots/failure-1.png)" in text
-    assert "0.40 mm in object" in text
+    assert "0.40 mm in object, 0.00 mm in hand itself (deepest: thdistal)" in text
     assert "ffdistal, thdistal; force margin 0.73, 1 is needed" in text
 
 

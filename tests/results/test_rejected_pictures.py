@@ -34,6 +34,8 @@ def test_the_shown_draw_is_one_of_the_rows(case, tmp_path):
     deepest = max(shown.penetration_environment, shown.penetration_object, shown.penetration_self)
     place = case.row.penetration_mm.index(pytest.approx(1e3 * deepest, abs=1e-3))
     assert not case.row.success[place]
+    if shown.reason in ("penetration environment", "penetration object"):
+        assert shown.deepest_link
     assert shown.force_margin == pytest.approx(case.row.force_margin[place], abs=1e-3)
 
 

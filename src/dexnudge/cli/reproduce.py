@@ -38,7 +38,7 @@ class Reproduce:
     objects: Annotated[str, metavar("SET")] = "builtin:test"
     """Folder of meshes, text file of paths, builtin:test, or a DexGraspNet meshdata folder (scale 0.08)."""
     max_objects: OptionalCount = None
-    """Take this many of the set, evenly spaced; all unless given, 30 with --quick."""
+    """Take this many of the set, evenly spaced; all unless given, 16 with --quick."""
     scenes: Annotated[tuple[str, ...], metavar("FAMILY...")] = ("table", "layers", "shelf")
     """Scene families of the tables; the parts hard and generalisation have their own."""
     parts: Annotated[tuple[str, ...] | None, metavar("PART...")] = None

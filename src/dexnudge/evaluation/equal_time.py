@@ -70,8 +70,8 @@ def equal_time_table(found: Sequence[EqualTime]) -> str:
         [
             each.scene,
             method_name(each.method),
-            *(e.text() for e in (each.verified, each.prepared_per_second, each.prepared_speed_up)),
-            *(e.text() for e in (each.per_second, each.speed_up)),
+            *(e.text(1) for e in (each.verified, each.prepared_per_second, each.prepared_speed_up)),
+            *(e.text(1) for e in (each.per_second, each.speed_up)),
             *(e.text() if e else "" for e in (each.joint_spread, each.contact_spread)),
         ]
         for each in found

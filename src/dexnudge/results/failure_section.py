@@ -6,7 +6,10 @@ from dexnudge.evaluation.method_names import method_name
 from dexnudge.evaluation.worst_cases import WorstCase, reason_table
 from dexnudge.results.rejected_pictures import RejectedDraw
 
-ABOUT = "Where dexnudge verifies the smallest share of its draws, one case from each scene first."
+ABOUT = (
+    "Where dexnudge verifies the smallest share of its draws, one case from each scene first. In the pictures: yellow, "
+    "where hand and object touch; green, the motion; the grey box is the forearm."
+)
 NUMBERS = ("No", "One", "Two", "Three")
 
 
@@ -35,7 +38,8 @@ def _described(draw: RejectedDraw) -> str:
     }
     deep = ", ".join(f"{1e3 * depth:.2f} mm in {where}" for where, depth in depths.items())
     links = ", ".join(draw.contact_links) or "none"
+    deepest = f" (deepest: {draw.deepest_link})" if draw.deepest_link else ""
     return (
-        f"A rejected draw ({draw.reason}): depth {deep}; links that touch the object: {links}; force margin "
+        f"A rejected draw ({draw.reason}): depth {deep}{deepest}; links that touch the object: {links}; force margin "
         f"{draw.force_margin:.2f}, 1 is needed."
     )

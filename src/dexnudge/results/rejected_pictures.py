@@ -5,14 +5,19 @@ from dataclasses import dataclass
 from pathlib import Path
 
 import numpy as np
+import torch
+from jaxtyping import Float
 
 from dexnudge.errors import DexnudgeError, OutputError
 from dexnudge.evaluation.experiment_config import Task
 from dexnudge.evaluation.row_maker import RowMaker
 from dexnudge.evaluation.success import contact_points
 from dexnudge.evaluation.worst_cases import WorstCase
+from dexnudge.geometry.exact_distance import ExactDistance
+from dexnudge.hands.hand import Hand
+from dexnudge.scenes.scene import Scene
 
-SIZE = (960, 720)  # pixels
+SIZE = (720, 540)  # pixels; several stand on one page
 
 
 @dataclass(frozen=True)
@@ -20,6 +25,7 @@ class RejectedDraw:
     """One rejected draw: its picture, and what the judge found.
 
     penetration_*: depth [m] in surroundings, object and itself. force_margin, reason, contact_links: as in `Verdicts`.
+    deepest_link: whose surface is deepest in surroundings or object; empty where none is inside.
     """
 
     picture: Path
@@ -29,6 +35,7 @@ class RejectedDraw:
     penetration_self: float
     force_margin: float
     contact_links: tuple[str, ...]
+    deepest_link: str
 
 
 def picture_rejected(cases: Sequence[WorstCase], folder: Path) -> list[RejectedDraw | None]:
@@ -72,4 +79,15 @@ def _picture(case: WorstCase, path: Path) -> RejectedDraw | None:
         penetration_self=float(verdicts.penetration_self[place]),
         force_margin=float(verdicts.force_margin[place]),
         contact_links=tuple(verdicts.contact_links[place]),
+        deepest_link=_deepest_link(maker.hand, drawn.scene, q),
     )
+
+
+def _deepest_link(hand: Hand, scene: Scene, q: Float[np.ndarray, " coordinates"]) -> str:
+    dense = hand.dense_points
+    T = hand.forward_kinematics(torch.as_tensor(q)[None])[0].numpy()[dense.link]
+    points = np.einsum("nij,nj->ni", T[:, :3, :3], dense.points) + T[:, :3, 3]
+    solids = [scene.environment_mesh, scene.object_in_world()]
+    distance = np.minimum.reduce([ExactDistance(mesh)(points).distance for mesh in solids])
+    deepest = int(distance.argmin())
+    return hand.link_names[int(dense.link[deepest])] if distance[deepest] < 0.0 else ""
