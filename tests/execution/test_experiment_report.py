@@ -102,8 +102,8 @@ def test_an_object_is_resampled_with_all_its_configurations(rows):
 
 
 def test_errors_are_rated_over_what_was_played_with_them(rows):
-    rates = {name: rate.value for name, rate in changed_rates(rows).items()}
-    assert rates == {"as planned": 0.5, "mass x 0.5": 1.0, "mass x 1.5": 0.0}
+    rates = {name: (group.executed, group.rate.value) for name, group in changed_rates(rows).items()}
+    assert rates == {"as planned": (2, 0.5), "mass x 0.5": (2, 1.0), "mass x 1.5": (2, 0.0)}
     assert changed_rates([row("c")]) == {}
 
 
@@ -129,7 +129,7 @@ def test_the_report_holds_these_figures(rows, tmp_path, monkeypatch):
     text = write_execution_report(out)
     assert "| table | ours | 4 | 1 | 1 | 25.0 (0-75) | 4 | 50.0 (50-50) |" in text
     assert "| 3 (cap) | 100.0 (100-100), n = 1 | 100.0 (100-100), n = 1 |" in text
-    assert "| mass x 1.5 | 0.0 (0-0) |" in text
+    assert "| mass x 1.5 | 0.0 (0-0), n = 2 | 0.0 (0-0), n = 2 |" in text
     assert "drawn otherwise" not in text
     assert (out / "executed.md").read_text(encoding="utf-8") == text
     numbers = json.loads((out / "executed.json").read_text(encoding="utf-8"))

@@ -83,19 +83,44 @@ def _line(scene: str, method: str, rows: list[ExecutionRow]) -> ExecutedLine:
     )
 
 
+def per_scene(
+    rows: Sequence[ExecutionRow], figures: Callable[[list[ExecutionRow]], dict[str, Group]]
+) -> dict[str, dict[str, Group]]:
+    """`figures` of all rows, under "all", and of each scene's."""
+    scenes = list(dict.fromkeys(row.scene for row in rows))
+    return {
+        "all": figures(list(rows)),
+        **{name: figures([row for row in rows if row.scene == name]) for name in scenes},
+    }
+
+
 def grouped(
     rows: Iterable[ExecutionRow], name: Callable[[Executed], str], *, order: Sequence[str] = ()
 ) -> dict[str, Group]:
-    """Executed configurations by name, those in `order` first; intervals by bootstrap over the objects that have any.
+    """Executed configurations by name, those in `order` first."""
+    return _groups(((name(each), row.object, each.success) for row in rows for each in row.configurations), order)
 
-    An object stands in several rows, once for each scene and method: all of its configurations are resampled together.
+
+def changed_rates(rows: Iterable[ExecutionRow]) -> dict[str, Group]:
+    """Top-ranked draws that were played with errors, by setting; `AS_PLANNED` are the same ones without an error."""
+    played = [(row.object, each) for row in rows for each in row.configurations if each.changed]
+    return _groups(
+        (setting, name, success)
+        for name, each in played
+        for setting, success in {AS_PLANNED: each.success, **each.changed}.items()
+    )
+
+
+def _groups(outcomes: Iterable[tuple[str, str, bool]], order: Sequence[str] = ()) -> dict[str, Group]:
+    """(group, object, success) by group; intervals by bootstrap over the objects that have any.
+
+    All that belongs to an object is resampled together, also where it stands in several scenes.
     """
     counts: dict[str, dict[str, list[int]]] = {key: {} for key in order}
-    for row in rows:
-        for each in row.configurations:
-            sums = counts.setdefault(name(each), {}).setdefault(row.object, [0, 0])
-            sums[0] += each.success
-            sums[1] += 1
+    for key, name, success in outcomes:
+        sums = counts.setdefault(key, {}).setdefault(name, [0, 0])
+        sums[0] += success
+        sums[1] += 1
     return {key: _group(list(objects.values())) for key, objects in counts.items() if objects}
 
 
@@ -115,24 +140,5 @@ def margin_bin(margin: float) -> str:
 
 
 def calibration(rows: Sequence[ExecutionRow]) -> dict[str, dict[str, Group]]:
-    """Scene -> bin of force margin -> executed configurations; of all scenes together first, under "all"."""
-    scenes = list(dict.fromkeys(row.scene for row in rows))
-    chosen = {"all": list(rows), **{scene: [row for row in rows if row.scene == scene] for scene in scenes}}
-    return {
-        scene: grouped(some, lambda each: margin_bin(each.force_margin), order=margin_bins())
-        for scene, some in chosen.items()
-    }
-
-
-def changed_rates(rows: Sequence[ExecutionRow]) -> dict[str, Estimate]:
-    """Setting -> share of the objects' top-ranked draws that succeed there, over the rows that were played so.
-
-    `AS_PLANNED` is their rate without an error.
-    """
-    played = [each for row in rows for each in row.configurations if each.changed]
-    if not played:
-        return {}
-    rates = {AS_PLANNED: [float(each.success) for each in played]}
-    for setting in played[0].changed:
-        rates[setting] = [float(each.changed[setting]) for each in played]
-    return {setting: mean_estimate(values) for setting, values in rates.items()}
+    """Scene -> bin of force margin -> executed configurations; see `per_scene`."""
+    return per_scene(rows, lambda some: grouped(some, lambda each: margin_bin(each.force_margin), order=margin_bins()))

@@ -1,13 +1,15 @@
 """The report of an experiment's executions, made from their rows: executed.md, executed.json and a calibration plot."""
 
 import json
-from collections.abc import Mapping, Sequence
+from collections.abc import Callable, Mapping, Sequence
 from dataclasses import asdict
+from functools import partial
 from pathlib import Path
 from typing import Any
 
+from dexnudge.dataset.schema import BEHAVIOURS
 from dexnudge.errors import InputError, OutputError
-from dexnudge.evaluation.estimate import Estimate, as_json
+from dexnudge.evaluation.estimate import as_json
 from dexnudge.evaluation.markdown import markdown_table
 from dexnudge.evaluation.report import made_with
 from dexnudge.evaluation.rows import read_rows
@@ -21,10 +23,17 @@ from dexnudge.execution.experiment_lines import (
     executed_lines,
     grouped,
     margin_bins,
+    per_scene,
 )
-from dexnudge.execution.experiment_rows import ExecutionRow
+from dexnudge.execution.experiment_rows import Executed, ExecutionRow
 
 MARKDOWN_FILE, JSON_FILE, CHART_FILE = "executed.md", "executed.json", "calibration.svg"
+ByScene = Mapping[str, Mapping[str, Group]]
+GROUPS: dict[str, tuple[Callable[[Executed], str], Sequence[str]]] = {  # title -> name of an execution's group, order
+    "behaviour": (lambda each: each.behaviour, BEHAVIOURS),
+    "links that touch": (lambda each: str(each.links), [str(number) for number in range(1, 30)]),
+    "way to contact": (lambda each: "found" if each.approach else "none, starts at contact", ()),
+}
 EXPLAINED = (
     "Top-ranked: share of all attempted objects whose best verified draw, the one that a robot would use, succeeds in "
     "physics; an object that failed or has no verified draw counts as one that does not. Executed: the first verified "
@@ -37,7 +46,7 @@ CALIBRATION_EXPLAINED = (
 )
 CHANGED_EXPLAINED = (
     "The top-ranked configurations once more, with one quantity of the physics multiplied, while approach and forces were "
-    "planned for its nominal value; over the objects that have one."
+    "planned for its nominal value; n is how many were played so."
 )
 
 
@@ -55,18 +64,16 @@ def write_execution_report(out: Path) -> str:
         )
     lines, bins = executed_lines(rows), calibration(rows)
     groups = {
-        "behaviour": grouped(rows, lambda each: each.behaviour, order=("push", "press", "hook")),
-        "links that touch": grouped(rows, lambda each: str(each.links), order=[str(n) for n in range(1, 30)]),
-        "way to contact": grouped(rows, lambda each: "found" if each.approach else "none, starts at contact"),
+        title: per_scene(rows, partial(grouped, name=name, order=order)) for title, (name, order) in GROUPS.items()
     }
-    changed, differing = changed_rates(rows), _drawn_differently(out, rows)
+    changed, differing = per_scene(rows, changed_rates), _drawn_differently(out, rows)
     markdown = _as_markdown(claim, lines, bins, groups, changed, differing)
     numbers = {
         **claim,
         "lines": [vars(line) for line in lines],
-        "calibration": _plain({scene: dict(found) for scene, found in bins.items()}),
-        "groups": _plain(groups),
-        "changed": changed,
+        "calibration": _plain(bins),
+        "groups": {title: _plain(found) for title, found in groups.items()},
+        "changed": _plain(changed),
         "drawn_differently": differing,
     }
     chart = calibration_chart(
@@ -86,9 +93,9 @@ def write_execution_report(out: Path) -> str:
 def _as_markdown(
     claim: dict[str, Any],
     lines: Sequence[ExecutedLine],
-    bins: Mapping[str, Mapping[str, Group]],
-    groups: Mapping[str, Mapping[str, Group]],
-    changed: Mapping[str, Estimate],
+    bins: ByScene,
+    groups: Mapping[str, ByScene],
+    changed: ByScene,
     differing: int,
 ) -> str:
     config = claim["config"]
@@ -102,17 +109,12 @@ def _as_markdown(
         *([_failure_table(lines, reasons)] if reasons else []),
         "## Does the force margin foretell it?",
         f"{CALIBRATION_EXPLAINED} ![calibration]({CHART_FILE})",
-        _calibration_table(bins),
+        _scene_table("force margin", bins),
     ]
     for name, found in groups.items():
-        parts += [f"## By {name}", _group_table(name, found)]
-    if changed:
-        rows = [[setting, rate.percent()] for setting, rate in changed.items()]
-        parts += [
-            "## With friction and mass errors",
-            CHANGED_EXPLAINED,
-            markdown_table(["setting", "top-ranked"], rows, names=1),
-        ]
+        parts += [f"## By {name}", _scene_table(name, found)]
+    if changed["all"]:
+        parts += ["## With friction and mass errors", CHANGED_EXPLAINED, _scene_table("setting", changed)]
     if differing:
         parts.append(
             f"{differing} rows were drawn otherwise than the experiment's own ones, as another machine or version does."
@@ -143,21 +145,17 @@ def _failure_table(lines: Sequence[ExecutedLine], reasons: Sequence[str]) -> str
     return markdown_table(["scene", "method", *reasons], rows)
 
 
-def _calibration_table(bins: Mapping[str, Mapping[str, Group]]) -> str:
-    rows = [[label, *(_cell(found.get(label)) for found in bins.values())] for label in margin_bins()]
-    return markdown_table(["force margin", *bins], rows, names=1)
-
-
-def _group_table(name: str, groups: Mapping[str, Group]) -> str:
-    rows = [[label, group.executed, group.objects, group.rate.percent()] for label, group in groups.items()]
-    return markdown_table([name, "executed", "objects", "success"], rows, names=1)
+def _scene_table(name: str, found: ByScene) -> str:
+    """A row for each label, a column for each scene."""
+    rows = [[label, *(_cell(groups.get(label)) for groups in found.values())] for label in found["all"]]
+    return markdown_table([name, *found], rows, names=1)
 
 
 def _cell(group: Group | None) -> str:
     return "" if group is None else f"{group.rate.percent()}, n = {group.executed}"
 
 
-def _plain(groups: Mapping[str, Mapping[str, Group]]) -> dict[str, Any]:
+def _plain(groups: ByScene) -> dict[str, Any]:
     """Groups as dicts, their estimates kept as such for `as_json`."""
     return {
         key: {label: {**asdict(group), "rate": group.rate} for label, group in found.items()}
