@@ -6,7 +6,7 @@ from scipy.stats import bootstrap
 
 from dexnudge.errors import InputError
 from dexnudge.evaluation.estimate import Estimate, estimate_of_sums, ratio
-from dexnudge.evaluation.statistics import bootstrap_interval, bootstrap_sums, chance_of_any
+from dexnudge.evaluation.statistics import bootstrap_interval, bootstrap_sums, chance_of_top
 
 
 def test_the_interval_is_scipys() -> None:
@@ -73,14 +73,20 @@ def test_a_ratio_without_a_denominator_is_infinite_and_its_interval_is_no_nan() 
     assert Estimate(2.0, 1.0, 4.0).inverse() == Estimate(0.5, 0.25, 1.0)
 
 
-@pytest.mark.parametrize(("num", "good"), [(5, 0), (5, 1), (6, 3), (4, 4)])
-def test_the_best_of_k_is_that_of_every_choice_of_k(num: int, good: int) -> None:
-    draws = [True] * good + [False] * (num - good)
-    for k in range(1, num + 1):
-        found = [any(choice) for choice in combinations(draws, k)]
-        assert chance_of_any(num, good, k) == pytest.approx(sum(found) / len(found))
+@pytest.mark.parametrize("good", ["00000", "10000", "111000", "1111", "101101", "0010"])  # ranked, best first
+def test_the_top_of_k_is_the_mean_over_every_choice_of_k(good: str) -> None:
+    draws = [mark == "1" for mark in good]
+    for k in range(1, len(draws) + 1):
+        top = [draws[min(choice)] for choice in combinations(range(len(draws)), k)]
+        assert chance_of_top(draws, k) == pytest.approx(sum(top) / len(top))
+
+
+def test_where_good_draws_come_first_the_top_is_good_if_any_is() -> None:
+    draws = [True] * 3 + [False] * 5
+    found = [any(choice) for choice in combinations(draws, 4)]
+    assert chance_of_top(draws, 4) == pytest.approx(sum(found) / len(found))
 
 
 def test_more_draws_than_there_are_cannot_be_taken() -> None:
-    with pytest.raises(InputError, match=r"cannot take 9 of 8 draws, 3 of them good; expected 1 <= k <= num"):
-        chance_of_any(8, 3, 9)
+    with pytest.raises(InputError, match="cannot take 9 of 8 draws; expected 1 to 8"):
+        chance_of_top([True] * 8, 9)

@@ -9,7 +9,7 @@ from jaxtyping import Float
 
 from dexnudge.evaluation.estimate import Estimate, estimate_of_sums, mean_estimate, mean_of_known, ratio
 from dexnudge.evaluation.rows import Row
-from dexnudge.evaluation.statistics import chance_of_any
+from dexnudge.evaluation.statistics import chance_of_top
 from dexnudge.evaluation.success import PENETRATION_LIMIT, ROBUST_MARGIN
 
 BEST_OF = (8, 32)  # numbers of draws of which a robot may take the best, as far as there are that many
@@ -129,12 +129,13 @@ def verified_and_seconds(rows: Sequence[Row], *, without: tuple[str, ...] = (LOA
 def _best_of(rows: list[Row], good: Callable[[Row], list[bool]]) -> dict[int, Estimate]:
     """For each number in `BEST_OF` that no row falls short of.
 
-    Ranking puts verified draws first, those with the largest margin before others, so the top of k draws is good where
-    any of them is.
+    Rows hold their draws in ranked order; a failed row has none that is good.
     """
     least = min(row.num for row in rows)
     return {
-        k: mean_estimate([chance_of_any(row.num, sum(good(row)), k) for row in rows]) for k in BEST_OF if k <= least
+        k: mean_estimate([chance_of_top(good(row), k) if row.success else 0.0 for row in rows])
+        for k in BEST_OF
+        if k <= least
     }
 
 

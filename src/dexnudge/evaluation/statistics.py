@@ -1,7 +1,7 @@
 """Intervals for rates: the objects are the sample, not the draws."""
 
 import math
-from collections.abc import Callable
+from collections.abc import Callable, Sequence
 from functools import lru_cache
 
 import numpy as np
@@ -57,20 +57,21 @@ def bootstrap_sums(
     return low, high
 
 
-def chance_of_any(num: int, good: int, k: int) -> float:
-    """Return the chance that at least one of k draws, taken at random from `num` of which `good` are good, is good.
+def chance_of_top(good: Sequence[bool], k: int) -> float:
+    """Return the chance that the best ranked of k draws, taken at random from all of them, is good.
 
-    1 - C(num - good, k) / C(num, k): what the best of k draws gives, without bias, from more than k of them (Chen et al.,
-    *Evaluating Large Language Models Trained on Code*, 2021, Eq. 1).
+    Sum over the good places i (0 the best) of C(n - 1 - i, k - 1) / C(n, k): the draw there is the best ranked of the k
+    where the other k - 1 are all ranked below it. Without bias from more than k draws. Where good draws are ranked before
+    all others this is the chance that any of the k is good (Chen et al., *Evaluating Large Language Models Trained on
+    Code*, 2021, Eq. 1).
 
     Raises:
-        InputError: k outside 1 to num, or good outside 0 to num.
+        InputError: k outside 1 to n.
     """
-    if not (1 <= k <= num and 0 <= good <= num):
-        raise InputError(
-            f"cannot take {k} of {num} draws, {good} of them good; expected 1 <= k <= num, 0 <= good <= num"
-        )
-    return 1.0 - math.comb(num - good, k) / math.comb(num, k)
+    num = len(good)
+    if not 1 <= k <= num:
+        raise InputError(f"cannot take {k} of {num} draws; expected 1 to {num}")
+    return sum(math.comb(num - 1 - place, k - 1) for place, ok in enumerate(good) if ok) / math.comb(num, k)
 
 
 @lru_cache(maxsize=4)  # a report asks for thousands of intervals over the same number of objects
