@@ -56,8 +56,8 @@ class Method:
 
 
 OURS = Method(
-    "prior, the best of 32 coarse hands denoised again under guidance on the clean estimate, then projected",
-    denoising=DenoisingConfig(particles=32, weights=GUIDING_WEIGHTS),
+    "prior, the best of up to 32 coarse hands denoised again under guidance on the clean estimate, then projected",
+    denoising=DenoisingConfig(num_inference_steps=14, particles=32, weights=GUIDING_WEIGHTS),
 )
 METHODS: dict[str, Method] = {
     "ours": OURS,
@@ -74,7 +74,10 @@ METHODS: dict[str, Method] = {
         "one gradient step on the clean estimate in each step (MPGD), then projected", make_rule=CleanGradient
     ),
     "best_of_32": replace(
-        OURS, summary="ours without guidance: the best of 32 coarse hands, projected", make_rule=lambda: unguided
+        OURS,
+        summary="ours without guidance: the best of 32 coarse hands, projected",
+        make_rule=lambda: unguided,
+        denoising=replace(OURS.denoising, first_particles=32),
     ),
     "unguided": Method("the prior alone", make_rule=lambda: unguided, projection=None),
     "unguided_projection": Method("the prior alone, then projected", make_rule=lambda: unguided),
