@@ -52,7 +52,7 @@ class ProjectionConfig:
     force_tolerance: float = 0.05  # residual [weights of the object] that counts as balanced
     force_sweeps: int = 12  # of the balance solver per step, warm-started
     first_force_sweeps: int = 200  # before the first step, from a cold start
-    idle_steps: int = 80  # first steps, in which fingertips that cannot work are drawn to where they can
+    idle_steps: int = 120  # first steps, in which fingertips that cannot work are drawn to where they can
     guided_steps: int = 40  # first steps, which still count the environment's shadow as solid
     patience: int = 120  # steps after which a hand that is clean and touching stops waiting for its forces and its way
 
