@@ -66,7 +66,7 @@ def readme_table(report: dict[str, Any]) -> str:
             rows.append(f"| {line['scene']} | {method_name(line['method'])} | {' | '.join(cells)} | {paper} |")
     objects = max(line["objects"] for line in shown)
     note = (
-        f"\n% of everything attempted, 95 % intervals over objects: {objects} objects of `{config['objects']}`, "
+        f"\n% of everything attempted, 95 % intervals over objects: {objects} objects of `{Path(config['objects']).name}`, "
         f"{config['num']} draws each, seed {config['seed']}. [All methods and reasons for rejection](docs/results.md)."
     )
     return "\n".join(rows) + "\n" + note
