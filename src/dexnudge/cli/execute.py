@@ -115,17 +115,15 @@ def _print_pushes(summary: dict[str, Any], out: Path) -> None:
 def _print_story(summary: dict[str, Any], out: Path) -> None:
     from dexnudge.cli.console import stdout, table
 
-    shown = table("try", "slid by", "overhang", "grasps", "raised [mm]", "turned [deg]", "failed in", "outcome")
+    shown = table("try", "slid by", "overhang", "grasps", "raised [mm]", "outcome")
     for row in summary["tries"]:
         shown.add_row(
             str(row["number"]),
-            "" if row["configuration"] < 0 else f"configuration {row['configuration']}",
+            "" if row["configuration"] < 0 else str(row["configuration"]),
             "" if row["overhang"] is None else f"{row['overhang']:.0%}",
             "" if row["grasps"] < 0 else f"{row['grasps']} of {row['drawn']}",
             "" if row["raised"] is None else f"{1e3 * row['raised']:.0f}",
-            "" if row["turned_deg"] is None else f"{row['turned_deg']:.0f}",
-            row["phase"],
-            row["reason"] or "lifted and held",
+            f"{row['phase']}: {row['reason']}" if row["phase"] else "lifted and held",
         )
     console = stdout()
     console.print(shown)
