@@ -9,7 +9,7 @@ import pytest
 
 from dexnudge.sampling.sampler import SHIPPED_WEIGHTS
 
-RESULTS = ("configurations.npz", "summary.json", "results.jsonl", "model")
+RESULTS = ("configurations.npz", "summary.json", "model", "report.md")
 SCENE = ["sample", "phone", "--scene", "table"]
 QUICK = ["--method", "random_start_projection", "--num", 2]
 
