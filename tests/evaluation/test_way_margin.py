@@ -4,7 +4,7 @@ import numpy as np
 import pytest
 import trimesh
 
-from dexnudge.evaluation.way_margin import least_margins, way_margins
+from dexnudge.evaluation.way_margin import helping, least_margins, way_margins
 from dexnudge.mechanics.contacts import HandContacts
 from dexnudge.scenes.boxes import box
 from dexnudge.scenes.scene import Scene
@@ -55,3 +55,15 @@ def test_where_the_object_is_carried_alike_the_margins_stay_as_they_are(at_the_e
     np.testing.assert_array_equal(least_margins(scene, [pressed_at(-0.3)], begin), begin)
     (along,) = way_margins(scene, [pressed_at(-0.3)], length=scene.motion_length)
     np.testing.assert_allclose(along, along[0], atol=2e-3)
+
+
+def test_a_contact_that_squeezes_or_holds_back_makes_a_configuration_worse(at_the_edge):
+    def normals(*rows):
+        return HandContacts(points=np.zeros((len(rows), 3)), normals=np.array(rows), link=np.arange(len(rows)))
+
+    up, behind, side, front = (0.0, 0.0, 1.0), (-1.0, 0.0, 0.0), (0.0, 1.0, 0.0), (0.8, 0.0, -0.6)
+    slanted = (0.0, 0.98, 0.2)
+    found = helping(
+        at_the_edge, [normals(up), normals(up, behind), normals(up, slanted), normals(up, side), normals(up, front)]
+    )
+    np.testing.assert_allclose(found, [0.4, 0.4, 0.2, 0.0, -0.6])

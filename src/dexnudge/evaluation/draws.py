@@ -12,8 +12,8 @@ import numpy as np
 from jaxtyping import Float, Int
 
 from dexnudge.errors import InputError
-from dexnudge.evaluation.success import Verdicts, contacts_of, judge
-from dexnudge.evaluation.way_margin import least_margins
+from dexnudge.evaluation.success import ROBUST_MARGIN, Verdicts, contacts_of, judge
+from dexnudge.evaluation.way_margin import helping, least_margins
 from dexnudge.hands.hand import Hand
 from dexnudge.sampling.methods import Method, find_method
 from dexnudge.sampling.problem import SamplingProblem, prepare
@@ -120,18 +120,20 @@ def draw_and_judge(
 def best_first(
     hand: Hand, scene: Scene, q: Float[np.ndarray, "n coordinates"], verdicts: Verdicts
 ) -> Int[np.ndarray, " n"]:
-    """Order of the draws: verified ones first, then by the least force margin along the way, then by the least penetration.
+    """Order of the draws: verified ones first; among them those that push best.
 
-    Of those that are not verified the force margin where the way begins counts.
+    That is: by the least force margin along the way up to 1.5 (robust), by how far every contact presses or pushes, by
+    the margin itself, by the least penetration. Of those that are not verified the margin where the way begins counts.
     """
-    margin, verified = np.array(verdicts.force_margin), np.flatnonzero(verdicts.success)
+    margin, push, verified = np.array(verdicts.force_margin), np.zeros(len(q)), np.flatnonzero(verdicts.success)
     if len(verified) > 1:
         contacts = contacts_of(hand, scene, q[verified].astype(np.float64))
         margin[verified] = least_margins(scene, contacts, margin[verified])
+        push[verified] = helping(scene, contacts)
     deepest = np.maximum.reduce(
         [verdicts.penetration_object, verdicts.penetration_environment, verdicts.penetration_self]
     )
-    return np.lexsort((deepest, -margin, ~verdicts.success))
+    return np.lexsort((deepest, -margin, -push, -np.minimum(margin, ROBUST_MARGIN), ~verdicts.success))
 
 
 def take(verdicts: Verdicts, order: Int[np.ndarray, " m"]) -> Verdicts:

@@ -16,6 +16,7 @@ from dexnudge.planning.push_length import push_length
 from dexnudge.scenes.scene import Scene
 
 STATIONS = 3  # places along the way beside its beginning; the last one is its end
+HELPING = 0.4  # cosine from which a contact pushes down or forward, and does not only squeeze or hold back
 SAME_PLACE = 1e-5  # [m] by which two places of supports differ for no other reason than rounding
 
 
@@ -46,6 +47,16 @@ def least_margins(
     if not len(contacts) or _carried_alike(scene):
         return np.array(force_margin)
     return np.minimum(force_margin, way_margins(scene, contacts, length=push_length(scene)).min(axis=1))
+
+
+def helping(scene: Scene, contacts: Sequence[HandContacts]) -> Float[np.ndarray, " configuration"]:
+    """How far even the worst contact of each configuration pushes down or forward: a cosine, at most 0.4, in tenths.
+
+    The balance counts on contacts that squeeze an object from two sides or hold it back in front, and needs their forces to
+    be just right; in physics such a contact turns the object or slips off. Nothing depends on those that press or push.
+    """
+    worst = [np.maximum(each.normals[:, 2], -each.normals @ scene.motion).min(initial=HELPING) for each in contacts]
+    return np.round(np.minimum(worst, HELPING), 1)
 
 
 def _carried_alike(scene: Scene) -> bool:
