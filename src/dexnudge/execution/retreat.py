@@ -8,7 +8,7 @@ from jaxtyping import Float
 
 from dexnudge.hands.hand import ROOT_COORDINATES, Hand
 from dexnudge.hands.per_hand import per_hand
-from dexnudge.planning.approach import GOAL_PENETRATION
+from dexnudge.planning.approach import GOAL_PENETRATION, OPENING_ALLOWANCE
 from dexnudge.planning.hand_clearance import HandClearance
 from dexnudge.planning.hand_states import palm_pose, state_space
 from dexnudge.planning.motion_check import CLEARANCE
@@ -61,8 +61,10 @@ def retreat(hand: Hand, scene: Scene, q: Float[np.ndarray, " coordinates"]) -> R
 
 
 def opening_path(hand: Hand, angles: Float[np.ndarray, " joint"]) -> list[Float[np.ndarray, " joint"]] | None:
-    """Joint angles from these to the open hand, the links never more than 1 mm in one another; None if no order is found.
+    """Joint angles from these to the open hand; None if no order is found that is clean.
 
+    The links are never more than 1 mm in one another, nor deeper than they are now: fingers that have pressed may have
+    been pushed into each other a little, since the simulation knows no contacts between links.
     All digits at once if that will do, else one of them before the others, or after them.
     """
     opened = state_space(hand, angles).opened
@@ -74,7 +76,8 @@ def opening_path(hand: Hand, angles: Float[np.ndarray, " joint"]) -> list[Float[
             if joint is not None and joint.index is not None:
                 mine[joint.index] |= hand.digit_of_link[name] == digit
         paths += [[np.where(mine, opened, angles), opened], [np.where(mine, angles, opened), opened]]
-    return next((path for path in paths if depth(_between([angles, *path])).max() <= GOAL_PENETRATION), None)
+    allowed = max(GOAL_PENETRATION, float(depth(angles[None])[0]) + OPENING_ALLOWANCE)
+    return next((path for path in paths if depth(_between([angles, *path])).max() <= allowed), None)
 
 
 @per_hand
