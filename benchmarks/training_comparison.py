@@ -67,7 +67,7 @@ class Comparison:
     """Objects of each set, spread evenly over it."""
     scenes: tuple[str, ...] = ("table", "shelf")
     """Scene families."""
-    methods: tuple[str, ...] = ("ours_one_particle", "unguided_projection")
+    methods: tuple[str, ...] = ("ours", "unguided_projection")
     """Sampling methods."""
     num: int = 16
     """Draws for each object, scene and method."""

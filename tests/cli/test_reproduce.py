@@ -29,7 +29,10 @@ def rows(out: Path) -> list[bytes]:
         (["--objects", "nowhere"], "nowhere: no such set of objects; expected builtin:train"),
         (["--scenes", "tabel"], "unknown scene 'tabel'; expected some of table, layers"),
         (["--parts", "harder"], "unknown part 'harder'; expected some of with_base, without_base"),
-        (["--methods", "mine"], "no part of this run has the method 'mine'; expected some of ours, ours_one_particle"),
+        (
+            ["--methods", "mine"],
+            "no part of this run has the method 'mine'; expected some of ours, random_start_projection",
+        ),
         (["--prediction-weights", "epsilon"], "got 'epsilon'; expected NAME=DIR with a name of letters"),
         (["--prediction-weights", "a/b=c"], "got 'a/b=c'; expected NAME=DIR with a name of letters"),
         (["--prediction-weights", "a=b", "a=c"], "--prediction-weights names 'a' twice; expected each name once"),

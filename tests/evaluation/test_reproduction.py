@@ -34,8 +34,8 @@ CONFIG = ReproductionConfig(
     prediction_weights={"epsilon": "noise", "sample": "clean"},
     data="data",
 )
-SIZES = {"with_base": 13 * 9, "without_base": 7 * 9, "grasps_only": 9, "predictions-epsilon": 2 * 9}
-SIZES |= {"predictions-sample": 2 * 9, "hard": 3 * 12, "generalisation": 3 * 9}
+SIZES = {"with_base": 14 * 9, "without_base": 6 * 9, "grasps_only": 9, "predictions-epsilon": 9}
+SIZES |= {"predictions-sample": 9, "hard": 2 * 12, "generalisation": 2 * 9}
 SETTINGS = [setting_name(quantity, factor) for quantity, factors in SWEEPS.items() for factor in factors]
 
 
@@ -104,16 +104,10 @@ def test_hard_and_new_scenes_and_other_models_have_parts_of_their_own():
     assert (found["generalisation"].scenes, found["generalisation"].methods) == (NEW_SCENES, MAIN)
     for name, folder in CONFIG.prediction_weights.items():
         theirs = found[f"predictions-{name}"]
-        assert (theirs.weights, theirs.methods) == (folder, ("ours", "ours_one_particle"))
+        assert (theirs.weights, theirs.methods) == (folder, ("ours",))
         assert replace(theirs, weights=None, methods=()) == replace(
             found["with_base"], methods=(), sweep=False, data=None
         )
-
-
-def test_a_single_pass_stands_below_ours_in_every_part_that_has_ours():
-    for part in [*parts(CONFIG), *parts(replace(CONFIG, quick=True))]:
-        if "ours" in part.config.methods:
-            assert part.config.methods[:2] == ("ours", "ours_one_particle")
 
 
 def test_what_a_run_cannot_have_is_named():
@@ -198,7 +192,7 @@ def test_the_papers_numbers_stand_beside_ours(finished):
     assert "| slot | dexnudge | with the forearm |  | " in text
 
 
-def test_the_main_table_has_a_single_pass_below_ours_and_no_prior_below_that(finished):
+def test_the_main_table_has_no_prior_below_ours(finished):
     text = write_reproduction_report(finished).split("## Main table")[1].split("##")[0]
     names = [method_name(method) for method in MAIN]
     scenes = [*CONFIG.scenes, *HARD_SCENES, *NEW_SCENES]
@@ -206,7 +200,7 @@ def test_the_main_table_has_a_single_pass_below_ours_and_no_prior_below_that(fin
     assert sorted({tuple(line.split(" | ")[:2]) for line in lines}) == sorted(
         {(f"| {scene}", name) for scene in scenes for name in names}
     )
-    assert [line.split(" | ")[1] for line in lines[:6]] == names * 2
+    assert [line.split(" | ")[1] for line in lines[:4]] == names * 2
 
 
 def test_other_models_stand_beside_the_runs_own(finished):
@@ -247,14 +241,14 @@ def test_a_second_run_computes_only_what_is_missing(finished):
     file = finished / "without_base" / FILE
     lines = file.read_bytes().splitlines(keepends=True)
     file.write_bytes(b"".join(lines[:-2]) + lines[-2][:30])
-    with pytest.raises(InputError, match=r"2 of 63 rows of without_base are missing \(first: .*with the same options"):
+    with pytest.raises(InputError, match=r"2 of 54 rows of without_base are missing \(first: .*with the same options"):
         read_reproduction(finished)
     InstantRowMaker.made.clear()
     seen = []
     run_reproduction(CONFIG, finished, workers=1, on_row=lambda row, done, total: seen.append((done, total)))
     assert len(InstantRowMaker.made) == 2
-    assert seen == [(13 * 9 + 62, asked), (13 * 9 + 63, asked)]
-    assert len(read_rows(finished / "without_base")) == 63
+    assert seen == [(14 * 9 + 53, asked), (14 * 9 + 54, asked)]
+    assert len(read_rows(finished / "without_base")) == 54
 
 
 def test_other_options_and_other_folders_are_refused(finished, tmp_path):

@@ -13,8 +13,15 @@ from dexnudge.energies.force_residual import ForceResidual
 from dexnudge.sampling.denoise import DenoisingConfig
 from dexnudge.sampling.guidance.clean_descent import CleanDescent
 from dexnudge.sampling.guidance.clean_gradient import CleanGradient
+from dexnudge.sampling.guidance.clean_spherical import CleanSpherical
 from dexnudge.sampling.guidance.contacts import pull_to_balance, set_wanted_contacts, wanted_contacts
-from dexnudge.sampling.guidance.gradient import configuration_energy, gradient_through_network, squared_violation
+from dexnudge.sampling.guidance.gradient import (
+    configuration_energy,
+    gradient_at_clean_estimate,
+    gradient_through_network,
+    squared_violation,
+    unit,
+)
 from dexnudge.sampling.guidance.paper import PaperGuidance
 from dexnudge.sampling.guidance.rule import ReverseStep
 from dexnudge.sampling.guidance.spherical import SphericalGuidance
@@ -84,28 +91,35 @@ def test_samples_are_guided_one_by_one(make_step, rule):
     torch.testing.assert_close(alone[0], together[2], atol=1e-4, rtol=0)
 
 
-def sphere(step) -> tuple[torch.Tensor, torch.Tensor, float]:
-    """(gradient, mean, radius) of spherical guidance, from its formula."""
-    x0_hat, gradient = gradient_through_network(step)
+SPHERICAL = pytest.mark.parametrize("rule", [SphericalGuidance, CleanSpherical])
+
+
+def sphere(step, rule) -> tuple[torch.Tensor, torch.Tensor, float]:
+    """(gradient, mean, radius) of a spherical rule, from its formula."""
+    if rule is SphericalGuidance:
+        x0_hat, gradient = gradient_through_network(step)
+    else:
+        x0_hat = step.prior.predict_clean(step.x_t, step.t, step.condition)
+        gradient = gradient_at_clean_estimate(step, x0_hat)
     mean, sigma = ddim_mean_and_sigma(step.prior.schedule, step.x_t, x0_hat, step.t, step.t_previous, eta=1.0)
     return gradient, mean, mean.shape[1] ** 0.5 * sigma
 
 
+@SPHERICAL
 @pytest.mark.parametrize("rate", [0.0, 0.2, 1.0])
-def test_spherical_guidance_stays_on_the_sphere(make_step, rate):
-    _, mean, radius = sphere(make_step())
-    moved = SphericalGuidance(rate=rate)(make_step()) - mean
+def test_spherical_guidance_stays_on_the_sphere(make_step, rule, rate):
+    _, mean, radius = sphere(make_step(), rule)
+    moved = rule(rate=rate)(make_step()) - mean
     assert radius > 0.1
     torch.testing.assert_close(moved.norm(dim=1), torch.full((BATCH,), radius), rtol=1e-4, atol=1e-5)
 
 
-def test_spherical_guidance_goes_from_the_noise_to_steepest_descent(make_step):
-    gradient, mean, _ = sphere(make_step())
+@SPHERICAL
+def test_spherical_guidance_goes_from_the_noise_to_steepest_descent(make_step, rule):
+    gradient, mean, _ = sphere(make_step(), rule)
     noise = torch.randn(mean.shape, generator=torch.Generator().manual_seed(1))
     cosine = {
-        rate: [
-            torch.cosine_similarity(SphericalGuidance(rate=rate)(make_step()) - mean, to) for to in (noise, -gradient)
-        ]
+        rate: [torch.cosine_similarity(rule(rate=rate)(make_step()) - mean, to) for to in (noise, -gradient)]
         for rate in (0.0, 0.5, 1.0)
     }
     torch.testing.assert_close(cosine[0.0][0], torch.ones(BATCH), atol=1e-4, rtol=0)
@@ -113,12 +127,23 @@ def test_spherical_guidance_goes_from_the_noise_to_steepest_descent(make_step):
     assert (cosine[0.5][1] > cosine[0.0][1]).all()
 
 
-def test_spherical_guidance_ends_at_the_clean_estimate(make_step):
+@SPHERICAL
+def test_spherical_guidance_ends_at_the_clean_estimate(make_step, rule):
     """No noise is left in the last step, and the sphere is a point."""
     step = make_step(t=20, t_previous=-1)
-    _, mean, radius = sphere(step)
+    _, mean, radius = sphere(step, rule)
     assert radius == 0.0
-    torch.testing.assert_close(SphericalGuidance()(make_step(t=20, t_previous=-1)), mean)
+    torch.testing.assert_close(rule()(make_step(t=20, t_previous=-1)), mean)
+
+
+def test_against_the_gradient_at_the_clean_estimate_the_energy_falls(make_step, prior):
+    step = make_step()
+    x0_hat = prior.predict_clean(step.x_t, step.t, step.condition)
+    gradient = gradient_at_clean_estimate(step, x0_hat)
+    with torch.no_grad():
+        before = configuration_energy(prior.denormalise(x0_hat), step.energy).clone()
+        after = configuration_energy(prior.denormalise(x0_hat - 1e-3 * unit(gradient)), step.energy)
+    assert (after < before).all()
 
 
 def test_the_clean_gradient_moves_the_estimate_by_its_strength_downhill(make_step, prior, hand, starts):

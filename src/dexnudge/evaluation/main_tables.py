@@ -1,4 +1,4 @@
-"""The tables that a reader sees first: ours beside a single pass and no prior, and models beside each other."""
+"""The tables that a reader sees first: ours beside no prior, and models beside each other."""
 
 from collections.abc import Mapping, Sequence
 

@@ -7,9 +7,10 @@ from dexnudge.sampling.methods import METHODS
 
 NAMES = {
     "ours": "dexnudge",
-    "ours_one_particle": "dexnudge, no choice among coarse hands",
     "guidance_only": "dexnudge, not projected",
     "grasp_projection": "dexnudge, asked for grasps",
+    "coarse_hands": "coarse hands, descent + projection",
+    "clean_descent": "descent on the clean estimate + projection",
     "best_of_32": "best of 32 coarse hands + projection",
     "unguided_projection": "prior + projection",
     "unguided": "prior alone",

@@ -28,14 +28,12 @@ ROWS_1 = {  # one of our methods -> the paper's column that it stands for
     "grasp_projection": GRASPS,
     "paper": FULL,
     "ours": FULL,
-    "ours_one_particle": FULL,
 }
 ROWS_2 = {  # one of our methods -> the paper's row that it stands for
     "paper_guidance_only": ONLY,
     "paper": PROJECTED,
     "guidance_only": ONLY,
     "ours": PROJECTED,
-    "ours_one_particle": PROJECTED,
 }
 
 

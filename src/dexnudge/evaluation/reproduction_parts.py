@@ -9,11 +9,11 @@ from dexnudge.evaluation.experiment_config import ExperimentConfig
 from dexnudge.evaluation.method_names import method_name
 from dexnudge.sampling.methods import METHODS
 
-OURS, ONE_PARTICLE, RANDOM_START = "ours", "ours_one_particle", "random_start_projection"
-MAIN = (OURS, ONE_PARTICLE, RANDOM_START)  # what every main table shows: ours, a true single pass, and no prior at all
+OURS, RANDOM_START = "ours", "random_start_projection"
+MAIN = (OURS, RANDOM_START)  # what every main table shows: ours, and no prior at all
 TABLES = (*MAIN, "guidance_only", "grasp_projection", "paper", "paper_guidance_only")  # Tables I and II compare these
 RULES = ("best_of_32", "unguided_projection")  # choice without guidance, and neither
-FURTHER = ("spherical", "clean_gradient", "unguided")
+FURTHER = ("coarse_hands", "clean_descent", "spherical", "clean_gradient", "unguided")
 FROM_DATA = "nearest_pose"
 QUICK_WITHOUT_BASE = (*MAIN, "guidance_only", "grasp_projection")
 WITH_BASE, WITHOUT_BASE, GRASPS_ONLY = "with_base", "without_base", "grasps_only"
@@ -143,7 +143,7 @@ def _all_parts(config: ReproductionConfig, *, every: bool = False) -> Iterator[P
             yield part(name, "A model trained on grasps only", ("grasp_projection",), weights=config.grasp_weights)
         elif name == PREDICTIONS:
             for label, folder in config.prediction_weights.items():
-                yield part(f"{PREDICTIONS}-{label}", f"Weights {label}", (OURS, ONE_PARTICLE), weights=folder)
+                yield part(f"{PREDICTIONS}-{label}", f"Weights {label}", (OURS,), weights=folder)
         elif name == HARD:
             yield part(name, "Hard scenes", MAIN, scenes=HARD_SCENES)
         elif name == GENERALISATION:

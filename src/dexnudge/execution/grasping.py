@@ -20,7 +20,9 @@ from dexnudge.geometry.frames import transform_configurations
 from dexnudge.hands.hand import Hand
 from dexnudge.mechanics.contacts import HAND_CONTACT_DISTANCE, HandContacts
 from dexnudge.mechanics.sliding_task import sliding_task
-from dexnudge.sampling.methods import METHODS
+from dexnudge.sampling.denoise import DenoisingConfig
+from dexnudge.sampling.guidance.clean_descent import CleanDescent
+from dexnudge.sampling.methods import GUIDING_WEIGHTS, METHODS
 from dexnudge.sampling.problem import SamplingProblem, prepare
 from dexnudge.sampling.sampler import Sampler
 from dexnudge.scenes.scene import Scene
@@ -35,7 +37,8 @@ PARTICLES = 16  # coarse hands of each draw: most grasps of the object alone mee
 GRASPS = replace(
     METHODS["grasp_projection"],
     summary="grasps in their surroundings, the best of 16 coarse hands denoised again under guidance, then projected",
-    denoising=replace(METHODS["grasp_projection"].denoising, particles=PARTICLES),
+    make_rule=CleanDescent,
+    denoising=DenoisingConfig(particles=PARTICLES, weights=GUIDING_WEIGHTS),
 )
 
 

@@ -155,7 +155,9 @@ def plan_object_motion(
     if best is None and not own_motion_only:
         best = _two_pieces(lying, directions, limits)
     if best is None:
-        tried = "along the scene's motion" if own_motion_only else f"in any of {len(directions)} directions or two pieces"
+        tried = (
+            "along the scene's motion" if own_motion_only else f"in any of {len(directions)} directions or two pieces"
+        )
         return NoObjectMotion(
             f"nowhere {tried} does {limits.overhang[0]:.0%} of the "
             f"object's length come free with {1e3 * limits.room:.0f} mm of room above and below: {refused.text()}"

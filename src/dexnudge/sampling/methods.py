@@ -8,6 +8,7 @@ from dexnudge.errors import UnknownNameError
 from dexnudge.sampling.denoise import DenoisingConfig
 from dexnudge.sampling.guidance.clean_descent import CleanDescent
 from dexnudge.sampling.guidance.clean_gradient import CleanGradient
+from dexnudge.sampling.guidance.clean_spherical import CleanSpherical
 from dexnudge.sampling.guidance.paper import PaperGuidance
 from dexnudge.sampling.guidance.rule import GuidanceRule
 from dexnudge.sampling.guidance.spherical import SphericalGuidance
@@ -33,7 +34,7 @@ class Method:
     summary: str
     start: str = "prior"
     behaviour: str = "non_prehensile"
-    make_rule: Callable[[], GuidanceRule] = CleanDescent
+    make_rule: Callable[[], GuidanceRule] = CleanSpherical
     denoising: DenoisingConfig = field(default_factory=lambda: DenoisingConfig(weights=GUIDING_WEIGHTS))
     projection: ProjectionConfig | None = field(default_factory=ProjectionConfig)
 
@@ -56,14 +57,21 @@ class Method:
 
 
 OURS = Method(
-    "prior, the best of up to 32 coarse hands denoised again under guidance on the clean estimate, then projected",
+    "prior, each step's noise turned towards descent of the energy at the clean estimate, then projected",
+    denoising=DenoisingConfig(num_inference_steps=30, weights=GUIDING_WEIGHTS),
+)
+COARSE_HANDS = replace(
+    OURS,
+    summary="the best of up to 32 coarse hands, denoised again while its clean estimate descends, then projected",
+    make_rule=CleanDescent,
     denoising=DenoisingConfig(num_inference_steps=14, particles=32, weights=GUIDING_WEIGHTS),
 )
 METHODS: dict[str, Method] = {
     "ours": OURS,
-    "ours_one_particle": replace(
-        OURS,
-        summary="ours without coarse hands: guided from pure noise",
+    "coarse_hands": COARSE_HANDS,
+    "clean_descent": replace(
+        COARSE_HANDS,
+        summary="a few steps of descent on the clean estimate in each step, then projected",
         denoising=DenoisingConfig(weights=GUIDING_WEIGHTS),
     ),
     "guidance_only": replace(OURS, summary="ours without the projection", projection=None),
@@ -74,10 +82,10 @@ METHODS: dict[str, Method] = {
         "one gradient step on the clean estimate in each step (MPGD), then projected", make_rule=CleanGradient
     ),
     "best_of_32": replace(
-        OURS,
-        summary="ours without guidance: the best of 32 coarse hands, projected",
+        COARSE_HANDS,
+        summary="the best of 32 coarse hands, not guided, projected",
         make_rule=lambda: unguided,
-        denoising=replace(OURS.denoising, first_particles=32),
+        denoising=replace(COARSE_HANDS.denoising, first_particles=32),
     ),
     "unguided": Method("the prior alone", make_rule=lambda: unguided, projection=None),
     "unguided_projection": Method("the prior alone, then projected", make_rule=lambda: unguided),

@@ -1,4 +1,4 @@
-"""Ours: a few steps of descent on the clean estimate itself, with Adam moments that live through the whole denoising.
+"""A few steps of descent on the clean estimate itself, with Adam moments that live through the whole denoising.
 
 x0_hat is turned into a hand, the hand descends the scene's energy on its own manifold (translation, SO(3), joints within
 limits and couplings), and DDIM goes on from the corrected estimate. Nothing is differentiated through the network (as in

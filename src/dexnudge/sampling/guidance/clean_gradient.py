@@ -12,8 +12,7 @@ from jaxtyping import Float
 from torch import Tensor
 
 from dexnudge.diffusion.ddim import ddim_step
-from dexnudge.sampling.guidance.contacts import set_wanted_contacts
-from dexnudge.sampling.guidance.gradient import configuration_energy, unit
+from dexnudge.sampling.guidance.gradient import gradient_at_clean_estimate, unit
 from dexnudge.sampling.guidance.rule import ReverseStep
 
 
@@ -27,11 +26,7 @@ class CleanGradient:
         """x_{t-1} from the corrected clean estimate."""
         with torch.no_grad():
             x0_hat = step.prior.predict_clean(step.x_t, step.t, step.condition, guidance_scale=step.guidance_scale)
-        x0 = x0_hat.detach().clone().requires_grad_()
-        q = step.prior.denormalise(x0)
-        set_wanted_contacts(step, q.detach())
-        (gradient,) = torch.autograd.grad(configuration_energy(q, step.energy).sum(), x0)
-        corrected = x0_hat - self.strength * unit(gradient)
+        corrected = x0_hat - self.strength * unit(gradient_at_clean_estimate(step, x0_hat))
         return ddim_step(
             step.prior.schedule, step.x_t, corrected, step.t, step.t_previous, eta=step.eta, generator=step.generator
         )

@@ -25,6 +25,17 @@ def gradient_through_network(
     return x0_hat.detach(), gradient
 
 
+def gradient_at_clean_estimate(
+    step: ReverseStep, x0_hat: Float[Tensor, "batch dimension"]
+) -> Float[Tensor, "batch dimension"]:
+    """grad_{x0_hat} L(x0_hat) of each sample's own energy, without the network's derivative."""
+    x0 = x0_hat.detach().clone().requires_grad_()
+    q = step.prior.denormalise(x0)
+    set_wanted_contacts(step, q.detach())
+    (gradient,) = torch.autograd.grad(configuration_energy(q, step.energy).sum(), x0)
+    return gradient
+
+
 def unit(gradient: Float[Tensor, "batch dimension"]) -> Float[Tensor, "batch dimension"]:
     """g / |g| per sample; 0 where the energy has no slope."""
     return gradient / gradient.norm(dim=1, keepdim=True).clamp_min(SMALLEST_NORM)

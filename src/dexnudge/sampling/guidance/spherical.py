@@ -28,9 +28,20 @@ class SphericalGuidance:
     def __call__(self, step: ReverseStep) -> Float[Tensor, "batch dimension"]:
         """x_{t-1} on the sphere about DDIM's mean."""
         x0_hat, gradient = gradient_through_network(step)
-        mean, sigma = ddim_mean_and_sigma(step.prior.schedule, step.x_t, x0_hat, step.t, step.t_previous, eta=1.0)
-        radius = mean.shape[1] ** 0.5 * sigma
-        noise = sigma * torch.randn(mean.shape, generator=step.generator, device=mean.device, dtype=mean.dtype)
-        slope = gradient.norm(dim=1, keepdim=True) > SMALLEST_NORM
-        mixed = torch.where(slope, torch.lerp(noise, -radius * unit(gradient), self.rate), noise)
-        return mean + radius * unit(mixed)
+        return spherical_step(step, x0_hat, gradient, rate=self.rate)
+
+
+def spherical_step(
+    step: ReverseStep,
+    x0_hat: Float[Tensor, "batch dimension"],
+    gradient: Float[Tensor, "batch dimension"],
+    *,
+    rate: float,
+) -> Float[Tensor, "batch dimension"]:
+    """x_{t-1} on the sphere about DDIM's mean, from the noise towards -gradient by `rate`."""
+    mean, sigma = ddim_mean_and_sigma(step.prior.schedule, step.x_t, x0_hat, step.t, step.t_previous, eta=1.0)
+    radius = mean.shape[1] ** 0.5 * sigma
+    noise = sigma * torch.randn(mean.shape, generator=step.generator, device=mean.device, dtype=mean.dtype)
+    slope = gradient.norm(dim=1, keepdim=True) > SMALLEST_NORM
+    mixed = torch.where(slope, torch.lerp(noise, -radius * unit(gradient), rate), noise)
+    return mean + radius * unit(mixed)
