@@ -24,6 +24,8 @@ class Publish:
 
     runs: Annotated[tuple[Path, ...], tyro.conf.Positional]
     """Folders that `dexnudge reproduce` or `dexnudge evaluate` wrote; the README's table is that of the first."""
+    executed: Path | None = None
+    """Folder that `dexnudge evaluate --execute` wrote: its part about physics comes last, its rates into the README."""
     root: Path = ROOT
     """Folder that README.md and docs/ lie in."""
 
@@ -34,8 +36,19 @@ class Publish:
         before, rest = readme.read_text(encoding="utf-8").split(BEGIN)
         after = rest.split(END)[1]
         texts = [self._with_plots(run) for run in self.runs]
+        physics = {}
+        if self.executed is not None:
+            texts.append(self._with_calibration(self.executed))
+            lines = json.loads((self.executed / "executed.json").read_text(encoding="utf-8"))["lines"]
+            physics = {(line["scene"], line["method"]): line["top"] for line in lines}
         (self.root / "docs" / "results.md").write_text("\n".join(texts), encoding="utf-8")
-        readme.write_text(f"{before}{BEGIN}\n{readme_table(report)}\n{END}{after}", encoding="utf-8")
+        readme.write_text(f"{before}{BEGIN}\n{readme_table(report, physics)}\n{END}{after}", encoding="utf-8")
+
+    def _with_calibration(self, run: Path) -> str:
+        shutil.copyfile(run / "calibration.svg", self.root / "docs" / "images" / "calibration.svg")
+        return (
+            (run / "executed.md").read_text(encoding="utf-8").replace("](calibration.svg)", "](images/calibration.svg)")
+        )
 
     def _with_plots(self, run: Path) -> str:
         """The run's report, its plots copied to docs/images under names that hold the run's."""
@@ -48,12 +61,12 @@ class Publish:
         return PLOT.sub(rf"](images/{name}-\1)", text)
 
 
-def readme_table(report: dict[str, Any]) -> str:
-    """Rates [%] with 95 % intervals over objects, beside the paper's."""
+def readme_table(report: dict[str, Any], physics: dict[tuple[str, str], dict[str, float]]) -> str:
+    """Rates [%] with 95 % intervals over objects, beside the paper's; `physics`: (scene, method) -> executed rate."""
     config = report["config"]
     rows = [
-        "| scene | method | single draw | single, robust | top-ranked | top-ranked, robust | the paper, its own scenes |",
-        "|---|---|---:|---:|---:|---:|---:|",
+        "| scene | method | single draw | single, robust | top-ranked | robust | executed in physics | the paper, its own scenes |",
+        "|---|---|---:|---:|---:|---:|---:|---:|",
     ]
     order = [(scene, method) for scene in config["scenes"] for method in MAIN]
     shown = [line for line in report["lines"] if line.get("part", WITH_BASE) == WITH_BASE]  # evaluate has no parts
@@ -62,6 +75,7 @@ def readme_table(report: dict[str, Any]) -> str:
         if key in lines:
             line = lines[key]
             cells = [percent(line[name]) for name in ("single", "single_robust", "top", "top_robust")]
+            cells.append(percent(physics[key]) if key in physics else "")
             paper = f"{TABLE_1[line['scene']][FULL]}" if line["method"] == OURS and line["scene"] in TABLE_1 else ""
             rows.append(f"| {line['scene']} | {method_name(line['method'])} | {' | '.join(cells)} | {paper} |")
     objects = max(line["objects"] for line in shown)

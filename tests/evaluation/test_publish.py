@@ -1,6 +1,7 @@
 """`benchmarks/publish.py` writes the pages from the reports of either command."""
 
 import importlib.util
+import json
 from contextlib import closing
 from dataclasses import asdict, replace
 from pathlib import Path
@@ -87,7 +88,6 @@ def test_a_run_of_reproduce_with_its_plots(publish, root, reproduced, evaluated)
     publish((reproduced, evaluated), root=root).run()
     readme = (root / "README.md").read_text()
     assert OURS in readme
-    assert "| table | dexnudge, no choice among coarse hands | 25.0 (" in readme
     assert "| table | random start + projection | 25.0 (" in readme
     results = (root / "docs" / "results.md").read_text()
     assert "](plots/" not in results
@@ -97,3 +97,16 @@ def test_a_run_of_reproduce_with_its_plots(publish, root, reproduced, evaluated)
     assert copied.read_bytes() == (reproduced / "plots" / "with_base-single.svg").read_bytes()
     shown = {part.split(")")[0] for part in results.split("](images/")[1:]}
     assert shown == {file.name for file in (root / "docs" / "images").iterdir()}
+
+
+def test_rates_in_physics_stand_beside_the_others(publish, root, evaluated, tmp_path):
+    run = tmp_path / "physics"
+    run.mkdir()
+    top = {"value": 0.625, "low": 0.5, "high": 0.75}
+    (run / "executed.json").write_text(json.dumps({"lines": [{"scene": "table", "method": "ours", "top": top}]}))
+    (run / "executed.md").write_text("# Executed\n\n![calibration](calibration.svg)\n")
+    (run / "calibration.svg").write_text("<svg/>")
+    publish((evaluated,), executed=run, root=root).run()
+    assert " | 62.5 (50–75) | 73.2 |" in (root / "README.md").read_text()
+    assert (root / "docs" / "results.md").read_text().endswith("# Executed\n\n![calibration](images/calibration.svg)\n")
+    assert (root / "docs" / "images" / "calibration.svg").read_text() == "<svg/>"
