@@ -65,7 +65,7 @@ def readme_table(report: dict[str, Any], physics: dict[tuple[str, str], dict[str
     """Rates [%] with 95 % intervals over objects, beside the paper's; `physics`: (scene, method) -> executed rate."""
     config = report["config"]
     rows = [
-        "| scene | method | single draw | single, robust | top-ranked | robust | executed in physics | the paper, its own scenes |",
+        "| scene | method | single draw | single, robust | top-ranked | robust | in physics | the paper, its own scenes |",
         "|---|---|---:|---:|---:|---:|---:|---:|",
     ]
     order = [(scene, method) for scene in config["scenes"] for method in MAIN]
