@@ -18,7 +18,7 @@ def test_failed_objects_count_and_the_top_is_the_one_ranked_first_as_drawn(made_
     assert (drawn.setting, heavy.setting) == ("as drawn", "mass x 2")
     assert (drawn.single.value, drawn.top.value, drawn.any.value) == pytest.approx((4 / 16, 2 / 4, 2 / 4))
     assert (heavy.single.value, heavy.top.value, heavy.any.value) == pytest.approx((3 / 16, 1 / 4, 2 / 4))
-    assert "| table | ours | mass x 2 | 18.8 (" in sweep_table([drawn, heavy])
+    assert "| table | dexnudge | mass × 2 | 18.8 (" in sweep_table([drawn, heavy])
 
 
 def test_rows_without_a_sweep_have_no_lines(made_up_rows):
