@@ -36,8 +36,7 @@ SWEPT = (OURS, RANDOM_START)  # whose sweeps the text shows; report.json has all
 FEW, MANY_PARTS = 2, "the paper's tables and baselines"  # parts that fit into a title, and what more are called
 HOW_TO_READ = (
     "Success is the judge's: exact geometry, both ways, and a force balance; docs/conventions.md has the rule. One draw of "
-    "dexnudge chooses among coarse hands by their energy, before anything is judged; the row below it makes no choice "
-    "among several. Random start + projection has no learned prior."
+    "dexnudge is one pass, with no choice among several. Random start + projection has no learned prior."
 )
 ABOUT_THE_PAPER = (
     "The paper gives one outcome for each of its objects, in its own scenes and by a criterion without a formula: its "

@@ -10,6 +10,7 @@ from typing import Any
 import numpy as np
 import trimesh
 
+from dexnudge import __version__
 from dexnudge.errors import OutputError, SceneError
 from dexnudge.geometry.meshes import load_environment, load_mesh
 from dexnudge.scenes.scene import Scene, rigid_transform, unit_motion
@@ -105,11 +106,11 @@ def read_json_object(path: Path) -> dict[str, Any]:
 
 
 def recorded_versions() -> dict[str, str]:
-    """Versions of what decides the numbers, for a later reader."""
+    """Versions of what decides the numbers, for a later reader; of this package, that of the code which runs."""
     found = {}
     for package in RECORDED_VERSIONS:
         try:
-            found[package] = version(package)
+            found[package] = __version__ if package == "dexnudge" else version(package)
         except PackageNotFoundError:
             continue
     return found
