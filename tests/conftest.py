@@ -7,6 +7,7 @@ from pathlib import Path
 import numpy as np
 import pytest
 import trimesh
+from hypothesis import settings
 from jaxtyping import install_import_hook
 
 SOURCE = Path(__file__).parents[1] / "src"
@@ -24,6 +25,10 @@ def checkable_modules() -> list[str]:
 
 # Tests neither read nor write what the developer's own runs have cached; commands that they start inherit this.
 os.environ["DEXNUDGE_CACHE"] = "off"
+
+# A busy machine is no failure: benchmarks time, tests do not.
+settings.register_profile("dexnudge", deadline=None)
+settings.load_profile("dexnudge")
 
 # Before any test module imports dexnudge.
 install_import_hook(checkable_modules(), "beartype.beartype")
