@@ -79,7 +79,7 @@ def test_a_killed_run_goes_on_and_reports(tmp_path):
     assert len(methods) == len(set(methods)) == 12
     assert all(row["status"] == "sampled" and len(row["success"]) == row["num"] == 2 for row in found)
     assert all(len(flags) == 2 for row in found for flags in row["swept"].values())
-    assert [len(row["swept"]) for row in found] == [6] * 9 + [0] * 5
+    assert [len(row["swept"]) for row in found] == [6] * 8 + [0] * 4
     report = (out / "report.md").read_text()
     assert done.stdout.startswith(report)
     assert "| table | dexnudge | 1 | 0 | 2 |" in report
