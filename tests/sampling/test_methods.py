@@ -1,8 +1,10 @@
 """Methods with other weights: both stages take them, and a method tells what it uses."""
 
 import pytest
+import torch
 
 from dexnudge.errors import InputError
+from dexnudge.sampling.denoise import denoise
 from dexnudge.sampling.methods import METHODS, find_method
 
 
@@ -39,3 +41,21 @@ def test_all_methods_share_the_losses():
     for stage in ("guidance", "projection"):
         used = [energy[stage] for energy in energies if stage in energy]
         assert all(weights == used[0] for weights in used)
+
+
+def test_the_force_balance_guides_where_it_has_a_weight(hand, problem, prior):
+    def drawn(weight):
+        method = find_method("ours").with_weights({"force": weight})
+        return denoise(
+            hand,
+            problem,
+            prior,
+            num=2,
+            rule=method.make_rule(),
+            behaviour=method.behaviour,
+            config=method.denoising,
+            generator=torch.Generator().manual_seed(0),
+        )
+
+    assert torch.equal(drawn(0.0), drawn(0.0))
+    assert not torch.allclose(drawn(0.0), drawn(0.1))

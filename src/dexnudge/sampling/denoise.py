@@ -69,6 +69,8 @@ class _Run:
         """x_0 from x at the first of `timesteps`."""
         config = self.config
         energy = HandEnergy(self.hand, self.problem.guiding_fields, len(x), config.weights)
+        balance = self.problem.balance if config.weights.force > 0 else None
+        force = ForceResidual(balance, len(x), len(self.hand.fingertip_links)) if balance is not None else None
         for t, t_previous in zip(timesteps, [*timesteps[1:], -1], strict=True):
             x = rule(
                 ReverseStep(
@@ -82,6 +84,7 @@ class _Run:
                     config.guidance_scale,
                     config.eta,
                     self.generator,
+                    force,
                 )
             )
         return x
