@@ -8,15 +8,21 @@ import time
 from dataclasses import replace
 from pathlib import Path
 
+import numpy as np
 import pytest
+import trimesh
 
 from dexnudge.errors import InputError, MeshError, OutputError
 from dexnudge.evaluation import experiments
+from dexnudge.evaluation.draws import draw_and_judge
 from dexnudge.evaluation.experiment_config import ExperimentConfig, Task, all_tasks, row_seed
 from dexnudge.evaluation.experiments import run_experiment
 from dexnudge.evaluation.row_maker import RowMaker
 from dexnudge.evaluation.rows import FILE, Row, read_rows
+from dexnudge.hands.shadow_lite import shadow_lite
 from dexnudge.jobs.answers import WorkerDied
+from dexnudge.sampling.loading import load_sampler
+from dexnudge.sampling.methods import find_method
 
 SLOW_EXPERIMENT = Path(__file__).with_name("slow_experiment.py")
 CONFIG = ExperimentConfig(objects="builtin:test", scenes=("table",), num=4)
@@ -70,6 +76,8 @@ def test_other_options_are_refused_by_name(tmp_path):
     run_experiment(CONFIG, tmp_path / "out", workers=1)
     with pytest.raises(InputError, match=r"holds another experiment: num is 4 there and 5 here"):
         run_experiment(replace(CONFIG, num=5), tmp_path / "out", workers=1)
+    with pytest.raises(InputError, match=r"losses is None there and \{'sweep': 0.0\} here"):
+        run_experiment(replace(CONFIG, losses={"sweep": 0.0}), tmp_path / "out", workers=1)
 
 
 def test_a_folder_of_something_else_is_refused_and_kept(tmp_path):
@@ -87,6 +95,7 @@ def test_a_folder_of_something_else_is_refused_and_kept(tmp_path):
         ({"scenes": ("tabel",)}, "unknown scene 'tabel'; expected some of table, layers, shelf"),
         ({"methods": ("our",)}, "unknown method 'our'; expected some of ours"),
         ({"num": 0}, "--num is 0; expected at least 1"),
+        ({"losses": {"sweep": -1.0}}, "the weight 'sweep' of the energy is -1; expected a finite number, 0 or more"),
         ({"max_objects": 0}, "--max-objects is 0; expected at least 1"),
     ],
 )
@@ -189,3 +198,23 @@ class TestRowMaker:
         row = make()(Task("cube", "shelf", "ours"))
         assert row.status == "failed"
         assert row.reason.startswith("SceneError")
+
+
+@pytest.mark.slow  # draws three times
+def test_draws_are_made_with_the_losses_of_the_config(tmp_path):
+    (tmp_path / "objects").mkdir()
+    trimesh.creation.box((0.15, 0.07, 0.02)).export(tmp_path / "objects" / "box.obj")
+    methods, task = ("random_start_projection",), Task("box", "table", "random_start_projection")
+    config = replace(CONFIG, objects=str(tmp_path / "objects"), methods=methods, num=2)
+    losses = {"sweep": 0.0, "clearance_base": 0.05}
+    changed = RowMaker(replace(config, losses=losses)).draw(task)
+    direct = draw_and_judge(
+        load_sampler(shadow_lite(), methods),
+        shadow_lite(),
+        changed.scene,
+        num=2,
+        seed=row_seed(CONFIG.seed, task),
+        method=find_method(methods[0]).with_weights(losses),
+    )
+    np.testing.assert_array_equal(changed.draws.q, direct.q)
+    assert not np.array_equal(changed.draws.q, RowMaker(config).draw(task).draws.q)

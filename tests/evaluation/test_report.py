@@ -39,6 +39,16 @@ def test_files_hold_the_table_and_the_numbers(folder, made_up_rows):
     assert content["versions"]["python"]
 
 
+def test_other_losses_stand_at_the_head(tmp_path, made_up_rows):
+    config = asdict(ExperimentConfig(objects="some", num=4, losses={"sweep": 0.0, "clearance_base": 0.02}))
+    claim_folder(tmp_path / "out", FILE, config, format_version=FORMAT_VERSION, device="cpu")
+    writer = RowWriter(tmp_path / "out")
+    writer.append(made_up_rows[0])
+    writer.close()
+    head = write_report(tmp_path / "out").split("\n|")[0]
+    assert "Losses other than each method's own: sweep 0, clearance_base 0.02. Rates in %" in head
+
+
 def test_no_rows_no_report(folder):
     with pytest.raises(InputError, match="holds no rows yet"):
         write_report(folder)

@@ -7,6 +7,7 @@ from typing import TYPE_CHECKING, Annotated
 from dexnudge.cli.arguments import (
     Count,
     Folder,
+    OptionalCount,
     OptionalFolder,
     OptionalNumber,
     Physics,
@@ -15,6 +16,7 @@ from dexnudge.cli.arguments import (
     check_at_least,
     metavar,
 )
+from dexnudge.cli.losses import Losses
 
 if TYPE_CHECKING:
     from dexnudge.evaluation.experiment_config import ExperimentConfig
@@ -33,6 +35,8 @@ class Evaluate:
     """Folder of meshes, text file of paths, builtin:test, or a DexGraspNet meshdata folder (scale 0.08)."""
     out: Folder
     """Folder of the experiment."""
+    max_objects: OptionalCount = None
+    """Take this many of the set, evenly spaced; all unless given."""
     scenes: Annotated[tuple[str, ...], metavar("FAMILY...")] = ("table", "layers", "shelf")
     """Scene families."""
     method: Annotated[tuple[str, ...], metavar("NAME...")] = ("ours",)
@@ -52,6 +56,7 @@ class Evaluate:
     base: bool = True
     """Whether the forearm is part of the hand's geometry."""
     physics: Physics = field(default_factory=Physics)
+    losses: Losses = field(default_factory=Losses)
     weights: OptionalFolder = None
     """Folder of the model; the shipped one unless given."""
     data: OptionalFolder = None
@@ -77,6 +82,7 @@ class Evaluate:
 
         config = ExperimentConfig(
             objects=self.objects,
+            max_objects=self.max_objects,
             scenes=self.scenes,
             methods=self.method,
             num=self.num,
@@ -89,6 +95,7 @@ class Evaluate:
             weights=self.weights,
             data=self.data,
             device=self.device,
+            losses=self.losses.given() or None,
         )
         drawn = verified = 0
         with progress() as bars:

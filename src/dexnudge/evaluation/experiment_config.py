@@ -31,6 +31,7 @@ class ExperimentConfig:
         weights: folder of the model, None for the shipped one.
         data: dataset folder, for methods that start from stored poses.
         device: where sampling runs.
+        losses: weights and clearances that differ from each method's own, by their names in `TermWeights`.
         sweep: whether draws are judged again at other frictions and masses, see `sweeps.SWEEPS`.
     """
 
@@ -48,6 +49,7 @@ class ExperimentConfig:
     weights: str | None = None
     data: str | None = None
     device: str = "cpu"
+    losses: dict[str, float] | None = None
     sweep: bool = False
 
 
@@ -69,9 +71,9 @@ def all_tasks(config: ExperimentConfig) -> list[Task]:
     """Every row that the experiment asks for; those of one object and scene stand together.
 
     Raises:
-        InputError: a name or count in the config is not valid. MeshError: the set of objects cannot be found.
+        InputError: a name, count or loss in the config is not valid. MeshError: the set of objects cannot be found.
     """
-    from dexnudge.sampling.methods import METHODS
+    from dexnudge.sampling.methods import METHODS, find_method
     from dexnudge.scenes.families import SCENE_FAMILIES
 
     for name, count in (("num", config.num), ("max-objects", config.max_objects)):
@@ -79,6 +81,8 @@ def all_tasks(config: ExperimentConfig) -> list[Task]:
             raise InputError(f"--{name} is {count}; expected at least 1")
     _check_names("scene", config.scenes, SCENE_FAMILIES)
     _check_names("method", config.methods, METHODS)
+    for method in config.methods:
+        find_method(method).with_weights(config.losses or {})  # refuses what makes no sense
     return [
         Task(name, scene, method)
         for name in _object_names(config)

@@ -57,9 +57,10 @@ def as_markdown(lines: list[Line], experiment: dict[str, Any]) -> str:
     config = experiment["config"]
     base = "" if config["base"] else " without base"
     draws = f"{config['num']} draws for each object and scene, seed {config['seed']}, hand {config['hand']}{base}."
+    losses = losses_changed(config)
     parts = [
         f"# Success on {config['objects']}",
-        f"{draws} {COLUMNS_EXPLAINED}",
+        f"{draws} {losses}{COLUMNS_EXPLAINED}",
         rate_table(lines),
         "## Methods",
         method_table(line.method for line in lines),
@@ -74,6 +75,13 @@ def as_markdown(lines: list[Line], experiment: dict[str, Any]) -> str:
         made_with(experiment),
     ]
     return "\n\n".join(parts) + "\n"
+
+
+def losses_changed(config: dict[str, Any]) -> str:
+    """A sentence, and the space after it, on losses that are other than the methods' own; "" where none is."""
+    changed = config.get("losses") or {}
+    text = ", ".join(f"{name} {value:g}" for name, value in changed.items())
+    return f"Losses other than each method's own: {text}. " if text else ""
 
 
 def made_with(claim: dict[str, Any]) -> str:

@@ -13,6 +13,7 @@ from dexnudge.evaluation.spread import contact_spread, joint_spread
 from dexnudge.evaluation.success import contacts_of
 from dexnudge.evaluation.sweeps import FORCE, sweep_success
 from dexnudge.hands.hand import Hand
+from dexnudge.sampling.methods import find_method
 from dexnudge.sampling.problem import SamplingProblem, prepare
 from dexnudge.scenes.scene import Scene
 
@@ -79,7 +80,7 @@ class RowMaker:
             prepared.scene,
             num=num,
             seed=row_seed(self._config.seed, task),
-            method=task.method,
+            method=find_method(task.method).with_weights(self._config.losses or {}),
             problem=prepared.problem,
         )
 

@@ -11,7 +11,7 @@ from dexnudge.dataset.schema import BEHAVIOURS
 from dexnudge.errors import InputError, OutputError
 from dexnudge.evaluation.estimate import as_json
 from dexnudge.evaluation.markdown import markdown_table
-from dexnudge.evaluation.report import made_with
+from dexnudge.evaluation.report import losses_changed, made_with
 from dexnudge.evaluation.rows import read_rows
 from dexnudge.execution.calibration_chart import calibration_chart
 from dexnudge.execution.experiment import read_executions
@@ -102,7 +102,7 @@ def _as_markdown(
     reasons = list(dict.fromkeys(reason for line in lines for reason in line.failures))
     parts = [
         f"# Executed in physics: {config['objects']}",
-        EXPLAINED.format(num=config["execute_num"]),
+        losses_changed(config) + EXPLAINED.format(num=config["execute_num"]),
         _line_table(lines),
         "## Why executions failed",
         "Executed configurations by reason, and objects that had none." if reasons else "None did.",
