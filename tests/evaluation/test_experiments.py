@@ -192,8 +192,6 @@ class TestRowMaker:
         assert row.reason.startswith(MeshError.__name__)
 
     def test_an_object_that_does_not_fit_is_a_failed_row(self, make, tmp_path):
-        import trimesh
-
         trimesh.creation.box((0.5, 0.5, 0.5)).export(tmp_path / "objects" / "cube.obj")
         row = make()(Task("cube", "shelf", "ours"))
         assert row.status == "failed"

@@ -17,55 +17,38 @@ from dexnudge.evaluation.rows import FILE, Row, RowWriter
 from dexnudge.execution import experiment
 from dexnudge.execution.experiment import FOLDER, read_executions, run_executions
 from dexnudge.execution.experiment_maker import ExecutionRowMaker
-from dexnudge.execution.experiment_rows import Executed, ExecutionRow
+from dexnudge.execution.experiment_rows import ExecutionRow
 
 SLOW = Path(__file__).with_name("slow_executions.py")
 CONFIG = ExperimentConfig(objects="builtin:test", scenes=("table",), num=4)
-
-
-def executed(rank=0, *, margin=2.0, reason="", links=2, behaviour="push", changed=None):
-    return Executed(
-        rank=rank,
-        force_margin=margin,
-        links=links,
-        behaviour=behaviour,
-        success=not reason,
-        reason=reason,
-        advanced=0.09,
-        turned_deg=1.0,
-        sunk=0.0,
-        hand_environment=0.0,
-        cone_share=0.5,
-        approach="straight",
-        changed=changed or {},
-    )
 
 
 class InstantMaker:
     """Rows without physics."""
 
     made: list[str] = []  # noqa: RUF012  shared on purpose: the tests look at it
+    executed = None  # the factory of the same name
 
     def __init__(self, _config, num, **_):
         self.num = num
 
     def __call__(self, task):
         self.made.append(task.object)
-        done = [executed(rank, margin=3.0 - rank) for rank in range(self.num)]
+        done = [self.executed(rank, 3.0 - rank) for rank in range(self.num)]
         return ExecutionRow(
             object=task.object, scene=task.scene, method=task.method, status="executed", seed=0, configurations=done
         )
 
 
 @pytest.fixture
-def out(tmp_path, monkeypatch):
-    InstantMaker.made = []
+def out(tmp_path, monkeypatch, executed):
+    InstantMaker.made, InstantMaker.executed = [], staticmethod(executed)
     monkeypatch.setattr(experiment, "ExecutionRowMaker", InstantMaker)
     (tmp_path / "out").mkdir()
     return tmp_path / "out"
 
 
-def test_a_second_run_computes_only_what_is_missing(out):
+def test_a_second_run_computes_only_what_is_missing(out, executed):
     rows = run_executions(CONFIG, out, num=2, workers=1)
     assert len(rows) == len(set(InstantMaker.made)) == 42
     file = out / FOLDER / FILE
@@ -76,7 +59,7 @@ def test_a_second_run_computes_only_what_is_missing(out):
     assert len(InstantMaker.made) == 2
     kept = [json.loads(line)["object"] for line in file.read_bytes().splitlines()]
     assert sorted(kept) == sorted({row.object for row in rows})
-    assert read_executions(out)[1][0].configurations[1] == executed(1, margin=2.0)
+    assert read_executions(out)[1][0].configurations[1] == executed(1, 2.0)
 
 
 def test_other_options_are_refused_by_name(out):

@@ -20,27 +20,9 @@ from dexnudge.execution.experiment_lines import (
     margin_bins,
 )
 from dexnudge.execution.experiment_report import write_execution_report
-from dexnudge.execution.experiment_rows import Executed, ExecutionRow
+from dexnudge.execution.experiment_rows import ExecutionRow
 
-SETTINGS = ("mass x 0.5", "mass x 1.5")
-
-
-def executed(rank, margin, reason="", *, links=2, behaviour="push", changed=None):
-    return Executed(
-        rank=rank,
-        force_margin=margin,
-        links=links,
-        behaviour=behaviour,
-        success=not reason,
-        reason=reason,
-        advanced=0.09,
-        turned_deg=1.0,
-        sunk=0.0,
-        hand_environment=0.0,
-        cone_share=0.5,
-        approach="straight",
-        changed=dict(zip(SETTINGS, changed, strict=True)) if changed else {},
-    )
+CHANGED = {"mass x 0.5": True, "mass x 1.5": False}
 
 
 def row(name, configurations=(), *, scene="table", status="executed"):
@@ -50,10 +32,10 @@ def row(name, configurations=(), *, scene="table", status="executed"):
 
 
 @pytest.fixture
-def rows():
+def rows(executed):
     return [
-        row("a", [executed(0, 3.0, changed=(True, False)), executed(1, 2.7, "advanced 20 of 100 mm", links=1)]),
-        row("b", [executed(0, 1.6, "turned 30 deg", behaviour="press", changed=(True, False)), executed(1, 1.0)]),
+        row("a", [executed(0, 3.0, changed=CHANGED), executed(1, 2.7, "advanced 20 of 100 mm", links=1)]),
+        row("b", [executed(0, 1.6, "turned 30 deg", behaviour="press", changed=CHANGED), executed(1, 1.0)]),
         row("c"),
         row("d", status="failed"),
     ]
@@ -92,7 +74,7 @@ def test_calibration_counts_every_executed_configuration_once(rows):
     }
 
 
-def test_an_object_is_resampled_with_all_its_configurations(rows):
+def test_an_object_is_resampled_with_all_its_configurations(rows, executed):
     """Of two objects with 1 of 2 successes each, every resample has the same rate; of (2 of 2, 0 of 2) it has not."""
     (even,) = grouped(rows, lambda _: "all").values()
     assert (even.executed, even.objects, even.rate.low, even.rate.high) == (4, 2, 0.5, 0.5)
@@ -107,7 +89,7 @@ def test_errors_are_rated_over_what_was_played_with_them(rows):
     assert changed_rates([row("c")]) == {}
 
 
-def test_the_report_holds_these_figures(rows, tmp_path, monkeypatch):
+def test_the_report_holds_these_figures(rows, executed, tmp_path, monkeypatch):
     class Made:
         def __init__(self, *_, **__):
             self.rows = {made.object: made for made in rows}

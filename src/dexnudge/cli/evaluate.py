@@ -17,11 +17,15 @@ from dexnudge.cli.arguments import (
     metavar,
 )
 from dexnudge.cli.losses import Losses
+from dexnudge.errors import InputError
 
 if TYPE_CHECKING:
     from dexnudge.evaluation.experiment_config import ExperimentConfig
     from dexnudge.evaluation.rows import Row
     from dexnudge.execution.experiment_rows import ExecutionRow
+    from dexnudge.execution.lift_experiment_rows import LiftRow
+
+TRIES = 3  # with --then-grasp, unless given
 
 
 @dataclass(frozen=True)
@@ -69,11 +73,16 @@ class Evaluate:
     """With --execute: play this many of each, best first."""
     execute_errors: bool = False
     """With --execute: play the best one with other frictions and masses, too."""
+    then_grasp: bool = False
+    """Also slide, grasp and lift each object with its verified draws, for the lifted rate."""
+    tries: OptionalCount = None
+    """With --then-grasp: most tries for each object; 3 unless given."""
 
     def run(self) -> int:
         """Compute the missing rows, write and print the report."""
         check_at_least(0, seed=self.seed)
         check_at_least(1, num=self.num, workers=self.workers, execute_num=self.execute_num)
+        self._check_tries()
         from dexnudge.cli.console import stdout
         from dexnudge.evaluation.experiment_config import ExperimentConfig
         from dexnudge.evaluation.experiments import run_experiment
@@ -114,8 +123,17 @@ class Evaluate:
         console.print(report, markup=False, soft_wrap=True)
         if self.execute:
             console.print(self._executed(config), markup=False, soft_wrap=True)
+        if self.then_grasp:
+            console.print(self._lifted(config), markup=False, soft_wrap=True)
         console.print(f"written: {self.out}", soft_wrap=True)
         return 0
+
+    def _check_tries(self) -> None:
+        if self.tries is None:
+            return
+        if not self.then_grasp:
+            raise InputError(f"--tries is {self.tries} without --then-grasp; expected both; add --then-grasp")
+        check_at_least(1, tries=self.tries)
 
     def _executed(self, config: "ExperimentConfig") -> str:
         """Compute the missing executions; return their report."""
@@ -143,3 +161,22 @@ class Evaluate:
                 on_row=show,
             )
         return write_execution_report(Path(self.out))
+
+    def _lifted(self, config: "ExperimentConfig") -> str:
+        """Compute the missing lifts; return their report."""
+        from dexnudge.execution.lift_experiment import run_lifts
+        from dexnudge.execution.lift_experiment_report import write_lift_report
+        from dexnudge.jobs.progress import progress
+
+        lifted = 0
+        with progress() as bars:
+            bar = bars.add_task("lifting", total=None)
+
+            def show(row: "LiftRow", finished: int, total: int) -> None:
+                nonlocal lifted
+                lifted += row.lifted
+                bars.update(bar, completed=finished, total=total, description=f"lifting, {lifted} lifted")
+
+            tries = TRIES if self.tries is None else self.tries
+            run_lifts(config, Path(self.out), tries=tries, workers=self.workers, on_row=show)
+        return write_lift_report(Path(self.out))

@@ -1,23 +1,18 @@
 """The executed rate of an experiment: the best verified draws of each of its rows in physics; resumable."""
 
 from collections.abc import Callable
-from contextlib import closing
-from dataclasses import asdict
 from functools import partial
 from pathlib import Path
 from typing import Any
 
-from dexnudge.evaluation.claimed_folder import claim_folder, read_claim
-from dexnudge.evaluation.experiment_config import ExperimentConfig, Task, all_tasks
-from dexnudge.evaluation.rows import Row, RowWriter, read_lines, read_rows
+from dexnudge.evaluation.experiment_config import ExperimentConfig, Task
+from dexnudge.evaluation.rows import Row
 from dexnudge.execution.experiment_maker import ExecutionRowMaker, failed_execution
 from dexnudge.execution.experiment_rows import ExecutionRow
-from dexnudge.jobs.answers import WorkerDied
-from dexnudge.jobs.processes import run_tasks
+from dexnudge.execution.missing_rows import RowFolder, compute_missing
 
 FOLDER = "executed"  # in the experiment's folder
-FILE = "execution.json"
-FORMAT_VERSION = 1  # of the file and of the rows beside it
+KEPT = RowFolder(FOLDER, "execution.json", 1, ExecutionRow)
 
 
 def run_executions(
@@ -46,31 +41,17 @@ def run_executions(
         InputError: `out`/executed holds executions of another experiment or with other options.
         OutputError: it cannot be written.
     """
-    tasks = all_tasks(config)
-    folder = out / FOLDER
-    options = {**asdict(config), "execute_num": num, "execute_errors": errors}
-    claim_folder(folder, FILE, options, format_version=FORMAT_VERSION, device=config.device)
-    rows = {row.key: row for row in read_lines(folder, ExecutionRow)}
-    known = {row.key: row for row in read_rows(out)}
-    with closing(RowWriter(folder)) as writer:
-
-        def add(row: ExecutionRow) -> None:
-            writer.append(row)
-            rows[row.key] = row
-            if on_row:
-                on_row(row, len(rows), len(tasks))
-
-        todo = []
-        for task in tasks:
-            if task.key in rows:
-                continue
-            if task.key in known and not any(known[task.key].success):
-                add(_nothing_to_execute(config, task, known[task.key]))
-            else:
-                todo.append(task)
-        for task, result in run_tasks(partial(ExecutionRowMaker, config, num, errors=errors), todo, workers=workers):
-            add(failed_execution(config, task, result.reason) if isinstance(result, WorkerDied) else result)
-    return [rows[task.key] for task in tasks]
+    return compute_missing(
+        KEPT,
+        config,
+        out,
+        options={"execute_num": num, "execute_errors": errors},
+        make_handler=partial(ExecutionRowMaker, config, num, errors=errors),
+        failed=partial(failed_execution, config),
+        unverified=_nothing_to_execute,
+        workers=workers,
+        on_row=on_row,
+    )
 
 
 def read_executions(out: Path) -> tuple[dict[str, Any], list[ExecutionRow]]:
@@ -79,13 +60,10 @@ def read_executions(out: Path) -> tuple[dict[str, Any], list[ExecutionRow]]:
     Raises:
         InputError: a file is missing, damaged or of another format.
     """
-    folder = out / FOLDER
-    return read_claim(folder, FILE, format_version=FORMAT_VERSION), read_lines(folder, ExecutionRow)
+    return KEPT.read(out)
 
 
-def _nothing_to_execute(config: ExperimentConfig, task: Task, row: Row) -> ExecutionRow:
-    if row.status == "failed":
-        return failed_execution(config, task, row.reason)
+def _nothing_to_execute(task: Task, row: Row) -> ExecutionRow:
     return ExecutionRow(
         object=task.object, scene=task.scene, method=task.method, status="executed", seed=row.seed, drawn=row.num
     )

@@ -43,38 +43,47 @@ class Executed:
 
 
 @dataclass(frozen=True, kw_only=True)
-class ExecutionRow:
-    """What came of one object in one scene with one method.
+class PhysicsRow:
+    """What came in physics of one object in one scene with one method.
 
     Attributes:
-        status: "executed", also where no draw was verified; "failed" when the object could not be read, does not fit its
-            scene, MuJoCo cannot take it, or a worker process died.
-        reason: why it failed.
-        seed: of scene and draws.
+        reason: why it failed; empty where it did not.
+        seed: of scene, draws, and grasps where there are any.
         drawn, verified: draws, and how many of them are verified.
-        configurations: the executed ones, best first; objects of `Executed`, or dicts with its fields.
         seconds: by stage.
     """
 
     object: str
     scene: str
     method: str
-    status: Literal["executed", "failed"]
     reason: str = ""
     seed: int
     drawn: int = 0
     verified: int = 0
-    configurations: list[Any] = field(default_factory=list)
     seconds: dict[str, float] = field(default_factory=dict)
-
-    def __post_init__(self) -> None:
-        made = [each if isinstance(each, Executed) else Executed(**each) for each in self.configurations]
-        object.__setattr__(self, "configurations", made)
 
     @property
     def key(self) -> RowKey:
         """What identifies the row within an experiment."""
         return (self.object, self.scene, self.method)
+
+
+@dataclass(frozen=True, kw_only=True)
+class ExecutionRow(PhysicsRow):
+    """Its best verified draws, executed.
+
+    Attributes:
+        status: "executed", also where no draw was verified; "failed" when the object could not be read, does not fit its
+            scene, MuJoCo cannot take it, or a worker process died.
+        configurations: the executed ones, best first; objects of `Executed`, or dicts with its fields.
+    """
+
+    status: Literal["executed", "failed"]
+    configurations: list[Any] = field(default_factory=list)
+
+    def __post_init__(self) -> None:
+        made = [each if isinstance(each, Executed) else Executed(**each) for each in self.configurations]
+        object.__setattr__(self, "configurations", made)
 
     @property
     def top_succeeded(self) -> bool:

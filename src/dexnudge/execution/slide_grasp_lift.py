@@ -21,6 +21,8 @@ from dexnudge.simulation.lift_verdict import judge_lift
 from dexnudge.simulation.push_model import load_push_model
 from dexnudge.simulation.rehearsal import lift_rehearsal
 
+GRASP_DRAWS = 32  # of grasps at a time, unless told otherwise
+
 
 class SlideGraspLift:
     """Runs one story.

@@ -1,6 +1,8 @@
 """What a story of slide, grasp and lift came to."""
 
-from dataclasses import dataclass
+import math
+from dataclasses import asdict, dataclass
+from typing import Any
 
 import numpy as np
 from jaxtyping import Float
@@ -35,6 +37,13 @@ class Try:
     def success(self) -> bool:
         """Lifted and held."""
         return not self.phase
+
+    def as_json(self) -> dict[str, Any]:
+        """`success` and the attributes as JSON can hold them: null for NaN."""
+        values = {"success": self.success, **asdict(self)}
+        return {
+            name: None if isinstance(value, float) and math.isnan(value) else value for name, value in values.items()
+        }
 
 
 @dataclass(frozen=True)

@@ -1,7 +1,5 @@
 """Slide, grasp and lift the object of a result folder, and write what happened."""
 
-import math
-from dataclasses import asdict
 from pathlib import Path
 from typing import Any
 
@@ -11,7 +9,7 @@ from dexnudge.evaluation.provenance import machine, versions
 from dexnudge.execution.files import MODEL_FILE, film_folder, trace_file, write_story
 from dexnudge.execution.film import film_of_trace, film_trace, write_film
 from dexnudge.execution.grasp_and_lift import HOLD_TIME, LIFT
-from dexnudge.execution.slide_grasp_lift import SlideGraspLift
+from dexnudge.execution.slide_grasp_lift import GRASP_DRAWS, SlideGraspLift
 from dexnudge.execution.story import Story
 from dexnudge.execution.verified import read_verified
 from dexnudge.results.new_folder import new_folder
@@ -26,7 +24,7 @@ def slide_grasp_lift_folder(
     folder: Path,
     *,
     tries: int = 3,
-    draws: int = 32,
+    draws: int = GRASP_DRAWS,
     seed: int = 0,
     weights: Path | str | None = None,
     out: Path | None = None,
@@ -79,13 +77,12 @@ def slide_grasp_lift_folder(
 
 def story_summary(story: Story, *, trace: str) -> dict[str, Any]:
     """Verdicts of all tries; `success_first_try` is what there is without retries."""
-    rows = [{"success": one.success, **asdict(one)} for one in story.tries]
     return {
         "success": story.tries[-1].success,
         "success_first_try": story.tries[0].success,
         "reason": story.tries[-1].reason,
         "ended": story.ended,
-        "tries": [{key: _finite(value) for key, value in row.items()} for row in rows],
+        "tries": [one.as_json() for one in story.tries],
         "trace": trace if story.trace is not None else None,
         "simulated_seconds": 0.0 if story.trace is None else float(story.trace.time[-1]),
         "lift": LIFT,
@@ -94,8 +91,3 @@ def story_summary(story: Story, *, trace: str) -> dict[str, Any]:
         "machine": machine(),
         "versions": versions(),
     }
-
-
-def _finite(value: Any) -> Any:
-    """None for a figure that there is not."""
-    return None if isinstance(value, float) and math.isnan(value) else value
