@@ -1,4 +1,4 @@
-"""Executions of an experiment that take their time, to be killed in the middle: `slow_executions.py OUT`."""
+"""Rows of physics that take their time, to be killed in the middle: `slow_executions.py OUT executed|lifted`."""
 
 import os
 import sys
@@ -6,8 +6,9 @@ import time
 from pathlib import Path
 
 from dexnudge.evaluation.experiment_config import ExperimentConfig
-from dexnudge.execution import experiment
+from dexnudge.execution import experiment, lift_experiment
 from dexnudge.execution.experiment_rows import ExecutionRow
+from dexnudge.execution.lift_experiment_rows import LiftRow
 
 
 class SlowMaker:
@@ -20,22 +21,28 @@ class SlowMaker:
         time.sleep(0.02)
         if task.object == os.environ.get("KILLS_ITS_WORKER"):
             os._exit(9)
-        return ExecutionRow(
-            object=task.object,
-            scene=task.scene,
-            method=task.method,
-            status="executed",
-            seed=0,
-            seconds={"process": float(os.getpid())},
-        )
+        return self.row(task, seed=0, seconds={"process": float(os.getpid())})
+
+    def row(self, task, **common):
+        """An executed row."""
+        return ExecutionRow(object=task.object, scene=task.scene, method=task.method, status="executed", **common)
 
 
-def main(out: Path) -> None:
+class SlowLifts(SlowMaker):
+    """The same for lifts."""
+
+    def row(self, task, **common):
+        """A row of a story that was played."""
+        return LiftRow(object=task.object, scene=task.scene, method=task.method, status="played", **common)
+
+
+def main(out: Path, kind: str) -> None:
     """Run it, or go on with it."""
-    experiment.ExecutionRowMaker = SlowMaker
+    experiment.ExecutionRowMaker, lift_experiment.LiftRowMaker = SlowMaker, SlowLifts
     out.mkdir(exist_ok=True)
-    experiment.run_executions(ExperimentConfig(objects="builtin:test", scenes=("table", "shelf")), out, workers=2)
+    run = {"executed": experiment.run_executions, "lifted": lift_experiment.run_lifts}[kind]
+    run(ExperimentConfig(objects="builtin:test", scenes=("table", "shelf")), out, workers=2)
 
 
 if __name__ == "__main__":
-    main(Path(sys.argv[1]))
+    main(Path(sys.argv[1]), sys.argv[2])

@@ -14,7 +14,7 @@ import pytest
 from dexnudge.errors import InputError, SceneError
 from dexnudge.evaluation.experiment_config import ExperimentConfig, Task, all_tasks
 from dexnudge.evaluation.rows import FILE, Row, RowWriter
-from dexnudge.execution import experiment
+from dexnudge.execution import experiment, lift_experiment
 from dexnudge.execution.experiment import FOLDER, read_executions, run_executions
 from dexnudge.execution.experiment_maker import ExecutionRowMaker
 from dexnudge.execution.experiment_rows import ExecutionRow
@@ -106,29 +106,32 @@ def test_what_cannot_be_placed_is_a_failed_row(monkeypatch):
 
 
 @pytest.mark.slow  # six processes import torch
-def test_a_run_killed_in_the_middle_ends_with_every_row_once(tmp_path):
+@pytest.mark.parametrize("kept", [experiment.KEPT, lift_experiment.KEPT], ids=lambda kept: kept.name)
+def test_a_run_killed_in_the_middle_ends_with_every_row_once(tmp_path, kept):
     out = tmp_path / "out"
-    command = [sys.executable, str(SLOW), str(out)]
+    command = [sys.executable, str(SLOW), str(out), kept.name]
     process = subprocess.Popen(command)
     deadline = time.monotonic() + 120.0
-    while _lines(out) < 20:
+    while _lines(out / kept.name) < 20:
         assert time.monotonic() < deadline
         time.sleep(0.01)
     process.send_signal(signal.SIGKILL)
     process.wait()
-    before = {row.key for row in read_executions(out)[1]}
+    before = {row.key for row in kept.read(out)[1]}
     subprocess.run(command, check=True, timeout=120)
-    rows = read_executions(out)[1]
+    rows = kept.read(out)[1]
     assert len({row.key for row in rows}) == len(rows) == 84
     assert before < {row.key for row in rows}
 
 
 @pytest.mark.slow  # processes import torch
-def test_a_task_that_kills_its_worker_is_counted_and_the_others_go_on(tmp_path):
+@pytest.mark.parametrize("kept", [experiment.KEPT, lift_experiment.KEPT], ids=lambda kept: kept.name)
+def test_a_task_that_kills_its_worker_is_counted_and_the_others_go_on(tmp_path, kept):
     victim = all_tasks(CONFIG)[5].object
     environment = {**os.environ, "KILLS_ITS_WORKER": victim}
-    subprocess.run([sys.executable, str(SLOW), str(tmp_path / "out")], check=True, timeout=300, env=environment)
-    rows = read_executions(tmp_path / "out")[1]
+    command = [sys.executable, str(SLOW), str(tmp_path / "out"), kept.name]
+    subprocess.run(command, check=True, timeout=300, env=environment)
+    rows = kept.read(tmp_path / "out")[1]
     assert len(rows) == 84
     assert {row.object for row in rows if row.status == "failed"} == {victim}
     assert [row.reason for row in rows if row.status == "failed"] == [
@@ -136,6 +139,6 @@ def test_a_task_that_kills_its_worker_is_counted_and_the_others_go_on(tmp_path):
     ] * 2
 
 
-def _lines(out: Path) -> int:
-    file = out / FOLDER / FILE
+def _lines(folder: Path) -> int:
+    file = folder / FILE
     return file.read_bytes().count(b"\n") if file.exists() else 0

@@ -56,7 +56,7 @@ def _line(scene: str, method: str, rows: list[LiftRow]) -> LiftLine:
         unverified=unverified,
         lifted=mean_estimate([float(row.lifted) for row in rows]),
         at_first=mean_estimate([float(row.lifted_at_first) for row in rows]),
-        tries=mean_of_known(len(row.tries) for row in played),
+        tries=mean_of_known(float(len(row.tries)) for row in played),
         draw=mean_of_known(row.seconds["draw"] for row in played),
         play=mean_of_known(row.seconds["play"] for row in played),
         simulated=mean_of_known(row.simulated for row in played),
