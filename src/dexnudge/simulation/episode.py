@@ -19,37 +19,24 @@ from dexnudge.simulation.hand_path import Configurations, palm_velocity, rotatio
 from dexnudge.simulation.push import FASTEST, RECORD_STEPS, STATE, run_push
 from dexnudge.simulation.push_forces import PushForces
 from dexnudge.simulation.push_model import ENVIRONMENT_SIDE, OBJECT_SIDE, PushModel
-from dexnudge.simulation.push_readings import (
-    contact_force_sums,
-    hand_clearance,
-    hand_in_environment,
-    hand_object_forces,
-)
+from dexnudge.simulation.push_readings import contact_force_sums, hand_in_environment
+from dexnudge.simulation.records import Records, record_now
 
 IDLE_TORQUE = 1.0e-3  # [N m] below which a motor has no part in the squeeze and keeps its place, as in the hold test
 CLOSING_STEPS = 10  # between two updates of the squeeze: 20 ms
 CLOSE_RAMP, CLOSE_TIME, SETTLE_TIME = 0.1, 0.2, 0.1  # [s] of a grasp that closes, as in the hold test
 
 
-@dataclass(frozen=True)
-class Trace:
-    """What happened, 20 ms apart.
+@dataclass(frozen=True, kw_only=True)
+class Trace(Records):
+    """Records of what happened.
 
-    time [s]; phase: its name; attempt: number of the try, from 1; the other columns are those of
-    `simulation.push.PushRun`. carried: normal force of the surroundings on the object [N]; NaN during a push.
+    phase: its name; attempt: number of the try, from 1; carried: normal force of the surroundings on the object [N], NaN
+    during a push.
     """
 
-    time: Float[np.ndarray, " record"]
     phase: np.ndarray
     attempt: Int[np.ndarray, " record"]
-    qpos: Float[np.ndarray, "record nq"]
-    ctrl: Float[np.ndarray, "record nu"]
-    mocap: Float[np.ndarray, "record 7"]
-    object_pose: Float[np.ndarray, "record 7"]
-    base_pose: Float[np.ndarray, "record 7"]
-    hand_object_force: Float[np.ndarray, "record 2"]
-    hand_environment_clearance: Float[np.ndarray, " record"]
-    hand_environment_depth: Float[np.ndarray, " record"]
     carried: Float[np.ndarray, " record"]
 
 
@@ -120,15 +107,11 @@ class Episode:
         run = run_push(resumed, self.told, drive, forces)
         self._grip = None
         new = run.time > (self._columns["time"][-1] if self._columns["time"] else -1.0)
-        for name, column in self._columns.items():
-            if name == "phase":
-                column.extend(PHASES[phase] for phase in run.phase[new])
-            elif name == "attempt":
-                column.extend([self.attempt] * int(new.sum()))
-            elif name == "carried":
-                column.extend([np.nan] * int(new.sum()))
-            else:
-                column.extend(getattr(run, name)[new])
+        for field in fields(Records):
+            self._columns[field.name].extend(getattr(run, field.name)[new])
+        self._columns["phase"].extend(PHASES[phase] for phase in run.phase[new])
+        self._columns["attempt"].extend([self.attempt] * int(new.sum()))
+        self._columns["carried"].extend([np.nan] * int(new.sum()))
         self.diverged, self.last_state = run.diverged_at >= 0, run.last_state
         end = np.concatenate([drive.position[-1], np.zeros(6), drive.angles[-1]])
         matrix = Rotation.from_quat(drive.quaternion[-1], scalar_first=True).as_matrix()
@@ -197,21 +180,11 @@ class Episode:
         self.told = path[-1].copy()
 
     def _record(self, phase: str, deepest: float) -> None:
-        push, data = self.push, self.push.data
-        palm, free = push.palm_position, push.object_position
         record = {
-            "time": data.time,
+            **record_now(self.push, deepest),
             "phase": phase,
             "attempt": self.attempt,
-            "qpos": np.array(data.qpos),
-            "ctrl": np.array(data.ctrl),
-            "mocap": np.concatenate([data.mocap_pos[0], data.mocap_quat[0]]),
-            "object_pose": np.concatenate([data.xipos[push.object_body], data.qpos[free + 3 : free + 7]]),
-            "base_pose": np.array(data.qpos[palm : palm + 7]),
-            "hand_object_force": hand_object_forces(push),
-            "hand_environment_clearance": hand_clearance(push),
-            "hand_environment_depth": deepest,
-            "carried": contact_force_sums(push, OBJECT_SIDE, ENVIRONMENT_SIDE)[0],
+            "carried": contact_force_sums(self.push, OBJECT_SIDE, ENVIRONMENT_SIDE)[0],
         }
         for name, value in record.items():
             self._columns[name].append(value)

@@ -2,7 +2,6 @@
 
 import time
 from dataclasses import dataclass
-from typing import Any
 
 import mujoco
 import numpy as np
@@ -13,7 +12,8 @@ from dexnudge.hands.physical import POSITION_GAIN
 from dexnudge.simulation.drive import SQUEEZE, Drive
 from dexnudge.simulation.push_forces import PushForces
 from dexnudge.simulation.push_model import PushModel
-from dexnudge.simulation.push_readings import hand_clearance, hand_in_environment, hand_object_forces
+from dexnudge.simulation.push_readings import hand_in_environment
+from dexnudge.simulation.records import Records, record_now
 
 RECORD_STEPS = 10  # between two records: 20 ms
 TOUCHING, LOADED = 0.3, 0.8  # of the time of the squeeze: fingers have closed, forces are built up; the rest settles
@@ -21,33 +21,18 @@ FASTEST = 100.0  # [m/s, rad/s] anything faster is a simulation out of hand
 STATE = mujoco.mjtState.mjSTATE_INTEGRATION
 
 
-@dataclass(frozen=True)
-class PushRun:
-    """Records of one run, 20 ms apart, the first of the start.
+@dataclass(frozen=True, kw_only=True)
+class PushRun(Records):
+    """Records of one run, the first of the start.
 
     Attributes:
-        time [s]; phase: see `drive.PHASES`.
-        qpos, ctrl, mocap: MuJoCo's coordinates, motor targets, and target of the base (position, quaternion wxyz).
-        object_pose: centre of mass [m, world], quaternion wxyz of the object's frame.
-        base_pose: of the palm, position [m] and quaternion wxyz.
-        hand_object_force: sums of the normal and of the tangential forces of hand on object [N].
-        hand_environment_clearance: [m] between convex pieces, at most 50 mm, negative where they penetrate.
-        hand_environment_depth: greatest depth by MuJoCo's contacts at any step since the record before [m].
+        phase: see `drive.PHASES`.
         diverged_at: step at which the state was no longer finite or anything went faster than 100 m/s; -1 if never.
         last_state: MuJoCo's integration state at the last record, to replay what follows from.
         last_step: the step it belongs to, -1 the start. seconds: wall time of the simulation, records included.
     """
 
-    time: Float[np.ndarray, " record"]
     phase: Int[np.ndarray, " record"]
-    qpos: Float[np.ndarray, "record nq"]
-    ctrl: Float[np.ndarray, "record nu"]
-    mocap: Float[np.ndarray, "record 7"]
-    object_pose: Float[np.ndarray, "record 7"]
-    base_pose: Float[np.ndarray, "record 7"]
-    hand_object_force: Float[np.ndarray, "record 2"]
-    hand_environment_clearance: Float[np.ndarray, " record"]
-    hand_environment_depth: Float[np.ndarray, " record"]
     diverged_at: int
     last_state: Float[np.ndarray, " state"]
     last_step: int
@@ -59,7 +44,7 @@ def run_push(push: PushModel, q_start: Float[np.ndarray, " coordinates"], drive:
     began = time.perf_counter()
     push.place(q_start)
     model, data = push.model, push.data
-    records = [_record(push, int(drive.phase[0]), 0.0)]
+    records, phases = [record_now(push, 0.0)], [int(drive.phase[0])]
     last_state = np.zeros(mujoco.mj_stateSize(model, STATE))
     mujoco.mj_getState(model, data, last_state, STATE)
     deepest, last_step, diverged_at = 0.0, -1, -1
@@ -85,32 +70,20 @@ def run_push(push: PushModel, q_start: Float[np.ndarray, " coordinates"], drive:
             break
         deepest = max(deepest, hand_in_environment(push))
         if (step + 1) % RECORD_STEPS == 0 or step + 1 == len(drive.phase):
-            records.append(_record(push, int(drive.phase[step]), deepest))
+            records.append(record_now(push, deepest))
+            phases.append(int(drive.phase[step]))
             mujoco.mj_getState(model, data, last_state, STATE)
             deepest, last_step = 0.0, step
-    columns: list[Any] = [np.array(column) for column in zip(*records, strict=True)]
-    outcome: tuple[Any, ...] = (diverged_at, last_state, last_step, time.perf_counter() - began)
-    columns.extend(outcome)
-    return PushRun(*columns)
+    return PushRun(
+        **{name: np.array([record[name] for record in records]) for name in records[0]},
+        phase=np.array(phases),
+        diverged_at=diverged_at,
+        last_state=last_state,
+        last_step=last_step,
+        seconds=time.perf_counter() - began,
+    )
 
 
 def _in_base(to_base: Rotation, wrench: Float[np.ndarray, "step 6"]) -> Float[np.ndarray, "step 6"]:
     """Force and torque per step, given in the world's axes, in those of the base's target."""
     return np.concatenate([to_base.apply(wrench[:, :3]), to_base.apply(wrench[:, 3:])], axis=1)
-
-
-def _record(push: PushModel, phase: int, deepest: float) -> tuple[Any, ...]:
-    data, palm = push.data, push.palm_position
-    free = push.object_position
-    return (
-        data.time,
-        phase,
-        np.array(data.qpos),
-        np.array(data.ctrl),
-        np.concatenate([data.mocap_pos[0], data.mocap_quat[0]]),
-        np.concatenate([data.xipos[push.object_body], data.qpos[free + 3 : free + 7]]),
-        np.array(data.qpos[palm : palm + 7]),
-        hand_object_forces(push),
-        hand_clearance(push),
-        deepest,
-    )
