@@ -59,6 +59,14 @@ def test_a_second_run_adds_only_what_is_missing(config, out):
     assert file.read_bytes().splitlines(keepends=True) == lines
 
 
+def test_a_line_with_tries_of_another_form_is_refused(config, out):
+    run_lifts(config, out)
+    file = out / FOLDER / FILE
+    file.write_text(file.read_text().replace('"tries": []', '"tries": [{"number": 1}]'))
+    with pytest.raises(InputError, match=r"results.jsonl, line 1: TypeError: .*delete the line to have it computed"):
+        run_lifts(config, out)
+
+
 def test_other_options_are_refused_by_name(config, out):
     run_lifts(config, out, tries=3)
     with pytest.raises(InputError, match="holds another experiment: tries is 3 there and 2 here"):

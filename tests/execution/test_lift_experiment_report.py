@@ -20,7 +20,7 @@ SHORT = "stopped 12 mm short of 20% overhang"
 
 def row(name, *failures, seconds=1.0, scene="table"):
     """A story whose tries failed so; ("", "") is a success."""
-    tries = [Try(number, phase, reason).as_json() for number, (phase, reason) in enumerate(failures, start=1)]
+    tries = [Try(number, phase, reason) for number, (phase, reason) in enumerate(failures, start=1)]
     return LiftRow(
         object=name,
         scene=scene,

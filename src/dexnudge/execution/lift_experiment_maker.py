@@ -66,8 +66,9 @@ class LiftRowMaker:
         return runner.run(self._tries)
 
 
-def _rounded(one: Try) -> dict[str, Any]:
-    return {name: round(value, 6) if isinstance(value, float) else value for name, value in one.as_json().items()}
+def _rounded(one: Try) -> Try:
+    figures: dict[str, Any] = {name: value for name, value in vars(one).items() if isinstance(value, float)}
+    return replace(one, **{name: round(value, 6) for name, value in figures.items()})
 
 
 def failed_lift(config: ExperimentConfig, task: Task, reason: str, *, drawn: int = 0) -> LiftRow:

@@ -6,6 +6,7 @@ from typing import Any, Literal
 
 from dexnudge.execution.experiment_lines import UNVERIFIED
 from dexnudge.execution.experiment_rows import PhysicsRow
+from dexnudge.execution.story import Try
 
 FAILED = "object failed"
 KINDS = {
@@ -33,32 +34,36 @@ class LiftRow(PhysicsRow):
     Attributes:
         status: "played", also where a try ended before anything moved; "failed" when the object could not be read, does
             not fit its scene, MuJoCo cannot take it, no draw is verified, or a worker process died.
-        tries: in their order, as `story.Try.as_json` gives them; none where it failed.
+        tries: in their order, none where it failed; objects of `Try`, or dicts with its fields.
         ended: why there were no more tries, see `story.Story`.
         simulated: time in the simulation [s].
     """
 
     status: Literal["played", "failed"]
-    tries: list[dict[str, Any]] = field(default_factory=list)
+    tries: list[Any] = field(default_factory=list)
     ended: str = ""
     simulated: float = 0.0
+
+    def __post_init__(self) -> None:
+        made = [one if isinstance(one, Try) else Try(**one) for one in self.tries]
+        object.__setattr__(self, "tries", made)
 
     @property
     def lifted(self) -> bool:
         """Whether the object was lifted and held, at whichever try."""
-        return any(one["success"] for one in self.tries)
+        return any(one.success for one in self.tries)
 
     @property
     def lifted_at_first(self) -> bool:
         """Whether the first try did."""
-        return bool(self.tries) and self.tries[0]["success"]
+        return bool(self.tries) and self.tries[0].success
 
     def failure_of(self, number: int) -> str:
         """Phase and kind of reason of a try (0 the first, -1 the last); "" for a success."""
         if self.status == "failed":
             return UNVERIFIED if self.reason == UNVERIFIED else FAILED
-        phase, reason = self.tries[number]["phase"], self.tries[number]["reason"]
-        return f"{phase}: {_kind(reason)}" if phase else ""
+        one = self.tries[number]
+        return "" if one.success else f"{one.phase}: {_kind(one.reason)}"
 
 
 def _kind(reason: str) -> str:

@@ -1,8 +1,6 @@
 """What a story of slide, grasp and lift came to."""
 
-import math
-from dataclasses import asdict, dataclass
-from typing import Any
+from dataclasses import dataclass
 
 import numpy as np
 from jaxtyping import Float
@@ -17,33 +15,26 @@ class Try:
     phase: where it failed, of "slide", "grasp search", "approach", "lift", "hold"; "" where the object was lifted and held.
     configuration: of the folder, that slid the object; -1 where it lay graspable already. overhang: free part of the
     object's length after the slide. grasps: found, of `drawn` draws so far. drift: of the grasp taken. raised, least_held
-    [m], turned_deg, hand_environment [m]: see `LiftVerdict`. NaN or -1 where it did not come to that.
+    [m], turned_deg, hand_environment [m]: see `LiftVerdict`. None or -1 where it did not come to that.
     """
 
     number: int
     phase: str
     reason: str
     configuration: int = -1
-    overhang: float = float("nan")
+    overhang: float | None = None
     grasps: int = -1
     drawn: int = -1
-    drift: float = float("nan")
-    raised: float = float("nan")
-    least_held: float = float("nan")
-    turned_deg: float = float("nan")
-    hand_environment: float = float("nan")
+    drift: float | None = None
+    raised: float | None = None
+    least_held: float | None = None
+    turned_deg: float | None = None
+    hand_environment: float | None = None
 
     @property
     def success(self) -> bool:
         """Lifted and held."""
         return not self.phase
-
-    def as_json(self) -> dict[str, Any]:
-        """`success` and the attributes as JSON can hold them: null for NaN."""
-        values = {"success": self.success, **asdict(self)}
-        return {
-            name: None if isinstance(value, float) and math.isnan(value) else value for name, value in values.items()
-        }
 
 
 @dataclass(frozen=True)

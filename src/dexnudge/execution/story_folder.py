@@ -1,5 +1,6 @@
 """Slide, grasp and lift the object of a result folder, and write what happened."""
 
+from dataclasses import asdict
 from pathlib import Path
 from typing import Any
 
@@ -82,7 +83,7 @@ def story_summary(story: Story, *, trace: str) -> dict[str, Any]:
         "success_first_try": story.tries[0].success,
         "reason": story.tries[-1].reason,
         "ended": story.ended,
-        "tries": [one.as_json() for one in story.tries],
+        "tries": [{"success": one.success, **asdict(one)} for one in story.tries],
         "trace": trace if story.trace is not None else None,
         "simulated_seconds": 0.0 if story.trace is None else float(story.trace.time[-1]),
         "lift": LIFT,
