@@ -97,6 +97,25 @@ def test_a_dataset_of_another_version(dexnudge, tmp_path, command):
 )
 def test_losses_that_make_no_sense(dexnudge, tmp_path, options, expected):
     assert expected in refusal(dexnudge, tmp_path, *SCENE, *options)
+    assert expected in refusal(dexnudge, tmp_path, "evaluate", "--objects", "builtin:test", *options)
+    assert os.listdir(tmp_path) == []
+
+
+def test_an_experiment_belongs_to_its_losses(dexnudge, tmp_path):
+    (tmp_path / "objects").mkdir()
+    for name in ("a", "b"):
+        (tmp_path / "objects" / f"{name}.obj").write_text("v 0 0 0\n")  # cannot be read: a failed row, and soon
+    command = ["evaluate", "--objects", tmp_path / "objects", "--max-objects", 1, "--scenes", "table", "--workers", 1]
+    command += ["--method", "random_start_projection", "--num", 2, "--out", tmp_path / "out"]
+    outcome = dexnudge(*command, "--weight-sweep", 0, "--clearance-base", 0.02)
+    assert outcome.code == 0, outcome.err
+    assert "Losses other than each method's own: sweep 0, clearance_base 0.02." in outcome.out
+    assert "| table | random start + projection | 1 | 1 |" in outcome.out
+    config = json.loads((tmp_path / "out" / "experiment.json").read_text())["config"]
+    assert (config["losses"], config["max_objects"]) == ({"sweep": 0.0, "clearance_base": 0.02}, 1)
+    other = dexnudge(*command)
+    assert other.code == 2
+    assert "holds another experiment: losses is {'sweep': 0.0, 'clearance_base': 0.02} there and None here" in other.err
 
 
 def test_the_summary_says_with_which_losses(dexnudge, tmp_path):

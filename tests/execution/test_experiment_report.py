@@ -102,13 +102,14 @@ def test_the_report_holds_these_figures(rows, executed, tmp_path, monkeypatch):
     (tmp_path / "objects").mkdir()
     for name in names:
         (tmp_path / "objects" / f"{name}.obj").write_text("")
-    config = ExperimentConfig(objects=str(tmp_path / "objects"), scenes=("table",), num=4)
+    config = ExperimentConfig(objects=str(tmp_path / "objects"), scenes=("table",), num=4, losses={"sweep": 0.0})
     out = tmp_path / "out"
     out.mkdir()
     with pytest.raises(InputError, match="cannot be read"):
         write_execution_report(out)
     run_executions(config, out, num=2, errors=True, workers=1)
     text = write_execution_report(out)
+    assert "Losses other than each method's own: sweep 0. Top-ranked:" in text
     assert "| table | ours | 4 | 1 | 1 | 25.0 (0-75) | 4 | 50.0 (50-50) |" in text
     assert "| 3 (cap) | 100.0 (100-100), n = 1 | 100.0 (100-100), n = 1 |" in text
     assert "| mass x 1.5 | 0.0 (0-0), n = 2 | 0.0 (0-0), n = 2 |" in text
