@@ -86,8 +86,8 @@ def test_what_cannot_be_read_or_placed_is_a_failed_row(config):
 
 @pytest.mark.slow  # draws twice
 def test_an_object_of_which_no_draw_is_verified_is_a_failed_row(config):
-    """Hands that nothing keeps out of the object and out of the shelf."""
-    losses = {"object": 0.0, "environment": 0.0, "self": 0.0}
+    """Hands that nothing brings to the object or keeps out of the shelf."""
+    losses = dict.fromkeys(("object", "environment", "self", "contact", "target", "sweep", "base", "force"), 0.0)
     row = LiftRowMaker(replace(config, losses=losses), 1)(Task("thin", "shelf", "ours"))
     assert (row.status, row.reason, row.drawn, row.verified) == ("failed", "no draw verified", 2, 0)
     assert row.seconds["draw"] > 0

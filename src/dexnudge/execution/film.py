@@ -26,7 +26,7 @@ FILES = (PAGE_FILE, STRIP_FILE, ANIMATION_FILE)
 
 @dataclass(frozen=True)
 class FilmTrace:
-    """What a film needs of a trace, see `PushRun`.
+    """What a film needs of a trace, see `simulation.records.Records`.
 
     phase: of each record by name, "" where the trace has none.
     """
