@@ -20,6 +20,8 @@ from dexnudge.simulation.push_model import push_model_xml
 class LiftRowMaker:
     """Computes rows one after another, with the hand and the weights loaded once.
 
+    The losses of the config are those of the draws; grasps are always drawn with their own.
+
     Args:
         config: of the experiment.
         tries: most tries of each story.
