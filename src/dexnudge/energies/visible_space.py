@@ -9,7 +9,7 @@ the object can be seen. Projection counts the shadow in its first steps only; ju
 import numpy as np
 import trimesh
 from jaxtyping import Bool, Float
-from scipy.ndimage import distance_transform_edt, map_coordinates
+from scipy.ndimage import affine_transform, distance_transform_edt
 
 from dexnudge.geometry.distance_grid import DistanceGrid, in_threads
 from dexnudge.geometry.exact_distance import ExactDistance
@@ -58,10 +58,8 @@ def shadowed_grid(
         return grid
     # Half a cell is uncertain: a cell in the shadow next to a visible one is not deep at all.
     depth = np.maximum(distance_transform_edt(~visible) - 1.0, 0.0) * SHADOW_CELL
-    places = np.stack(np.meshgrid(*(np.arange(n) for n in grid.values.shape), indexing="ij")) * (
-        grid.cell / SHADOW_CELL
-    )
-    shadow = -map_coordinates(depth, places, order=1, mode="nearest")
+    scale = np.full(3, grid.cell / SHADOW_CELL)
+    shadow = -affine_transform(depth, scale, output_shape=grid.values.shape, order=1, mode="nearest")
     lowered = np.where(shadow < 0.0, np.minimum(grid.values, shadow), grid.values)
     return DistanceGrid(lowered.astype(np.float32), grid.origin, grid.cell)
 

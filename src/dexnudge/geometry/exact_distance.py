@@ -80,6 +80,13 @@ def _query_surface(
         face[i] = hit.face
 
 
+@wp.kernel(enable_backward=False)
+def _query_distance(mesh: wp.uint64, points: wp.array(dtype=wp.vec3), reach: float, distance: wp.array(dtype=float)):
+    i = wp.tid()
+    hit = wp.mesh_query_point_no_sign(mesh, points[i], reach)
+    distance[i] = wp.length(points[i] - wp.mesh_eval_position(mesh, hit.face, hit.u, hit.v))
+
+
 class ExactDistance:
     """Signed distance of points to one mesh [m], exact to single precision, negative inside.
 
@@ -154,6 +161,14 @@ class ExactDistance:
             device=self.device,
         )
         return self._hit(distance, closest, face)
+
+    def distance_to_surface(self, points: Float[np.ndarray, "n 3"]) -> Float[np.ndarray, " n"]:
+        """The distance alone that `to_surface` finds [m]."""
+        local = wp.array(np.asarray(points - self.origin, dtype=np.float32), dtype=wp.vec3, device=self.device)
+        distance = wp.empty(len(points), dtype=float, device=self.device)
+        inputs = [self._mesh.id, local, SEARCH_RADIUS]
+        wp.launch(_query_distance, dim=len(points), inputs=inputs, outputs=[distance], device=self.device)
+        return distance.numpy().astype(np.float64)
 
     def _hit(self, distance: Any, closest: Any, face: Any) -> ExactHit:
         """The kernels' arrays in the mesh's frame."""
