@@ -9,6 +9,7 @@ from dexnudge.evaluation.draws import draw_and_judge
 from dexnudge.evaluation.projection_effect import figures, projection_effect
 from dexnudge.evaluation.success import Verdicts
 from dexnudge.hands.shadow_lite import shadow_lite
+from dexnudge.mechanics.contacts import HandContacts
 from dexnudge.objects.builtin import builtin_object
 from dexnudge.sampling.methods import find_method
 from dexnudge.sampling.sampler import Sampler
@@ -40,6 +41,7 @@ def test_a_method_without_projection_has_no_effect_to_report(setting):
 
 
 def test_figures_count_draws_that_are_no_pose_as_without_contact_and_force():
+    no_contacts = HandContacts(points=np.zeros((0, 3)), normals=np.zeros((0, 3)), link=np.zeros(0, dtype=np.int64))
     nothing = np.array([np.nan, 0.001])
     verdicts = Verdicts(
         success=np.array([False, True]),
@@ -49,6 +51,7 @@ def test_figures_count_draws_that_are_no_pose_as_without_contact_and_force():
         penetration_self=nothing / 4,
         force_margin=np.array([0.0, 3.0]),
         limits_violation=np.array([np.nan, 0.0]),
+        contacts=[no_contacts, no_contacts],
         contact_links=[[], ["one", "two", "three"]],
         reason=["invalid", ""],
     )

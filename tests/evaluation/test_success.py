@@ -57,6 +57,18 @@ def test_the_margin_is_that_of_the_reference(boxy_hand: Hand, block_scene: Scene
     np.testing.assert_allclose(judge(boxy_hand, block_scene, q).force_margin, reference, atol=2e-3)
 
 
+def test_the_contacts_are_those_of_each_configuration_and_none_of_an_invalid_one(
+    boxy_hand: Hand, block_scene: Scene, press: Press
+) -> None:
+    q = np.stack([press(0.001), press(np.nan), press(0.05), press(0.0, 0.03)])
+    verdicts = judge(boxy_hand, block_scene, q)
+    assert [len(np.unique(each.link)) for each in verdicts.contacts] == [2, 0, 0, 2]
+    for row, each in enumerate(verdicts.contacts):
+        (alone,) = contacts_of(boxy_hand, block_scene, q[[row]])
+        np.testing.assert_allclose(each.points, alone.points, atol=1e-9)
+        np.testing.assert_array_equal(each.link, alone.link)
+
+
 def test_robust_asks_for_more_than_success(boxy_hand: Hand, block_scene: Scene, press: Press) -> None:
     weak = Scene(
         block_scene.object_mesh,

@@ -1,11 +1,14 @@
 """Margins along a push: what a closed form says of a block that is pressed from above and comes over an edge."""
 
+from dataclasses import replace
+
 import numpy as np
 import pytest
 import trimesh
 
 from dexnudge.evaluation.way_margin import helping, least_margins, way_margins
-from dexnudge.mechanics.contacts import HandContacts
+from dexnudge.mechanics.balance import force_margin
+from dexnudge.mechanics.contacts import HandContacts, support_contacts
 from dexnudge.scenes.boxes import box
 from dexnudge.scenes.scene import Scene
 
@@ -67,3 +70,16 @@ def test_a_contact_that_squeezes_or_holds_back_makes_a_configuration_worse(at_th
         at_the_edge, [normals(up), normals(up, behind), normals(up, slanted), normals(up, side), normals(up, front)]
     )
     np.testing.assert_allclose(found, [0.4, 0.4, 0.2, 0.0, -0.6])
+
+
+def test_a_margin_along_the_way_is_that_of_a_scene_made_for_that_place(at_the_edge):
+    contacts, length = pressed_at(-0.05), 0.06
+    (along,) = way_margins(at_the_edge, [contacts], length=length)
+    for station, margin in enumerate(along, start=1):
+        way = station / len(along) * length
+        pose = np.array(at_the_edge.T_world_object)
+        pose[0, 3] += way
+        there = replace(at_the_edge, T_world_object=pose)
+        carried = replace(contacts, points=contacts.points + np.array([way, 0.0, 0.0]))
+        assert force_margin(carried, support_contacts(there), there) == pytest.approx(margin, abs=2e-3)
+    np.testing.assert_array_equal(way_margins(at_the_edge, [contacts], length=length)[0], along)

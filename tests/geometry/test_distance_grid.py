@@ -113,6 +113,50 @@ def test_corners_hold_the_exact_distance(phone):
     np.testing.assert_allclose(grid.values[some], exact(corners[some]).distance, atol=1e-6)
 
 
+def boxes(*bounds: tuple[tuple[float, float, float], tuple[float, float, float]]) -> trimesh.Trimesh:
+    return trimesh.util.concatenate([trimesh.creation.box(bounds=np.array(pair)) for pair in bounds])
+
+
+def inside_out(bounds: tuple[tuple[float, float, float], tuple[float, float, float]]) -> trimesh.Trimesh:
+    mesh = boxes(bounds)
+    mesh.invert()
+    return mesh
+
+
+def with_hole() -> trimesh.Trimesh:
+    mesh = trimesh.creation.icosphere(subdivisions=3, radius=0.05)
+    mesh.update_faces(mesh.triangles_center[:, 2] < 0.042)
+    return mesh
+
+
+BOARDS = {
+    "two boards, one thinner than a cell": lambda: boxes(
+        ((-0.05, -0.05, -0.03), (0.05, 0.05, -0.01)), ((-0.06, -0.04, 0.02), (0.05, 0.05, 0.0215))
+    ),
+    "overlapping boards around a cavity": lambda: boxes(
+        ((-0.05, -0.05, -0.05), (0.05, 0.05, -0.03)),
+        ((-0.05, -0.05, 0.03), (0.05, 0.05, 0.05)),
+        ((-0.05, -0.05, -0.05), (-0.03, 0.05, 0.05)),
+        ((0.03, -0.05, -0.05), (0.05, 0.05, 0.05)),
+    ),
+    "as large as the grid": lambda: boxes(((-0.2, -0.2, -0.2), (0.2, 0.2, 0.2))),
+    "far away": lambda: boxes(((0.5, -0.2, -0.2), (0.6, 0.2, 0.2))),
+    "sphere with a hole": with_hole,
+    "boards of which one is inside out": lambda: trimesh.util.concatenate(
+        [boxes(((-0.05, -0.05, -0.03), (0.05, 0.05, -0.01))), inside_out(((-0.05, -0.05, 0.0), (0.05, 0.05, 0.03)))]
+    ),
+}
+
+
+@pytest.mark.parametrize("name", BOARDS)
+def test_sign_and_distance_are_those_asked_for_at_every_corner(name):
+    exact = ExactDistance(BOARDS[name]())
+    grid = distance_grid(exact, np.full(3, -0.08), np.full(3, 0.08), cell=0.004)
+    corners = np.stack(np.meshgrid(*axes_of(grid), indexing="ij"), axis=-1).reshape(-1, 3)
+    expected = exact(corners).distance.reshape(grid.values.shape)
+    np.testing.assert_array_equal(grid.values, expected.astype(np.float32))
+
+
 def test_the_box_is_covered_to_its_end(phone):
     mesh, _, grid = phone
     reached = [axis[-1] for axis in axes_of(grid)]

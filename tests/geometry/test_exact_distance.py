@@ -57,6 +57,30 @@ def test_equals_libigl(name):
     np.testing.assert_allclose(np.linalg.norm(points - hit.closest, axis=1), np.sqrt(squared), atol=SINGLE_PRECISION)
 
 
+@pytest.mark.parametrize("name", MESHES)
+def test_to_the_surface_it_is_the_same_without_the_sign_as_far_as_it_looks(name):
+    mesh = MESHES[name]()
+    points = np.random.default_rng(2).uniform(mesh.bounds[0] - 0.02, mesh.bounds[1] + 0.02, (3000, 3))
+    exact = ExactDistance(mesh)
+    signed, plain, near = exact(points), exact.to_surface(points), exact.to_surface(points, reach=0.005)
+    np.testing.assert_array_equal(plain.distance, np.abs(signed.distance))
+    np.testing.assert_array_equal(exact.distance_to_surface(points), plain.distance)
+    within = plain.distance < 0.005
+    assert within.any()
+    assert not within.all()
+    np.testing.assert_array_equal(near.distance, np.where(within, plain.distance, np.inf))
+    for field in ("closest", "normal", "face"):
+        np.testing.assert_array_equal(getattr(plain, field), getattr(signed, field))
+        np.testing.assert_array_equal(getattr(near, field)[within], getattr(signed, field)[within])
+
+
+def test_closed_is_a_surface_without_holes_and_with_one_outside():
+    clashing = overlapping()
+    clashing.faces[0] = clashing.faces[0][::-1]
+    found = [ExactDistance(mesh).closed for mesh in (overlapping(), with_hole(), clashing)]
+    assert found == [True, False, False]
+
+
 def test_hole_does_not_turn_the_sign():
     hit = ExactDistance(with_hole())(np.array([[0, 0, 0], [0, 0, 0.02], [0, 0, 0.06], [0, 0.1, 0]]))
     assert (hit.distance < 0).tolist() == [True, True, False, False]

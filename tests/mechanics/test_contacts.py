@@ -1,10 +1,14 @@
+from dataclasses import replace
+
 import numpy as np
 import pytest
 import trimesh
 from hypothesis import given
 from hypothesis import strategies as st
 
-from dexnudge.mechanics.contacts import HandContacts, hand_contacts, support_contacts
+from dexnudge.geometry.exact_distance import ExactDistance
+from dexnudge.geometry.surface_lattice import surface_lattice
+from dexnudge.mechanics.contacts import HandContacts, hand_contacts, support_contacts, support_mask
 from dexnudge.scenes.scene import Scene
 
 
@@ -102,3 +106,30 @@ def test_a_ceiling_presses_down() -> None:
     above = found.normals[:, 2] < 0
     assert above.sum() == 4
     np.testing.assert_allclose(found.points[above, 2], 0.0205, atol=1e-6)
+
+
+def test_supports_are_found_once_for_a_scene_and_anew_for_another() -> None:
+    one = scene(FLOOR)
+    assert support_contacts(one) is support_contacts(one)
+    assert len(support_contacts(replace(one, T_world_object=scene(FLOOR, lift=0.01).T_world_object)).points) == 0
+
+
+@pytest.mark.parametrize("subdivide", [0, 3])
+def test_triangles_far_from_the_surroundings_are_left_out_without_a_difference(subdivide: int) -> None:
+    wall = slab([-0.5, 0.0405, -0.02], [0.5, 0.06, 0.1])
+    at_a_wall = scene(trimesh.util.concatenate([FLOOR, wall]), lift=0.0005)
+    mesh = at_a_wall.object_mesh.copy()
+    for _ in range(subdivide):
+        mesh = mesh.subdivide()
+    found = support_contacts(replace(at_a_wall, object_mesh=mesh))
+    # Every point of every triangle looked up, with the sign, by the reference.
+    moved = replace(at_a_wall, object_mesh=mesh).object_in_world()
+    points, face = surface_lattice(np.asarray(moved.triangles, dtype=np.float64), spacing=2e-3)
+    hit = ExactDistance(at_a_wall.environment_mesh)(points)
+    resting = support_mask(moved.face_normals[face], distance=hit.distance, environment_normals=hit.normal)
+    places = hit.closest[resting]
+    for normal in ([0.0, 0.0, 1.0], [0.0, -1.0, 0.0]):
+        mine = found.points[found.normals @ normal > 0.9]
+        all_of_plane = places[hit.normal[resting] @ normal > 0.9]
+        np.testing.assert_allclose(mine.min(axis=0), all_of_plane.min(axis=0), atol=1e-6)
+        np.testing.assert_allclose(mine.max(axis=0), all_of_plane.max(axis=0), atol=1e-6)

@@ -9,9 +9,9 @@ the object can be seen. Projection counts the shadow in its first steps only; ju
 import numpy as np
 import trimesh
 from jaxtyping import Bool, Float
-from scipy.ndimage import distance_transform_edt, map_coordinates
+from scipy.ndimage import affine_transform, distance_transform_edt
 
-from dexnudge.geometry.distance_grid import DistanceGrid
+from dexnudge.geometry.distance_grid import DistanceGrid, in_threads
 from dexnudge.geometry.exact_distance import ExactDistance
 from dexnudge.geometry.surface_points import dart_throwing
 from dexnudge.geometry.warp_runtime import wp
@@ -30,8 +30,7 @@ def _sees(
     for k in range(sources.shape[0]):
         way = cells[i] - sources[k]
         length = wp.length(way)
-        hit = wp.mesh_query_ray(mesh, sources[k], way / length, length)
-        if not hit.result:
+        if not wp.mesh_query_ray_anyhit(mesh, sources[k], way / length, length):
             visible[i] = wp.uint8(1)
             return
 
@@ -59,10 +58,8 @@ def shadowed_grid(
         return grid
     # Half a cell is uncertain: a cell in the shadow next to a visible one is not deep at all.
     depth = np.maximum(distance_transform_edt(~visible) - 1.0, 0.0) * SHADOW_CELL
-    places = np.stack(np.meshgrid(*(np.arange(n) for n in grid.values.shape), indexing="ij")) * (
-        grid.cell / SHADOW_CELL
-    )
-    shadow = -map_coordinates(depth, places, order=1, mode="nearest")
+    scale = np.full(3, grid.cell / SHADOW_CELL)
+    shadow = -affine_transform(depth, scale, output_shape=grid.values.shape, order=1, mode="nearest")
     lowered = np.where(shadow < 0.0, np.minimum(grid.values, shadow), grid.values)
     return DistanceGrid(lowered.astype(np.float32), grid.origin, grid.cell)
 
@@ -81,11 +78,13 @@ def _visible(
         points=wp.array(np.asarray(environment_mesh.vertices, dtype=np.float32), dtype=wp.vec3, device="cpu"),
         indices=wp.array(np.asarray(environment_mesh.faces, dtype=np.int32).ravel(), dtype=wp.int32, device="cpu"),
     )
-    visible = wp.zeros(len(cells), dtype=wp.uint8, device="cpu")
-    inputs = [
-        mesh.id,
-        *(wp.array(p.astype(np.float32), dtype=wp.vec3, device="cpu") for p in (cells, sources)),
-        visible,
-    ]
-    wp.launch(_sees, dim=len(cells), inputs=inputs, device="cpu")
-    return visible.numpy().astype(bool)
+    looking = wp.array(sources.astype(np.float32), dtype=wp.vec3, device="cpu")
+
+    def seen(part: Float[np.ndarray, "m 3"]) -> Bool[np.ndarray, " m"]:
+        visible = wp.zeros(len(part), dtype=wp.uint8, device="cpu")
+        inputs = [mesh.id, wp.array(part.astype(np.float32), dtype=wp.vec3, device="cpu"), looking, visible]
+        wp.launch(_sees, dim=len(part), inputs=inputs, device="cpu")
+        return visible.numpy().astype(bool)
+
+    wp.load_module(_sees.module, device="cpu")
+    return in_threads(seen, cells)

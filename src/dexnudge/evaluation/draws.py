@@ -12,7 +12,7 @@ import numpy as np
 from jaxtyping import Float, Int
 
 from dexnudge.errors import InputError
-from dexnudge.evaluation.success import ROBUST_MARGIN, Verdicts, contacts_of, judge
+from dexnudge.evaluation.success import ROBUST_MARGIN, Verdicts, judge
 from dexnudge.evaluation.way_margin import helping, least_margins
 from dexnudge.hands.hand import Hand
 from dexnudge.sampling.methods import Method, find_method
@@ -110,24 +110,23 @@ def draw_and_judge(
             on_progress(drawn, succeeded)
     together, drawn_q = _concatenate(verdicts), np.concatenate(q)
     start = time.perf_counter()
-    order = best_first(hand, scene, drawn_q, together)
+    order = best_first(scene, together)
     seconds.update({"rank": time.perf_counter() - start})
     return JudgedDraws(
         drawn_q[order], take(together, order), np.concatenate(own_rank)[order], dict(seconds), tuple(reports)
     )
 
 
-def best_first(
-    hand: Hand, scene: Scene, q: Float[np.ndarray, "n coordinates"], verdicts: Verdicts
-) -> Int[np.ndarray, " n"]:
+def best_first(scene: Scene, verdicts: Verdicts) -> Int[np.ndarray, " n"]:
     """Order of the draws: verified ones first; among them those that push best.
 
     That is: by the least force margin along the way up to 1.5 (robust), by how far every contact presses or pushes, by
     the margin itself, by the least penetration. Of those that are not verified the margin where the way begins counts.
     """
-    margin, push, verified = np.array(verdicts.force_margin), np.zeros(len(q)), np.flatnonzero(verdicts.success)
+    margin, verified = np.array(verdicts.force_margin), np.flatnonzero(verdicts.success)
+    push = np.zeros(len(margin))
     if len(verified) > 1:
-        contacts = contacts_of(hand, scene, q[verified].astype(np.float64))
+        contacts = [verdicts.contacts[row] for row in verified]
         margin[verified] = least_margins(scene, contacts, margin[verified])
         push[verified] = helping(scene, contacts)
     deepest = np.maximum.reduce(

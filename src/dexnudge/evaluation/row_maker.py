@@ -10,7 +10,6 @@ from dexnudge.evaluation.draws import JudgedDraws, draw_and_judge
 from dexnudge.evaluation.experiment_config import ExperimentConfig, Task, row_seed
 from dexnudge.evaluation.rows import Row
 from dexnudge.evaluation.spread import contact_spread, joint_spread
-from dexnudge.evaluation.success import contacts_of
 from dexnudge.evaluation.sweeps import FORCE, sweep_success
 from dexnudge.hands.hand import Hand
 from dexnudge.sampling.methods import find_method
@@ -108,9 +107,7 @@ def sampled_row(task: Task, drawn: DrawnTask, hand: Hand, *, seed: int, sweep: b
     deepest = np.maximum.reduce(
         [verdicts.penetration_object, verdicts.penetration_environment, verdicts.penetration_self]
     )
-    # Contacts are looked up where they are asked for below.
-    touching = np.flatnonzero([reason in ("", FORCE) for reason in verdicts.reason])
-    contacts = dict(zip(touching.tolist(), contacts_of(hand, scene, draws.q[touching].astype(np.float64)), strict=True))
+    contacts = {row: verdicts.contacts[row] for row, reason in enumerate(verdicts.reason) if reason in ("", FORCE)}
     verified = np.flatnonzero(verdicts.success)
     return Row(
         object=task.object,

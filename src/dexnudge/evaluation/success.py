@@ -36,6 +36,7 @@ class Verdicts:
     penetration_object, penetration_environment, penetration_self: greatest depth [m], 0 if none.
     force_margin: largest factor in [0, 3] on friction_environment at which forces balance (see mechanics.balance).
     limits_violation: greatest violation of a joint limit or coupling [rad].
+    contacts: with the object, one for each configuration; none for one that is not valid.
     contact_links: names of the links in contact with the object. reason: the first condition that fails, of
     "invalid", "joint limits", "penetration environment", "penetration object", "penetration self", "no contact",
     "motion blocked", "force"; "" for a success.
@@ -51,6 +52,7 @@ class Verdicts:
     penetration_self: Float[np.ndarray, " n"]
     force_margin: Float[np.ndarray, " n"]
     limits_violation: Float[np.ndarray, " n"]
+    contacts: list[HandContacts]
     contact_links: list[list[str]]
     reason: list[str]
 
@@ -69,16 +71,15 @@ def judge(hand: Hand, scene: Scene, q: Float[np.ndarray, "n coordinates"]) -> Ve
     valid = _valid(q)
     measured = {name: np.full(len(q), np.nan) for name in ("object", "environment", "itself", "limits")}
     margin, balanced = np.zeros(len(q)), np.zeros(len(q), dtype=bool)
-    links: list[list[str]] = [[] for _ in q]
-    penetrations, contacts = _touch(hand, scene, q[valid])
+    penetrations, touching = _touch(hand, scene, q[valid])
     for name in ("object", "environment", "itself"):
         measured[name][valid] = getattr(penetrations, name)
     measured["limits"][valid] = limits_violation(hand, q[valid])
     supports, task = support_contacts(scene), sliding_task(scene)
-    margins = force_margins(contacts, supports, task)
+    margins = force_margins(touching, supports, task)
     margin[valid], balanced[valid] = margins.factor[:, 0], margins.balanced[:, 0]
-    for row, each in zip(np.flatnonzero(valid), contacts, strict=True):
-        links[row] = [hand.link_names[link] for link in np.unique(each.link)]
+    contacts = _of_all(touching, valid)
+    links = [[hand.link_names[link] for link in np.unique(each.link)] for each in contacts]
     failures = {
         "invalid": ~valid,
         "joint limits": ~(measured["limits"] <= LIMITS_TOLERANCE),
@@ -99,6 +100,7 @@ def judge(hand: Hand, scene: Scene, q: Float[np.ndarray, "n coordinates"]) -> Ve
         penetration_self=measured["itself"],
         force_margin=margin,
         limits_violation=measured["limits"],
+        contacts=contacts,
         contact_links=links,
         reason=reason,
     )
@@ -112,11 +114,7 @@ def contacts_of(hand: Hand, scene: Scene, q: Float[np.ndarray, "n coordinates"])
     """
     q = _checked(hand, q)
     valid = _valid(q)
-    nothing = HandContacts(points=np.zeros((0, 3)), normals=np.zeros((0, 3)), link=np.zeros(0, dtype=np.int64))
-    contacts = [nothing] * len(q)
-    for row, each in zip(np.flatnonzero(valid), _touch(hand, scene, q[valid])[1], strict=True):
-        contacts[row] = each
-    return contacts
+    return _of_all(_touch(hand, scene, q[valid])[1], valid)
 
 
 def contact_points(hand: Hand, scene: Scene, q: Float[np.ndarray, "n coordinates"]) -> list[Float[np.ndarray, "_ 3"]]:
@@ -151,6 +149,13 @@ def _valid(q: Float[np.ndarray, "n coordinates"]) -> Bool[np.ndarray, " n"]:
     first, second = np.where(finite[:, None], q, 0.0)[:, 3:ROOT_COORDINATES].reshape(-1, 2, 3).swapaxes(0, 1)
     products = np.stack([(first * first).sum(1) - 1.0, (second * second).sum(1) - 1.0, (first * second).sum(1)])
     return finite & (np.abs(products) <= ROTATION_TOLERANCE).all(axis=0)
+
+
+def _of_all(contacts: list[HandContacts], valid: Bool[np.ndarray, " n"]) -> list[HandContacts]:
+    """Return the contacts of all n configurations from those of the valid ones; none for the others."""
+    nothing = HandContacts(points=np.zeros((0, 3)), normals=np.zeros((0, 3)), link=np.zeros(0, dtype=np.int64))
+    found = iter(contacts)
+    return [next(found) if ok else nothing for ok in valid]
 
 
 def _touch(hand: Hand, scene: Scene, q: Float[np.ndarray, "n coordinates"]) -> tuple[Penetrations, list[HandContacts]]:

@@ -13,6 +13,7 @@ from dexnudge.mechanics.contacts import HandContacts, SupportContacts, support_c
 from dexnudge.mechanics.fast_balance import force_margins
 from dexnudge.mechanics.sliding_task import sliding_task
 from dexnudge.planning.push_length import push_length
+from dexnudge.scenes.per_scene import per_scene
 from dexnudge.scenes.scene import Scene
 
 STATIONS = 3  # places along the way beside its beginning; the last one is its end
@@ -75,6 +76,16 @@ def _sorted(supports: SupportContacts, shift: Float[np.ndarray, " 3"]) -> Float[
 
 
 def _moved(scene: Scene, way: float) -> Scene:
-    T_world_object = np.array(scene.T_world_object)
-    T_world_object[:3, 3] += way * scene.motion
-    return replace(scene, T_world_object=T_world_object)
+    """The scene with its object carried `way` [m] along the motion; made once, so that its supports are found once."""
+    known = _moved_scenes(scene)
+    if way not in known:
+        T_world_object = np.array(scene.T_world_object)
+        T_world_object[:3, 3] += way * scene.motion
+        known[way] = replace(scene, T_world_object=T_world_object)
+    return known[way]
+
+
+@per_scene
+def _moved_scenes(_: Scene) -> dict[float, Scene]:
+    """By the way [m] that the object has been carried; empty at first."""
+    return {}

@@ -4,15 +4,18 @@ Inside the grid the value is trilinear in the eight corners. Outside it is the v
 plus the distance to that point, so that what is far away still feels a pull in the right direction.
 """
 
+from collections.abc import Callable
 from concurrent.futures import ThreadPoolExecutor
 from dataclasses import dataclass
 
 import numpy as np
-from jaxtyping import Float
+from jaxtyping import Float, Shaped
+from scipy.ndimage import label
 
 from dexnudge.geometry.exact_distance import ExactDistance
 
 BUILD_THREADS = 2  # Warp's CPU queries hold one thread each and release the interpreter
+REGION_MARGIN = 0.01  # of a cell, more than half of one, that keeps rounding out
 
 
 @dataclass(frozen=True)
@@ -46,7 +49,36 @@ def distance_grid(
     origin, counts = grid_box(lower, upper, cell=cell)
     axes = [origin[axis] + cell * np.arange(counts[axis]) for axis in range(3)]
     corners = np.stack(np.meshgrid(*axes, indexing="ij"), axis=-1).reshape(-1, 3)
+    if exact.closed:
+        values = _signed_by_region(exact, corners.reshape(*counts, 3), cell)
+    else:
+        values = in_threads(lambda points: exact(points).distance, corners).reshape(counts)
+    return DistanceGrid(values.astype(np.float32), origin, float(cell))
+
+
+def _signed_by_region(
+    exact: ExactDistance, corners: Float[np.ndarray, "x y z 3"], cell: float
+) -> Float[np.ndarray, "x y z"]:
+    """The signed distance [m] at the corners of a grid, whose sign is asked for at few of them.
+
+    No surface passes between two neighbouring corners that are both farther than half a cell from it, so a whole region
+    of such corners has one sign. The sign, by the winding number, takes several times longer than the distance.
+    """
+    values = in_threads(exact.distance_to_surface, corners.reshape(-1, 3))
+    values = values.reshape(corners.shape[:3])
+    far = values > (0.5 + REGION_MARGIN) * cell
+    region, count = label(far)
+    member = np.zeros(count + 1, dtype=np.int64)  # a corner of each region; region 0 is what is near
+    member[region.ravel()] = np.arange(region.size)
+    inside = exact(corners.reshape(-1, 3)[member]).distance < 0.0
+    values[inside[region] & far] *= -1.0
+    values[~far] = in_threads(lambda points: exact(points).distance, corners[~far])
+    return values
+
+
+def in_threads(
+    query: Callable[[Float[np.ndarray, "m 3"]], Shaped[np.ndarray, " m"]], points: Float[np.ndarray, "n 3"]
+) -> Shaped[np.ndarray, " n"]:
+    """What a query that releases the interpreter finds for each point, on two cores."""
     with ThreadPoolExecutor(BUILD_THREADS) as pool:
-        parts = pool.map(lambda points: exact(points).distance, np.array_split(corners, BUILD_THREADS))
-    values = np.concatenate(list(parts)).reshape(counts).astype(np.float32)
-    return DistanceGrid(values, origin, float(cell))
+        return np.concatenate(list(pool.map(query, np.array_split(points, BUILD_THREADS))))

@@ -7,9 +7,11 @@ from dataclasses import dataclass
 import numpy as np
 from jaxtyping import Bool, Float, Int
 
+from dexnudge.geometry.distinct_rows import distinct_rows
 from dexnudge.geometry.exact_distance import ExactDistance
 from dexnudge.geometry.surface_lattice import surface_lattice
 from dexnudge.mechanics.support_hull import reduce_supports
+from dexnudge.scenes.per_scene import per_scene
 from dexnudge.scenes.scene import Scene
 
 HAND_CONTACT_DISTANCE = 2e-3
@@ -19,6 +21,8 @@ POINTS_PER_LINK = 4
 """Contact points that stand for one link's patch: enough to carry torque about the normal."""
 SUPPORT_DISTANCE = 1e-3
 """An object point this close to the surroundings rests on them [m]: the penetration that a scene may have."""
+SUPPORT_REACH = 2 * SUPPORT_DISTANCE
+"""Supports are looked for up to here [m]: more than is kept, so that rounding leaves none out."""
 SUPPORT_SPACING = 2e-3
 """Spacing of the object's surface points that look for supports [m]."""
 FACING_COSINE = -0.1
@@ -106,23 +110,23 @@ def support_mask(
     return (np.abs(distance) <= SUPPORT_DISTANCE) & facing
 
 
+@per_scene
 def support_contacts(scene: Scene) -> SupportContacts:
-    """Return the contacts of a scene's object with its environment, reduced to the extreme ones.
+    """Return the contacts of a scene's object with its environment, reduced to the extreme ones; found once per scene.
 
     Looks at points on every triangle of the object, 2 mm apart, its edges and corners included, with that triangle's
     normal. The position is the closest point of the environment: there both bodies meet, and contacts with one plane
     are exactly coplanar. See `reduce_supports` for what may be left out.
     """
     mesh = scene.object_in_world()
-    points, face = surface_lattice(np.asarray(mesh.triangles, dtype=np.float64), spacing=SUPPORT_SPACING)
-    normals = np.asarray(mesh.face_normals, dtype=np.float64)[face]
-    low, high = scene.environment_mesh.bounds
-    near = np.all((points >= low - SUPPORT_DISTANCE) & (points <= high + SUPPORT_DISTANCE), axis=1)
-    points, normals = points[near], normals[near]
+    environment = ExactDistance(scene.environment_mesh)
+    triangles = np.asarray(mesh.triangles, dtype=np.float64)
+    near = _near(triangles, environment)
+    points, face = surface_lattice(triangles[near], spacing=SUPPORT_SPACING)
+    normals = np.asarray(mesh.face_normals, dtype=np.float64)[near][face]
     # neighbouring triangles share corners and edges: each place is looked up once
-    _, first, place = np.unique(np.round(points / SAME_PLACE), axis=0, return_index=True, return_inverse=True)
-    hit = ExactDistance(scene.environment_mesh)(points[first])
-    place = place.reshape(-1)
+    first, place = distinct_rows(np.round(points / SAME_PLACE))
+    hit = environment.to_surface(points[first], reach=SUPPORT_REACH)
     environment_normals = np.asarray(hit.normal, dtype=np.float64)[place]
     kept = support_mask(normals, distance=hit.distance[place], environment_normals=environment_normals)
     half_length = 0.5 * float(np.max(scene.object_mesh.extents))
@@ -132,3 +136,11 @@ def support_contacts(scene: Scene) -> SupportContacts:
         half_length=half_length,
     )
     return SupportContacts(points=reduced_points, normals=reduced_normals)
+
+
+def _near(triangles: Float[np.ndarray, "face 3 3"], environment: ExactDistance) -> Int[np.ndarray, " near"]:
+    """Return the triangles of which some point can be a support, and perhaps some others: by a ball around each."""
+    centre = triangles.mean(axis=1)
+    radius = np.linalg.norm(triangles - centre[:, None], axis=2).max(axis=1)
+    reach = radius + SUPPORT_REACH
+    return np.flatnonzero(environment.to_surface(centre, reach=float(reach.max())).distance <= reach)

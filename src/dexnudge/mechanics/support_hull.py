@@ -6,6 +6,8 @@ import numpy as np
 from jaxtyping import Float, Int
 from scipy.spatial import ConvexHull, QhullError
 
+from dexnudge.geometry.distinct_rows import distinct_rows
+
 NORMAL_STEP = 1e-3
 """Normals and plane offsets over half_length that round to the same multiple of this are one plane [-]."""
 COARSE_NORMAL_STEP = 0.1
@@ -46,7 +48,7 @@ def _corners_by_plane(
     """Return the indices of the hull corners of each group of like planes."""
     offset = np.einsum("px,px->p", points - points.mean(axis=0), normals) / half_length
     keys = np.concatenate([normals, offset[:, None]], axis=1) if use_offset else normals
-    plane = np.unique(np.round(keys / step).astype(np.int64), axis=0, return_inverse=True)[1].reshape(-1)
+    plane = distinct_rows(np.round(keys / step).astype(np.int64))[1]
     order = np.argsort(plane, kind="stable")
     groups = np.split(order, np.flatnonzero(np.diff(plane[order])) + 1)
     return np.concatenate(

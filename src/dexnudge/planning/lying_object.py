@@ -4,6 +4,7 @@ import numpy as np
 from jaxtyping import Float
 from scipy.spatial import ConvexHull, QhullError
 
+from dexnudge.geometry.distinct_rows import distinct_rows
 from dexnudge.geometry.meshes import centre_of_mass
 from dexnudge.geometry.surface_lattice import Boxes, lattice_in_boxes, surface_lattice
 from dexnudge.mechanics.contacts import SUPPORT_DISTANCE, support_contacts
@@ -50,7 +51,7 @@ class LyingObject:
         points, face = surface_lattice(np.asarray(self.mesh.triangles, dtype=np.float64), spacing=spacing)
         normals = np.asarray(self.mesh.face_normals)[face]
         keys = np.round(np.concatenate([points * 1e6, normals * 10], axis=1))
-        first = np.sort(np.unique(keys, axis=0, return_index=True)[1])
+        first = np.sort(distinct_rows(keys)[0])
         return points[first] - INSET * normals[first], normals[first]
 
     def free_travel(self, shift: Float[np.ndarray, "3"], direction: Float[np.ndarray, "3"], *, reach: float) -> float:

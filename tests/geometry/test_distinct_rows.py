@@ -1,0 +1,24 @@
+"""Distinct rows are those of NumPy."""
+
+import numpy as np
+import pytest
+from hypothesis import given
+from hypothesis import strategies as st
+
+from dexnudge.geometry.distinct_rows import distinct_rows
+
+
+@given(st.integers(0, 2**32 - 1), st.integers(1, 60), st.integers(1, 6), st.sampled_from([np.int64, np.float64]))
+def test_equals_numpys_unique_rows(seed, count, columns, kind):
+    rows = np.random.default_rng(seed).integers(-1, 2, (count, columns)).astype(kind)
+    rows = -rows if kind is np.float64 else rows  # zeros of either sign are equal
+    first, place = distinct_rows(rows)
+    _, expected_first, expected_place = np.unique(rows, axis=0, return_index=True, return_inverse=True)
+    np.testing.assert_array_equal(first, expected_first)
+    np.testing.assert_array_equal(place, expected_place.reshape(-1))
+
+
+@pytest.mark.parametrize("columns", [1, 3])
+def test_no_rows_are_no_distinct_ones(columns):
+    first, place = distinct_rows(np.zeros((0, columns)))
+    assert (len(first), len(place)) == (0, 0)
