@@ -10,6 +10,7 @@ from dexnudge.diffusion.prior import DiffusionPrior
 from dexnudge.energies import HandEnergy, TermWeights
 from dexnudge.energies.descent import pose_from_configuration
 from dexnudge.energies.force_residual import ForceResidual
+from dexnudge.hands.hand import ROOT_COORDINATES
 from dexnudge.sampling.denoise import DenoisingConfig
 from dexnudge.sampling.guidance.clean_descent import CleanDescent
 from dexnudge.sampling.guidance.clean_gradient import CleanGradient
@@ -91,7 +92,12 @@ def test_samples_are_guided_one_by_one(make_step, rule):
     torch.testing.assert_close(alone[0], together[2], atol=1e-4, rtol=0)
 
 
-SPHERICAL = pytest.mark.parametrize("rule", [SphericalGuidance, CleanSpherical])
+def everywhere_alike(rate: float = 0.8) -> CleanSpherical:
+    """Ours with one rate for all samples and coordinates."""
+    return CleanSpherical(rate=rate, joints=1.0, negligible=0.0)
+
+
+SPHERICAL = pytest.mark.parametrize("rule", [SphericalGuidance, everywhere_alike])
 
 
 def sphere(step, rule) -> tuple[torch.Tensor, torch.Tensor, float]:
@@ -100,7 +106,7 @@ def sphere(step, rule) -> tuple[torch.Tensor, torch.Tensor, float]:
         x0_hat, gradient = gradient_through_network(step)
     else:
         x0_hat = step.prior.predict_clean(step.x_t, step.t, step.condition)
-        gradient = gradient_at_clean_estimate(step, x0_hat)
+        _, gradient = gradient_at_clean_estimate(step, x0_hat)
     mean, sigma = ddim_mean_and_sigma(step.prior.schedule, step.x_t, x0_hat, step.t, step.t_previous, eta=1.0)
     return gradient, mean, mean.shape[1] ** 0.5 * sigma
 
@@ -136,10 +142,33 @@ def test_spherical_guidance_ends_at_the_clean_estimate(make_step, rule):
     torch.testing.assert_close(rule()(make_step(t=20, t_previous=-1)), mean)
 
 
+def test_ours_steers_joints_less_and_hands_that_are_almost_right_less():
+    rule, energy = CleanSpherical(rate=0.8, joints=0.5, negligible=1e-3), torch.tensor([0.0, 1e-3, 1.0])
+    rates = rule.rates(energy, ROOT_COORDINATES + 4)
+    expected = torch.tensor([0.0, 0.4, 0.8 / 1.001])
+    torch.testing.assert_close(rates[:, :ROOT_COORDINATES], expected[:, None].expand(3, ROOT_COORDINATES))
+    torch.testing.assert_close(rates[:, ROOT_COORDINATES:], 0.5 * expected[:, None].expand(3, 4))
+
+
+def test_joint_angles_keep_more_of_their_noise(make_step):
+    _, mean, _ = sphere(make_step(), CleanSpherical)
+    noise = torch.randn(mean.shape, generator=torch.Generator().manual_seed(1))
+    joints = slice(ROOT_COORDINATES, None)
+    kept = {
+        share: torch.cosine_similarity(
+            (CleanSpherical(rate=1.0, joints=share, negligible=0.0)(make_step()) - mean)[:, joints], noise[:, joints]
+        )
+        for share in (0.0, 0.5, 1.0)
+    }
+    assert (kept[0.0] > kept[0.5]).all()
+    assert (kept[0.5] > kept[1.0]).all()
+    torch.testing.assert_close(kept[0.0], torch.ones(BATCH), atol=1e-4, rtol=0)
+
+
 def test_against_the_gradient_at_the_clean_estimate_the_energy_falls(make_step, prior):
     step = make_step()
     x0_hat = prior.predict_clean(step.x_t, step.t, step.condition)
-    gradient = gradient_at_clean_estimate(step, x0_hat)
+    _, gradient = gradient_at_clean_estimate(step, x0_hat)
     with torch.no_grad():
         before = configuration_energy(prior.denormalise(x0_hat), step.energy).clone()
         after = configuration_energy(prior.denormalise(x0_hat - 1e-3 * unit(gradient)), step.energy)

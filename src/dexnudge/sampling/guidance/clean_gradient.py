@@ -26,7 +26,8 @@ class CleanGradient:
         """x_{t-1} from the corrected clean estimate."""
         with torch.no_grad():
             x0_hat = step.prior.predict_clean(step.x_t, step.t, step.condition, guidance_scale=step.guidance_scale)
-        corrected = x0_hat - self.strength * unit(gradient_at_clean_estimate(step, x0_hat))
+        _, gradient = gradient_at_clean_estimate(step, x0_hat)
+        corrected = x0_hat - self.strength * unit(gradient)
         return ddim_step(
             step.prior.schedule, step.x_t, corrected, step.t, step.t_previous, eta=step.eta, generator=step.generator
         )

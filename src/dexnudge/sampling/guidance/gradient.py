@@ -27,13 +27,14 @@ def gradient_through_network(
 
 def gradient_at_clean_estimate(
     step: ReverseStep, x0_hat: Float[Tensor, "batch dimension"]
-) -> Float[Tensor, "batch dimension"]:
-    """grad_{x0_hat} L(x0_hat) of each sample's own energy, without the network's derivative."""
+) -> tuple[Float[Tensor, " batch"], Float[Tensor, "batch dimension"]]:
+    """(L, g) with g = grad_{x0_hat} L(x0_hat) of each sample's own energy, without the network's derivative."""
     x0 = x0_hat.detach().clone().requires_grad_()
     q = step.prior.denormalise(x0)
     set_wanted_contacts(step, q.detach())
-    (gradient,) = torch.autograd.grad(configuration_energy(q, step.energy).sum(), x0)
-    return gradient
+    energy = configuration_energy(q, step.energy)
+    (gradient,) = torch.autograd.grad(energy.sum(), x0)
+    return energy.detach(), gradient
 
 
 def unit(gradient: Float[Tensor, "batch dimension"]) -> Float[Tensor, "batch dimension"]:

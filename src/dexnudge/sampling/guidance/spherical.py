@@ -36,12 +36,12 @@ def spherical_step(
     x0_hat: Float[Tensor, "batch dimension"],
     gradient: Float[Tensor, "batch dimension"],
     *,
-    rate: float,
+    rate: float | Float[Tensor, "batch dimension"],
 ) -> Float[Tensor, "batch dimension"]:
-    """x_{t-1} on the sphere about DDIM's mean, from the noise towards -gradient by `rate`."""
+    """x_{t-1} on the sphere about DDIM's mean, from the noise towards -gradient by `rate`, of each coordinate or of all."""
     mean, sigma = ddim_mean_and_sigma(step.prior.schedule, step.x_t, x0_hat, step.t, step.t_previous, eta=1.0)
     radius = mean.shape[1] ** 0.5 * sigma
     noise = sigma * torch.randn(mean.shape, generator=step.generator, device=mean.device, dtype=mean.dtype)
     slope = gradient.norm(dim=1, keepdim=True) > SMALLEST_NORM
-    mixed = torch.where(slope, torch.lerp(noise, -radius * unit(gradient), rate), noise)
+    mixed = torch.where(slope, noise + rate * (-radius * unit(gradient) - noise), noise)
     return mean + radius * unit(mixed)
