@@ -15,6 +15,7 @@ from dexnudge.evaluation.reproduction_parts import MAIN, OURS, WITH_BASE
 
 ROOT = Path(__file__).parents[1]
 BEGIN, END = "<!-- results:begin -->", "<!-- results:end -->"
+Rates = dict[tuple[str, str], dict[str, float]]  # (scene, method) -> rate with its interval
 PLOT = re.compile(r"\]\(plots/([^)]+)\)")
 
 
@@ -25,7 +26,9 @@ class Publish:
     runs: Annotated[tuple[Path, ...], tyro.conf.Positional]
     """Folders that `dexnudge reproduce` or `dexnudge evaluate` wrote; the README's table is that of the first."""
     executed: Path | None = None
-    """Folder that `dexnudge evaluate --execute` wrote: its part about physics comes last, its rates into the README."""
+    """Folder that `dexnudge evaluate --execute` wrote: its part about physics comes after them, its rates into the README."""
+    lifted: Path | None = None
+    """Folder that `dexnudge evaluate --then-grasp` wrote, for the same."""
     root: Path = ROOT
     """Folder that README.md and docs/ lie in."""
 
@@ -36,13 +39,15 @@ class Publish:
         before, rest = readme.read_text(encoding="utf-8").split(BEGIN)
         after = rest.split(END)[1]
         texts = [self._with_plots(run) for run in self.runs]
-        physics = {}
+        executed = lifted = {}
         if self.executed is not None:
             texts.append(self._with_calibration(self.executed))
-            lines = json.loads((self.executed / "executed.json").read_text(encoding="utf-8"))["lines"]
-            physics = {(line["scene"], line["method"]): line["top"] for line in lines}
+            executed = rates(self.executed / "executed.json", "top")
+        if self.lifted is not None:
+            texts.append((self.lifted / "lifted.md").read_text(encoding="utf-8"))
+            lifted = rates(self.lifted / "lifted.json", "lifted")
         (self.root / "docs" / "results.md").write_text("\n".join(texts), encoding="utf-8")
-        readme.write_text(f"{before}{BEGIN}\n{readme_table(report, physics)}\n{END}{after}", encoding="utf-8")
+        readme.write_text(f"{before}{BEGIN}\n{readme_table(report, executed, lifted)}\n{END}{after}", encoding="utf-8")
 
     def _with_calibration(self, run: Path) -> str:
         shutil.copyfile(run / "calibration.svg", self.root / "docs" / "images" / "calibration.svg")
@@ -61,12 +66,19 @@ class Publish:
         return PLOT.sub(rf"](images/{name}-\1)", text)
 
 
-def readme_table(report: dict[str, Any], physics: dict[tuple[str, str], dict[str, float]]) -> str:
-    """Rates [%] with 95 % intervals over objects, beside the paper's; `physics`: (scene, method) -> executed rate."""
+def rates(path: Path, name: str) -> Rates:
+    """That rate of each line of a report."""
+    lines = json.loads(path.read_text(encoding="utf-8"))["lines"]
+    return {(line["scene"], line["method"]): line[name] for line in lines}
+
+
+def readme_table(report: dict[str, Any], executed: Rates, lifted: Rates) -> str:
+    """Rates [%] with 95 % intervals over objects, beside the paper's."""
     config = report["config"]
     rows = [
-        "| scene | method | single draw | single, robust | top-ranked | robust | in physics | the paper, its own scenes |",
-        "|---|---|---:|---:|---:|---:|---:|---:|",
+        "| scene | method | single draw | single, robust | top-ranked | robust | pushed in physics | slid, grasped, lifted "
+        "| the paper, its own scenes |",
+        "|---|---|---:|---:|---:|---:|---:|---:|---:|",
     ]
     order = [(scene, method) for scene in config["scenes"] for method in MAIN]
     shown = [line for line in report["lines"] if line.get("part", WITH_BASE) == WITH_BASE]  # evaluate has no parts
@@ -75,7 +87,7 @@ def readme_table(report: dict[str, Any], physics: dict[tuple[str, str], dict[str
         if key in lines:
             line = lines[key]
             cells = [percent(line[name]) for name in ("single", "single_robust", "top", "top_robust")]
-            cells.append(percent(physics[key]) if key in physics else "")
+            cells += [percent(played[key]) if key in played else "" for played in (executed, lifted)]
             paper = f"{TABLE_1[line['scene']][FULL]}" if line["method"] == OURS and line["scene"] in TABLE_1 else ""
             rows.append(f"| {line['scene']} | {method_name(line['method'])} | {' | '.join(cells)} | {paper} |")
     objects = max(line["objects"] for line in shown)

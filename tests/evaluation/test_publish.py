@@ -106,7 +106,13 @@ def test_rates_in_physics_stand_beside_the_others(publish, root, evaluated, tmp_
     (run / "executed.json").write_text(json.dumps({"lines": [{"scene": "table", "method": "ours", "top": top}]}))
     (run / "executed.md").write_text("# Executed\n\n![calibration](calibration.svg)\n")
     (run / "calibration.svg").write_text("<svg/>")
-    publish((evaluated,), executed=run, root=root).run()
-    assert " | 62.5 (50–75) | 73.2 |" in (root / "README.md").read_text()
-    assert (root / "docs" / "results.md").read_text().endswith("# Executed\n\n![calibration](images/calibration.svg)\n")
+    lifted = tmp_path / "lifted"
+    lifted.mkdir()
+    rate = {"value": 0.25, "low": 0.0, "high": 0.5}
+    (lifted / "lifted.json").write_text(json.dumps({"lines": [{"scene": "table", "method": "ours", "lifted": rate}]}))
+    (lifted / "lifted.md").write_text("# Lifted\n")
+    publish((evaluated,), executed=run, lifted=lifted, root=root).run()
+    assert " | 62.5 (50–75) | 25.0 (0–50) | 73.2 |" in (root / "README.md").read_text()
+    results = (root / "docs" / "results.md").read_text()
+    assert results.endswith("# Executed\n\n![calibration](images/calibration.svg)\n\n# Lifted\n")
     assert (root / "docs" / "images" / "calibration.svg").read_text() == "<svg/>"
