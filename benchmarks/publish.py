@@ -26,7 +26,7 @@ class Publish:
     runs: Annotated[tuple[Path, ...], tyro.conf.Positional]
     """Folders that `dexnudge reproduce` or `dexnudge evaluate` wrote; the README's table is that of the first."""
     executed: Path | None = None
-    """Folder that `dexnudge evaluate --execute` wrote: its part about physics comes after them, its rates into the README."""
+    """Folder that `dexnudge evaluate --execute` wrote: what it says comes after them, its rates into the README."""
     lifted: Path | None = None
     """Folder that `dexnudge evaluate --then-grasp` wrote, for the same."""
     root: Path = ROOT
@@ -75,11 +75,9 @@ def rates(path: Path, name: str) -> Rates:
 def readme_table(report: dict[str, Any], executed: Rates, lifted: Rates) -> str:
     """Rates [%] with 95 % intervals over objects, beside the paper's."""
     config = report["config"]
-    rows = [
-        "| scene | method | single draw | single, robust | top-ranked | robust | pushed in physics | slid, grasped, lifted "
-        "| the paper, its own scenes |",
-        "|---|---|---:|---:|---:|---:|---:|---:|---:|",
-    ]
+    header = ["scene", "method", "single draw", "single, robust", "top-ranked", "robust"]
+    header += ["pushed in physics", "slid, grasped, lifted", "the paper, its own scenes"]
+    rows = [f"| {' | '.join(header)} |", "|---|---|---:|---:|---:|---:|---:|---:|---:|"]
     order = [(scene, method) for scene in config["scenes"] for method in MAIN]
     shown = [line for line in report["lines"] if line.get("part", WITH_BASE) == WITH_BASE]  # evaluate has no parts
     lines = {(line["scene"], line["method"]): line for line in shown}
