@@ -121,10 +121,12 @@ def project(
                 residual_before = residual.clone()
             energy.extra_force[:, tips] = config.weights.force * force.gradient
             idle = problem.working.idle(energy.contact_normal[:, tips]) & (near > 0) & ~balanced[:, None]
-            energy.target[:, tips] = problem.working.nearest(
-                energy.contact_point[:, tips], energy.contact_normal[:, tips]
-            )
-            energy.target_weight[:, tips] = idle.float() * (step < config.idle_steps)
+            idle &= step < config.idle_steps
+            energy.target_weight[:, tips] = idle.float()
+            if idle.any():
+                energy.target[:, tips] = problem.working.nearest(
+                    energy.contact_point[:, tips], energy.contact_normal[:, tips]
+                )
         clean = energy.depth.amax(dim=(1, 2)) <= config.depth_tolerance
         held = (contact | (energy.contact_weight[:, tips] == 0)).all(dim=1) & contact.any(dim=1)
         way_free = energy.swept_depth.amax(dim=1) <= config.depth_tolerance
