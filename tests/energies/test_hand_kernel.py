@@ -182,6 +182,21 @@ def test_terms_and_gradient_equal_the_plain_twin(setting):
         )
 
 
+def test_fingertip_contacts_alone_are_those_of_the_whole_energy(setting):
+    hand, naive, _, pose = setting
+    tips = [hand.link_names.index(link) for link in hand.fingertip_links]
+    whole, alone = (HandEnergy(hand, naive.fields, BATCH, WEIGHTS) for _ in range(2))
+    whole.contact_weight[:, tips] = 1.0
+    whole(pose)
+    alone.find_fingertip_contacts(pose)
+    assert (whole.contact_distance[:, tips] < 1.0).all()
+    for name in ("contact_distance", "contact_point", "contact_normal"):
+        assert torch.equal(getattr(alone, name)[:, tips], getattr(whole, name)[:, tips])
+    alone.contact_weight.copy_(whole.contact_weight)
+    assert torch.equal(alone(pose), whole(pose)), "nothing of it is left over"
+    assert torch.equal(alone.gradient, whole.gradient)
+
+
 def test_samples_do_not_feel_their_neighbours(setting):
     hand, naive, energy, pose = setting
     together = energy(pose).clone()

@@ -1,5 +1,6 @@
 """Energy and gradient of a batch of hands in one scene, by the fused kernel."""
 
+from collections.abc import Callable
 from concurrent.futures import ThreadPoolExecutor
 from dataclasses import dataclass, field
 from itertools import pairwise
@@ -9,7 +10,7 @@ from jaxtyping import Float
 from torch import Tensor
 
 from dexnudge.energies import hand_kernel
-from dexnudge.energies.hand_kernel import energies, kinematics, reduce_gradient
+from dexnudge.energies.hand_kernel import contacts, energies, kinematics, reduce_gradient
 from dexnudge.energies.hand_model import build_hand_model
 from dexnudge.energies.kernel_structs import NUM_TERMS, EnergyWeights, State
 from dexnudge.energies.weights import OUTSIDE_KERNEL, TermWeights
@@ -92,6 +93,8 @@ class HandEnergy:
         for name, tensor in self._tensors.items():
             setattr(self._state, name, wp.from_torch(tensor, dtype=types.get(name, wp.float32)))
         self.set_weights(self.weights)
+        tips = [self.hand.link_names.index(link) for link in self.hand.fingertip_links]
+        self._fingertips = wp.array(tips, dtype=wp.int32, device=self.device)
         # A launch on the CPU holds one thread and releases the interpreter.
         parts = min(torch.get_num_threads(), max(1, self.batch // SMALLEST_PART)) if self.device == "cpu" else 1
         bounds = [round(self.batch * part / parts) for part in range(parts + 1)]
@@ -114,19 +117,36 @@ class HandEnergy:
 
     def __call__(self, pose: HandPose) -> Float[Tensor, " batch"]:
         """Total energy of each hand; the attributes hold its parts and its gradient."""
+        self._place(pose)
+        self._in_parts(self._evaluate)
+        return self._tensors["energy"].sum(dim=1)
+
+    def find_fingertip_contacts(self, pose: HandPose) -> None:
+        """Sets contact_distance, contact_point and contact_normal of all fingertips, and no energy: a third of the time."""
+        self._place(pose)
+        self._in_parts(self._find_contacts)
+
+    def _place(self, pose: HandPose) -> None:
         self._tensors["root_translation"].copy_(pose.translation)
         self._tensors["root_rotation"].copy_(pose.rotation)
         self._tensors["joint_angles"].copy_(pose.joint_angles)
-        if self._pool is None:
-            self._launch(self._parts[0])
-        else:
-            list(self._pool.map(self._launch, self._parts))
-        return self._tensors["energy"].sum(dim=1)
 
-    def _launch(self, part: tuple[int, int]) -> None:
+    def _in_parts(self, launch: Callable[[tuple[int, int]], None]) -> None:
+        if self._pool is None:
+            launch(self._parts[0])
+        else:
+            list(self._pool.map(launch, self._parts))
+
+    def _evaluate(self, part: tuple[int, int]) -> None:
         first, count = part
         links = len(self.hand.link_names)
         wp.launch(kinematics, dim=count, inputs=[self._model, self._state, first], device=self.device)
         inputs = [self._model, self.scene, self._kernel_weights, self._state, first]
         wp.launch(energies, dim=(count, links), inputs=inputs, device=self.device)
         wp.launch(reduce_gradient, dim=count, inputs=[self._model, self._state, first], device=self.device)
+
+    def _find_contacts(self, part: tuple[int, int]) -> None:
+        first, count = part
+        wp.launch(kinematics, dim=count, inputs=[self._model, self._state, first], device=self.device)
+        inputs = [self._model, self.scene, self._kernel_weights, self._state, self._fingertips, first]
+        wp.launch(contacts, dim=(count, len(self._fingertips)), inputs=inputs, device=self.device)

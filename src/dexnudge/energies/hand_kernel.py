@@ -3,7 +3,8 @@
 Three launches per evaluation, each writing into arrays that live as long as the evaluator: (1) kinematics, one thread per
 hand; (2) energies, one thread per hand and link, which gathers the gradient of every point of the link as a wrench
 (force and moment about the frame's origin); (3) reduction of the wrenches along the tree to the gradient in the root's
-translation and rotation vector and in the joint angles, one thread per hand.
+translation and rotation vector and in the joint angles, one thread per hand. `contacts` finds what `energies` would find of
+the contacts of some links, and nothing else.
 
 The terms stand in files of their own: `environment_kernel`, `object_kernel`, `fixed_points_kernel`, `self_collision_kernel`.
 All positions are in the working frame of the scene (see `scene_fields`); [m], distances negative inside.
@@ -134,6 +135,20 @@ def energies(hand: HandModel, scene: SceneFields, weights: EnergyWeights, state:
     state.link_energy[i, l, TERM_OBJECT] = energy_object
     state.link_energy[i, l, TERM_SELF] = energy_self
     state.depth[i, l] = wp.vec3(deepest_environment, deepest_object, deepest_self)
+
+
+@wp.kernel(enable_backward=False)
+def contacts(
+    hand: HandModel, scene: SceneFields, weights: EnergyWeights, state: State, links: wp.array(dtype=int), first: int
+):
+    """The point of one hand's link that is nearest to the object."""
+    b, n = wp.tid()
+    i = first + b
+    if state.active[i] == 0:
+        return
+    state.contact_distance[i, links[n]] = FAR
+    if hand.radius[links[n]] >= 0.0:
+        points_on_object(hand, scene, weights, state, i, links[n])
 
 
 @wp.kernel(enable_backward=False)

@@ -15,8 +15,7 @@ def set_wanted_contacts(step: ReverseStep, q: Float[Tensor, "batch coordinates"]
     """Sets the energy's contact weights, and the pull of the force balance, from the clean estimate q (frame C)."""
     energy, hand = step.energy, step.hand
     tips = [hand.link_names.index(link) for link in hand.fingertip_links]
-    energy.contact_weight[:, tips] = 1.0
-    energy(pose_from_configuration(q))
+    energy.find_fingertip_contacts(pose_from_configuration(q))
     reach = REACH_CLEAN + (REACH_NOISY - REACH_CLEAN) * (1.0 - step.alpha_bar)
     energy.contact_weight[:, tips] = wanted_contacts(energy.contact_distance[:, tips], reach=reach)
     pull_to_balance(step)
