@@ -6,9 +6,10 @@ import numpy as np
 import pytest
 import trimesh
 
-from dexnudge.evaluation.way_margin import helping, least_margins, way_margins
+from dexnudge.evaluation.way_margin import helping, least_margins, rearmost_press, way_margins
 from dexnudge.mechanics.balance import force_margin
 from dexnudge.mechanics.contacts import HandContacts, support_contacts
+from dexnudge.mechanics.sliding_task import sliding_task
 from dexnudge.scenes.boxes import box
 from dexnudge.scenes.scene import Scene
 
@@ -70,6 +71,26 @@ def test_a_contact_that_squeezes_or_holds_back_makes_a_configuration_worse(at_th
         at_the_edge, [normals(up), normals(up, behind), normals(up, slanted), normals(up, side), normals(up, front)]
     )
     np.testing.assert_allclose(found, [0.4, 0.4, 0.2, 0.0, -0.6])
+
+
+def test_a_hand_presses_where_its_rearmost_pressing_contact_is(at_the_edge):
+    centre = sliding_task(at_the_edge).centre
+
+    def touching(*pairs):
+        places, normals = zip(*pairs, strict=True)
+        points = centre + np.array([[place, 0.01, 0.0] for place in places])
+        return HandContacts(points=points, normals=np.array(normals, dtype=float), link=np.arange(len(pairs)))
+
+    up, behind, side = (0.0, 0.0, 1.0), (-1.0, 0.0, 0.0), (0.0, 1.0, 0.0)
+    found = rearmost_press(
+        at_the_edge,
+        [
+            touching((0.05, up), (0.021, up), (-0.03, side)),
+            touching((0.05, up), (-0.06, behind)),
+            touching((0.04, side)),
+        ],
+    )
+    np.testing.assert_allclose(found, [0.02, 0.0, 1.0])
 
 
 def test_a_margin_along_the_way_is_that_of_a_scene_made_for_that_place(at_the_edge):

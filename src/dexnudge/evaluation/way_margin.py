@@ -17,6 +17,8 @@ from dexnudge.scenes.per_scene import per_scene
 from dexnudge.scenes.scene import Scene
 
 STATIONS = 3  # places along the way beside its beginning; the last one is its end
+PRESSING = 0.7  # cosine from which a contact presses down or pushes from behind
+NO_PRESS = 1.0  # [m] in front of the centre of mass: where a hand counts as pressing that does so nowhere
 HELPING = 0.4  # cosine from which a contact pushes down or forward, and does not only squeeze or hold back
 SAME_PLACE = 1e-5  # [m] by which two places of supports differ for no other reason than rounding
 
@@ -58,6 +60,21 @@ def helping(scene: Scene, contacts: Sequence[HandContacts]) -> Float[np.ndarray,
     """
     worst = [np.maximum(each.normals[:, 2], -each.normals @ scene.motion).min(initial=HELPING) for each in contacts]
     return np.round(np.minimum(worst, HELPING), 1)
+
+
+def rearmost_press(scene: Scene, contacts: Sequence[HandContacts]) -> Float[np.ndarray, " configuration"]:
+    """How far in front of the object's centre of mass the rearmost contact is that presses down or pushes [m], in whole cm.
+
+    0 at and behind the centre, 1 m for a hand that neither presses nor pushes. As the object comes over an edge, only what
+    presses near its centre keeps it on what carries it; a hand that presses in front alone tips it, and slips off.
+    """
+    along = scene.motion
+    centre = sliding_task(scene).centre @ along
+    places = np.full(len(contacts), NO_PRESS)
+    for row, each in enumerate(contacts):
+        pressing = np.maximum(each.normals[:, 2], -each.normals @ along) > PRESSING
+        places[row] = (each.points[pressing] @ along - centre).min(initial=NO_PRESS)
+    return np.round(places.clip(min=0.0), 2)
 
 
 def _carried_alike(scene: Scene) -> bool:
