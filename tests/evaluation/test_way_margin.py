@@ -6,7 +6,7 @@ import numpy as np
 import pytest
 import trimesh
 
-from dexnudge.evaluation.way_margin import helping, least_margins, rearmost_press, way_margins
+from dexnudge.evaluation.way_margin import least_margins, pressing_share, rearmost_press, way_margins
 from dexnudge.mechanics.balance import force_margin
 from dexnudge.mechanics.contacts import HandContacts, support_contacts
 from dexnudge.mechanics.sliding_task import sliding_task
@@ -61,16 +61,17 @@ def test_where_the_object_is_carried_alike_the_margins_stay_as_they_are(at_the_e
     np.testing.assert_allclose(along, along[0], atol=2e-3)
 
 
-def test_a_contact_that_squeezes_or_holds_back_makes_a_configuration_worse(at_the_edge):
+def test_contacts_that_squeeze_or_hold_back_do_not_press(at_the_edge):
     def normals(*rows):
         return HandContacts(points=np.zeros((len(rows), 3)), normals=np.array(rows), link=np.arange(len(rows)))
 
     up, behind, side, front = (0.0, 0.0, 1.0), (-1.0, 0.0, 0.0), (0.0, 1.0, 0.0), (0.8, 0.0, -0.6)
-    slanted = (0.0, 0.98, 0.2)
-    found = helping(
-        at_the_edge, [normals(up), normals(up, behind), normals(up, slanted), normals(up, side), normals(up, front)]
+    slanted = (0.0, 0.6, 0.8)
+    found = pressing_share(
+        at_the_edge,
+        [normals(up), normals(up, behind, slanted), normals(up, side), normals(up, side, front), normals(front)],
     )
-    np.testing.assert_allclose(found, [0.4, 0.4, 0.2, 0.0, -0.6])
+    np.testing.assert_allclose(found, [1.0, 1.0, 0.5, 0.3, 0.0])
 
 
 def test_a_hand_presses_where_its_rearmost_pressing_contact_is(at_the_edge):

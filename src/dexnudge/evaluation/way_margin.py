@@ -7,7 +7,7 @@ from collections.abc import Sequence
 from dataclasses import replace
 
 import numpy as np
-from jaxtyping import Float
+from jaxtyping import Bool, Float
 
 from dexnudge.mechanics.contacts import HandContacts, SupportContacts, support_contacts
 from dexnudge.mechanics.fast_balance import force_margins
@@ -19,7 +19,6 @@ from dexnudge.scenes.scene import Scene
 STATIONS = 3  # places along the way beside its beginning; the last one is its end
 PRESSING = 0.7  # cosine from which a contact presses down or pushes from behind
 NO_PRESS = 1.0  # [m] in front of the centre of mass: where a hand counts as pressing that does so nowhere
-HELPING = 0.4  # cosine from which a contact pushes down or forward, and does not only squeeze or hold back
 SAME_PLACE = 1e-5  # [m] by which two places of supports differ for no other reason than rounding
 
 
@@ -52,14 +51,13 @@ def least_margins(
     return np.minimum(force_margin, way_margins(scene, contacts, length=push_length(scene)).min(axis=1))
 
 
-def helping(scene: Scene, contacts: Sequence[HandContacts]) -> Float[np.ndarray, " configuration"]:
-    """How far even the worst contact of each configuration pushes down or forward: a cosine, at most 0.4, in tenths.
+def pressing_share(scene: Scene, contacts: Sequence[HandContacts]) -> Float[np.ndarray, " configuration"]:
+    """Share of the contact points of each configuration that press down or push from behind, in tenths.
 
     The balance counts on contacts that squeeze an object from two sides or hold it back in front, and needs their forces to
     be just right; in physics such a contact turns the object or slips off. Nothing depends on those that press or push.
     """
-    worst = [np.maximum(each.normals[:, 2], -each.normals @ scene.motion).min(initial=HELPING) for each in contacts]
-    return np.round(np.minimum(worst, HELPING), 1)
+    return np.round([_pressing(scene, each).mean() if len(each.points) else 0.0 for each in contacts], 1)
 
 
 def rearmost_press(scene: Scene, contacts: Sequence[HandContacts]) -> Float[np.ndarray, " configuration"]:
@@ -68,13 +66,15 @@ def rearmost_press(scene: Scene, contacts: Sequence[HandContacts]) -> Float[np.n
     0 at and behind the centre, 1 m for a hand that neither presses nor pushes. As the object comes over an edge, only what
     presses near its centre keeps it on what carries it; a hand that presses in front alone tips it, and slips off.
     """
-    along = scene.motion
-    centre = sliding_task(scene).centre @ along
-    places = np.full(len(contacts), NO_PRESS)
-    for row, each in enumerate(contacts):
-        pressing = np.maximum(each.normals[:, 2], -each.normals @ along) > PRESSING
-        places[row] = (each.points[pressing] @ along - centre).min(initial=NO_PRESS)
-    return np.round(places.clip(min=0.0), 2)
+    centre = sliding_task(scene).centre
+    places = [
+        ((each.points[_pressing(scene, each)] - centre) @ scene.motion).min(initial=NO_PRESS) for each in contacts
+    ]
+    return np.round(np.clip(places, 0.0, None), 2)
+
+
+def _pressing(scene: Scene, contacts: HandContacts) -> Bool[np.ndarray, " contact"]:
+    return np.maximum(contacts.normals[:, 2], -contacts.normals @ scene.motion) > PRESSING
 
 
 def _carried_alike(scene: Scene) -> bool:
