@@ -6,7 +6,7 @@ import numpy as np
 import pytest
 import trimesh
 
-from dexnudge.evaluation.way_margin import least_margins, pressing_share, rearmost_press, way_margins
+from dexnudge.evaluation.way_margin import helping, least_margins, rearmost_press, way_margins
 from dexnudge.mechanics.balance import force_margin
 from dexnudge.mechanics.contacts import HandContacts, support_contacts
 from dexnudge.mechanics.sliding_task import sliding_task
@@ -61,17 +61,18 @@ def test_where_the_object_is_carried_alike_the_margins_stay_as_they_are(at_the_e
     np.testing.assert_allclose(along, along[0], atol=2e-3)
 
 
-def test_contacts_that_squeeze_or_hold_back_do_not_press(at_the_edge):
+def test_contacts_that_squeeze_or_hold_back_help_less(at_the_edge):
     def normals(*rows):
         return HandContacts(points=np.zeros((len(rows), 3)), normals=np.array(rows), link=np.arange(len(rows)))
 
     up, behind, side, front = (0.0, 0.0, 1.0), (-1.0, 0.0, 0.0), (0.0, 1.0, 0.0), (0.8, 0.0, -0.6)
     slanted = (0.0, 0.6, 0.8)
-    found = pressing_share(
+    nobody = HandContacts(points=np.zeros((0, 3)), normals=np.zeros((0, 3)), link=np.zeros(0, dtype=np.int64))
+    found = helping(
         at_the_edge,
-        [normals(up), normals(up, behind, slanted), normals(up, side), normals(up, side, front), normals(front)],
+        [normals(up), normals(up, behind, slanted), normals(up, side), normals(up, front), nobody],
     )
-    np.testing.assert_allclose(found, [1.0, 1.0, 0.5, 0.3, 0.0])
+    np.testing.assert_allclose(found, [1.0, 2.8 / 3, 0.5, 0.2, -1.0])
 
 
 def test_a_hand_presses_where_its_rearmost_pressing_contact_is(at_the_edge):

@@ -13,7 +13,7 @@ from jaxtyping import Float, Int
 
 from dexnudge.errors import InputError
 from dexnudge.evaluation.success import ROBUST_MARGIN, Verdicts, judge
-from dexnudge.evaluation.way_margin import least_margins, pressing_share, rearmost_press
+from dexnudge.evaluation.way_margin import helping, least_margins, rearmost_press
 from dexnudge.hands.hand import Hand
 from dexnudge.sampling.methods import Method, find_method
 from dexnudge.sampling.problem import SamplingProblem, prepare
@@ -121,19 +121,19 @@ def best_first(scene: Scene, verdicts: Verdicts) -> Int[np.ndarray, " n"]:
     """Order of the draws: verified ones first; among them those that push best.
 
     That is: by the least force margin along the way up to 1.5 (robust), by how near to the centre of mass or behind it one
-    of the contacts presses or pushes, by the share of them that do, by the margin itself, by the least penetration. Of those
-    that are not verified the margin where the way begins counts.
+    of the contacts presses or pushes, by how far all of them do, by the least penetration. Of those that are not verified
+    the margin where the way begins counts.
     """
     margin, verified = np.array(verdicts.force_margin), np.flatnonzero(verdicts.success)
     push, ahead = np.zeros(len(margin)), np.zeros(len(margin))
     if len(verified) > 1:
         contacts = [verdicts.contacts[row] for row in verified]
         margin[verified] = least_margins(scene, contacts, margin[verified])
-        push[verified], ahead[verified] = pressing_share(scene, contacts), rearmost_press(scene, contacts)
+        push[verified], ahead[verified] = helping(scene, contacts), rearmost_press(scene, contacts)
     deepest = np.maximum.reduce(
         [verdicts.penetration_object, verdicts.penetration_environment, verdicts.penetration_self]
     )
-    return np.lexsort((deepest, -margin, -push, ahead, -np.minimum(margin, ROBUST_MARGIN), ~verdicts.success))
+    return np.lexsort((deepest, -push, ahead, -np.minimum(margin, ROBUST_MARGIN), ~verdicts.success))
 
 
 def take(verdicts: Verdicts, order: Int[np.ndarray, " m"]) -> Verdicts:

@@ -7,7 +7,7 @@ from collections.abc import Sequence
 from dataclasses import replace
 
 import numpy as np
-from jaxtyping import Bool, Float
+from jaxtyping import Float
 
 from dexnudge.mechanics.contacts import HandContacts, SupportContacts, support_contacts
 from dexnudge.mechanics.fast_balance import force_margins
@@ -51,13 +51,13 @@ def least_margins(
     return np.minimum(force_margin, way_margins(scene, contacts, length=push_length(scene)).min(axis=1))
 
 
-def pressing_share(scene: Scene, contacts: Sequence[HandContacts]) -> Float[np.ndarray, " configuration"]:
-    """Share of the contact points of each configuration that press down or push from behind, in tenths.
+def helping(scene: Scene, contacts: Sequence[HandContacts]) -> Float[np.ndarray, " configuration"]:
+    """How far the contacts of each configuration press down or push from behind: their mean cosine.
 
     The balance counts on contacts that squeeze an object from two sides or hold it back in front, and needs their forces to
     be just right; in physics such a contact turns the object or slips off. Nothing depends on those that press or push.
     """
-    return np.round([_pressing(scene, each).mean() if len(each.points) else 0.0 for each in contacts], 1)
+    return np.array([_help(scene, each).mean() if len(each.points) else -1.0 for each in contacts])
 
 
 def rearmost_press(scene: Scene, contacts: Sequence[HandContacts]) -> Float[np.ndarray, " configuration"]:
@@ -67,14 +67,14 @@ def rearmost_press(scene: Scene, contacts: Sequence[HandContacts]) -> Float[np.n
     presses near its centre keeps it on what carries it; a hand that presses in front alone tips it, and slips off.
     """
     centre = sliding_task(scene).centre
-    places = [
-        ((each.points[_pressing(scene, each)] - centre) @ scene.motion).min(initial=NO_PRESS) for each in contacts
-    ]
+    pressing = [each.points[_help(scene, each) > PRESSING] for each in contacts]
+    places = [((points - centre) @ scene.motion).min(initial=NO_PRESS) for points in pressing]
     return np.round(np.clip(places, 0.0, None), 2)
 
 
-def _pressing(scene: Scene, contacts: HandContacts) -> Bool[np.ndarray, " contact"]:
-    return np.maximum(contacts.normals[:, 2], -contacts.normals @ scene.motion) > PRESSING
+def _help(scene: Scene, contacts: HandContacts) -> Float[np.ndarray, " contact"]:
+    """Cosine between each contact's inward normal and the way down or forward, whichever is greater."""
+    return np.maximum(contacts.normals[:, 2], -contacts.normals @ scene.motion)
 
 
 def _carried_alike(scene: Scene) -> bool:
