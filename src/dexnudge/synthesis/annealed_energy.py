@@ -89,7 +89,7 @@ class AnnealEnergy(HandEnergy):
         """Replaces the candidates that touch."""
         self._chosen.copy_(torch.from_numpy(contact_index))
 
-    def _launch(self, part: tuple[int, int]) -> None:
+    def _evaluate(self, part: tuple[int, int]) -> None:
         first, count = part
         links = len(self.hand.link_names)
         hand, scene, model, state = self._model, self.scene, self._anneal_model, self._state
