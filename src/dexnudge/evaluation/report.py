@@ -59,7 +59,7 @@ def as_markdown(lines: list[Line], experiment: dict[str, Any]) -> str:
     draws = f"{config['num']} draws for each object and scene, seed {config['seed']}, hand {config['hand']}{base}."
     losses = losses_changed(config)
     parts = [
-        f"# Success on {config['objects']}",
+        f"# Success on {Path(config['objects']).name}",
         f"{draws} {losses}{COLUMNS_EXPLAINED}",
         rate_table(lines),
         "## Methods",

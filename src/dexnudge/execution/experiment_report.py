@@ -101,7 +101,7 @@ def _as_markdown(
     config = claim["config"]
     reasons = list(dict.fromkeys(reason for line in lines for reason in line.failures))
     parts = [
-        f"# Executed in physics: {config['objects']}",
+        f"# Executed in physics: {Path(config['objects']).name}",
         losses_changed(config) + EXPLAINED.format(num=config["execute_num"]),
         _line_table(lines),
         "## Why executions failed",

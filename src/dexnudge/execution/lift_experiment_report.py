@@ -49,7 +49,7 @@ def _as_markdown(claim: dict[str, Any], lines: Sequence[LiftLine]) -> str:
     config = claim["config"]
     tries = "1 try" if config["tries"] == 1 else f"{config['tries']} tries"
     parts = [
-        f"# Slid, grasped, lifted: {config['objects']}",
+        f"# Slid, grasped, lifted: {Path(config['objects']).name}",
         losses_changed(config) + EXPLAINED.format(lift=100 * LIFT, hold=HOLD_TIME, tries=tries),
         _line_table(lines),
         "## Why objects were not lifted",
