@@ -13,7 +13,7 @@ from dexnudge.geometry.exact_distance import ExactDistance
 from dexnudge.geometry.warp_runtime import WarpStruct, wp
 from dexnudge.hands.hand import Hand
 from dexnudge.hands.kinematic_tree import kinematic_tree
-from dexnudge.hands.per_hand import per_hand
+from dexnudge.made_once import made_once
 
 LINK_CELL = 0.0015  # [m] grid cell of a digit's link
 LARGE_LINK_CELL = 0.003  # [m] of the palm and the base
@@ -29,7 +29,7 @@ def build_hand_model(hand: Hand, *, device: str = "cpu") -> WarpStruct:
     return models[device]
 
 
-@per_hand
+@made_once
 def _models(hand: Hand) -> dict[str, WarpStruct]:  # noqa: ARG001 - what is kept is the hand's
     """Device -> the model there, as far as one was asked for."""
     return {}

@@ -12,7 +12,7 @@ from jaxtyping import Float
 from dexnudge.evaluation.point_tree import PointHits, SolidDistance, build_tree, query_tree
 from dexnudge.geometry.surface_lattice import Boxes, lattice_in_boxes
 from dexnudge.hands.hand import Hand
-from dexnudge.hands.per_hand import per_hand
+from dexnudge.made_once import made_once
 from dexnudge.scenes.scene import Scene
 
 SURFACE_SPACING = 2e-3
@@ -50,7 +50,7 @@ class HandSolids:
             self.partners[one, other] = self.partners[other, one] = True
 
 
-@per_hand
+@made_once
 def hand_solids(hand: Hand) -> HandSolids:
     """The hand's solids."""
     return HandSolids(hand)

@@ -1,6 +1,7 @@
 """The report of an experiment, made from its rows: report.md for people, report.json for programs."""
 
 import json
+from collections.abc import Mapping
 from pathlib import Path
 from typing import Any
 
@@ -12,7 +13,7 @@ from dexnudge.evaluation.lines import Line, summarise
 from dexnudge.evaluation.method_names import method_table
 from dexnudge.evaluation.rows import read_rows
 
-MARKDOWN_FILE, JSON_FILE = "report.md", "report.json"
+REPORT = "report"  # .md and .json
 COLUMNS_EXPLAINED = (
     "Rates in % of what was attempted; in brackets, 95 % intervals by bootstrap over objects. Top-ranked: verified ones "
     "first, best first; top of k: of k draws, mean over all choices of k. First: the sampler's own first choice, before "
@@ -42,12 +43,15 @@ def write_report(folder: Path) -> str:
     return markdown
 
 
-def write_report_files(folder: Path, markdown: str, content: dict[str, Any]) -> None:
-    """Write a report's text and its numbers; OutputError when that fails."""
+def write_report_files(
+    folder: Path, markdown: str, content: dict[str, Any], *, name: str = REPORT, others: Mapping[str, str] | None = None
+) -> None:
+    """Write a report's text and its numbers, NAME.md and NAME.json, and other files of text; OutputError when that fails."""
     numbers = json.dumps(as_json(content), indent=2, allow_nan=False)
+    texts = {f"{name}.md": markdown, f"{name}.json": numbers + "\n", **(others or {})}
     try:
-        (folder / MARKDOWN_FILE).write_text(markdown, encoding="utf-8")
-        (folder / JSON_FILE).write_text(numbers + "\n", encoding="utf-8")
+        for file, text in texts.items():
+            (folder / file).write_text(text, encoding="utf-8")
     except OSError as error:
         raise OutputError(f"cannot write the report into {folder}: {error.strerror or error}") from error
 

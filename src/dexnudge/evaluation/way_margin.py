@@ -9,11 +9,11 @@ from dataclasses import replace
 import numpy as np
 from jaxtyping import Float
 
+from dexnudge.made_once import made_once
 from dexnudge.mechanics.contacts import HandContacts, SupportContacts, support_contacts
 from dexnudge.mechanics.fast_balance import force_margins
 from dexnudge.mechanics.sliding_task import sliding_task
 from dexnudge.planning.push_length import push_length
-from dexnudge.scenes.per_scene import per_scene
 from dexnudge.scenes.scene import Scene
 
 STATIONS = 3  # places along the way beside its beginning; the last one is its end
@@ -102,7 +102,7 @@ def _moved(scene: Scene, way: float) -> Scene:
     return known[way]
 
 
-@per_scene
+@made_once
 def _moved_scenes(_: Scene) -> dict[float, Scene]:
     """By the way [m] that the object has been carried; empty at first."""
     return {}

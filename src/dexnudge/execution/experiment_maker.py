@@ -9,7 +9,6 @@ from dexnudge.errors import DexnudgeError
 from dexnudge.evaluation.draws import JudgedDraws
 from dexnudge.evaluation.experiment_config import ExperimentConfig, Task, row_seed
 from dexnudge.evaluation.row_maker import RowMaker
-from dexnudge.evaluation.success import contacts_of
 from dexnudge.evaluation.sweeps import setting_name
 from dexnudge.execution.executor import Executor
 from dexnudge.execution.experiment_rows import Executed, ExecutionRow
@@ -88,12 +87,13 @@ class ExecutionRowMaker:
                 for quantity, factors in ERRORS.items()
                 for factor in factors
             }
-        (contacts,) = contacts_of(hand, scene, q[None])
         return Executed(
             rank=rank,
             force_margin=round(float(draws.verdicts.force_margin[index]), 4),
             links=len(draws.verdicts.contact_links[index]),
-            behaviour=behaviour_in_scene(contacts, scene.motion, q[:3] - scene.object_in_world().center_mass),
+            behaviour=behaviour_in_scene(
+                draws.verdicts.contacts[index], scene.motion, q[:3] - scene.object_in_world().center_mass
+            ),
             success=verdict.success,
             reason=verdict.reason,
             advanced=round(verdict.advanced, 5),

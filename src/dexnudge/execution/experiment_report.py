@@ -1,6 +1,5 @@
 """The report of an experiment's executions, made from their rows: executed.md, executed.json and a calibration plot."""
 
-import json
 from collections.abc import Callable, Mapping, Sequence
 from dataclasses import asdict
 from functools import partial
@@ -8,10 +7,9 @@ from pathlib import Path
 from typing import Any
 
 from dexnudge.dataset.schema import BEHAVIOURS
-from dexnudge.errors import InputError, OutputError
-from dexnudge.evaluation.estimate import as_json
+from dexnudge.errors import InputError
 from dexnudge.evaluation.markdown import markdown_table
-from dexnudge.evaluation.report import losses_changed, made_with
+from dexnudge.evaluation.report import losses_changed, made_with, write_report_files
 from dexnudge.evaluation.rows import read_rows
 from dexnudge.execution.calibration_chart import calibration_chart
 from dexnudge.execution.experiment import read_executions
@@ -27,7 +25,7 @@ from dexnudge.execution.experiment_lines import (
 )
 from dexnudge.execution.experiment_rows import Executed, ExecutionRow
 
-MARKDOWN_FILE, JSON_FILE, CHART_FILE = "executed.md", "executed.json", "calibration.svg"
+REPORT, CHART_FILE = "executed", "calibration.svg"  # .md and .json
 ByScene = Mapping[str, Mapping[str, Group]]
 GROUPS: dict[str, tuple[Callable[[Executed], str], Sequence[str]]] = {  # title -> name of an execution's group, order
     "behaviour": (lambda each: each.behaviour, BEHAVIOURS),
@@ -81,12 +79,7 @@ def write_execution_report(out: Path) -> str:
         margin_bins(),
         {**bins} if len(bins) > 2 else {"all": bins["all"]},
     )
-    try:
-        (out / MARKDOWN_FILE).write_text(markdown, encoding="utf-8")
-        (out / JSON_FILE).write_text(json.dumps(as_json(numbers), indent=2, allow_nan=False) + "\n", encoding="utf-8")
-        (out / CHART_FILE).write_text(chart, encoding="utf-8")
-    except OSError as error:
-        raise OutputError(f"cannot write the report into {out}: {error.strerror or error}") from error
+    write_report_files(out, markdown, numbers, name=REPORT, others={CHART_FILE: chart})
     return markdown
 
 

@@ -1,19 +1,18 @@
 """The report of an experiment's lifts, made from their rows: lifted.md and lifted.json."""
 
-import json
 from collections.abc import Callable, Sequence
 from pathlib import Path
 from typing import Any
 
-from dexnudge.errors import InputError, OutputError
-from dexnudge.evaluation.estimate import Estimate, as_json
+from dexnudge.errors import InputError
+from dexnudge.evaluation.estimate import Estimate
 from dexnudge.evaluation.markdown import markdown_table
-from dexnudge.evaluation.report import losses_changed, made_with
+from dexnudge.evaluation.report import losses_changed, made_with, write_report_files
 from dexnudge.execution.grasp_and_lift import HOLD_TIME, LIFT
 from dexnudge.execution.lift_experiment import read_lifts
 from dexnudge.execution.lift_experiment_lines import LiftLine, lift_lines
 
-MARKDOWN_FILE, JSON_FILE = "lifted.md", "lifted.json"
+REPORT = "lifted"  # .md and .json
 EXPLAINED = (
     "In one simulation each object is slid by its verified draws, best first, to where it can be grasped, grasped there, "
     "lifted by {lift:g} cm and held for {hold:g} s. Lifted: share of all attempted objects with which that comes off within "
@@ -36,12 +35,7 @@ def write_lift_report(out: Path) -> str:
         raise InputError(f"{out} holds no lifts yet; expected a folder that `dexnudge evaluate --then-grasp` worked on")
     lines = lift_lines(rows)
     markdown = _as_markdown(claim, lines)
-    numbers = as_json({**claim, "lines": [vars(line) for line in lines]})
-    try:
-        (out / MARKDOWN_FILE).write_text(markdown, encoding="utf-8")
-        (out / JSON_FILE).write_text(json.dumps(numbers, indent=2, allow_nan=False) + "\n", encoding="utf-8")
-    except OSError as error:
-        raise OutputError(f"cannot write the report into {out}: {error.strerror or error}") from error
+    write_report_files(out, markdown, {**claim, "lines": [vars(line) for line in lines]}, name=REPORT)
     return markdown
 
 

@@ -7,7 +7,7 @@ import numpy as np
 from jaxtyping import Float
 
 from dexnudge.hands.hand import ROOT_COORDINATES, Hand
-from dexnudge.hands.per_hand import per_hand
+from dexnudge.made_once import made_once
 from dexnudge.planning.approach import GOAL_PENETRATION, OPENING_ALLOWANCE
 from dexnudge.planning.hand_clearance import HandClearance
 from dexnudge.planning.hand_states import palm_pose, state_space
@@ -80,7 +80,7 @@ def opening_path(hand: Hand, angles: Float[np.ndarray, " joint"]) -> list[Float[
     return next((path for path in paths if depth(_between([angles, *path])).max() <= allowed), None)
 
 
-@per_hand
+@made_once
 def _self_penetration(hand: Hand) -> SelfPenetration:
     return SelfPenetration(hand)
 

@@ -10,8 +10,8 @@ from jaxtyping import Bool, Float, Int
 from dexnudge.geometry.distinct_rows import distinct_rows
 from dexnudge.geometry.exact_distance import ExactDistance
 from dexnudge.geometry.surface_lattice import surface_lattice
+from dexnudge.made_once import made_once
 from dexnudge.mechanics.support_hull import reduce_supports
-from dexnudge.scenes.per_scene import per_scene
 from dexnudge.scenes.scene import Scene
 
 HAND_CONTACT_DISTANCE = 2e-3
@@ -110,7 +110,7 @@ def support_mask(
     return (np.abs(distance) <= SUPPORT_DISTANCE) & facing
 
 
-@per_scene
+@made_once
 def support_contacts(scene: Scene) -> SupportContacts:
     """Return the contacts of a scene's object with its environment, reduced to the extreme ones; found once per scene.
 

@@ -9,7 +9,7 @@ from jaxtyping import Float, Int
 from dexnudge.geometry.warp_runtime import WarpStruct, wp
 from dexnudge.hands.hand import Hand
 from dexnudge.hands.kinematic_tree import kinematic_tree
-from dexnudge.hands.per_hand import per_hand
+from dexnudge.made_once import made_once
 from dexnudge.planning.clearance_kernel import ClearanceHand, HandStates, Obstacle, clearances
 from dexnudge.planning.point_balls import PointBalls, point_balls
 from dexnudge.scenes.scene import Scene
@@ -119,7 +119,7 @@ class HandClearance:
         return obstacle
 
 
-@per_hand
+@made_once
 def _model(hand: Hand) -> tuple[WarpStruct, PointBalls]:
     """(struct for the kernel, the same balls for Python) of a hand."""
     balls = point_balls(hand.dense_points)

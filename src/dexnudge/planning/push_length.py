@@ -1,11 +1,11 @@
 """How far a push should carry an object: its whole motion, but no farther than to where the object can be grasped."""
 
+from dexnudge.made_once import made_once
 from dexnudge.planning.object_motion import NoObjectMotion, plan_object_motion
-from dexnudge.scenes.per_scene import per_scene
 from dexnudge.scenes.scene import Scene
 
 
-@per_scene
+@made_once
 def push_length(scene: Scene) -> float:
     """`scene.motion_length` [m], or the shorter way after which the object is graspable over an edge.
 

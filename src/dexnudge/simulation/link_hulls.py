@@ -10,7 +10,7 @@ import numpy as np
 from jaxtyping import Float
 
 from dexnudge.hands.hand import Hand
-from dexnudge.hands.per_hand import per_hand
+from dexnudge.made_once import made_once
 from dexnudge.simulation.convex_pieces import DECOMPOSE_LINK, bodies_of, decomposed
 from dexnudge.simulation.simple_hull import simple_hull
 
@@ -21,7 +21,7 @@ TOLERANCE = 2.0e-4  # [m] that a piece may leave out of its hull; a fifth of the
 HOLLOW = 0.7  # volume / volume of the hull below which a link is cut: the palm's hull fills the hollow of the hand
 
 
-@per_hand
+@made_once
 def link_pieces(hand: Hand) -> LinkPieces:
     """Convex pieces of every link, remembered per hand: a hollow palm takes some seconds."""
     pieces: LinkPieces = []
