@@ -26,7 +26,14 @@ def push(pad_hand, block) -> PushModel:
 def idle(push) -> PushForces:
     """Nothing is pressed: the pads go along beside the block."""
     none = np.zeros(push.model.nu)
-    return PushForces(np.zeros((0, 3)), none, np.zeros(3), none, np.zeros(6), 1.0)
+    return PushForces(
+        force=np.zeros((1, 0, 3)),
+        motor_torque=none[None],
+        base_wrench=np.zeros((1, 6)),
+        cone_share=np.ones(1),
+        closing=none,
+        base_closing=np.zeros(3),
+    )
 
 
 def test_a_push_in_an_episode_is_the_push_alone_and_the_next_goes_on(push, pad_grasp, idle):

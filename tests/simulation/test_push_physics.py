@@ -41,12 +41,18 @@ def palm_at(height: float) -> np.ndarray:
     return np.array([0.0, 0.0, height + PALM_BOTTOM, 1.0, 0.0, 0.0, 0.0, 1.0, 0.0, 0.0, 0.0])
 
 
-def pressing(push: PushModel, force: tuple[float, float, float]) -> PushForces:
-    """The base presses with this force [N] at the palm's lower face; the fingers idle."""
+def pressing(push: PushModel, *forces: tuple[float, float, float]) -> PushForces:
+    """The base presses with these forces [N] at the palm's lower face, one a place of the way; the fingers idle."""
     lever = np.array([0.0, 0.0, -PALM_BOTTOM])
-    none = np.zeros(push.model.nu)
-    wrench = np.concatenate([force, np.cross(lever, force)])
-    return PushForces(np.array([force]), none, np.zeros(3), none, wrench, 1.0)
+    force = np.array(forces)
+    return PushForces(
+        force=force[:, None],
+        motor_torque=np.zeros((len(force), push.model.nu)),
+        base_wrench=np.concatenate([force, np.cross(lever, force)], axis=1),
+        cone_share=np.ones(len(force)),
+        closing=np.zeros(push.model.nu),
+        base_closing=np.zeros(3),
+    )
 
 
 def slide(push: PushModel, steps: int) -> np.ndarray:
@@ -116,6 +122,15 @@ def test_a_dragged_slab_takes_the_force_that_the_balance_predicts(push):
     assert np.mean(run.hand_object_force[steady, 1]) == pytest.approx(expected, rel=0.1)
 
 
+def test_the_press_follows_the_forces_of_the_way(push):
+    drive = push_drive(np.zeros(1), palm_at(HEIGHT)[None], motion=X, length=0.05)
+    wanted = [(FRICTION_ENVIRONMENT * (MASS * GRAVITY + normal), 0.0, -normal) for normal in (4.0, 3.0, 5.0)]
+    run = run_push(push, palm_at(HEIGHT), drive, pressing(push, *wanted))
+    for way, expected in ((0.0125, 3.5), (0.025, 3.0), (0.0375, 4.0), (0.045, 4.6)):
+        near = (run.phase == PUSH) & (np.abs(run.mocap[:, 0] - way) < 0.0015)
+        assert np.mean(run.hand_object_force[near, 0]) == pytest.approx(expected, rel=0.1)
+
+
 def test_a_dragged_slab_does_not_hop(push):
     run, _ = drag(push, 4.0)
     steady = (run.phase == PUSH) & (np.abs(run.object_pose[:, 0] - 0.025) < 0.015)
@@ -156,7 +171,7 @@ def test_a_hand_pressed_into_the_table_fails(push):
     q = palm_at(0.0)
     q[0] = 0.2  # beside the block
     drive = push_drive(np.zeros(1), q[None], motion=X, length=0.05)
-    lowered = Drive(drive.position - [0.0, 0.0, 0.01], drive.quaternion, drive.angles, drive.phase)
+    lowered = Drive(drive.position - [0.0, 0.0, 0.01], drive.quaternion, drive.angles, drive.phase, drive.done)
     q[2] -= 0.004
     run = run_push(push, q, lowered, pressing(push, (0.0, 0.0, 0.0)))
     assert run.phase[0] == SETTLE

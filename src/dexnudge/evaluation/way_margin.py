@@ -4,15 +4,14 @@ As an object comes over an edge, less and less of it is carried, and a finger th
 """
 
 from collections.abc import Sequence
-from dataclasses import replace
 
 import numpy as np
 from jaxtyping import Float
 
-from dexnudge.made_once import made_once
 from dexnudge.mechanics.contacts import HandContacts, SupportContacts, support_contacts
 from dexnudge.mechanics.fast_balance import force_margins
 from dexnudge.mechanics.sliding_task import sliding_task
+from dexnudge.mechanics.supports_along import supports_along
 from dexnudge.planning.push_length import push_length
 from dexnudge.scenes.scene import Scene
 
@@ -32,10 +31,8 @@ def way_margins(
     """
     margins = np.zeros((len(contacts), STATIONS))
     for station in range(STATIONS):
-        way = (station + 1) / STATIONS * length
-        moved = _moved(scene, way)
-        carried = [replace(each, points=each.points + way * scene.motion) for each in contacts]
-        margins[:, station] = force_margins(carried, support_contacts(moved), sliding_task(moved)).factor[:, 0]
+        supports = supports_along(scene, (station + 1) / STATIONS * length)
+        margins[:, station] = force_margins(contacts, supports, sliding_task(scene)).factor[:, 0]
     return margins
 
 
@@ -79,30 +76,13 @@ def _help(scene: Scene, contacts: HandContacts) -> Float[np.ndarray, " contact"]
 
 def _carried_alike(scene: Scene) -> bool:
     """Whether the surroundings carry the object at the end of the motion where they do at its beginning."""
-    before, after = support_contacts(scene), support_contacts(_moved(scene, scene.motion_length))
+    before, after = support_contacts(scene), supports_along(scene, scene.motion_length)
     if len(before.points) != len(after.points):
         return False
-    shift = scene.motion_length * scene.motion
-    return bool(np.abs(_sorted(after, shift) - _sorted(before, np.zeros(3))).max(initial=0.0) < SAME_PLACE)
+    return bool(np.abs(_sorted(after) - _sorted(before)).max(initial=0.0) < SAME_PLACE)
 
 
-def _sorted(supports: SupportContacts, shift: Float[np.ndarray, " 3"]) -> Float[np.ndarray, "support 6"]:
-    """Places less `shift`, and normals, in an order that depends on nothing but them."""
-    rows = np.concatenate([supports.points - shift, supports.normals], axis=1)
+def _sorted(supports: SupportContacts) -> Float[np.ndarray, "support 6"]:
+    """Places and normals, in an order that depends on nothing but them."""
+    rows = np.concatenate([supports.points, supports.normals], axis=1)
     return rows[np.lexsort(np.round(rows / SAME_PLACE).T)]
-
-
-def _moved(scene: Scene, way: float) -> Scene:
-    """The scene with its object carried `way` [m] along the motion; made once, so that its supports are found once."""
-    known = _moved_scenes(scene)
-    if way not in known:
-        T_world_object = np.array(scene.T_world_object)
-        T_world_object[:3, 3] += way * scene.motion
-        known[way] = replace(scene, T_world_object=T_world_object)
-    return known[way]
-
-
-@made_once
-def _moved_scenes(_: Scene) -> dict[float, Scene]:
-    """By the way [m] that the object has been carried; empty at first."""
-    return {}

@@ -10,8 +10,8 @@ from jaxtyping import Float
 from dexnudge.evaluation.penetration import PenetrationCheck
 from dexnudge.evaluation.success import contacts_of
 from dexnudge.hands.hand import Hand
-from dexnudge.mechanics.contacts import support_contacts
 from dexnudge.mechanics.sliding_task import sliding_task
+from dexnudge.mechanics.supports_along import supports_of_way
 from dexnudge.planning.approach import Approach, ApproachPlanner
 from dexnudge.planning.push_length import push_length
 from dexnudge.scenes.scene import Scene
@@ -56,7 +56,7 @@ class Executor:
         self._push = load_push_model(xml, hand, scene)
         self._planner = ApproachPlanner(hand, scene)
         self._exact = PenetrationCheck(hand, scene)
-        self._supports, self._task = support_contacts(scene), sliding_task(scene)
+        self._supports, self._task = supports_of_way(scene, self._length), sliding_task(scene)
 
     def __call__(self, q: Float[np.ndarray, " coordinates"]) -> Execution:
         """The same q gives the same outcome, whatever was executed before."""

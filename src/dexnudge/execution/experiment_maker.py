@@ -100,7 +100,7 @@ class ExecutionRowMaker:
             turned_deg=round(verdict.turned_deg, 3),
             sunk=round(verdict.sunk, 5),
             hand_environment=round(verdict.hand_environment, 6),
-            cone_share=found.forces.cone_share,
+            cone_share=float(found.forces.cone_share[0]),
             approach="" if found.approach.trajectory is None else found.approach.planner,
             changed=changed,
         )

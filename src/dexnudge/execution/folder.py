@@ -120,7 +120,7 @@ def _row(index: int, outcome: Execution | WorkerDied, margin: float) -> dict[str
         **asdict(verdict),
         "hand_environment_exact": outcome.exact_environment,
         "approach": outcome.approach.planner if blocked is None else f"none, starts at contact: {blocked.reason}",
-        "cone_share": outcome.forces.cone_share,
+        "cone_share": float(outcome.forces.cone_share[0]),
         "diverged_at": outcome.run.diverged_at,
         "simulated_seconds": float(outcome.run.time[-1]),
         "seconds": {stage: round(value, 4) for stage, value in outcome.seconds.items()},

@@ -6,8 +6,8 @@ from jaxtyping import Float
 from dexnudge.evaluation.success import contacts_of, judge
 from dexnudge.execution.stage import Stage, stretches
 from dexnudge.geometry.frames import transform_configurations
-from dexnudge.mechanics.contacts import support_contacts
 from dexnudge.mechanics.sliding_task import sliding_task
+from dexnudge.mechanics.supports_along import supports_of_way
 from dexnudge.planning.approach import Approach, ApproachPlanner
 from dexnudge.planning.object_motion import (
     DEFAULT_LIMITS,
@@ -65,7 +65,8 @@ class Slide:
         (contacts,) = contacts_of(self._stage.hand, scene, q[None])
         task, way = sliding_task(scene), stretches(approach)
         with episode.elsewhere():
-            forces = push_forces(self._stage.model_at(scene), q, contacts, support_contacts(scene), task)
+            supports = supports_of_way(scene, plan.length)
+            forces = push_forces(self._stage.model_at(scene), q, contacts, supports, task)
         episode.slide(push_drive(way.times, way.q, motion=task.motion, length=plan.length), forces)
         self._catch_up(scene, plan.length)
         self._stage.back_off(approach)

@@ -20,12 +20,16 @@ STOP_TIME = 0.1  # [s] in which the object comes to rest with the hand
 
 @dataclass(frozen=True)
 class Drive:
-    """Targets per step. position [m] and quaternion (wxyz) of the palm, world; joint angles [rad]; phase: see PHASES."""
+    """Targets per step. position [m] and quaternion (wxyz) of the palm, world; joint angles [rad]; phase: see PHASES.
+
+    done: share of the push's way that is behind the hand.
+    """
 
     position: Float[np.ndarray, "step 3"]
     quaternion: Float[np.ndarray, "step 4"]
     angles: Float[np.ndarray, "step angle"]
     phase: Int[np.ndarray, " step"]
+    done: Float[np.ndarray, " step"]
 
     @property
     def velocity(self) -> Float[np.ndarray, "step 6"]:
@@ -63,10 +67,11 @@ def push_drive(
     turned = Slerp(times, rotation)(along) if len(times) > 1 else rotation[np.zeros(len(phase), dtype=int)]
     travelled = _travelled(clock - began - (steps[APPROACH] + steps[SQUEEZE]) * TIMESTEP, length)
     return Drive(
-        position=_interpolated(along, times, q[:, :3]) + travelled[:, None] * motion,
+        position=interpolated(along, times, q[:, :3]) + travelled[:, None] * motion,
         quaternion=turned.as_quat(scalar_first=True),
-        angles=_interpolated(along, times, q[:, ROOT_COORDINATES:]),
+        angles=interpolated(along, times, q[:, ROOT_COORDINATES:]),
         phase=phase,
+        done=travelled / length,
     )
 
 
@@ -84,8 +89,11 @@ def _steps(seconds: float) -> int:
     return round(seconds / TIMESTEP)
 
 
-def _interpolated(at: np.ndarray, times: np.ndarray, values: np.ndarray) -> np.ndarray:
-    return np.stack([np.interp(at, times, column) for column in values.T], axis=1)
+def interpolated(
+    at: Float[np.ndarray, " sample"], places: Float[np.ndarray, " place"], values: Float[np.ndarray, "place column"]
+) -> Float[np.ndarray, "sample column"]:
+    """Each column of `values`, given at rising `places`, linearly in between."""
+    return np.stack([np.interp(at, places, column) for column in values.T], axis=1)
 
 
 def _matrices(q: Float[np.ndarray, "sample coordinates"]) -> Float[np.ndarray, "sample 3 3"]:

@@ -9,7 +9,7 @@ from jaxtyping import Float, Int
 from scipy.spatial.transform import Rotation
 
 from dexnudge.hands.physical import POSITION_GAIN
-from dexnudge.simulation.drive import SQUEEZE, Drive
+from dexnudge.simulation.drive import SQUEEZE, Drive, interpolated
 from dexnudge.simulation.push_forces import PushForces
 from dexnudge.simulation.push_model import PushModel
 from dexnudge.simulation.push_readings import hand_in_environment
@@ -53,7 +53,9 @@ def run_push(push: PushModel, q_start: Float[np.ndarray, " coordinates"], drive:
     squeezing = np.flatnonzero(drive.phase == SQUEEZE)
     to_base = Rotation.from_quat(drive.quaternion, scalar_first=True).inv()
     moving = _in_base(to_base, push.base_damping * drive.velocity) / push.base_stiffness
-    pressing = _in_base(to_base, np.tile(forces.base_wrench, (len(drive.phase), 1))) / push.base_stiffness
+    places = np.linspace(0.0, 1.0, len(forces.force))
+    pressing = _in_base(to_base, interpolated(drive.done, places, forces.base_wrench)) / push.base_stiffness
+    torque = interpolated(drive.done, places, forces.motor_torque)
     closed = loaded = 0.0
     for step in range(len(drive.phase)):
         if drive.phase[step] == SQUEEZE:
@@ -61,7 +63,7 @@ def run_push(push: PushModel, q_start: Float[np.ndarray, " coordinates"], drive:
             closed, loaded = np.clip([done / TOUCHING, (done - TOUCHING) / (LOADED - TOUCHING)], 0.0, 1.0)
         data.mocap_pos[0] = drive.position[step] + closed * forces.base_closing
         data.mocap_quat[0] = drive.quaternion[step]
-        offset = closed * forces.closing + loaded * forces.motor_torque / POSITION_GAIN
+        offset = closed * forces.closing + loaded * torque[step] / POSITION_GAIN
         data.ctrl[:] = np.clip(place[step] + offset, low, high)
         data.ctrl[push.base_motor] = moving[step] + loaded * pressing[step]
         mujoco.mj_step(model, data)

@@ -2,9 +2,11 @@
 
 Many forces balance a sliding object. Wanted are ones that keep away from the edges of the friction cones, with which every
 link that touches presses a little, and which fingers with a shared tendon can hold: such a tendon pulls on both of its
-joints alike, and what differs only a joint's end stop, or the order of the two joints, can carry.
+joints alike, and what differs only a joint's end stop, or the order of the two joints, can carry. What carries the object
+changes on its way, over an edge above all, so the forces are chosen anew at places along it.
 """
 
+from collections.abc import Sequence
 from dataclasses import dataclass, replace
 
 import numpy as np
@@ -20,7 +22,7 @@ from dexnudge.simulation.closing import closed_configuration
 from dexnudge.simulation.push_model import PushModel
 
 CONE_SHARES = (0.5, 0.7, 0.85, 1.0)  # of the hand's friction that the forces use; the first that balances is taken
-PRELOAD = 3.0  # [N] with which every link that touches should press: a finger that rests keeps the object from turning
+PRELOAD = 6.0  # [N] with which every link that touches should press: a finger that rests keeps the object from turning
 BALANCE = 100.0  # weight of the net wrench against the size of the forces: balance comes first
 TENDON = 3.0  # weight of torques that a shared tendon cannot make
 PRESSING = 0.5  # weight of the preload
@@ -33,55 +35,72 @@ AT_STOP = 0.02  # [rad] from an end stop at which it carries load
 
 @dataclass(frozen=True)
 class PushForces:
-    """What the hand is to press with.
+    """What the hand is to press with, at places evenly spread over the way of the push, its beginning and end included.
 
-    force: on the object per contact [N, world]. closing: of each motor until the pressing links touch [rad], and
-    base_closing of the base [m, world]. motor_torque: [N m] per motor. base_wrench: force [N] and torque about the
-    palm's origin [N m] that the base is to press with, world. cone_share: of the
-    hand's friction that the forces use; 0 where no forces balance and the hand only holds its place.
+    force: on the object per contact [N, world]. motor_torque: [N m] per motor. base_wrench: force [N] and torque about the
+    palm's origin [N m] that the base is to press with, world. cone_share: of the hand's friction that the forces use; 0
+    where no forces balance at the beginning and the hand only holds its place.
+    closing: of each motor until the pressing links touch [rad], and base_closing of the base [m, world].
     """
 
-    force: Float[np.ndarray, "contact 3"]
+    force: Float[np.ndarray, "place contact 3"]
+    motor_torque: Float[np.ndarray, "place motor"]
+    base_wrench: Float[np.ndarray, "place 6"]
+    cone_share: Float[np.ndarray, " place"]
     closing: Float[np.ndarray, " motor"]
     base_closing: Float[np.ndarray, " 3"]
-    motor_torque: Float[np.ndarray, " motor"]
-    base_wrench: Float[np.ndarray, " 6"]
-    cone_share: float
 
 
 def push_forces(
     push: PushModel,
     q: Float[np.ndarray, " coordinates"],
     contacts: HandContacts,
-    supports: SupportContacts,
+    supports: Sequence[SupportContacts],
     task: SlidingTask,
 ) -> PushForces:
-    """Forces of the configuration q, which places the model.
+    """Forces of the configuration q, which places the model; `supports` at each place, as the carried object sees them.
 
     Non-negative least squares over the edges of narrowed friction cones and the supports' normal forces: no net wrench
     while the object slides, little load that tendons cannot hold, a preload on every link, small and even forces; no link
-    above the task's largest normal force. Where none balance, the linear program's forces in the whole cone.
+    above the task's largest normal force. Where none balance, the linear program's forces in the whole cone; where there
+    are none either, those of the place before.
     """
     push.place(q)
     jacobians = push.indices.contact_jacobians(push.model, push.data, contacts)
-    for share in CONE_SHARES:
-        narrowed = replace(task, friction_hand=share * task.friction_hand)
-        force = _balanced(push, q, contacts, supports, narrowed, jacobians)
-        if force is not None:
-            break
-    else:
-        solved = contact_forces(contacts, supports, task)
-        force, share = (np.zeros((len(contacts.points), 3)), 0.0) if solved is None else (solved.hand, 1.0)
-    load = np.bincount(contacts.link, weights=np.linalg.norm(force, axis=1), minlength=1)
-    closed = closed_configuration(push, q, np.flatnonzero(load > LEAST_FORCE).tolist())
+    found: list[tuple[np.ndarray, float]] = [(np.zeros((len(contacts.points), 3)), 0.0)]
+    for carrying in supports:
+        found.append(_chosen(push, q, contacts, carrying, task, jacobians) or found[-1])
+    force, share = np.stack([each for each, _ in found[1:]]), np.array([share for _, share in found[1:]])
+    load = np.linalg.norm(force, axis=2).max(axis=0)
+    pressing = np.flatnonzero(np.bincount(contacts.link, weights=load, minlength=1) > LEAST_FORCE)
+    closed = closed_configuration(push, q, pressing.tolist())
     return PushForces(
         force=force,
+        motor_torque=np.stack([_motor_torque(push, q, jacobians, each) for each in force]),
+        base_wrench=np.concatenate([force, np.cross(contacts.points - q[:3], force)], axis=2).sum(axis=1),
+        cone_share=share,
         closing=push.indices.motor_of_angle @ (closed - q)[ROOT_COORDINATES:],
         base_closing=(closed - q)[:3],
-        motor_torque=_motor_torque(push, q, jacobians, force),
-        base_wrench=np.concatenate([force.sum(axis=0), np.cross(contacts.points - q[:3], force).sum(axis=0)]),
-        cone_share=share,
     )
+
+
+def _chosen(
+    push: PushModel,
+    q: np.ndarray,
+    contacts: HandContacts,
+    supports: SupportContacts,
+    task: SlidingTask,
+    jacobians: np.ndarray,
+) -> tuple[Float[np.ndarray, "contact 3"], float] | None:
+    """Forces at one place, and the share of the cone that they use; None if nothing balances."""
+    for share in CONE_SHARES:
+        force = _balanced(
+            push, q, contacts, supports, replace(task, friction_hand=share * task.friction_hand), jacobians
+        )
+        if force is not None:
+            return force, share
+    solved = contact_forces(contacts, supports, task)
+    return None if solved is None else (solved.hand, 1.0)
 
 
 def _balanced(

@@ -1,0 +1,71 @@
+"""Forces along a push: a block that comes over an edge, pressed by a palm in front of its centre and behind it."""
+
+import numpy as np
+import pytest
+import trimesh
+from scipy.optimize import nnls
+
+from dexnudge.mechanics.balance import balance_problem
+from dexnudge.mechanics.contacts import HandContacts
+from dexnudge.mechanics.friction_cone import wrenches
+from dexnudge.mechanics.sliding_task import sliding_task
+from dexnudge.mechanics.supports_along import supports_along, supports_of_way
+from dexnudge.scenes.boxes import box
+from dexnudge.scenes.scene import Scene
+from dexnudge.simulation.push_forces import push_forces
+from dexnudge.simulation.push_model import load_push_model, push_model_xml
+
+LENGTH, HEIGHT = 0.15, 0.02  # [m] of the block, whose front end is flush with the table's edge at x = 0
+WAY = 0.06  # [m]
+FRONT, REAR = -0.02, -0.10  # [m] where it is pressed on top
+
+
+@pytest.fixture(scope="module")
+def scene() -> Scene:
+    pose = np.eye(4)
+    pose[:3, 3] = -LENGTH / 2, 0.0, HEIGHT / 2
+    table = box((-0.5, -0.3, -0.04), (0.0, 0.3, 0.0))
+    return Scene(trimesh.creation.box((LENGTH, 0.06, HEIGHT)), table, pose, np.array([1.0, 0.0, 0.0]))
+
+
+@pytest.fixture(scope="module")
+def contacts() -> HandContacts:
+    """The palm's, two abreast in front and two behind."""
+    points = np.array([[x, y, HEIGHT] for x in (FRONT, REAR) for y in (-0.02, 0.02)])
+    return HandContacts(points=points, normals=np.tile([0.0, 0.0, 1.0], (4, 1)), link=np.zeros(4, dtype=np.int64))
+
+
+@pytest.fixture(scope="module")
+def forces(pad_hand, scene, contacts):
+    push = load_push_model(push_model_xml(pad_hand, scene), pad_hand, scene)
+    q = np.array([-LENGTH / 2, 0.0, 0.2, 1.0, 0.0, 0.0, 0.0, 1.0, 0.0, 0.0, 0.0])
+    return push_forces(push, q, contacts, supports_of_way(scene, WAY), sliding_task(scene))
+
+
+def unbalanced(scene: Scene, contacts: HandContacts, force: np.ndarray, way: float) -> float:
+    """What no forces of the table can balance of these of the hand, over the weight."""
+    task, supports = sliding_task(scene), supports_along(scene, way)
+    problem = balance_problem(contacts, supports, task)
+    hand = wrenches(contacts.points, force / task.weight, centre=task.centre, half_length=task.half_length).sum(axis=0)
+    return float(nnls((problem.support_normal + problem.support_friction).T, -hand - problem.load)[1])
+
+
+def test_a_place_every_centimetre(forces):
+    assert forces.force.shape == (7, 4, 3)
+    assert forces.base_wrench.shape == (7, 6)
+    assert (forces.cone_share > 0).all()
+
+
+def test_the_forces_balance_where_they_are_meant_to(scene, contacts, forces):
+    for way, force in zip(np.linspace(0.0, WAY, 7), forces.force, strict=True):
+        assert unbalanced(scene, contacts, force, way) < 0.03
+
+
+def test_the_block_would_tip_over_the_edge_under_the_forces_of_the_beginning(scene, contacts, forces):
+    assert unbalanced(scene, contacts, forces.force[0], WAY) > 0.1
+    front = forces.force[:, :2, 2].sum(axis=1) / forces.force[:, :, 2].sum(axis=1)
+    assert front[-1] < 0.9 * front[0]
+
+
+def test_the_base_presses_with_what_the_hand_does(forces):
+    np.testing.assert_allclose(forces.base_wrench[:, :3], forces.force.sum(axis=1), atol=1e-12)
