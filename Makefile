@@ -38,13 +38,14 @@ check: $(VENV)/.dev.stamp  ## style, types, import layers
 	$(BIN)/mypy
 	$(BIN)/lint-imports --no-cache
 
-bench: $(VENV)/.dev.stamp  ## time energies, grids, grasps, data generation and sampling; prints machine and versions
+bench: $(VENV)/.dev.stamp  ## time energies, grids, grasps, data generation, sampling and execution; prints machine and versions
 	$(PIP) -e ".[dev,bench]"
 	$(BIN)/python benchmarks/energies.py
 	$(BIN)/python benchmarks/distance_grid.py
 	$(BIN)/python benchmarks/grasps.py --num-objects 1
 	$(BIN)/python benchmarks/generation.py --num-objects 2
 	$(BIN)/python benchmarks/sampling.py
+	$(BIN)/python benchmarks/execution.py
 
 results: $(VENV)/.run.stamp  ## the paper's tables and more: docs/results.md, its plots and the README's table; RESULTS_ARGS=--quick
 	$(BIN)/dexnudge reproduce --out runs/results $(RESULTS_ARGS)

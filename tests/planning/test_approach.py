@@ -109,7 +109,6 @@ def test_sampled_configurations_are_reached_without_penetration(name):
     reached = [one for one in planned if one.trajectory is not None]
     assert len(planned) >= 3
     assert len(reached) >= len(planned) - 1
-    assert np.median([one.seconds for one in planned]) < 2.0  # about 0.4 on an idle core
     for one in reached:
         assert deepest(hand, scene, one.trajectory.q) <= LIMIT
         step = np.diff(one.trajectory.times)
