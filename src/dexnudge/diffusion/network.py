@@ -114,6 +114,8 @@ class TransformerBlock(nn.Module):
     def attend(self, tokens: Float[Tensor, "batch token width"]) -> Float[Tensor, "batch token width"]:
         """Multi-head self-attention without mask."""
         batch, num_tokens, width = tokens.shape
+        if num_tokens == 1:  # a single score has softmax 1: what comes out is the value
+            return self.attention_out(functional.linear(tokens, self.qkv.weight[-width:], self.qkv.bias[-width:]))
         heads = self.qkv(tokens).view(batch, num_tokens, 3, self.num_heads, width // self.num_heads)
         query, key, value = heads.permute(2, 0, 3, 1, 4)
         mixed = functional.scaled_dot_product_attention(query, key, value)

@@ -21,6 +21,7 @@ from dexnudge.geometry.warp_runtime import wp
 
 CONE_EDGES = wp.constant(8)
 SMALLEST_COLUMN = wp.constant(1.0e-9)  # squared length under which a column is no contact
+SMALLEST_RESIDUAL = wp.constant(1.0e-10)  # squared; further sweeps would change nothing that matters
 
 
 @dataclass(frozen=True)
@@ -58,11 +59,46 @@ def contact_wrench(normal: wp.vec3, arm: wp.vec3, friction: float, edge: int) ->
     return Vector6(force[0], force[1], force[2], torque[0], torque[1], torque[2])
 
 
+@wp.func
+def sweep(
+    i: int,
+    r: Vector6,
+    columns: wp.array2d(dtype=Vector6),
+    multipliers: wp.array2d(dtype=float),
+    support: wp.array(dtype=Vector6),
+    max_normal: float,
+) -> Vector6:
+    """The residual after each multiplier of hand i has been set to its best, in turn; a link's share one limit."""
+    contacts = columns.shape[1] / CONE_EDGES
+    for c in range(contacts):
+        normal_force = float(0.0)  # noqa: UP018 - declares a variable of Warp
+        for edge in range(CONE_EDGES):
+            normal_force += multipliers[i, c * CONE_EDGES + edge]
+        for edge in range(CONE_EDGES):
+            k = c * CONE_EDGES + edge
+            column = columns[i, k]
+            square = wp.dot(column, column)
+            if square > SMALLEST_COLUMN:
+                old = multipliers[i, k]
+                new = wp.clamp(old - wp.dot(column, r) / square, 0.0, max_normal - normal_force + old)
+                r += (new - old) * column
+                normal_force += new - old
+                multipliers[i, k] = new
+    for s in range(support.shape[0]):
+        k = columns.shape[1] + s
+        old = multipliers[i, k]
+        new = wp.max(0.0, old - wp.dot(support[s], r) / wp.dot(support[s], support[s]))
+        r += (new - old) * support[s]
+        multipliers[i, k] = new
+    return r
+
+
 @wp.kernel(enable_backward=False)
 def solve_balance(
+    active: wp.array(dtype=int),
     points: wp.array2d(dtype=wp.vec3),
     normals: wp.array2d(dtype=wp.vec3),
-    active: wp.array2d(dtype=float),
+    counts: wp.array2d(dtype=float),
     support: wp.array(dtype=Vector6),
     gravity: wp.vec3,
     centre: wp.vec3,
@@ -77,6 +113,8 @@ def solve_balance(
 ):
     """One hand: cyclic coordinate descent over cone edges and supports."""
     i = wp.tid()
+    if active[i] == 0:
+        return
     contacts = points.shape[1]
     supports = support.shape[0]
     r = Vector6(gravity[0], gravity[1], gravity[2], 0.0, 0.0, 0.0)
@@ -84,31 +122,14 @@ def solve_balance(
         arm = (points[i, c] - centre) / half_length
         for edge in range(CONE_EDGES):
             k = c * CONE_EDGES + edge
-            columns[i, k] = active[i, c] * contact_wrench(normals[i, c], arm, friction, edge)
+            columns[i, k] = counts[i, c] * contact_wrench(normals[i, c], arm, friction, edge)
             r += multipliers[i, k] * columns[i, k]
     for s in range(supports):
         r += multipliers[i, contacts * CONE_EDGES + s] * support[s]
     for _ in range(sweeps):
-        for c in range(contacts):
-            normal_force = float(0.0)  # noqa: UP018 - declares a variable of Warp
-            for edge in range(CONE_EDGES):
-                normal_force += multipliers[i, c * CONE_EDGES + edge]
-            for edge in range(CONE_EDGES):
-                k = c * CONE_EDGES + edge
-                column = columns[i, k]
-                square = wp.dot(column, column)
-                if square > SMALLEST_COLUMN:
-                    old = multipliers[i, k]
-                    new = wp.clamp(old - wp.dot(column, r) / square, 0.0, max_normal - normal_force + old)
-                    r += (new - old) * column
-                    normal_force += new - old
-                    multipliers[i, k] = new
-        for s in range(supports):
-            k = contacts * CONE_EDGES + s
-            old = multipliers[i, k]
-            new = wp.max(0.0, old - wp.dot(support[s], r) / wp.dot(support[s], support[s]))
-            r += (new - old) * support[s]
-            multipliers[i, k] = new
+        if wp.dot(r, r) < SMALLEST_RESIDUAL:
+            break
+        r = sweep(i, r, columns, multipliers, support, max_normal)
     residual[i] = r
     torque = wp.vec3(r[3], r[4], r[5])
     for c in range(contacts):
@@ -140,6 +161,7 @@ class ForceResidual:
     Attributes:
         residual: (batch,) distance to balance [weights of the object].
         gradient: (batch, contact, 3) of E in the contacts' positions [1/m].
+        active: (batch,) to be set: a hand with 0 is skipped and keeps the results of its last call.
     """
 
     def __init__(self, balance: SlidingBalance, batch: int, contacts: int, *, device: str = "cpu") -> None:
@@ -148,6 +170,7 @@ class ForceResidual:
         self._multipliers = torch.zeros(batch, columns + len(balance.support_wrenches), device=device)
         self._residual = torch.zeros(batch, 6, device=device)
         self.gradient = torch.zeros(batch, contacts, 3, device=device)
+        self.active = torch.ones(batch, dtype=torch.int32, device=device)
         self._columns = wp.zeros((batch, columns), dtype=Vector6, device=device)
         self._support = wp.from_torch(balance.support_wrenches.contiguous().to(device), dtype=Vector6)
 
@@ -160,19 +183,20 @@ class ForceResidual:
         self,
         points: Float[Tensor, "batch contact 3"],
         normals: Float[Tensor, "batch contact 3"],
-        active: Float[Tensor, "batch contact"],
+        counts: Float[Tensor, "batch contact"],
         *,
         sweeps: int,
     ) -> None:
-        """Updates `residual` and `gradient`; `normals` point out of the object, `active` is 1 where a contact counts."""
+        """Updates `residual` and `gradient`; `normals` point out of the object, `counts` is 1 where a contact counts."""
         balance = self.balance
         wp.launch(
             solve_balance,
             dim=self._batch,
             inputs=[
+                wp.from_torch(self.active),
                 wp.from_torch(points.contiguous(), dtype=wp.vec3),
                 wp.from_torch(normals.contiguous(), dtype=wp.vec3),
-                wp.from_torch(active.contiguous()),
+                wp.from_torch(counts.contiguous()),
                 self._support,
                 wp.vec3(*balance.gravity.tolist()),
                 wp.vec3(*balance.centre_of_mass.tolist()),

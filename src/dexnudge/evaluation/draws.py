@@ -21,6 +21,7 @@ from dexnudge.sampling.sampler import Sampler
 from dexnudge.scenes.scene import Scene
 
 MAX_DRAWS_FACTOR = 32  # a search for K verified ones gives up after this many draws each, unless told otherwise
+WAY_MARGIN = 1.1  # above it margins along the way do not count: the largest are those of hands that squeeze
 SMALLEST_CALL = 4  # draws: fewer take as long, since a call's own steps cost more than their arithmetic
 
 
@@ -120,20 +121,21 @@ def draw_and_judge(
 def best_first(scene: Scene, verdicts: Verdicts) -> Int[np.ndarray, " n"]:
     """Order of the draws: verified ones first; among them those that push best.
 
-    That is: by the least force margin along the way up to 1.5 (robust), by how near to the centre of mass or behind it one
-    of the contacts presses or pushes, by how far all of them do, by the least penetration. Of those that are not verified
-    the margin where the way begins counts.
+    That is: by the force margin where the way begins up to 1.5 (robust), by the least one along the way up to 1.1, by how
+    near to the centre of mass or behind it one of the contacts presses or pushes, by how far all of them do, by the least
+    penetration.
     """
-    margin, verified = np.array(verdicts.force_margin), np.flatnonzero(verdicts.success)
-    push, ahead = np.zeros(len(margin)), np.zeros(len(margin))
+    margin, verified = np.asarray(verdicts.force_margin), np.flatnonzero(verdicts.success)
+    along, push, ahead = np.array(margin), np.zeros(len(margin)), np.zeros(len(margin))
     if len(verified) > 1:
         contacts = [verdicts.contacts[row] for row in verified]
-        margin[verified] = least_margins(scene, contacts, margin[verified])
+        along[verified] = least_margins(scene, contacts, margin[verified])
         push[verified], ahead[verified] = helping(scene, contacts), rearmost_press(scene, contacts)
     deepest = np.maximum.reduce(
         [verdicts.penetration_object, verdicts.penetration_environment, verdicts.penetration_self]
     )
-    return np.lexsort((deepest, -push, ahead, -np.minimum(margin, ROBUST_MARGIN), ~verdicts.success))
+    order = (-np.minimum(margin, ROBUST_MARGIN), -np.minimum(along, WAY_MARGIN), ahead, -push, deepest)
+    return np.lexsort((*reversed(order), ~verdicts.success))
 
 
 def take(verdicts: Verdicts, order: Int[np.ndarray, " m"]) -> Verdicts:

@@ -105,6 +105,8 @@ def project(
         energy.scene = problem.guiding_fields if step < config.guided_steps else problem.fields
         if step == config.guided_steps:
             energy.active.fill_(1)  # other fields: a hand that stands still must be looked at once more
+            if force is not None:
+                force.active.fill_(1)
         energy(pose)
         contact = touching(energy, tips, config)
         if force is not None:
@@ -134,6 +136,8 @@ def project(
         if not moving.any():
             break
         energy.active.copy_(moving)
+        if force is not None:
+            force.active.copy_(moving)
         iterations += moving
         scale = config.final_scale ** (step / config.max_steps) * moving[:, None].float()
         pose = descent.step(pose, energy.gradient, scale=scale)
