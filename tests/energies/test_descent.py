@@ -92,7 +92,7 @@ def test_it_reaches_targets_that_a_hand_can_reach(hand):
     far.apply_translation((5.0, 0.0, 0.0))
     only_targets = TermWeights(environment=0.0, object=0.0, self=0.0, contact=0.0, target=1.0)
     energy = HandEnergy(hand, build_scene_fields(far, None), BATCH, only_targets)
-    tips = [hand.link_names.index(link) for link in hand.fingertip_links]
+    tips = hand.fingertip_indices
     energy.target[:, tips] = hand.keypoints(configuration_from_pose(wanted))
     energy.target_weight[:, tips] = 1.0
     descent = HandDescent(hand, BATCH, steps=StepSizes(translation=0.005, rotation=0.05, joints=0.05))

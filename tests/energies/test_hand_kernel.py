@@ -152,7 +152,7 @@ def setting():
     share = generator.uniform(0.2, 1.0, (BATCH, hand.num_joints))
     joints = torch.as_tensor(hand.lower + share * (hand.upper - hand.lower), dtype=torch.float32)
     energy = HandEnergy(hand, naive.fields, BATCH, WEIGHTS)
-    tips = [hand.link_names.index(link) for link in hand.fingertip_links]
+    tips = hand.fingertip_indices
     energy.contact_weight[:, tips] = torch.tensor([1.0, 0.5, 0.0, 1.0])
     energy.target[:, tips] = 0.02
     energy.target_weight[:, tips] = torch.tensor([0.0, 1.0, 1.0, 0.3])
@@ -184,7 +184,7 @@ def test_terms_and_gradient_equal_the_plain_twin(setting):
 
 def test_fingertip_contacts_alone_are_those_of_the_whole_energy(setting):
     hand, naive, _, pose = setting
-    tips = [hand.link_names.index(link) for link in hand.fingertip_links]
+    tips = hand.fingertip_indices
     whole, alone = (HandEnergy(hand, naive.fields, BATCH, WEIGHTS) for _ in range(2))
     whole.contact_weight[:, tips] = 1.0
     whole(pose)

@@ -189,7 +189,7 @@ def test_energy_of_configurations_is_differentiated_right(hand, problem, starts)
     """Against finite differences in q, the six rotation entries free; targets make the energy smooth."""
     only_targets = TermWeights(environment=0.0, object=0.0, self=0.0, contact=0.0, target=1.0)
     energy = HandEnergy(hand, problem.fields, 3, only_targets)
-    tips = [hand.link_names.index(link) for link in hand.fingertip_links]
+    tips = hand.fingertip_indices
     energy.target[:, tips], energy.target_weight[:, tips] = 0.02, 1.0
     generator = torch.Generator().manual_seed(2)
     q = starts[:3] + 0.05 * torch.randn(starts[:3].shape, generator=generator)
@@ -236,7 +236,7 @@ def test_the_force_balance_guides_contacts_by_its_own_gradient(make_step, hand, 
     clean = hand.clamp(starts[:BATCH])
     step = balanced_step(make_step, hand, problem, Knowing(prior, clean), weight=0.002)
     set_wanted_contacts(step, clean)
-    tips = [hand.link_names.index(link) for link in hand.fingertip_links]
+    tips = hand.fingertip_indices
     torch.testing.assert_close(step.energy.extra_force[:, tips], 0.002 * step.force.gradient)
     torch.testing.assert_close(pull_to_balance(step), 0.001 * step.force.residual.square())
     assert pull_to_balance(make_step()) == 0.0
@@ -244,7 +244,7 @@ def test_the_force_balance_guides_contacts_by_its_own_gradient(make_step, hand, 
 
 def test_descent_with_the_force_balance_ends_nearer_to_it(make_step, hand, problem, prior, starts):
     """The same estimates guided with and without the term; the residual is then solved anew, from a cold start."""
-    tips = [hand.link_names.index(link) for link in hand.fingertip_links]
+    tips = hand.fingertip_indices
     left = {}
     for weight in (0.0, 0.05):
         rule, clean = CleanDescent(), hand.clamp(starts[:BATCH])
@@ -278,7 +278,7 @@ def test_descent_lowers_the_energy_of_the_clean_estimate(make_step, prior, hand,
     """Its state lives on: step by step towards clean data, on estimates that penetrate."""
     clean, rule = hand.clamp(starts[:BATCH]), CleanDescent()
     first = make_step(use=Knowing(prior, clean))
-    first.energy.contact_weight[:, [hand.link_names.index(link) for link in hand.fingertip_links]] = 0.0
+    first.energy.contact_weight[:, hand.fingertip_indices] = 0.0
     before = first.energy(pose_from_configuration(clean)).clone()
     for t in (300, 200, 100, 20):
         x = rule(make_step(use=Knowing(prior, clean), t=t, t_previous=-1, x_t=prior.normalise(clean)))

@@ -150,7 +150,7 @@ def test_starts_bring_thumb_and_fingers_onto_their_line(hand, targets):
 
 def energy_of_targets(hand, fields, targets) -> HandEnergy:
     energy = HandEnergy(hand, fields, len(targets.places), QUICK.weights)
-    tips = [hand.link_names.index(link) for link in hand.fingertip_links]
+    tips = hand.fingertip_indices
     energy.target[:, tips] = targets.places
     energy.target_weight[:, tips] = energy.contact_weight[:, tips] = targets.touches
     return energy

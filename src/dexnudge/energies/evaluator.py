@@ -93,7 +93,7 @@ class HandEnergy:
         for name, tensor in self._tensors.items():
             setattr(self._state, name, wp.from_torch(tensor, dtype=types.get(name, wp.float32)))
         self.set_weights(self.weights)
-        tips = [self.hand.link_names.index(link) for link in self.hand.fingertip_links]
+        tips = self.hand.fingertip_indices
         self._fingertips = wp.array(tips, dtype=wp.int32, device=self.device)
         # A launch on the CPU holds one thread and releases the interpreter.
         parts = min(torch.get_num_threads(), max(1, self.batch // SMALLEST_PART)) if self.device == "cpu" else 1

@@ -58,7 +58,7 @@ def _build(hand: Hand, device: str) -> WarpStruct:
     model.centre = array(centre.astype(np.float32), wp.vec3)
     model.radius = array(radius.astype(np.float32), wp.float32)
     keypoint = centre.copy()
-    keypoint[[hand.link_names.index(link) for link in hand.fingertip_links]] = hand.fingertip_keypoints
+    keypoint[hand.fingertip_indices] = hand.fingertip_keypoints
     model.keypoint = array(keypoint.astype(np.float32), wp.vec3)
     model.base = -1 if hand.base_link is None else hand.link_names.index(hand.base_link)
     model.partner = array(np.asarray(list(chain.from_iterable(partners)), dtype=np.int32), wp.int32)

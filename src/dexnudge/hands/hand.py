@@ -101,6 +101,11 @@ class Hand:
         return tuple(self.fingertips.values())
 
     @cached_property
+    def fingertip_indices(self) -> list[int]:
+        """Where those links stand among all of them."""
+        return [self.link_names.index(link) for link in self.fingertip_links]
+
+    @cached_property
     def digit_of_link(self) -> dict[str, str | None]:
         """The digit that each link belongs to; None for the palm, the base and what else lies between digits."""
         digits: dict[str, str | None] = dict.fromkeys(self.link_names)
@@ -196,7 +201,7 @@ class Hand:
     def keypoints(self, q: Float[Tensor, "batch coordinates"]) -> Float[Tensor, "batch digit 3"]:
         """The place on each fingertip that reaches for a target: see `fingertip_keypoints` [m]."""
         transforms = self.forward_kinematics(q)
-        links = [self.link_names.index(link) for link in self.fingertip_links]
+        links = self.fingertip_indices
         own = torch.as_tensor(self.fingertip_keypoints, dtype=q.dtype, device=q.device)
         return torch.einsum("bdij,dj->bdi", transforms[:, links, :3, :3], own) + transforms[:, links, :3, 3]
 

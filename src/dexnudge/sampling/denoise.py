@@ -145,7 +145,7 @@ def _scene_energy(run: _Run, x: Float[Tensor, "particle dimension"]) -> Float[Te
     """Energy of coarse hands in the scene [m^2], their force balance included."""
     q = run.hand.tie(run.prior.denormalise(x))
     energy = HandEnergy(run.hand, run.problem.guiding_fields, len(x), run.config.weights)
-    tips = [run.hand.link_names.index(link) for link in run.hand.fingertip_links]
+    tips = run.hand.fingertip_indices
     energy.contact_weight[:, tips] = 1.0
     pose = pose_from_configuration(q)
     energy(pose)

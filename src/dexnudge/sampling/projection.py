@@ -84,7 +84,7 @@ def project(
     """Projected configurations (frame C) and the report; a hand that never satisfies all is returned as it ended."""
     batch = len(q)
     q = hand.tie(q)
-    tips = [hand.link_names.index(link) for link in hand.fingertip_links]
+    tips = hand.fingertip_indices
     energy = HandEnergy(hand, problem.fields, batch, config.weights)
     balance = problem.balance if config.weights.force > 0 else None
     force = ForceResidual(balance, batch, len(tips)) if balance is not None else None

@@ -75,7 +75,7 @@ def descend_to_grasp(
     """
     targets = opposing_targets(hand, surface, centre_of_mass, config.batch, generator)
     energy = HandEnergy(hand, fields, config.batch, config.weights)
-    tips = [hand.link_names.index(link) for link in hand.fingertip_links]
+    tips = hand.fingertip_indices
     energy.target[:, tips] = targets.places
     energy.target_weight[:, tips] = targets.touches
     energy.contact_weight[:, tips] = targets.touches

@@ -48,7 +48,7 @@ def descend_to_contact(
     """
     start = sample_pre_contact(hand, surface, centre_of_mass, count=config.batch, generator=generator)
     energy = HandEnergy(hand, fields, config.batch, config.weights)
-    tips = [hand.link_names.index(link) for link in hand.fingertip_links]
+    tips = hand.fingertip_indices
     touches = torch.as_tensor(start.touches, dtype=torch.float32)
     energy.target[:, tips] = torch.as_tensor(start.target, dtype=torch.float32)
     energy.target_weight[:, tips] = touches

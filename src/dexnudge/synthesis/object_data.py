@@ -127,7 +127,7 @@ def _reject(counts: BehaviourCounts, reason: str) -> None:
 def _hopeless(hand: Hand, fields: WarpStruct, q: Float[np.ndarray, "n coordinates"]) -> list[str]:
     """Reason to reject before the exact check, from guiding points and grids; "" where the check must decide."""
     energy = HandEnergy(hand, fields, len(q), TermWeights())
-    tips = [hand.link_names.index(link) for link in hand.fingertip_links]
+    tips = hand.fingertip_indices
     energy.contact_weight[:, tips] = 1.0
     energy(pose_from_configuration(torch.as_tensor(q, dtype=torch.float32)))
     depth = energy.depth.amax(dim=1).numpy()

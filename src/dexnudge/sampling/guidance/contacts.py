@@ -14,7 +14,7 @@ FORCE_SWEEPS = 20  # of the balance solver per evaluation, warm-started
 def set_wanted_contacts(step: ReverseStep, q: Float[Tensor, "batch coordinates"]) -> None:
     """Sets the energy's contact weights, and the pull of the force balance, from the clean estimate q (frame C)."""
     energy, hand = step.energy, step.hand
-    tips = [hand.link_names.index(link) for link in hand.fingertip_links]
+    tips = hand.fingertip_indices
     energy.find_fingertip_contacts(pose_from_configuration(q))
     reach = REACH_CLEAN + (REACH_NOISY - REACH_CLEAN) * (1.0 - step.alpha_bar)
     energy.contact_weight[:, tips] = wanted_contacts(energy.contact_distance[:, tips], reach=reach)
@@ -29,7 +29,7 @@ def pull_to_balance(step: ReverseStep) -> Float[Tensor, " batch"] | float:
     force, energy = step.force, step.energy
     if force is None:
         return 0.0
-    tips = [step.hand.link_names.index(link) for link in step.hand.fingertip_links]
+    tips = step.hand.fingertip_indices
     wanted = (energy.contact_weight[:, tips] > 0).float()
     force(energy.contact_point[:, tips], energy.contact_normal[:, tips], wanted, sweeps=FORCE_SWEEPS)
     energy.extra_force[:, tips] = energy.weights.force * force.gradient
