@@ -12,7 +12,7 @@ import numpy as np
 from jaxtyping import Float, Int
 
 from dexnudge.errors import InputError
-from dexnudge.evaluation.success import ROBUST_MARGIN, Verdicts, judge
+from dexnudge.evaluation.success import ROBUST_MARGIN, SUCCESS_MARGIN, Verdicts, judge
 from dexnudge.evaluation.way_margin import helping, least_margins, rearmost_press
 from dexnudge.hands.hand import Hand
 from dexnudge.sampling.methods import Method, find_method
@@ -21,7 +21,6 @@ from dexnudge.sampling.sampler import Sampler
 from dexnudge.scenes.scene import Scene
 
 MAX_DRAWS_FACTOR = 32  # a search for K verified ones gives up after this many draws each, unless told otherwise
-WAY_MARGIN = 1.1  # above it margins along the way do not count: the largest are those of hands that squeeze
 SMALLEST_CALL = 4  # draws: fewer take as long, since a call's own steps cost more than their arithmetic
 
 
@@ -121,9 +120,9 @@ def draw_and_judge(
 def best_first(scene: Scene, verdicts: Verdicts) -> Int[np.ndarray, " n"]:
     """Order of the draws: verified ones first; among them those that push best.
 
-    That is: by the force margin where the way begins up to 1.5 (robust), by the least one along the way up to 1.1, by how
+    That is: by the force margin where the way begins up to 1.5 (robust), by the least one along the way up to 1, by how
     near to the centre of mass or behind it one of the contacts presses or pushes, by how far all of them do, by the least
-    penetration.
+    penetration. Larger margins along the way are those of hands that squeeze, and slip.
     """
     margin, verified = np.asarray(verdicts.force_margin), np.flatnonzero(verdicts.success)
     along, push, ahead = np.array(margin), np.zeros(len(margin)), np.zeros(len(margin))
@@ -134,7 +133,7 @@ def best_first(scene: Scene, verdicts: Verdicts) -> Int[np.ndarray, " n"]:
     deepest = np.maximum.reduce(
         [verdicts.penetration_object, verdicts.penetration_environment, verdicts.penetration_self]
     )
-    order = (-np.minimum(margin, ROBUST_MARGIN), -np.minimum(along, WAY_MARGIN), ahead, -push, deepest)
+    order = (-np.minimum(margin, ROBUST_MARGIN), -np.minimum(along, SUCCESS_MARGIN), ahead, -push, deepest)
     return np.lexsort((*reversed(order), ~verdicts.success))
 
 

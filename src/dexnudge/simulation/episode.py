@@ -113,7 +113,7 @@ class Episode:
         self._columns["attempt"].extend([self.attempt] * int(new.sum()))
         self._columns["carried"].extend([np.nan] * int(new.sum()))
         self.diverged, self.last_state = run.diverged_at >= 0, run.last_state
-        end = np.concatenate([drive.position[-1], np.zeros(6), drive.angles[-1]])
+        end = np.concatenate([run.mocap[-1, :3], np.zeros(6), drive.angles[-1]])
         matrix = Rotation.from_quat(drive.quaternion[-1], scalar_first=True).as_matrix()
         end[3:6], end[6:9] = matrix[:, 0], matrix[:, 1]
         self.told = end

@@ -11,13 +11,15 @@ from scipy.spatial.transform import Rotation
 from dexnudge.hands.physical import POSITION_GAIN
 from dexnudge.simulation.drive import SQUEEZE, Drive, interpolated
 from dexnudge.simulation.push_forces import PushForces
-from dexnudge.simulation.push_model import PushModel
+from dexnudge.simulation.push_model import TIMESTEP, PushModel
 from dexnudge.simulation.push_readings import hand_in_environment
 from dexnudge.simulation.records import Records, record_now
 
 RECORD_STEPS = 10  # between two records: 20 ms
 TOUCHING, LOADED = 0.3, 0.8  # of the time of the squeeze: fingers have closed, forces are built up; the rest settles
 FASTEST = 100.0  # [m/s, rad/s] anything faster is a simulation out of hand
+FOLLOW_TIME = 0.05  # [s] in which the base's target goes down or up to where the pressing hand has come to rest
+MOST_FOLLOWED = 0.005  # [m]
 STATE = mujoco.mjtState.mjSTATE_INTEGRATION
 
 
@@ -40,7 +42,11 @@ class PushRun(Records):
 
 
 def run_push(push: PushModel, q_start: Float[np.ndarray, " coordinates"], drive: Drive, forces: PushForces) -> PushRun:
-    """Simulate `drive` from the hand at `q_start`; the same arguments give the same run, whatever ran before."""
+    """Simulate `drive` from the hand at `q_start`; the same arguments give the same run, whatever ran before.
+
+    Pressing, the base is told a force and no height: as fingers give way the hand sinks, and a target that stayed would
+    pull it up by as much as it should press. So the target's height follows, by up to 5 mm.
+    """
     began = time.perf_counter()
     push.place(q_start)
     model, data = push.model, push.data
@@ -56,12 +62,17 @@ def run_push(push: PushModel, q_start: Float[np.ndarray, " coordinates"], drive:
     places = np.linspace(0.0, 1.0, len(forces.force))
     pressing = _in_base(to_base, interpolated(drive.done, places, forces.base_wrench)) / push.base_stiffness
     torque = interpolated(drive.done, places, forces.motor_torque)
-    closed = loaded = 0.0
+    closed = loaded = followed = 0.0
     for step in range(len(drive.phase)):
         if drive.phase[step] == SQUEEZE:
             done = (step - squeezing[0] + 1) / len(squeezing)
             closed, loaded = np.clip([done / TOUCHING, (done - TOUCHING) / (LOADED - TOUCHING)], 0.0, 1.0)
         data.mocap_pos[0] = drive.position[step] + closed * forces.base_closing
+        if loaded > 0:
+            sunk = data.qpos[push.palm_position + 2] - data.mocap_pos[0, 2]
+            followed += TIMESTEP / FOLLOW_TIME * (sunk - followed)
+            followed = float(np.clip(followed, -MOST_FOLLOWED, MOST_FOLLOWED))
+            data.mocap_pos[0, 2] += followed
         data.mocap_quat[0] = drive.quaternion[step]
         offset = closed * forces.closing + loaded * torque[step] / POSITION_GAIN
         data.ctrl[:] = np.clip(place[step] + offset, low, high)

@@ -22,7 +22,7 @@ from dexnudge.simulation.closing import closed_configuration
 from dexnudge.simulation.push_model import PushModel
 
 CONE_SHARES = (0.5, 0.7, 0.85, 1.0)  # of the hand's friction that the forces use; the first that balances is taken
-PRELOAD = 6.0  # [N] with which every link that touches should press: a finger that rests keeps the object from turning
+PRELOAD = 3.0  # [N] with which every link that touches should press: a finger that rests keeps the object from turning
 BALANCE = 100.0  # weight of the net wrench against the size of the forces: balance comes first
 TENDON = 3.0  # weight of torques that a shared tendon cannot make
 PRESSING = 0.5  # weight of the preload
