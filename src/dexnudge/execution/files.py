@@ -31,7 +31,7 @@ def write_execution(folder: Path, index: int, execution: Execution) -> None:
     """Write the traces of `PushRun` and, if there are any, the approach and the state before a divergence.
 
     All are npz archives without pickles. `configuration_000.npz`: the arrays of PushRun's records, `phase` as text,
-    and of PushForces `contact_force`, `motor_torque` and `base_wrench`. `..._approach.npz`: a
+    and of PushForces, by place of the way, `contact_force`, `motor_torque` and `base_wrench`. `..._approach.npz`: a
     `planning.trajectory.Trajectory`.
     `..._diverged.npz`: `state`, MuJoCo's mjSTATE_INTEGRATION at step `step`, from which `diverged_at` is reached.
     """
