@@ -6,6 +6,8 @@ import numpy as np
 import pytest
 import trimesh
 
+from dexnudge.evaluation.draws import best_first
+from dexnudge.evaluation.success import Verdicts
 from dexnudge.evaluation.way_margin import helping, least_margins, rearmost_press, way_margins
 from dexnudge.mechanics.balance import force_margin
 from dexnudge.mechanics.contacts import HandContacts, support_contacts
@@ -106,3 +108,38 @@ def test_a_margin_along_the_way_is_that_of_a_scene_made_for_that_place(at_the_ed
         carried = replace(contacts, points=contacts.points + np.array([way, 0.0, 0.0]))
         assert force_margin(carried, support_contacts(there), there) == pytest.approx(margin, abs=2e-3)
     np.testing.assert_array_equal(way_margins(at_the_edge, [contacts], length=length)[0], along)
+
+
+def test_the_order_of_draws_is_that_of_its_keys(at_the_edge):
+    # What presses at -0.06 or behind stays over the table all along the way; what presses at -0.005 tips the block.
+    centre = float(sliding_task(at_the_edge).centre[0])
+    squeezing = HandContacts(
+        points=np.array([[-0.07, side * 0.03, HEIGHT / 2] for side in (-1.0, 1.0)]),
+        normals=np.array([[0.0, -1.0, 0.0], [0.0, 1.0, 0.0]]),
+        link=np.array([1, 2]),
+    )
+    hands = [
+        pressed_at(-0.06),
+        pressed_at(centre),
+        squeezing,
+        pressed_at(-0.005),
+        pressed_at(centre),
+        pressed_at(centre),
+    ]
+    margin = np.array([2.0, 1.6, 3.0, 2.0, 1.4, 3.0])
+    success = np.array([True, True, True, True, True, False])
+    none = np.zeros(len(hands))
+    verdicts = Verdicts(
+        success=success,
+        robust=margin >= 1.5,
+        penetration_object=none,
+        penetration_environment=none,
+        penetration_self=none,
+        force_margin=margin,
+        limits_violation=none,
+        contacts=hands,
+        contact_links=[["a", "b"]] * len(hands),
+        reason=["" if ok else "no contact" for ok in success],
+    )
+    # at the centre; in front of it; squeezing, which presses nowhere; tips on the way; not robust; not verified
+    assert best_first(at_the_edge, verdicts).tolist() == [1, 0, 2, 3, 4, 5]
