@@ -25,8 +25,8 @@ class Publish:
 
     runs: Annotated[tuple[Path, ...], tyro.conf.Positional]
     """Folders that `dexnudge reproduce` or `dexnudge evaluate` wrote; the README's table is that of the first."""
-    executed: Path | None = None
-    """Folder that `dexnudge evaluate --execute` wrote: what it says comes after them, its rates into the README."""
+    executed: tuple[Path, ...] = ()
+    """Folders that `dexnudge evaluate --execute` wrote: their texts come next, rates of the first into the README."""
     lifted: Path | None = None
     """Folder that `dexnudge evaluate --then-grasp` wrote, for the same."""
     root: Path = ROOT
@@ -40,9 +40,9 @@ class Publish:
         after = rest.split(END)[1]
         texts = [self._with_plots(run) for run in self.runs]
         executed = lifted = {}
-        if self.executed is not None:
-            texts.append(self._with_calibration(self.executed))
-            executed = rates(self.executed / "executed.json", "top")
+        if self.executed:
+            texts += [self._with_calibration(run) for run in self.executed]
+            executed = rates(self.executed[0] / "executed.json", "top")
         if self.lifted is not None:
             texts.append((self.lifted / "lifted.md").read_text(encoding="utf-8"))
             lifted = rates(self.lifted / "lifted.json", "lifted")
@@ -50,10 +50,10 @@ class Publish:
         readme.write_text(f"{before}{BEGIN}\n{readme_table(report, executed, lifted)}\n{END}{after}", encoding="utf-8")
 
     def _with_calibration(self, run: Path) -> str:
-        shutil.copyfile(run / "calibration.svg", self.root / "docs" / "images" / "calibration.svg")
-        return (
-            (run / "executed.md").read_text(encoding="utf-8").replace("](calibration.svg)", "](images/calibration.svg)")
-        )
+        """What the run's executions say, their chart copied to docs/images under a name that holds the run's."""
+        name = f"{run.resolve().name}-calibration.svg"
+        shutil.copyfile(run / "calibration.svg", self.root / "docs" / "images" / name)
+        return (run / "executed.md").read_text(encoding="utf-8").replace("](calibration.svg)", f"](images/{name})")
 
     def _with_plots(self, run: Path) -> str:
         """The run's report, its plots copied to docs/images under names that hold the run's."""

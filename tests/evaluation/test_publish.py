@@ -100,19 +100,23 @@ def test_a_run_of_reproduce_with_its_plots(publish, root, reproduced, evaluated)
 
 
 def test_rates_in_physics_stand_beside_the_others(publish, root, evaluated, tmp_path):
-    run = tmp_path / "physics"
-    run.mkdir()
-    top = {"value": 0.625, "low": 0.5, "high": 0.75}
-    (run / "executed.json").write_text(json.dumps({"lines": [{"scene": "table", "method": "ours", "top": top}]}))
-    (run / "executed.md").write_text("# Executed\n\n![calibration](calibration.svg)\n")
-    (run / "calibration.svg").write_text("<svg/>")
+    runs = tmp_path / "physics", tmp_path / "elsewhere"
+    for run, value in zip(runs, (0.625, 0.125), strict=True):
+        run.mkdir()
+        top = {"value": value, "low": 0.5, "high": 0.75}
+        (run / "executed.json").write_text(json.dumps({"lines": [{"scene": "table", "method": "ours", "top": top}]}))
+        (run / "executed.md").write_text(f"# Executed {value}\n\n![calibration](calibration.svg)\n")
+        (run / "calibration.svg").write_text(f"<svg>{value}</svg>")
     lifted = tmp_path / "lifted"
     lifted.mkdir()
     rate = {"value": 0.25, "low": 0.0, "high": 0.5}
     (lifted / "lifted.json").write_text(json.dumps({"lines": [{"scene": "table", "method": "ours", "lifted": rate}]}))
     (lifted / "lifted.md").write_text("# Lifted\n")
-    publish((evaluated,), executed=run, lifted=lifted, root=root).run()
+    publish((evaluated,), executed=runs, lifted=lifted, root=root).run()
     assert " | 62.5 (50–75) | 25.0 (0–50) | 73.2 |" in (root / "README.md").read_text()
     results = (root / "docs" / "results.md").read_text()
-    assert results.endswith("# Executed\n\n![calibration](images/calibration.svg)\n\n# Lifted\n")
-    assert (root / "docs" / "images" / "calibration.svg").read_text() == "<svg/>"
+    assert results.endswith(
+        "# Executed 0.625\n\n![calibration](images/physics-calibration.svg)\n\n"
+        "# Executed 0.125\n\n![calibration](images/elsewhere-calibration.svg)\n\n# Lifted\n"
+    )
+    assert (root / "docs" / "images" / "physics-calibration.svg").read_text() == "<svg>0.625</svg>"
