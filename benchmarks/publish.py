@@ -27,8 +27,8 @@ class Publish:
     """Folders that `dexnudge reproduce` or `dexnudge evaluate` wrote; the README's table is that of the first."""
     executed: tuple[Path, ...] = ()
     """Folders that `dexnudge evaluate --execute` wrote: their texts come next, rates of the first into the README."""
-    lifted: Path | None = None
-    """Folder that `dexnudge evaluate --then-grasp` wrote, for the same."""
+    lifted: tuple[Path, ...] = ()
+    """Folders that `dexnudge evaluate --then-grasp` wrote: their texts come last, all their rates into the README."""
     root: Path = ROOT
     """Folder that README.md and docs/ lie in."""
 
@@ -39,13 +39,14 @@ class Publish:
         before, rest = readme.read_text(encoding="utf-8").split(BEGIN)
         after = rest.split(END)[1]
         texts = [self._with_plots(run) for run in self.runs]
-        executed = lifted = {}
+        executed: Rates = {}
+        lifted: Rates = {}
         if self.executed:
             texts += [self._with_calibration(run) for run in self.executed]
             executed = rates(self.executed[0] / "executed.json", "top")
-        if self.lifted is not None:
-            texts.append((self.lifted / "lifted.md").read_text(encoding="utf-8"))
-            lifted = rates(self.lifted / "lifted.json", "lifted")
+        for run in self.lifted:
+            texts.append((run / "lifted.md").read_text(encoding="utf-8"))
+            lifted |= rates(run / "lifted.json", "lifted")
         (self.root / "docs" / "results.md").write_text("\n".join(texts), encoding="utf-8")
         readme.write_text(f"{before}{BEGIN}\n{readme_table(report, executed, lifted)}\n{END}{after}", encoding="utf-8")
 

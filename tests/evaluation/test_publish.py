@@ -112,7 +112,7 @@ def test_rates_in_physics_stand_beside_the_others(publish, root, evaluated, tmp_
     rate = {"value": 0.25, "low": 0.0, "high": 0.5}
     (lifted / "lifted.json").write_text(json.dumps({"lines": [{"scene": "table", "method": "ours", "lifted": rate}]}))
     (lifted / "lifted.md").write_text("# Lifted\n")
-    publish((evaluated,), executed=runs, lifted=lifted, root=root).run()
+    publish((evaluated,), executed=runs, lifted=(lifted,), root=root).run()
     assert " | 62.5 (50–75) | 25.0 (0–50) | 73.2 |" in (root / "README.md").read_text()
     results = (root / "docs" / "results.md").read_text()
     assert results.endswith(
