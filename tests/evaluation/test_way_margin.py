@@ -8,7 +8,7 @@ import trimesh
 
 from dexnudge.evaluation.draws import best_first
 from dexnudge.evaluation.success import Verdicts
-from dexnudge.evaluation.way_margin import helping, least_margins, rearmost_press, way_margins
+from dexnudge.evaluation.way_margin import lead, mean_help, pressing_margins, way_margins
 from dexnudge.mechanics.balance import force_margin
 from dexnudge.mechanics.contacts import HandContacts, support_contacts
 from dexnudge.mechanics.sliding_task import sliding_task
@@ -35,7 +35,7 @@ def pressed_at(x: float) -> HandContacts:
 def test_a_press_tips_the_block_once_it_is_too_far_beyond_the_edge(at_the_edge):
     # Pulled on top and held back below, the resultant at the support stands mu_e * HEIGHT ahead of the forces from above.
     # About the edge then N at `beyond` against the weight at `behind`; sliding needs N >= mu_e W / (mu_h - mu_e) = W.
-    stations, ahead = np.array([0.02, 0.04, 0.06]), 0.4 * HEIGHT
+    stations, ahead = np.array([0.0, 0.02, 0.04, 0.06]), 0.4 * HEIGHT
     for x in (-0.005, -0.02, -0.04, -0.06, -0.07):
         (margins,) = way_margins(at_the_edge, [pressed_at(x)], length=0.06)
         beyond, behind = x + stations + ahead, LENGTH / 2 - stations - ahead
@@ -47,61 +47,67 @@ def test_a_press_in_the_middle_cannot_hold_a_block_whose_centre_is_beyond_the_ed
 
 
 def test_the_least_margin_prefers_the_press_that_stays_over_the_table(at_the_edge):
-    begin = np.array([2.0, 2.0])
-    tips, stays = least_margins(at_the_edge, [pressed_at(-0.005), pressed_at(-0.06)], begin)
+    tips, stays = pressing_margins(at_the_edge, [pressed_at(-0.005), pressed_at(-0.06)])
     assert tips < 1.0
     assert 1.0 <= stays <= 2.0
 
 
-def test_where_the_object_is_carried_alike_the_margins_stay_as_they_are(at_the_edge):
+def test_where_the_object_is_carried_alike_the_beginning_stands_for_the_way(at_the_edge):
     pose = np.eye(4)
     pose[:3, 3] = -0.3, 0.0, HEIGHT / 2
     scene = Scene(at_the_edge.object_mesh, at_the_edge.environment_mesh, pose, at_the_edge.motion)
-    begin = np.array([1.7])
-    np.testing.assert_array_equal(least_margins(scene, [pressed_at(-0.3)], begin), begin)
-    (along,) = way_margins(scene, [pressed_at(-0.3)], length=scene.motion_length)
-    np.testing.assert_allclose(along, along[0], atol=2e-3)
+    (margins,) = way_margins(scene, [pressed_at(-0.3)], length=scene.motion_length)
+    np.testing.assert_allclose(margins, margins[0], atol=2e-3)
+    assert pressing_margins(scene, [pressed_at(-0.3)]) == margins[0]
+
+
+def touching(centre, *pairs):
+    """A link each, at so many metres in front of the centre of mass, on both sides of it in turn, with its normal."""
+    places, normals = zip(*pairs, strict=True)
+    points = centre + np.array([[place, 0.01 * (-1) ** i, 0.0] for i, place in enumerate(places)])
+    return HandContacts(points=points, normals=np.array(normals, dtype=float), link=np.arange(len(pairs)))
+
+
+UP, BEHIND, SIDE, OTHER_SIDE, FRONT = np.array([[0, 0, 1], [-1, 0, 0], [0, 1, 0], [0, -1, 0], [0.8, 0, -0.6]], float)
+
+
+def test_contacts_that_squeeze_or_hold_back_do_not_count(at_the_edge):
+    centre = sliding_task(at_the_edge).centre
+    press = (-0.02, UP), (0.0, UP)
+    alone, helped, squeezing = pressing_margins(
+        at_the_edge,
+        [
+            touching(centre, *press),
+            touching(centre, *press, (0.01, SIDE), (0.01, OTHER_SIDE), (0.07, FRONT)),
+            touching(centre, (0.0, SIDE), (0.0, OTHER_SIDE)),
+        ],
+    )
+    assert alone == helped > 1.0
+    assert squeezing == 0.0
+    assert pressing_margins(at_the_edge, [touching(centre, (-0.075, BEHIND), (-0.075, BEHIND))])[0] > 1.5
+
+
+NOBODY = HandContacts(points=np.zeros((0, 3)), normals=np.zeros((0, 3)), link=np.zeros(0, dtype=np.int64))
+
+
+def test_the_lead_is_the_mean_over_all_contacts(at_the_edge):
+    centre = sliding_task(at_the_edge).centre
+    found = lead(at_the_edge, [touching(centre, (0.05, UP), (0.02, SIDE)), touching(centre, (-0.06, BEHIND)), NOBODY])
+    np.testing.assert_allclose(found, [0.035, 0.0, np.inf])
 
 
 def test_contacts_that_squeeze_or_hold_back_help_less(at_the_edge):
-    def normals(*rows):
-        return HandContacts(points=np.zeros((len(rows), 3)), normals=np.array(rows), link=np.arange(len(rows)))
-
-    up, behind, side, front = (0.0, 0.0, 1.0), (-1.0, 0.0, 0.0), (0.0, 1.0, 0.0), (0.8, 0.0, -0.6)
-    slanted = (0.0, 0.6, 0.8)
-    nobody = HandContacts(points=np.zeros((0, 3)), normals=np.zeros((0, 3)), link=np.zeros(0, dtype=np.int64))
-    found = helping(
-        at_the_edge,
-        [normals(up), normals(up, behind, slanted), normals(up, side), normals(up, front), nobody],
-    )
+    slanted = np.array([0.0, 0.6, 0.8])
+    hands = [[UP], [UP, BEHIND, slanted], [UP, SIDE], [UP, FRONT]]
+    found = mean_help(at_the_edge, [touching(0.0, *((0.0, normal) for normal in hand)) for hand in hands] + [NOBODY])
     np.testing.assert_allclose(found, [1.0, 2.8 / 3, 0.5, 0.2, -1.0])
-
-
-def test_a_hand_presses_where_its_rearmost_pressing_contact_is(at_the_edge):
-    centre = sliding_task(at_the_edge).centre
-
-    def touching(*pairs):
-        places, normals = zip(*pairs, strict=True)
-        points = centre + np.array([[place, 0.01, 0.0] for place in places])
-        return HandContacts(points=points, normals=np.array(normals, dtype=float), link=np.arange(len(pairs)))
-
-    up, behind, side = (0.0, 0.0, 1.0), (-1.0, 0.0, 0.0), (0.0, 1.0, 0.0)
-    found = rearmost_press(
-        at_the_edge,
-        [
-            touching((0.05, up), (0.021, up), (-0.03, side)),
-            touching((0.05, up), (-0.06, behind)),
-            touching((0.04, side)),
-        ],
-    )
-    np.testing.assert_allclose(found, [0.02, 0.0, 1.0])
 
 
 def test_a_margin_along_the_way_is_that_of_a_scene_made_for_that_place(at_the_edge):
     contacts, length = pressed_at(-0.05), 0.06
     (along,) = way_margins(at_the_edge, [contacts], length=length)
-    for station, margin in enumerate(along, start=1):
-        way = station / len(along) * length
+    for station, margin in enumerate(along):
+        way = station / (len(along) - 1) * length
         pose = np.array(at_the_edge.T_world_object)
         pose[0, 3] += way
         there = replace(at_the_edge, T_world_object=pose)
@@ -141,5 +147,5 @@ def test_the_order_of_draws_is_that_of_its_keys(at_the_edge):
         contact_links=[["a", "b"]] * len(hands),
         reason=["" if ok else "no contact" for ok in success],
     )
-    # at the centre; in front of it; squeezing, which presses nowhere; tips on the way; not robust; not verified
-    assert best_first(at_the_edge, verdicts).tolist() == [1, 0, 2, 3, 4, 5]
+    # at the centre; in front of it; tips on the way; squeezing, which presses nowhere; not robust; not verified
+    assert best_first(at_the_edge, verdicts).tolist() == [1, 0, 3, 2, 4, 5]

@@ -13,7 +13,7 @@ from jaxtyping import Float, Int
 
 from dexnudge.errors import InputError
 from dexnudge.evaluation.success import ROBUST_MARGIN, SUCCESS_MARGIN, Verdicts, judge
-from dexnudge.evaluation.way_margin import helping, least_margins, rearmost_press
+from dexnudge.evaluation.way_margin import lead, mean_help, pressing_margins
 from dexnudge.hands.hand import Hand
 from dexnudge.sampling.methods import Method, find_method
 from dexnudge.sampling.problem import SamplingProblem, prepare
@@ -120,20 +120,20 @@ def draw_and_judge(
 def best_first(scene: Scene, verdicts: Verdicts) -> Int[np.ndarray, " n"]:
     """Order of the draws: verified ones first; among them those that push best.
 
-    That is: by the force margin where the way begins up to 1.5 (robust), by the least one along the way up to 1, by how
-    near to the centre of mass or behind it one of the contacts presses or pushes, by how far all of them do, by the least
-    penetration. Larger margins along the way are those of hands that squeeze, and slip.
+    That is: by the force margin where the way begins, up to 1.5 (robust); by the least one on the way of those contacts
+    alone that press or push, up to 1; by how near to the object's centre of mass or behind it they are on average; by how
+    far they press or push; by the least penetration. Larger margins are those of hands that squeeze, and slip.
     """
     margin, verified = np.asarray(verdicts.force_margin), np.flatnonzero(verdicts.success)
-    along, push, ahead = np.array(margin), np.zeros(len(margin)), np.zeros(len(margin))
+    pressing, ahead, helping = np.zeros((3, len(margin)))
+    contacts = [verdicts.contacts[row] for row in verified]
     if len(verified) > 1:
-        contacts = [verdicts.contacts[row] for row in verified]
-        along[verified] = least_margins(scene, contacts, margin[verified])
-        push[verified], ahead[verified] = helping(scene, contacts), rearmost_press(scene, contacts)
+        pressing[verified] = pressing_margins(scene, contacts)
+        ahead[verified], helping[verified] = lead(scene, contacts), mean_help(scene, contacts)
     deepest = np.maximum.reduce(
         [verdicts.penetration_object, verdicts.penetration_environment, verdicts.penetration_self]
     )
-    order = (-np.minimum(margin, ROBUST_MARGIN), -np.minimum(along, SUCCESS_MARGIN), ahead, -push, deepest)
+    order = (-np.minimum(margin, ROBUST_MARGIN), -np.minimum(pressing, SUCCESS_MARGIN), ahead, -helping, deepest)
     return np.lexsort((*reversed(order), ~verdicts.success))
 
 

@@ -11,9 +11,9 @@ from dexnudge.evaluation.penetration import PenetrationCheck
 from dexnudge.evaluation.success import contacts_of
 from dexnudge.hands.hand import Hand
 from dexnudge.mechanics.sliding_task import sliding_task
-from dexnudge.mechanics.supports_along import supports_of_way
 from dexnudge.planning.approach import Approach, ApproachPlanner
 from dexnudge.planning.push_length import push_length
+from dexnudge.planning.supports_along import supports_of_way
 from dexnudge.scenes.scene import Scene
 from dexnudge.simulation.drive import push_drive
 from dexnudge.simulation.push import PushRun, run_push

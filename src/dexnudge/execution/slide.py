@@ -7,7 +7,6 @@ from dexnudge.evaluation.success import contacts_of, judge
 from dexnudge.execution.stage import Stage, stretches
 from dexnudge.geometry.frames import transform_configurations
 from dexnudge.mechanics.sliding_task import sliding_task
-from dexnudge.mechanics.supports_along import supports_of_way
 from dexnudge.planning.approach import Approach, ApproachPlanner
 from dexnudge.planning.object_motion import (
     DEFAULT_LIMITS,
@@ -16,6 +15,7 @@ from dexnudge.planning.object_motion import (
     ObjectMotion,
     plan_object_motion,
 )
+from dexnudge.planning.supports_along import supports_of_way
 from dexnudge.scenes.scene import Scene
 from dexnudge.simulation.drive import SPEED, push_drive
 from dexnudge.simulation.hand_path import along_line

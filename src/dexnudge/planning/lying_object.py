@@ -1,12 +1,16 @@
 """An object on its support, as points from which rays tell what is around it wherever it is shifted along the support."""
 
+from dataclasses import dataclass
+
 import numpy as np
 from jaxtyping import Float
 from scipy.spatial import ConvexHull, QhullError
+from scipy.spatial.transform import Rotation
 
 from dexnudge.geometry.distinct_rows import distinct_rows
 from dexnudge.geometry.meshes import centre_of_mass
 from dexnudge.geometry.surface_lattice import Boxes, lattice_in_boxes, surface_lattice
+from dexnudge.made_once import made_once
 from dexnudge.mechanics.contacts import SUPPORT_DISTANCE, support_contacts
 from dexnudge.planning.rays import Rays
 from dexnudge.scenes.scene import Scene
@@ -20,7 +24,21 @@ LIFT = (
 INSET = 0.0003  # [m] by which its points are drawn inward: a wall that it touches and slides along is no obstacle
 FACING = 0.5  # cosine with the support's normal from which a surface counts as upper or lower side
 UPWARD = 0.5  # z of a normal from which a surface can be a support
+MOST_TILT = 0.15  # [rad] by which an object may rock, about 9 degrees: a hand can follow, and nothing slides off
+PIVOT = 0.002  # [m] beyond the edge about which an object turns: nearer points come down too little to count
 SEEN = 1.0  # [m] clearances above and below are measured up to here
+
+
+@dataclass(frozen=True)
+class AtRest:
+    """How an object rests.
+
+    margin: from its centre of mass, seen along gravity, to the edge of what carries it [m]; negative: it tips; -inf where
+    fewer than three points are carried. T_rocked: world to world, what turned it there.
+    """
+
+    margin: float
+    T_rocked: Float[np.ndarray, "4 4"]
 
 
 class LyingObject:
@@ -44,7 +62,6 @@ class LyingObject:
         sides, normals = self._surface(SIDE_SPACING)
         self.lower, self.upper = sides[normals @ self.normal < -FACING], sides[normals @ self.normal > FACING]
         self.centre = scene.T_world_object[:3, :3] @ centre_of_mass(scene.object_mesh) + scene.T_world_object[:3, 3]
-        self._carried = self.lower[self.below(np.zeros(3)) <= SUPPORT_DISTANCE]
 
     def _surface(self, spacing: float) -> tuple[Float[np.ndarray, "n 3"], Float[np.ndarray, "n 3"]]:
         """Points of the surface, drawn inward a little, and the outward normals there; each place once."""
@@ -91,29 +108,62 @@ class LyingObject:
         """Way from each point of the upper side up along the support's normal to the surroundings [m], up to `SEEN`."""
         return self._environment(self.upper + shift, self.normal, reach=SEEN + INSET) - INSET
 
-    def balance_margin(self, shift: Float[np.ndarray, "3"]) -> float:
-        """Distance [m] from the centre of mass, seen along gravity, to the edge of what carries the shifted object.
+    def at_rest(self, shift: Float[np.ndarray, "3"], *, least: float) -> AtRest:
+        """How the shifted object comes to rest: as it is, or rocked onto what lies below it.
 
-        That is the convex hull, in the support's plane, of those points of the lower side that lie on the surroundings
-        at rest and after the shift. Negative: it tips; -inf where fewer than three points are carried.
+        Where the centre of mass is less than `least` [m] within what carries it, the object turns about the edge that it is
+        nearest to, until a further point of its lower side is carried, and so on, up to `MOST_TILT`. So an arched object
+        that has one foot over an edge comes to lie on its arch.
         """
-        lifted = self._carried + shift + LIFT * self.normal
-        way = self._environment(lifted, -self.normal, reach=SEEN) - LIFT - INSET
-        carried = self._carried[way <= SUPPORT_DISTANCE] + shift
-        if len(carried) < 3:
-            return -np.inf
+        best = AtRest(-np.inf, np.eye(4))
+        if not self.normal.any():
+            return best
+        gap = self.below(shift)
         centre = self.centre + shift
         down = np.array([0.0, 0.0, -1.0])
-        foot = centre + down * ((carried[0] - centre) @ self.normal) / (down @ self.normal)
+        points = self.lower + shift
+        resting = points[np.argmin(gap)]
+        foot = centre + down * ((resting - centre) @ self.normal) / (down @ self.normal)
         plane = self.plane_axes()
-        try:
-            edges = ConvexHull((carried - foot) @ plane.T).equations
-        except QhullError:
-            return -np.inf
-        return float(-edges[:, 2].max())
+        flat = (points - foot) @ plane.T
+        T_rocked, tilt = np.eye(4), 0.0
+        while (gap <= SUPPORT_DISTANCE).sum() >= 3:
+            try:
+                edges = ConvexHull(flat[gap <= SUPPORT_DISTANCE]).equations
+            except QhullError:  # all on one line
+                return best
+            across, offset = edges[np.argmax(edges[:, 2]), :2], float(edges[:, 2].max())
+            if -offset > best.margin:
+                best = AtRest(-offset, T_rocked)
+            beyond = flat @ across + offset
+            ahead = (beyond > PIVOT) & (gap > SUPPORT_DISTANCE)
+            if -offset >= least or not ahead.any():
+                return best
+            angle = float((gap[ahead] / beyond[ahead]).min())
+            tilt += angle
+            if tilt > MOST_TILT:
+                return best
+            gap = gap - angle * beyond
+            axis = across[0] * plane[1] - across[1] * plane[0]
+            T_rocked = _turned(angle * axis, about=foot - offset * across @ plane) @ T_rocked
+        return best
 
     def plane_axes(self) -> Float[np.ndarray, "2 3"]:
         """Two unit axes of the support's plane; the first as near the world's x as can be."""
         first = np.array([1.0, 0.0, 0.0]) - self.normal[0] * self.normal
         first /= np.linalg.norm(first)
         return np.stack([first, np.cross(self.normal, first)])
+
+
+@made_once
+def lying_object(scene: Scene) -> LyingObject:
+    """The scene's object; made once per scene."""
+    return LyingObject(scene)
+
+
+def _turned(rotation: Float[np.ndarray, "3"], *, about: Float[np.ndarray, "3"]) -> Float[np.ndarray, "4 4"]:
+    """A turn by a rotation vector [rad] about an axis through a point [m]."""
+    turn = np.eye(4)
+    turn[:3, :3] = Rotation.from_rotvec(rotation).as_matrix()
+    turn[:3, 3] = about - turn[:3, :3] @ about
+    return turn

@@ -12,7 +12,7 @@ import numpy as np
 from jaxtyping import Float
 
 from dexnudge.errors import InputError
-from dexnudge.planning.lying_object import SEEN, LyingObject
+from dexnudge.planning.lying_object import SEEN, LyingObject, lying_object
 from dexnudge.scenes.scene import Scene
 
 STEP = 0.0025  # [m] between the places looked at along a direction
@@ -139,7 +139,7 @@ def plan_object_motion(
     obstacle and a low step is none either; rays along the way find every other. With `own_motion_only` the way is straight
     along the scene's motion, for hands that were sampled for it.
     """
-    lying = LyingObject(scene)
+    lying = lying_object(scene)
     if not lying.normal.any():
         return NoObjectMotion("nothing below carries the object at rest")
     directions = _directions(lying, scene.motion, limits.directions)
@@ -171,9 +171,8 @@ def _result(scene: Scene, lying: LyingObject, way: _Way, limits: GraspableLimits
     poses[:, :3, 3] += shifts
     end = shifts[-1]
     free = _free_part(lying, end, way.direction, limits)
-    return ObjectMotion(
-        poses, free.overhang, free.length, free.below, free.above, lying.balance_margin(end), lying.normal
-    )
+    balance = lying.at_rest(end, least=limits.balance).margin
+    return ObjectMotion(poses, free.overhang, free.length, free.below, free.above, balance, lying.normal)
 
 
 def _directions(lying: LyingObject, motion: np.ndarray, count: int) -> Float[np.ndarray, "n 3"]:
@@ -197,7 +196,7 @@ def _distance(
     free_way = lying.free_travel(shift, direction, reach=reach + STOP_SHORT) - STOP_SHORT
     for index, way in enumerate(np.arange(0.0, free_way, STEP)):
         place = shift + way * direction
-        if index % BALANCE_STEPS == 0 and lying.balance_margin(place) < limits.balance:
+        if index % BALANCE_STEPS == 0 and lying.at_rest(place, least=limits.balance).margin < limits.balance:
             refused.add("it would tip first")
             return None
         if lying.front_is_carried(place, direction, limits.room):
@@ -207,7 +206,7 @@ def _distance(
             refused.add("it would hang over too far")
             return None
         if free.overhang >= limits.overhang[0] and free.length >= limits.free_length:
-            if lying.balance_margin(place) < limits.balance:
+            if lying.at_rest(place, least=limits.balance).margin < limits.balance:
                 refused.add("it would tip first")
                 return None
             return float(way)
@@ -243,7 +242,7 @@ def _two_pieces(lying: LyingObject, directions: np.ndarray, limits: GraspableLim
         if reach <= 0 or lying.free_travel(np.zeros(3), first, reach=leg + 2 * STOP_SHORT) < leg + STOP_SHORT:
             continue
         places = [way * first for way in np.arange(STEP, leg, 2 * STEP)] + [leg * first]
-        if min(lying.balance_margin(place) for place in places) < limits.balance:
+        if min(lying.at_rest(place, least=limits.balance).margin for place in places) < limits.balance:
             continue
         for second in directions:
             way = _distance(lying, leg * first, second, reach, limits, ignored)

@@ -13,10 +13,10 @@ from jaxtyping import Float
 from dexnudge.hands.hand import ROOT_COORDINATES
 from dexnudge.simulation.push_model import OBJECT_SIDE, PushModel
 
-LOOK = 0.005  # [m] from the object within which a link is looked at
-ITERATIONS = 12
+LOOK = 0.02  # [m] from the object within which a link is looked at
+ITERATIONS = 20
 CLOSE_ENOUGH = 5.0e-5  # [m] of every gap
-DAMPING = 1.0e-3  # [m] of lever
+DAMPING = 5.0e-3  # [m] of lever: two segments of one finger may not both reach, and must not tear away a third
 BASE_LEVER = 0.02  # [m] the base does what fingers would need more than that many metres per radian for
 
 

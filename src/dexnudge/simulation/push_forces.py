@@ -17,6 +17,7 @@ from dexnudge.hands.hand import ROOT_COORDINATES
 from dexnudge.mechanics.balance import balance_problem, contact_forces
 from dexnudge.mechanics.contacts import HandContacts, SupportContacts
 from dexnudge.mechanics.friction_cone import EDGE_COUNT, friction_cone_edges
+from dexnudge.mechanics.pressing import pressing, some_contacts
 from dexnudge.mechanics.sliding_task import SlidingTask
 from dexnudge.simulation.closing import closed_configuration
 from dexnudge.simulation.push_model import PushModel
@@ -92,12 +93,19 @@ def _chosen(
     task: SlidingTask,
     jacobians: np.ndarray,
 ) -> tuple[Float[np.ndarray, "contact 3"], float] | None:
-    """Forces at one place, and the share of the cone that they use; None if nothing balances."""
-    for share in CONE_SHARES:
-        force = _balanced(
-            push, q, contacts, supports, replace(task, friction_hand=share * task.friction_hand), jacobians
-        )
-        if force is not None:
+    """Forces at one place, and the share of the cone that they use; None if nothing balances.
+
+    Of the contacts that press or push alone, if they can do it well inside their cones: a squeeze that is a little off
+    turns the object.
+    """
+    kept = pressing(contacts, task.motion)
+    tries = [(kept, share) for share in CONE_SHARES[:-1]] + [(np.ones_like(kept), share) for share in CONE_SHARES]
+    for used, share in tries:
+        narrowed = replace(task, friction_hand=share * task.friction_hand)
+        found = _balanced(push, q, some_contacts(contacts, used), supports, narrowed, jacobians[used])
+        if found is not None:
+            force = np.zeros_like(contacts.points)
+            force[used] = found
             return force, share
     solved = contact_forces(contacts, supports, task)
     return None if solved is None else (solved.hand, 1.0)
