@@ -1,3 +1,3 @@
 """dexnudge: hand configurations that push, press or hook what a hand cannot grasp."""
 
-__version__ = "0.5.0"
+__version__ = "0.6.0"

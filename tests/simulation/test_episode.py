@@ -31,6 +31,7 @@ def idle(push) -> PushForces:
         motor_torque=none[None],
         base_wrench=np.zeros((1, 6)),
         cone_share=np.ones(1),
+        surplus=np.ones(1),
         closing=none,
         base_closing=np.zeros(3),
     )

@@ -1,5 +1,7 @@
 """Forces along a push: a block that comes over an edge, pressed by a palm in front of its centre and behind it."""
 
+from dataclasses import replace
+
 import numpy as np
 import pytest
 import trimesh
@@ -12,7 +14,7 @@ from dexnudge.mechanics.sliding_task import sliding_task
 from dexnudge.planning.supports_along import supports_along, supports_of_way
 from dexnudge.scenes.boxes import box
 from dexnudge.scenes.scene import Scene
-from dexnudge.simulation.push_forces import push_forces
+from dexnudge.simulation.push_forces import SURPLUS, push_forces
 from dexnudge.simulation.push_model import load_push_model, push_model_xml
 
 LENGTH, HEIGHT = 0.15, 0.02  # [m] of the block, whose front end is flush with the table's edge at x = 0
@@ -37,6 +39,10 @@ def contacts() -> HandContacts:
 
 @pytest.fixture(scope="module")
 def forces(pad_hand, scene, contacts):
+    return forces_in(pad_hand, scene, contacts)
+
+
+def forces_in(pad_hand, scene, contacts):
     push = load_push_model(push_model_xml(pad_hand, scene), pad_hand, scene)
     q = np.array([-LENGTH / 2, 0.0, 0.2, 1.0, 0.0, 0.0, 0.0, 1.0, 0.0, 0.0, 0.0])
     return push_forces(push, q, contacts, supports_of_way(scene, WAY), sliding_task(scene))
@@ -57,12 +63,21 @@ def test_a_place_every_centimetre(forces):
 
 
 def test_the_forces_balance_where_they_are_meant_to(scene, contacts, forces):
-    for way, force in zip(np.linspace(0.0, WAY, 7), forces.force, strict=True):
-        assert unbalanced(scene, contacts, force, way) < 0.03
+    for way, force, surplus in zip(np.linspace(0.0, WAY, 7), forces.force, forces.surplus, strict=True):
+        assert unbalanced(scene, contacts, force / surplus, way) < 0.03
+
+
+def test_the_hand_makes_more_than_that_but_no_more_than_a_link_may(pad_hand, scene, contacts, forces):
+    pressed = -forces.force[:, :, 2].sum(axis=1)  # by the palm, its one link
+    np.testing.assert_allclose(pressed, scene.max_normal_force)
+    assert ((forces.surplus > 1) & (forces.surplus < SURPLUS)).all()
+    light = forces_in(pad_hand, replace(scene, mass=0.5 * scene.mass), contacts)
+    assert (light.force[:, :, 2].sum(axis=1) > -scene.max_normal_force).all()
+    np.testing.assert_array_equal(light.surplus, SURPLUS)
 
 
 def test_the_block_would_tip_over_the_edge_under_the_forces_of_the_beginning(scene, contacts, forces):
-    assert unbalanced(scene, contacts, forces.force[0], WAY) > 0.1
+    assert unbalanced(scene, contacts, forces.force[0] / forces.surplus[0], WAY) > 0.1
     front = forces.force[:, :2, 2].sum(axis=1) / forces.force[:, :, 2].sum(axis=1)
     assert front[-1] < 0.9 * front[0]
 

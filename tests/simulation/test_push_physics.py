@@ -50,6 +50,7 @@ def pressing(push: PushModel, *forces: tuple[float, float, float]) -> PushForces
         motor_torque=np.zeros((len(force), push.model.nu)),
         base_wrench=np.concatenate([force, np.cross(lever, force)], axis=1),
         cone_share=np.ones(len(force)),
+        surplus=np.ones(len(force)),
         closing=np.zeros(push.model.nu),
         base_closing=np.zeros(3),
     )

@@ -23,6 +23,7 @@ from dexnudge.simulation.closing import closed_configuration
 from dexnudge.simulation.push_model import PushModel
 
 CONE_SHARES = (0.5, 0.7, 0.85, 1.0)  # of the hand's friction that the forces use; the first that balances is taken
+SURPLUS = 1.4  # times the forces that balance: an object then follows even where its support is rougher than planned
 PRELOAD = 3.0  # [N] with which every link that touches should press: a finger that rests keeps the object from turning
 BALANCE = 100.0  # weight of the net wrench against the size of the forces: balance comes first
 TENDON = 3.0  # weight of torques that a shared tendon cannot make
@@ -40,7 +41,8 @@ class PushForces:
 
     force: on the object per contact [N, world]. motor_torque: [N m] per motor. base_wrench: force [N] and torque about the
     palm's origin [N m] that the base is to press with, world. cone_share: of the hand's friction that the forces use; 0
-    where no forces balance at the beginning and the hand only holds its place.
+    where no forces balance at the beginning and the hand only holds its place. surplus: by which those that balance were
+    multiplied.
     closing: of each motor until the pressing links touch [rad], and base_closing of the base [m, world].
     """
 
@@ -48,6 +50,7 @@ class PushForces:
     motor_torque: Float[np.ndarray, "place motor"]
     base_wrench: Float[np.ndarray, "place 6"]
     cone_share: Float[np.ndarray, " place"]
+    surplus: Float[np.ndarray, " place"]
     closing: Float[np.ndarray, " motor"]
     base_closing: Float[np.ndarray, " 3"]
 
@@ -64,14 +67,17 @@ def push_forces(
     Non-negative least squares over the edges of narrowed friction cones and the supports' normal forces: no net wrench
     while the object slides, little load that tendons cannot hold, a preload on every link, small and even forces; no link
     above the task's largest normal force. Where none balance, the linear program's forces in the whole cone; where there
-    are none either, those of the place before.
+    are none either, those of the place before. The hand makes more than these, all in proportion, where no link exceeds its
+    limit: what it pulls too much its base holds back.
     """
     push.place(q)
     jacobians = push.indices.contact_jacobians(push.model, push.data, contacts)
     found: list[tuple[np.ndarray, float]] = [(np.zeros((len(contacts.points), 3)), 0.0)]
     for carrying in supports:
         found.append(_chosen(push, q, contacts, carrying, task, jacobians) or found[-1])
-    force, share = np.stack([each for each, _ in found[1:]]), np.array([share for _, share in found[1:]])
+    share = np.array([share for _, share in found[1:]])
+    surplus = np.array([_surplus(each, contacts, task) for each, _ in found[1:]])
+    force = surplus[:, None, None] * np.stack([each for each, _ in found[1:]])
     load = np.linalg.norm(force, axis=2).max(axis=0)
     pressing = np.flatnonzero(np.bincount(contacts.link, weights=load, minlength=1) > LEAST_FORCE)
     closed = closed_configuration(push, q, pressing.tolist())
@@ -80,9 +86,17 @@ def push_forces(
         motor_torque=np.stack([_motor_torque(push, q, jacobians, each) for each in force]),
         base_wrench=np.concatenate([force, np.cross(contacts.points - q[:3], force)], axis=2).sum(axis=1),
         cone_share=share,
+        surplus=surplus,
         closing=push.indices.motor_of_angle @ (closed - q)[ROOT_COORDINATES:],
         base_closing=(closed - q)[:3],
     )
+
+
+def _surplus(force: Float[np.ndarray, "contact 3"], contacts: HandContacts, task: SlidingTask) -> float:
+    """`SURPLUS`, or less where a link would press harder than it may."""
+    normal = -np.einsum("cx,cx->c", force, contacts.normals)
+    hardest = float(np.bincount(contacts.link, weights=normal, minlength=1).max())
+    return max(1.0, min(SURPLUS, task.max_normal_force / hardest)) if hardest > 0 else 1.0
 
 
 def _chosen(
