@@ -9,6 +9,7 @@ from typing import Annotated, Any
 
 import tyro
 
+from dexnudge.evaluation.markdown import markdown_table
 from dexnudge.evaluation.method_names import method_name
 from dexnudge.evaluation.paper_tables import FULL, TABLE_1
 from dexnudge.evaluation.reproduction_parts import MAIN, OURS, WITH_BASE
@@ -27,6 +28,8 @@ class Publish:
     """Folders that `dexnudge reproduce` or `dexnudge evaluate` wrote; the README's table is that of the first."""
     executed: tuple[Path, ...] = ()
     """Folders that `dexnudge evaluate --execute` wrote: their texts come next, rates of the first into the README."""
+    effects: tuple[Path, ...] = ()
+    """Folders that `dexnudge evaluate --execute` wrote with something left out, and one without: one table of them all."""
     lifted: tuple[Path, ...] = ()
     """Folders that `dexnudge evaluate --then-grasp` wrote: their texts come last, all their rates into the README."""
     root: Path = ROOT
@@ -44,9 +47,13 @@ class Publish:
         if self.executed:
             texts += [self._with_calibration(run) for run in self.executed]
             executed = rates(self.executed[0] / "executed.json", "top")
+        if self.effects:
+            texts.append(effects_table(self.effects))
         for run in self.lifted:
             texts.append((run / "lifted.md").read_text(encoding="utf-8"))
             lifted |= rates(run / "lifted.json", "lifted")
+        if len(texts) > 1:
+            texts.insert(0, contents(texts))
         (self.root / "docs" / "results.md").write_text("\n".join(texts), encoding="utf-8")
         readme.write_text(f"{before}{BEGIN}\n{readme_table(report, executed, lifted)}\n{END}{after}", encoding="utf-8")
 
@@ -71,6 +78,40 @@ def rates(path: Path, name: str) -> Rates:
     """That rate of each line of a report."""
     lines = json.loads(path.read_text(encoding="utf-8"))["lines"]
     return {(line["scene"], line["method"]): line[name] for line in lines}
+
+
+def contents(texts: list[str]) -> str:
+    """What the page holds: a link to each text's heading."""
+    titles = [text.splitlines()[0].removeprefix("# ") for text in texts]
+    anchors = [re.sub(r"[^\w\- ]", "", title.lower()).replace(" ", "-") for title in titles]
+    again = [anchors[:place].count(anchor) for place, anchor in enumerate(anchors)]
+    links = [f"#{anchor}-{count}" if count else f"#{anchor}" for anchor, count in zip(anchors, again, strict=True)]
+    return "".join(f"- [{title}]({link})\n" for title, link in zip(titles, links, strict=True))
+
+
+def effects_table(runs: tuple[Path, ...]) -> str:
+    """How many single draws are verified and how often the best-ranked one succeeds in physics, run by run."""
+    reports = [json.loads((run / "executed.json").read_text(encoding="utf-8")) for run in runs]
+    first = reports[0]["config"]
+    for config in (report["config"] for report in reports):
+        if any(config[name] != first[name] for name in ("objects", "max_objects", "num", "seed")):
+            raise SystemExit("the runs of --effects differ in objects, draws or seed; expected the same of all")
+    rows = []
+    for run, report in zip(runs, reports, strict=True):
+        single = rates(run / "report.json", "single")
+        left_out = "".join(f", weight {name} {value:g}" for name, value in (report["config"]["losses"] or {}).items())
+        for line in report["lines"]:
+            row = [method_name(line["method"]) + left_out, line["scene"], line["objects"]]
+            verified = percent(single[line["scene"], line["method"]])
+            rows.append([*row, verified, line["unverified"], percent(line["top"])])
+    header = ["what", "scene", "objects", "single draw verified", "without verified", "top-ranked in physics"]
+    return (
+        "# Executed in physics: with parts left out\n\n"
+        "Each run draws anew without that part. Top-ranked: share of all objects whose best verified draw succeeds in "
+        f"physics. In %; in brackets, 95 % intervals over objects. {Path(first['objects']).name}, {first['num']} draws for "
+        f"each object and scene, seed {first['seed']}, dexnudge {reports[0]['versions']['dexnudge']}.\n\n"
+        f"{markdown_table(header, rows, names=2)}\n"
+    )
 
 
 def readme_table(report: dict[str, Any], executed: Rates, lifted: Rates) -> str:

@@ -25,11 +25,16 @@ OURS = "| table | dexnudge | 25.0 ("  # of the made-up rows
 
 
 @pytest.fixture(scope="module")
-def publish():
+def publish_module():
     spec = importlib.util.spec_from_file_location("publish", SCRIPT)
     module = importlib.util.module_from_spec(spec)
     spec.loader.exec_module(module)
-    return module.Publish
+    return module
+
+
+@pytest.fixture(scope="module")
+def publish(publish_module):
+    return publish_module.Publish
 
 
 @pytest.fixture
@@ -93,6 +98,8 @@ def test_a_run_of_reproduce_with_its_plots(publish, root, reproduced, evaluated)
     assert "](plots/" not in results
     assert "](images/reproduced-with_base-single.svg)" in results
     assert results.endswith((evaluated / "report.md").read_text())
+    titles = [line.removeprefix("# ") for line in results.splitlines() if line.startswith("# ")]
+    assert [line.split("](")[0].removeprefix("- [") for line in results.splitlines()[:2]] == titles
     copied = root / "docs" / "images" / "reproduced-with_base-single.svg"
     assert copied.read_bytes() == (reproduced / "plots" / "with_base-single.svg").read_bytes()
     shown = {part.split(")")[0] for part in results.split("](images/")[1:]}
@@ -120,3 +127,36 @@ def test_rates_in_physics_stand_beside_the_others(publish, root, evaluated, tmp_
         "# Executed 0.125\n\n![calibration](images/elsewhere-calibration.svg)\n\n# Lifted\n"
     )
     assert (root / "docs" / "images" / "physics-calibration.svg").read_text() == "<svg>0.625</svg>"
+
+
+def test_links_to_headings_are_those_that_github_makes(publish_module):
+    texts = ["# Executed: test42.txt\n\nbody", "# With, and without\n", "# Executed: test42.txt\n"]
+    assert publish_module.contents(texts) == (
+        "- [Executed: test42.txt](#executed-test42txt)\n- [With, and without](#with-and-without)\n"
+        "- [Executed: test42.txt](#executed-test42txt-1)\n"
+    )
+
+
+def test_what_is_left_out_stands_beside_the_whole(publish_module, tmp_path):
+    def run(name, losses, method, value, **changed):
+        folder = tmp_path / name
+        folder.mkdir()
+        rate = {"value": value, "low": 0.5, "high": 0.75}
+        config = {"objects": "a/some.txt", "max_objects": 4, "num": 8, "seed": 1, "losses": losses} | changed
+        line = {"scene": "shelf", "method": method, "objects": 4, "unverified": 1, "top": rate}
+        report = {"config": config, "versions": {"dexnudge": "1.2.3"}, "lines": [line]}
+        (folder / "executed.json").write_text(json.dumps(report))
+        (folder / "report.json").write_text(json.dumps({"lines": [{**line, "single": {**rate, "value": value / 2}}]}))
+        return folder
+
+    whole, without = run("whole", None, "ours", 0.75), run("without", {"sweep": 0.0}, "ours", 0.5)
+    raw = run("raw", None, "guidance_only", 0.25)
+    text = publish_module.effects_table((whole, without, raw))
+    assert "some.txt, 8 draws for each object and scene, seed 1, dexnudge 1.2.3." in text
+    assert text.splitlines()[-3:] == [
+        "| dexnudge | shelf | 4 | 37.5 (50–75) | 1 | 75.0 (50–75) |",
+        "| dexnudge, weight sweep 0 | shelf | 4 | 25.0 (50–75) | 1 | 50.0 (50–75) |",
+        "| dexnudge, not projected | shelf | 4 | 12.5 (50–75) | 1 | 25.0 (50–75) |",
+    ]
+    with pytest.raises(SystemExit, match="differ in objects"):
+        publish_module.effects_table((whole, run("other", None, "ours", 0.5, num=16)))
