@@ -22,7 +22,7 @@ from dexnudge.simulation.hand_path import along_line
 from dexnudge.simulation.push_forces import push_forces
 from dexnudge.simulation.push_verdict import MOST_PENETRATION, MOST_TURNED
 
-AIM = GraspableLimits(overhang=(0.40, 0.45))  # of the slide: what slips on the way comes off the overhang
+AIM = GraspableLimits(overhang=(0.40, 0.45), balance=0.008)  # of the slide, which may fall short or go too far
 REACHED = GraspableLimits(overhang=(0.20, 0.90))  # after it: far enough to look for grasps, and not tipping
 MOST_CORRECTIONS = 3  # of a push whose object stays behind
 CLOSE_BEHIND = 0.003  # [m] that an object may stay behind
