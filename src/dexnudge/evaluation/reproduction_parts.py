@@ -23,7 +23,7 @@ QUICK_PARTS = (WITH_BASE, WITHOUT_BASE, GRASPS_ONLY, PREDICTIONS)
 HARD_SCENES = ("slot", "deep", "corner", "clutter")
 NEW_SCENES = ("drawer", "ramp", "stack")  # on which nothing was tuned
 QUICK_NUM, FULL_NUM = 16, 32
-QUICK_OBJECTS = 16  # 50 to 90 s of one core for the rows of an object and its scenes: 7 to 12 minutes on two cores
+QUICK_OBJECTS = 16  # about 25 s of one core for the rows of an object and its scenes: 4 minutes on two cores
 
 
 @dataclass(frozen=True, kw_only=True)
