@@ -24,6 +24,7 @@ from dexnudge.sampling.guidance.gradient import (
     unit,
 )
 from dexnudge.sampling.guidance.paper import PaperGuidance
+from dexnudge.sampling.guidance.resampled import Resampled, resampled
 from dexnudge.sampling.guidance.rule import ReverseStep
 from dexnudge.sampling.guidance.spherical import SphericalGuidance
 from dexnudge.sampling.guidance.unguided import unguided
@@ -163,6 +164,28 @@ def test_joint_angles_keep_more_of_their_noise(make_step):
     assert (kept[0.0] > kept[0.5]).all()
     assert (kept[0.5] > kept[1.0]).all()
     torch.testing.assert_close(kept[0.0], torch.ones(BATCH), atol=1e-4, rtol=0)
+
+
+def test_draws_go_on_as_often_as_their_weights_say():
+    energy = 0.01 * torch.log(torch.tensor([8.0, 8.0, 8.0, 8.0, 4.0, 1.0, 1e9, 1e9]))  # weights 1, 1, 1, 1, 2, 8, 0, 0
+    chosen = resampled(energy, temperature=0.01, generator=torch.Generator().manual_seed(0))
+    counts = torch.bincount(chosen, minlength=8)
+    expected = 8 * torch.tensor([1.0, 1.0, 1.0, 1.0, 2.0, 8.0, 0.0, 0.0]) / 14
+    assert ((counts - expected).abs() < 1).all()  # what systematic resampling promises
+    even = resampled(torch.full((8,), 0.3), temperature=0.01, generator=torch.Generator())
+    torch.testing.assert_close(even, torch.arange(8))
+
+
+def test_resampling_replaces_hands_that_are_in_the_way(make_step, prior, starts):
+    """Four of the clean hands stand in the table; the others take their places."""
+    clean = starts[:BATCH].clone()
+    clean[:4, 2] -= 0.3
+    rule, step = Resampled(every=2), replace(make_step(use=Knowing(prior, clean)), t_previous=-1)
+    first = prior.denormalise(rule(step))
+    torch.testing.assert_close(first, clean, rtol=0, atol=1e-4)
+    second = prior.denormalise(rule(step))
+    for hand in second:
+        assert (hand - clean[4:]).abs().amax(dim=1).min() < 1e-4
 
 
 def test_against_the_gradient_at_the_clean_estimate_the_energy_falls(make_step, prior):

@@ -15,8 +15,8 @@ from dexnudge.sampling.sampler import Sampler
 
 RANDOM = "random_start_projection"
 NAMES = (
-    "ours, coarse_hands, clean_descent, guidance_only, paper, paper_guidance_only, spherical, clean_gradient, best_of_32, "
-    "unguided, unguided_projection, grasp_projection, random_start_projection, nearest_pose"
+    "ours, resampled, coarse_hands, clean_descent, guidance_only, paper, paper_guidance_only, spherical, clean_gradient, "
+    "best_of_32, unguided, unguided_projection, grasp_projection, random_start_projection, nearest_pose"
 )
 
 

@@ -7,6 +7,7 @@ from dexnudge.sampling.methods import METHODS
 
 NAMES = {
     "ours": "dexnudge",
+    "resampled": "dexnudge, resampled",
     "guidance_only": "dexnudge, not projected",
     "grasp_projection": "dexnudge, asked for grasps",
     "coarse_hands": "coarse hands, descent + projection",

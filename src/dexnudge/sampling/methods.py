@@ -10,6 +10,7 @@ from dexnudge.sampling.guidance.clean_descent import CleanDescent
 from dexnudge.sampling.guidance.clean_gradient import CleanGradient
 from dexnudge.sampling.guidance.clean_spherical import CleanSpherical
 from dexnudge.sampling.guidance.paper import PaperGuidance
+from dexnudge.sampling.guidance.resampled import Resampled
 from dexnudge.sampling.guidance.rule import GuidanceRule
 from dexnudge.sampling.guidance.spherical import SphericalGuidance
 from dexnudge.sampling.guidance.unguided import unguided
@@ -68,6 +69,11 @@ COARSE_HANDS = replace(
 )
 METHODS: dict[str, Method] = {
     "ours": OURS,
+    "resampled": replace(
+        OURS,
+        summary="ours, with promising draws of a call taking the places of hopeless ones (SMC): no independent draws",
+        make_rule=Resampled,
+    ),
     "coarse_hands": COARSE_HANDS,
     "clean_descent": replace(
         COARSE_HANDS,

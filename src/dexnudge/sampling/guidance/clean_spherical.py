@@ -22,7 +22,7 @@ from jaxtyping import Float
 from torch import Tensor
 
 from dexnudge.hands.hand import ROOT_COORDINATES
-from dexnudge.sampling.guidance.gradient import gradient_at_clean_estimate
+from dexnudge.sampling.guidance.gradient import clean_estimate
 from dexnudge.sampling.guidance.rule import ReverseStep
 from dexnudge.sampling.guidance.spherical import spherical_step
 
@@ -41,10 +41,7 @@ class CleanSpherical:
 
     def __call__(self, step: ReverseStep) -> Float[Tensor, "batch dimension"]:
         """x_{t-1} on the sphere about DDIM's mean."""
-        with torch.inference_mode():
-            x0_hat = step.prior.predict_clean(step.x_t, step.t, step.condition, guidance_scale=step.guidance_scale)
-        x0_hat = x0_hat.clone()
-        energy, gradient = gradient_at_clean_estimate(step, x0_hat)
+        x0_hat, energy, gradient = clean_estimate(step)
         return spherical_step(step, x0_hat, gradient, rate=self.rates(energy, x0_hat.shape[1]))
 
     def rates(self, energy: Float[Tensor, " batch"], dimension: int) -> Float[Tensor, "batch dimension"]:

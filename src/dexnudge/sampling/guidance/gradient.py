@@ -37,6 +37,16 @@ def gradient_at_clean_estimate(
     return energy.detach(), gradient
 
 
+def clean_estimate(
+    step: ReverseStep,
+) -> tuple[Float[Tensor, "batch dimension"], Float[Tensor, " batch"], Float[Tensor, "batch dimension"]]:
+    """(x0_hat, L, g): the prior's clean estimate, and `gradient_at_clean_estimate` there."""
+    with torch.inference_mode():
+        x0_hat = step.prior.predict_clean(step.x_t, step.t, step.condition, guidance_scale=step.guidance_scale)
+    x0_hat = x0_hat.clone()
+    return (x0_hat, *gradient_at_clean_estimate(step, x0_hat))
+
+
 def unit(gradient: Float[Tensor, "batch dimension"]) -> Float[Tensor, "batch dimension"]:
     """g / |g| per sample; 0 where the energy has no slope."""
     return gradient / gradient.norm(dim=1, keepdim=True).clamp_min(SMALLEST_NORM)

@@ -1,0 +1,53 @@
+"""Ours with sequential Monte Carlo: now and then promising draws of a call take the places of hopeless ones.
+
+Every few steps the draws of a call are weighed by exp(-L / temperature), L the energy at their clean estimates. Where the
+weights are so uneven that they are worth less than half of the draws, as many are drawn from them anew, evenly (systematic
+resampling). The noise of later steps parts those that come from one. So draws of a call are no longer independent, and a
+call of one is `CleanSpherical`.
+"""
+
+from dataclasses import dataclass, field, replace
+
+import torch
+from jaxtyping import Float, Int
+from torch import Tensor
+
+from dexnudge.sampling.guidance.clean_spherical import CleanSpherical
+from dexnudge.sampling.guidance.gradient import clean_estimate
+from dexnudge.sampling.guidance.rule import ReverseStep
+from dexnudge.sampling.guidance.spherical import spherical_step
+
+LEAST_WORTH = 0.5  # of the draws: effective sample size over their number from which nothing is resampled
+LAST = 0.15  # of the training steps: later, noise no longer parts draws that come from one
+
+
+@dataclass
+class Resampled:
+    """One run's rule. temperature: of the weights [m^2]. every: steps between two looks."""
+
+    steering: CleanSpherical = field(default_factory=CleanSpherical)
+    temperature: float = 1.0e-2
+    every: int = 5
+    steps: int = field(default=0, init=False)
+
+    def __call__(self, step: ReverseStep) -> Float[Tensor, "batch dimension"]:
+        """x_{t-1} on the sphere about DDIM's mean."""
+        x0_hat, energy, gradient = clean_estimate(step)
+        self.steps += 1
+        if self.steps % self.every == 0 and step.t >= LAST * len(step.prior.schedule.alphas_cumprod):
+            chosen = resampled(energy, temperature=self.temperature, generator=step.generator)
+            step = replace(step, x_t=step.x_t[chosen])
+            x0_hat, energy, gradient = x0_hat[chosen], energy[chosen], gradient[chosen]
+        return spherical_step(step, x0_hat, gradient, rate=self.steering.rates(energy, x0_hat.shape[1]))
+
+
+def resampled(
+    energy: Float[Tensor, " batch"], *, temperature: float, generator: torch.Generator
+) -> Int[Tensor, " batch"]:
+    """Which draws go on, ascending; each once where the weights are even enough."""
+    weight, count = torch.softmax(-energy / temperature, dim=0), len(energy)
+    if 1 / (weight**2).sum() >= LEAST_WORTH * count:
+        return torch.arange(count, device=energy.device)
+    start = torch.rand(1, generator=generator, device=energy.device)
+    places = (start + torch.arange(count, device=energy.device)) / count
+    return torch.searchsorted(weight.cumsum(0), places.to(weight.dtype)).clamp_max(count - 1)
