@@ -34,7 +34,7 @@ CONFIG = ReproductionConfig(
     prediction_weights={"epsilon": "noise", "sample": "clean"},
     data="data",
 )
-SIZES = {"with_base": 14 * 9, "without_base": 6 * 9, "grasps_only": 9, "predictions-epsilon": 9}
+SIZES = {"with_base": 15 * 9, "without_base": 6 * 9, "grasps_only": 9, "predictions-epsilon": 9}
 SIZES |= {"predictions-sample": 9, "hard": 2 * 12, "generalisation": 2 * 9}
 SETTINGS = [setting_name(quantity, factor) for quantity, factors in SWEEPS.items() for factor in factors]
 
@@ -247,7 +247,7 @@ def test_a_second_run_computes_only_what_is_missing(finished):
     seen = []
     run_reproduction(CONFIG, finished, workers=1, on_row=lambda row, done, total: seen.append((done, total)))
     assert len(InstantRowMaker.made) == 2
-    assert seen == [(14 * 9 + 53, asked), (14 * 9 + 54, asked)]
+    assert seen == [(15 * 9 + 53, asked), (15 * 9 + 54, asked)]
     assert len(read_rows(finished / "without_base")) == 54
 
 
