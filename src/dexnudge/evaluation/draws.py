@@ -126,8 +126,8 @@ def best_first(scene: Scene, verdicts: Verdicts) -> Int[np.ndarray, " n"]:
     """
     margin, verified = np.asarray(verdicts.force_margin), np.flatnonzero(verdicts.success)
     pressing, ahead, helping = np.zeros((3, len(margin)))
-    contacts = [verdicts.contacts[row] for row in verified]
     if len(verified) > 1:
+        contacts = [verdicts.contacts[row] for row in verified]
         pressing[verified] = pressing_margins(scene, contacts)
         ahead[verified], helping[verified] = lead(scene, contacts), mean_help(scene, contacts)
     deepest = np.maximum.reduce(
