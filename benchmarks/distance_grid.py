@@ -11,15 +11,14 @@ import trimesh
 import tyro
 from jaxtyping import Float
 
-from dexnudge.cli.console import stdout, table
+from dexnudge.cli.arguments import stdout, table
 from dexnudge.energies.grid_kernel import PackedGrids, grid_distance, pack_grids
 from dexnudge.energies.scene_fields import OBJECT_CELL, OBJECT_PADDING
-from dexnudge.evaluation.provenance import machine, versions
-from dexnudge.geometry.distance_grid import DistanceGrid
+from dexnudge.geometry.distance_grid import DistanceGrid, cached_distance_grid
 from dexnudge.geometry.exact_distance import ExactDistance
-from dexnudge.geometry.grid_cache import cached_distance_grid
 from dexnudge.geometry.warp_runtime import wp
 from dexnudge.jobs.progress import progress
+from dexnudge.jobs.provenance import machine, versions
 from dexnudge.objects.sets import resolve_object_set
 
 NEAR, ALLOWED = 0.005, 0.25  # [m] from the surface; [mm] at the 99.9th percentile

@@ -10,18 +10,18 @@ import torch
 import tyro
 from torch_energy import TorchEnergy
 
-from dexnudge.cli.console import stdout, table
+from dexnudge.cli.arguments import stdout, table
 from dexnudge.energies import HandEnergy, HandPose, build_scene_fields
 from dexnudge.energies.descent import HandDescent
-from dexnudge.evaluation.provenance import machine, versions
 from dexnudge.geometry.meshes import centre_of_mass
 from dexnudge.geometry.surface_points import surface_points
 from dexnudge.geometry.warp_runtime import wp
 from dexnudge.hands.registry import load_hand
+from dexnudge.jobs.provenance import machine, versions
 from dexnudge.objects.builtin import builtin_object
 from dexnudge.synthesis.nonprehensile import NonPrehensileConfig
 from dexnudge.synthesis.object_data import TARGET_SPACING, at_rest
-from dexnudge.synthesis.pre_contact import sample_pre_contact
+from dexnudge.synthesis.start_poses import sample_pre_contact
 from dexnudge.synthesis.verification import resting_scene
 
 COPIED = 64 * 1024**2  # float32 values: larger than the caches

@@ -8,12 +8,12 @@ import numpy as np
 import torch
 import tyro
 
-from dexnudge.cli.console import stdout, table
-from dexnudge.evaluation.draws import draw_and_judge
-from dexnudge.evaluation.provenance import machine, versions
+from dexnudge.cli.arguments import stdout, table
 from dexnudge.execution.executor import Executor
 from dexnudge.hands.registry import load_hand
+from dexnudge.jobs.provenance import machine, versions
 from dexnudge.objects.sets import resolve_object_set
+from dexnudge.sampling.draws import draw_and_judge
 from dexnudge.sampling.sampler import Sampler
 from dexnudge.scenes.families import build_scene
 from dexnudge.simulation.push import PushRun

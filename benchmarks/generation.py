@@ -13,11 +13,11 @@ import torch
 import trimesh
 import tyro
 
-from dexnudge.cli.console import stdout, table
+from dexnudge.cli.arguments import stdout, table
 from dexnudge.dataset.schema import BEHAVIOURS
 from dexnudge.energies import build_scene_fields
-from dexnudge.evaluation.provenance import machine, versions
 from dexnudge.hands.registry import load_hand
+from dexnudge.jobs.provenance import machine, versions
 from dexnudge.objects.sets import resolve_object_set
 from dexnudge.synthesis.generate import GenerationConfig, generate_dataset
 from dexnudge.synthesis.grasps import descend_to_grasp

@@ -10,19 +10,19 @@ import torch
 import trimesh
 import tyro
 
-from dexnudge.cli.console import stdout, table
+from dexnudge.cli.arguments import stdout, table
 from dexnudge.energies import build_scene_fields
-from dexnudge.evaluation.provenance import machine, versions
 from dexnudge.geometry.meshes import centre_of_mass
 from dexnudge.geometry.surface_points import surface_points
 from dexnudge.hands.registry import load_hand
+from dexnudge.jobs.provenance import machine, versions
 from dexnudge.objects.sets import resolve_object_set
 from dexnudge.synthesis.annealed import AnnealConfig, anneal_grasps
 from dexnudge.synthesis.grasps import GraspConfig, descend_to_grasp
 from dexnudge.synthesis.object_data import TARGET_SPACING, at_rest
 from dexnudge.synthesis.verification import GraspVerifier, floating_scene
 
-OURS, REFERENCE = "descent", "annealed"
+STEERED_NOISE, REFERENCE = "descent", "annealed"
 UNCLEAN = ("penetration", "no contact")  # how the verifier's reasons begin for hands that it does not simulate
 WARM_UP = 8  # hands drawn before the clock starts, so that kernels are compiled and grids of the hand are built
 
@@ -68,7 +68,7 @@ class Benchmark:
     """How many of the set, from its start."""
     batch: int = 64
     """Hands that each method draws for an object."""
-    methods: tuple[str, ...] = (OURS, REFERENCE)
+    methods: tuple[str, ...] = (STEERED_NOISE, REFERENCE)
     """Methods to compare: descent (ours), annealed (DexGraspNet's)."""
     iterations: int = AnnealConfig().iterations
     """Of the annealing."""
@@ -96,8 +96,8 @@ class Benchmark:
         for method, tally in totals.items():
             reasons = ", ".join(f"{reason} {count}" for reason, count in tally.reasons.most_common())
             console.print(f"{method}: rejected for {reasons}", soft_wrap=True)
-        if {OURS, REFERENCE} <= totals.keys():
-            ours, reference = totals[OURS], totals[REFERENCE]
+        if {STEERED_NOISE, REFERENCE} <= totals.keys():
+            ours, reference = totals[STEERED_NOISE], totals[REFERENCE]
             for label, one, other in (
                 ("held per second and core", ours.rate, reference.rate),
                 ("held per attempt", ours.held / ours.attempts, reference.held / reference.attempts),
@@ -112,7 +112,7 @@ class Benchmark:
         grids, surface = build_scene_fields(mesh, None), surface_points(mesh, spacing=TARGET_SPACING)
         centre, verifier = centre_of_mass(mesh), GraspVerifier(hand, floating_scene(mesh))
         draws: dict[str, Callable[[int, int], torch.Tensor]] = {
-            OURS: lambda batch, _: descend_to_grasp(
+            STEERED_NOISE: lambda batch, _: descend_to_grasp(
                 hand, grids, surface, centre, config=GraspConfig(batch=batch), generator=generator
             ),
             REFERENCE: lambda batch, iterations: anneal_grasps(

@@ -9,10 +9,10 @@ from typing import Annotated, Any
 
 import tyro
 
-from dexnudge.evaluation.markdown import markdown_table
-from dexnudge.evaluation.method_names import method_name
-from dexnudge.evaluation.paper_tables import FULL, TABLE_1
-from dexnudge.evaluation.reproduction_parts import MAIN, OURS, WITH_BASE
+from dexnudge.experiments.markdown import markdown_table
+from dexnudge.experiments.method_names import method_name
+from dexnudge.experiments.paper_tables import FULL, TABLE_1
+from dexnudge.experiments.reproduction_parts import MAIN, STEERED_NOISE, WITH_BASE
 
 ROOT = Path(__file__).parents[1]
 BEGIN, END = "<!-- results:begin -->", "<!-- results:end -->"
@@ -128,7 +128,11 @@ def readme_table(report: dict[str, Any], executed: Rates, lifted: Rates) -> str:
             line = lines[key]
             cells = [percent(line[name]) for name in ("single", "single_robust", "top", "top_robust")]
             cells += [percent(played[key]) if key in played else "" for played in (executed, lifted)]
-            paper = f"{TABLE_1[line['scene']][FULL]}" if line["method"] == OURS and line["scene"] in TABLE_1 else ""
+            paper = (
+                f"{TABLE_1[line['scene']][FULL]}"
+                if line["method"] == STEERED_NOISE and line["scene"] in TABLE_1
+                else ""
+            )
             rows.append(f"| {line['scene']} | {method_name(line['method'])} | {' | '.join(cells)} | {paper} |")
     objects = max(line["objects"] for line in shown)
     note = (

@@ -7,8 +7,7 @@ from typing import Annotated
 import tyro
 
 from dexnudge.dataset.info import DatasetInfo, describe
-from dexnudge.viewer.dataset_page import write_dataset_page
-from dexnudge.viewer.dataset_samples import draw_samples
+from dexnudge.synthesis.dataset_page import draw_samples, write_dataset_page
 
 ROOT = Path(__file__).parents[1]
 BEGIN, END = "<!-- data:begin -->", "<!-- data:end -->"

@@ -6,14 +6,13 @@ from dataclasses import dataclass
 
 import tyro
 
-from dexnudge.cli.console import stdout, table
-from dexnudge.evaluation.draws import draw_and_judge
-from dexnudge.evaluation.provenance import machine, peak_memory_mb, versions
+from dexnudge.cli.arguments import stdout, table
 from dexnudge.hands.hand import Hand
 from dexnudge.hands.registry import load_hand
+from dexnudge.jobs.provenance import machine, peak_memory_mb, versions
 from dexnudge.objects.builtin import builtin_object
-from dexnudge.sampling.loading import load_sampler
-from dexnudge.sampling.sampler import Sampler
+from dexnudge.sampling.draws import draw_and_judge
+from dexnudge.sampling.sampler import Sampler, load_sampler
 from dexnudge.scenes.families import build_scene
 from dexnudge.scenes.scene import Scene
 
@@ -28,7 +27,7 @@ class Benchmark:
     """Built-in object."""
     scenes: tuple[str, ...] = ("table", "layers", "shelf")
     """Scene families."""
-    methods: tuple[str, ...] = ("ours", "random_start_projection")
+    methods: tuple[str, ...] = ("steered_noise", "random_start_projection")
     """Methods to compare."""
     num: int = 32
     """Draws of one run."""

@@ -16,7 +16,7 @@ from torch.nn.functional import grid_sample
 
 from dexnudge.energies import HandPose, TermWeights
 from dexnudge.energies.hand_model import build_hand_model
-from dexnudge.geometry.rotations import rotation_vector_to_matrix
+from dexnudge.geometry.transforms import rotation_vector_to_matrix
 from dexnudge.geometry.warp_runtime import WarpStruct
 from dexnudge.hands.export import export_hand
 from dexnudge.hands.hand import Hand

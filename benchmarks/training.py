@@ -8,13 +8,13 @@ from pathlib import Path
 import torch
 import tyro
 
-from dexnudge.cli.console import stdout, table
+from dexnudge.cli.arguments import stdout, table
 from dexnudge.dataset.loading import Dataset, load_dataset
+from dexnudge.diffusion.compute import Precision, has_bfloat16
 from dexnudge.diffusion.config import Architecture
-from dexnudge.diffusion.precision import Precision, has_bfloat16
 from dexnudge.diffusion.training_config import TrainingConfig
 from dexnudge.diffusion.training_run import TrainingRun
-from dexnudge.evaluation.provenance import machine, versions
+from dexnudge.jobs.provenance import machine, versions
 
 
 @dataclass(frozen=True)

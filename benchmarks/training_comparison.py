@@ -12,19 +12,19 @@ from typing import Annotated, Any
 import tyro
 from safetensors import safe_open
 
-from dexnudge.cli.console import stdout
+from dexnudge.cli.arguments import stdout
 from dexnudge.diffusion.checkpoint import read_provenance
 from dexnudge.diffusion.config import Architecture
 from dexnudge.diffusion.training import train
 from dexnudge.diffusion.training_config import TrainingConfig
+from dexnudge.diffusion.training_run import REPORTED_LEVELS
 from dexnudge.diffusion.training_state import STATE_NAME
-from dexnudge.diffusion.validation import REPORTED_LEVELS
 from dexnudge.errors import DexnudgeError
-from dexnudge.evaluation.draws import draw_and_judge
 from dexnudge.hands.registry import load_hand
 from dexnudge.objects.sets import ObjectEntry, resolve_object_set
-from dexnudge.sampling.loading import load_sampler
+from dexnudge.sampling.draws import draw_and_judge
 from dexnudge.sampling.problem import prepare
+from dexnudge.sampling.sampler import load_sampler
 from dexnudge.scenes.families import build_scene
 
 VARIANTS: dict[str, dict[str, Any]] = {
@@ -67,7 +67,7 @@ class Comparison:
     """Objects of each set, spread evenly over it."""
     scenes: tuple[str, ...] = ("table", "shelf")
     """Scene families."""
-    methods: tuple[str, ...] = ("ours", "unguided_projection")
+    methods: tuple[str, ...] = ("steered_noise", "unguided_projection")
     """Sampling methods."""
     num: int = 16
     """Draws for each object, scene and method."""

@@ -7,7 +7,7 @@ from pathlib import Path
 
 import tyro
 
-from dexnudge.cli.console import stdout, table
+from dexnudge.cli.arguments import stdout, table
 from dexnudge.cli.sample import Sample
 from dexnudge.errors import DexnudgeError
 

@@ -8,25 +8,26 @@ print(draws.num_verified, draws.q[0])  # the best configuration: root translatio
 """
 
 from dexnudge.errors import DexnudgeError
-from dexnudge.evaluation.draws import JudgedDraws, draw_and_judge
-from dexnudge.evaluation.success import Verdicts, judge
 from dexnudge.geometry.meshes import load_environment, load_mesh
 from dexnudge.hands.export import export_hand
 from dexnudge.hands.hand import Hand
 from dexnudge.hands.registry import load_hand
 from dexnudge.objects.builtin import builtin_names, builtin_object
 from dexnudge.results.checking import Check, check_folder
+from dexnudge.results.samples import Samples
+from dexnudge.sampling.draws import draw_and_judge
 from dexnudge.sampling.sampler import Sampler
 from dexnudge.scenes.families import SCENE_FAMILIES, build_scene
 from dexnudge.scenes.scene import Scene
+from dexnudge.verification.verdicts import Verdicts, verify
 
 __all__ = [
     "SCENE_FAMILIES",
     "Check",
     "DexnudgeError",
     "Hand",
-    "JudgedDraws",
     "Sampler",
+    "Samples",
     "Scene",
     "Verdicts",
     "build_scene",
@@ -35,8 +36,8 @@ __all__ = [
     "check_folder",
     "draw_and_judge",
     "export_hand",
-    "judge",
     "load_environment",
     "load_hand",
     "load_mesh",
+    "verify",
 ]

@@ -25,8 +25,8 @@ def test_ctrl_c_exits_130_without_a_traceback(dexnudge, monkeypatch):
 
 
 def test_a_bug_passes_through_with_its_traceback(dexnudge, monkeypatch):
-    monkeypatch.setattr(HandCommand, "run", _raise(ZeroDivisionError("ours")))
-    with pytest.raises(ZeroDivisionError, match="ours"):
+    monkeypatch.setattr(HandCommand, "run", _raise(ZeroDivisionError("steered_noise")))
+    with pytest.raises(ZeroDivisionError, match="steered_noise"):
         dexnudge("hand", "shadow_lite")
 
 
@@ -43,7 +43,7 @@ def test_the_process_exits_1_on_a_bug():
 def test_sigterm_unwinds_like_an_exception(tmp_path):
     code = (
         "import os, signal, sys\nfrom dexnudge.cli import main\nfrom dexnudge.cli.hand import HandCommand\n"
-        "from dexnudge.results.new_folder import new_folder\n"
+        "from dexnudge.jobs.folders import new_folder\n"
         "def run(self):\n"
         f"    with new_folder({str(tmp_path / 'out')!r}, marker='m') as folder:\n"
         "        (folder / 'half').write_text('')\n"

@@ -6,8 +6,8 @@ import numpy as np
 import pytest
 import trimesh
 
-from dexnudge.cli.advice import ADVICE, nothing_verified
-from dexnudge.evaluation.success import Verdicts
+from dexnudge.cli.sample import ADVICE, nothing_verified
+from dexnudge.verification.verdicts import Verdicts
 
 NUM = 4
 

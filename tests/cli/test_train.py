@@ -8,10 +8,9 @@ import pytest
 import tyro
 
 from dexnudge.cli.train import Batches, Compute, Network, Reports, Train
-from dexnudge.diffusion.config import Architecture
-from dexnudge.diffusion.token_layout import LAYOUTS
+from dexnudge.diffusion.config import LAYOUTS, Architecture
+from dexnudge.diffusion.model_card import WITHOUT_OPTION, training_recipe
 from dexnudge.diffusion.training_config import TrainingConfig
-from dexnudge.diffusion.training_recipe import WITHOUT_OPTION, training_recipe
 
 CHANGED = TrainingConfig(
     steps=7,

@@ -12,9 +12,10 @@ import pytest
 from dexnudge.dataset.loading import load_dataset
 from dexnudge.dataset.manifest import Manifest, read_manifest, write_manifest
 from dexnudge.objects.builtin import builtin_names
-from dexnudge.results.data_card import builtin_set, write_card
-from dexnudge.simulation import hold, object_motion
+from dexnudge.simulation import hold
+from dexnudge.simulation import hold as object_motion
 from dexnudge.synthesis import verification
+from dexnudge.synthesis.data_card import builtin_set, write_card
 
 
 @pytest.fixture
@@ -51,7 +52,7 @@ def test_columns_are_those_of_the_files_with_unit_and_meaning(toy_folder, text):
 
 def test_criteria_are_those_of_the_code(toy_folder, text, monkeypatch):
     assert f"at most {1e3 * verification.PENETRATION_LIMIT:g} mm each" in text
-    monkeypatch.setattr("dexnudge.results.data_card.PENETRATION_LIMIT", 0.0025)
+    monkeypatch.setattr("dexnudge.synthesis.data_card.PENETRATION_LIMIT", 0.0025)
     assert "at most 2.5 mm each" in write_card(toy_folder).read_text(encoding="utf-8")
 
 

@@ -2,7 +2,7 @@
 
 import pytest
 
-from dexnudge.dataset.digits import digit_joints
+from dexnudge.dataset.joint_groups import joint_groups
 from dexnudge.hands.registry import load_hand
 
 
@@ -12,7 +12,7 @@ from dexnudge.hands.registry import load_hand
 )
 def test_shadow_joints_carry_their_digit_in_their_name(name, prefixes):
     hand = load_hand(name)
-    digits = digit_joints(hand)
+    digits = joint_groups(hand)
     assert sorted(index for joints in digits.values() for index in joints) == list(range(len(hand.joint_names)))
     by_prefix = {p: {k for k, joint in enumerate(hand.joint_names) if joint.startswith(p)} for p in prefixes}
     assert sorted(map(sorted, digits.values())) == sorted(map(sorted, by_prefix.values()))

@@ -4,7 +4,7 @@ import numpy as np
 import torch
 from scipy.spatial.transform import Rotation
 
-from dexnudge.dataset.frames import turn_clouds, turn_configurations
+from dexnudge.dataset.loading import turn_clouds, turn_configurations
 
 
 def test_poses_turn_like_matrices():

@@ -3,7 +3,7 @@ import pytest
 from hypothesis import given
 from hypothesis import strategies as st
 
-from dexnudge.dataset.histogram import BINS, make_histogram, round_edges
+from dexnudge.dataset.info import BINS, make_histogram, round_edges
 
 values = st.lists(st.floats(-1e4, 1e4, width=32), min_size=1, max_size=30)
 

@@ -9,10 +9,10 @@ import pyarrow.parquet as pq
 import pytest
 
 from dexnudge.dataset.info import describe, joint_limits
-from dexnudge.dataset.info_tables import joints_table, report, tables
 from dexnudge.dataset.manifest import read_manifest
 from dexnudge.dataset.schema import BehaviourCounts
 from dexnudge.dataset.shards import shard_path
+from dexnudge.dataset.tables import joints_table, report, tables
 from dexnudge.hands.shadow_lite import shadow_lite
 
 

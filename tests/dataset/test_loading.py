@@ -5,12 +5,12 @@ import dataclasses
 import numpy as np
 import pytest
 
-from dexnudge.dataset.atomic import TEMPORARY_PREFIX
 from dexnudge.dataset.loading import load_dataset
 from dexnudge.dataset.manifest import write_manifest
 from dexnudge.dataset.schema import BEHAVIOURS
 from dexnudge.dataset.shards import read_cloud, read_shard, shard_path
 from dexnudge.errors import DatasetError
+from dexnudge.jobs.folders import TEMPORARY_PREFIX
 
 
 def test_rows_point_to_their_object(toy, toy_folder):

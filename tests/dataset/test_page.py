@@ -12,9 +12,8 @@ from lxml import etree
 from PIL import Image
 
 from dexnudge.dataset.info import describe
-from dexnudge.viewer.dataset_page import write_dataset_page
-from dexnudge.viewer.dataset_samples import Sample
-from dexnudge.viewer.sheet import GAP
+from dexnudge.synthesis.dataset_page import Sample, write_dataset_page
+from dexnudge.viewer.picture import GAP
 
 
 class Page(HTMLParser):

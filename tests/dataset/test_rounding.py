@@ -4,8 +4,8 @@ import numpy as np
 from hypothesis import given
 from hypothesis import strategies as st
 
-from dexnudge.dataset.rounding import JOINT_STEP, ROTATION_STEP, TRANSLATION_STEP, floor_margin, round_configuration
-from dexnudge.evaluation.success import LIMITS_TOLERANCE, ROTATION_TOLERANCE
+from dexnudge.dataset.schema import JOINT_STEP, ROTATION_STEP, TRANSLATION_STEP, floor_margin, round_configuration
+from dexnudge.verification.verdicts import LIMITS_TOLERANCE, ROTATION_TOLERANCE
 
 SEEDS = st.integers(0, 2**32 - 1)
 

@@ -10,9 +10,7 @@ from dexnudge.dataset.shards import read_shard, write_shard
 from dexnudge.errors import DatasetError
 from dexnudge.hands.shadow_lite import shadow_lite
 from dexnudge.objects.builtin import builtin_object
-from dexnudge.synthesis.object_data import at_rest
-from dexnudge.synthesis.object_task import mesh_hash
-from dexnudge.viewer.dataset_samples import (
+from dexnudge.synthesis.dataset_page import (
     SAMPLES,
     ObjectMeshes,
     draw_samples,
@@ -20,6 +18,8 @@ from dexnudge.viewer.dataset_samples import (
     row_caption,
     row_drawing,
 )
+from dexnudge.synthesis.object_data import at_rest
+from dexnudge.synthesis.object_task import mesh_hash
 
 NAME = "phone-200"
 TILE = (280, 240)  # pixels: enough to see what is drawn
@@ -40,7 +40,7 @@ def manifest(toy, tmp_path):
 
 
 def test_pictures_of_a_grasp_and_a_push(manifest, tmp_path, monkeypatch):
-    monkeypatch.setattr("dexnudge.viewer.dataset_samples.TILE", TILE)
+    monkeypatch.setattr("dexnudge.synthesis.dataset_page.TILE", TILE)
     samples = draw_samples(tmp_path)
     assert [sample.behaviour for sample in samples] == ["grasp", "push"]
     values = {row["behaviour"]: row for row in read_shard(tmp_path, manifest, NAME).table.to_pylist()}

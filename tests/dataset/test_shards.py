@@ -8,8 +8,7 @@ import pyarrow as pa
 import pyarrow.parquet as pq
 import pytest
 
-from dexnudge.dataset.rounding import MARGIN_STEP, NORMAL_STEP, POINT_STEP, round_configuration
-from dexnudge.dataset.schema import BehaviourCounts
+from dexnudge.dataset.schema import MARGIN_STEP, NORMAL_STEP, POINT_STEP, BehaviourCounts, round_configuration
 from dexnudge.dataset.shards import cloud_path, is_complete, read_cloud, read_shard, shard_path, write_shard
 from dexnudge.errors import DatasetError
 

@@ -4,8 +4,8 @@ import numpy as np
 import pytest
 import trimesh
 
-from dexnudge.dataset.sides import NORMALS, OCTANTS, SIDES, contact_sides, palm_octants, surface_normals
-from dexnudge.geometry.object_cloud import object_cloud
+from dexnudge.dataset.all_rows import NORMALS, OCTANTS, SIDES, contact_faces, palm_octants, surface_normals
+from dexnudge.geometry.surface_points import object_cloud
 from dexnudge.objects.builtin import builtin_object
 from dexnudge.synthesis.object_data import at_rest
 
@@ -19,7 +19,7 @@ def test_points_on_a_thin_box(side):
     points = rng.uniform(-0.97, 0.97, (200, 3)) * HALF  # up to 0.15 mm from the edge of the thin side
     points[:, axis] = sign * HALF[axis]
     cloud = object_cloud(trimesh.creation.box(2 * HALF)).numpy().astype(np.float64)
-    found = contact_sides(points, cloud)
+    found = contact_faces(points, cloud)
     assert (found == SIDES.index(side)).mean() > 0.97  # at an edge the two sides are as good
 
 
@@ -33,7 +33,7 @@ def test_normals_of_a_curved_body_against_its_triangles():
 
 
 def test_no_contacts():
-    assert contact_sides(np.zeros((0, 3)), np.zeros((4, 6))).shape == (0,)
+    assert contact_faces(np.zeros((0, 3)), np.zeros((4, 6))).shape == (0,)
 
 
 def test_octants_are_centred_on_the_axes():

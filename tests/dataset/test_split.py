@@ -3,7 +3,7 @@
 from hypothesis import given
 from hypothesis import strategies as st
 
-from dexnudge.dataset.split import hash_fraction, split_objects
+from dexnudge.dataset.loading import hash_fraction, split_objects
 
 NAMES = st.lists(st.text(min_size=1, max_size=8), min_size=2, max_size=40, unique=True)
 

@@ -18,7 +18,7 @@ def toy_manifest(num_objects: int = 3) -> Manifest:
     return Manifest(
         hand="toy",
         joint_names=JOINT_NAMES,
-        digit_joints=DIGIT_JOINTS,
+        joint_groups=DIGIT_JOINTS,
         objects={f"object-{k}": f"{k:064x}" for k in range(num_objects)},
         seed=7,
     )

@@ -32,7 +32,7 @@ def architecture() -> Architecture:
 @pytest.fixture(scope="session")
 def config(toy: ModuleType) -> ModelConfig:
     return ModelConfig(
-        hand="toy", joint_names=toy.JOINT_NAMES, digit_joints=tuple(toy.DIGIT_JOINTS.values()), architecture=SMALL
+        hand="toy", joint_names=toy.JOINT_NAMES, joint_groups=tuple(toy.DIGIT_JOINTS.values()), architecture=SMALL
     )
 
 

@@ -5,8 +5,7 @@ import pytest
 import torch
 from diffusers import DDIMScheduler
 
-from dexnudge.diffusion.ddim import ddim_mean_and_sigma, ddim_step
-from dexnudge.diffusion.schedule import NoiseSchedule
+from dexnudge.diffusion.schedule import NoiseSchedule, ddim_mean_and_sigma, ddim_step
 
 
 @pytest.mark.parametrize("prediction_type", ["epsilon", "sample", "v_prediction"])

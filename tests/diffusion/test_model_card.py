@@ -10,10 +10,9 @@ import pytest
 from dexnudge.dataset.loading import load_dataset
 from dexnudge.diffusion.checkpoint import CONFIG_NAME
 from dexnudge.diffusion.config import Architecture
-from dexnudge.diffusion.model_card import write_model_card
+from dexnudge.diffusion.model_card import training_recipe, write_model_card
 from dexnudge.diffusion.training import train
 from dexnudge.diffusion.training_config import TrainingConfig
-from dexnudge.diffusion.training_recipe import training_recipe
 from dexnudge.errors import CheckpointError
 
 

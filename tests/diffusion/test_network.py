@@ -5,11 +5,15 @@ import dataclasses
 import pytest
 import torch
 
-from dexnudge.diffusion.conditioning import GRASP, NON_PREHENSILE, Condition
-from dexnudge.diffusion.config import Architecture, ModelConfig
-from dexnudge.diffusion.network import ConditionalDenoiser, timestep_features
-from dexnudge.diffusion.point_encoder import POINT_SCALE
-from dexnudge.diffusion.token_layout import LAYOUTS, token_parts
+from dexnudge.diffusion.config import LAYOUTS, Architecture, ModelConfig, token_parts
+from dexnudge.diffusion.network import (
+    GRASP,
+    NON_PREHENSILE,
+    POINT_SCALE,
+    Condition,
+    ConditionalDenoiser,
+    timestep_features,
+)
 from dexnudge.errors import CheckpointError, InputError, UnknownNameError
 
 
@@ -100,7 +104,7 @@ def test_joint_order_is_only_a_name(config, points, layout):
     renamed = dataclasses.replace(
         config,
         joint_names=tuple(config.joint_names[k] for k in permutation.tolist()),
-        digit_joints=tuple(tuple(inverse[joint] for joint in digit) for digit in config.digit_joints),
+        joint_groups=tuple(tuple(inverse[joint] for joint in digit) for digit in config.joint_groups),
     )
     other = ConditionalDenoiser(renamed)
     other.load_state_dict(network.state_dict())
@@ -128,7 +132,7 @@ def test_every_layout_starts_at_zero_and_sees_every_entry(config, points, layout
 
 @pytest.mark.parametrize("layout", list(LAYOUTS))
 def test_tokens_hold_each_entry_once(config, layout):
-    parts = token_parts(layout, config.digit_joints)
+    parts = token_parts(layout, config.joint_groups)
     assert sorted(index for part in parts for index in part) == list(range(config.dimension))
 
 
@@ -136,7 +140,7 @@ def test_digits_of_different_sizes(points):
     config = ModelConfig(
         hand="odd",
         joint_names=tuple("abcdef"),
-        digit_joints=((5,), (0, 1, 2), (4, 3)),
+        joint_groups=((5,), (0, 1, 2), (4, 3)),
         architecture=Architecture(width=16, depth=1, num_heads=2),
     )
     network = ConditionalDenoiser(config)
@@ -158,11 +162,11 @@ def test_impossible_shapes_are_refused(config):
     with pytest.raises(CheckpointError, match="width 30 is not a multiple of num_heads 4"):
         Architecture(width=30)
     with pytest.raises(UnknownNameError, match="unknown token layout 'words'; expected one of digits, single, scalars"):
-        token_parts("words", config.digit_joints)
+        token_parts("words", config.joint_groups)
     with pytest.raises(InputError, match="zero_terminal_snr cannot be used with epsilon prediction"):
         Architecture(prediction_type="epsilon", zero_terminal_snr=True)
     with pytest.raises(CheckpointError, match="do not cover each of the 16 joints exactly once"):
-        dataclasses.replace(config, digit_joints=config.digit_joints[:3])
+        dataclasses.replace(config, joint_groups=config.joint_groups[:3])
 
 
 def test_the_last_step_follows_the_prediction_type():

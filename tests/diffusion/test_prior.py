@@ -6,7 +6,7 @@ import pytest
 import torch
 
 from dexnudge.diffusion.checkpoint import save_model
-from dexnudge.diffusion.conditioning import NULL_CLASS
+from dexnudge.diffusion.network import NULL_CLASS
 from dexnudge.diffusion.prior import DiffusionPrior
 from dexnudge.errors import CheckpointError, UnknownNameError
 

@@ -8,7 +8,7 @@ import pytest
 import torch
 from safetensors.torch import load_file
 
-from dexnudge.diffusion.processes import Processes
+from dexnudge.diffusion.compute import Processes
 from dexnudge.diffusion.training_state import STATE_NAME
 from dexnudge.errors import InputError
 

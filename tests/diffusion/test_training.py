@@ -15,9 +15,9 @@ from dexnudge.dataset.manifest import write_manifest
 from dexnudge.dataset.schema import NUM_DIRECTIONS, BehaviourCounts, ConfigurationRow
 from dexnudge.dataset.shards import write_shard
 from dexnudge.diffusion.checkpoint import read_provenance
-from dexnudge.diffusion.ddim import ddim_step
-from dexnudge.diffusion.precision import has_bfloat16
+from dexnudge.diffusion.compute import has_bfloat16
 from dexnudge.diffusion.prior import DiffusionPrior
+from dexnudge.diffusion.schedule import ddim_step
 from dexnudge.diffusion.training import train
 from dexnudge.diffusion.training_config import TrainingConfig
 from dexnudge.diffusion.training_run import TrainingRun
@@ -216,7 +216,7 @@ def test_bfloat16_where_the_machine_has_it(dataset_folder, short, tmp_path, monk
         assert {tensor.dtype for tensor in load_file(tmp_path / STATE_NAME).values()} == {torch.float32}
         with pytest.raises(CheckpointError, match="precision was 'bfloat16', is now 'float32'"):
             train(dataset_folder, tmp_path, dataclasses.replace(config, precision="float32"), progress=False)
-    monkeypatch.setattr("dexnudge.diffusion.precision.has_bfloat16", lambda device: False)
+    monkeypatch.setattr("dexnudge.diffusion.compute.has_bfloat16", lambda device: False)
     with pytest.raises(InputError, match=r"precision is bfloat16, which cpu cannot compute: .*--precision float32"):
         train(dataset_folder, tmp_path / "other", config, progress=False)
 

@@ -13,7 +13,7 @@ from dexnudge.energies.descent import (
     pose_from_configuration,
     retract,
 )
-from dexnudge.geometry.rotations import rotation_vector_to_matrix
+from dexnudge.geometry.transforms import rotation_vector_to_matrix
 from dexnudge.hands.shadow_lite import shadow_lite
 
 BATCH = 5

@@ -17,12 +17,12 @@ from dexnudge.energies.scene_fields import (
     OBJECT_CELL,
     OBJECT_PADDING,
     build_guided_fields,
+    swept_grid,
 )
-from dexnudge.energies.swept_space import swept_grid
 from dexnudge.errors import InputError
 from dexnudge.geometry.distance_grid import DistanceGrid, distance_grid
 from dexnudge.geometry.exact_distance import ExactDistance
-from dexnudge.geometry.rotations import matrix_to_rotation_6d, rotation_vector_to_matrix
+from dexnudge.geometry.transforms import matrix_to_rotation_6d, rotation_vector_to_matrix
 from dexnudge.hands.shadow_lite import shadow_lite
 
 BATCH = 4

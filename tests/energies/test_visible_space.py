@@ -4,7 +4,7 @@ import numpy as np
 import pytest
 import trimesh
 
-from dexnudge.energies.visible_space import SHADOW_CELL, shadowed_grid
+from dexnudge.energies.occlusion import SHADOW_CELL, shadowed_grid
 from dexnudge.geometry.distance_grid import distance_grid
 from dexnudge.geometry.exact_distance import ExactDistance
 

@@ -6,7 +6,7 @@ import numpy as np
 import pytest
 import trimesh
 
-from dexnudge.execution.experiment_rows import Executed
+from dexnudge.experiments.experiment_rows import Executed
 from dexnudge.hands.hand import Hand, Joint
 
 

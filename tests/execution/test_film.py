@@ -14,9 +14,8 @@ from dexnudge.execution.film import film_of_trace, film_trace, read_trace, write
 from dexnudge.hands.shadow_lite import shadow_lite
 from dexnudge.scenes.scene import Scene
 from dexnudge.simulation.drive import PHASES
-from dexnudge.simulation.push import PushRun
+from dexnudge.simulation.push import PushRun, judge_push
 from dexnudge.simulation.push_model import OBJECT, load_push_model, push_model_xml
-from dexnudge.simulation.push_verdict import judge_push
 
 RECORDS = 12
 NAMES = ["settle"] * 3 + ["approach", "squeeze"] + ["push"] * 5 + ["stop"] * 2

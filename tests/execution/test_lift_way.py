@@ -4,7 +4,7 @@ import numpy as np
 import pytest
 import trimesh
 
-from dexnudge.execution.lift_way import LiftWay
+from dexnudge.execution.grasp_and_lift import LiftWay
 from dexnudge.scenes.boxes import box
 from dexnudge.scenes.scene import Scene
 

@@ -6,8 +6,7 @@ import trimesh
 
 from dexnudge.execution.retreat import DISTANCES, opening_path, retreat
 from dexnudge.hands.registry import load_hand
-from dexnudge.planning.hand_clearance import HandClearance
-from dexnudge.planning.self_penetration import SelfPenetration
+from dexnudge.planning.hand_clearance import HandClearance, SelfPenetration
 from dexnudge.scenes.boxes import box
 from dexnudge.scenes.scene import Scene
 

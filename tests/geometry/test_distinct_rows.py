@@ -5,7 +5,7 @@ import pytest
 from hypothesis import given
 from hypothesis import strategies as st
 
-from dexnudge.geometry.distinct_rows import distinct_rows
+from dexnudge.geometry.surface_lattice import distinct_rows
 
 
 @given(st.integers(0, 2**32 - 1), st.integers(1, 60), st.integers(1, 6), st.sampled_from([np.int64, np.float64]))

@@ -9,7 +9,7 @@ from hypothesis import strategies as st
 from scipy.spatial.transform import Rotation
 
 from dexnudge.geometry.exact_distance import ExactDistance
-from dexnudge.hands.gymnasium_meshes import gymnasium_mesh
+from dexnudge.hands.link_meshes import gymnasium_mesh
 
 SINGLE_PRECISION = 2e-7  # [m] on meshes of some centimetres
 CLEAR_SIGN = 0.1  # points whose winding number is nearer than this to 1/2 sit in a hole: both signs are right

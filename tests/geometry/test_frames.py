@@ -6,7 +6,7 @@ import torch
 import trimesh
 from scipy.spatial.transform import Rotation
 
-from dexnudge.geometry.frames import canonical_frame, resting_origin, transform_configurations
+from dexnudge.geometry.transforms import canonical_frame, resting_origin, transform_configurations
 from dexnudge.hands.shadow_lite import shadow_lite
 
 RAMP = np.radians(15.0)

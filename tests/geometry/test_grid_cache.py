@@ -11,10 +11,9 @@ import pytest
 import trimesh
 
 from dexnudge.energies.scene_fields import build_scene_fields
-from dexnudge.geometry import grid_cache
-from dexnudge.geometry.distance_grid import DistanceGrid, distance_grid
+from dexnudge.geometry import distance_grid as grid_cache
+from dexnudge.geometry.distance_grid import DistanceGrid, cache_folder, cached_distance_grid, distance_grid
 from dexnudge.geometry.exact_distance import ExactDistance
-from dexnudge.geometry.grid_cache import cache_folder, cached_distance_grid
 
 CELL = 0.004  # [m]
 MESH = trimesh.creation.icosphere(subdivisions=2, radius=0.03)
@@ -180,7 +179,7 @@ WRITER = """
 import json, sys
 from pathlib import Path
 import numpy as np
-from dexnudge.geometry.grid_cache import _read, _write
+from dexnudge.geometry.distance_grid import _read, _write
 file, values = Path(sys.argv[1]), np.arange(300_000, dtype=np.float32).reshape(100, 60, 50)
 print("ready", flush=True)
 sys.stdin.readline()

@@ -6,7 +6,7 @@ from hypothesis import given, settings
 from hypothesis import strategies as st
 from scipy.spatial.transform import Rotation
 
-from dexnudge.geometry.rotations import matrix_to_rotation_6d, rotation_6d_to_matrix, rotation_vector_to_matrix
+from dexnudge.geometry.transforms import matrix_to_rotation_6d, rotation_6d_to_matrix, rotation_vector_to_matrix
 
 NUMBERS = st.floats(-3, 3, allow_subnormal=False)
 

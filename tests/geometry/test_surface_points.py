@@ -7,7 +7,7 @@ import trimesh
 from scipy.spatial import cKDTree
 
 from dexnudge.geometry.surface_points import surface_points
-from dexnudge.hands.gymnasium_meshes import gymnasium_mesh
+from dexnudge.hands.link_meshes import gymnasium_mesh
 
 MESHES = {
     "box": lambda: trimesh.creation.box((0.12, 0.05, 0.01)),

@@ -7,7 +7,7 @@ from dataclasses import replace
 import pytest
 
 from dexnudge.hands.hand import Hand
-from dexnudge.made_once import made_once
+from dexnudge.jobs.cached import cached_per_instance
 
 
 class Costly:
@@ -22,7 +22,7 @@ def made():
     """A decorated function and the names of the hands that it was called for."""
     calls: list[str] = []
 
-    @made_once
+    @cached_per_instance
     def make(hand: Hand) -> Costly:
         """Makes it."""
         calls.append(hand.name)
@@ -44,7 +44,10 @@ def test_made_once_for_each_hand(made, small):
 
 
 def test_two_functions_do_not_share_what_they_made(small):
-    one, two = made_once(lambda hand: Costly(hand.name + "1")), made_once(lambda hand: Costly(hand.name + "2"))
+    one, two = (
+        cached_per_instance(lambda hand: Costly(hand.name + "1")),
+        cached_per_instance(lambda hand: Costly(hand.name + "2")),
+    )
     assert (one(small).name, two(small).name) == (small.name + "1", small.name + "2")
 
 
@@ -63,7 +66,7 @@ def test_freed_with_the_hand_and_made_anew_for_the_next(made, small):
 def test_what_fails_to_be_made_is_tried_again(small):
     attempts = []
 
-    @made_once
+    @cached_per_instance
     def make(hand: Hand) -> Costly:
         attempts.append(hand.name)
         if len(attempts) == 1:

@@ -12,8 +12,7 @@ import pytest
 
 from dexnudge.errors import MeshError
 from dexnudge.jobs import processes
-from dexnudge.jobs.answers import WorkerDied
-from dexnudge.jobs.processes import run_tasks
+from dexnudge.jobs.processes import WorkerDied, run_tasks
 
 
 def make_square():
@@ -31,7 +30,7 @@ def make_fragile():
 
 def make_refusing():
     def handle(x):
-        raise MeshError("no good") if x else ZeroDivisionError("ours")
+        raise MeshError("no good") if x else ZeroDivisionError("steered_noise")
 
     return handle
 
@@ -76,7 +75,7 @@ def test_deliberate_errors_arrive_as_they_are(workers):
 
 
 def test_a_bug_in_a_process_arrives_with_its_traceback():
-    with pytest.raises(RuntimeError, match=r"(?s)in a worker process, on 0:.*ZeroDivisionError: ours"):
+    with pytest.raises(RuntimeError, match=r"(?s)in a worker process, on 0:.*ZeroDivisionError: steered_noise"):
         list(run_tasks(make_refusing, [0], workers=2))
 
 

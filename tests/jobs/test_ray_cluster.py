@@ -8,7 +8,7 @@ from functools import partial
 import pytest
 
 from dexnudge.errors import InputError, MeshError
-from dexnudge.jobs.answers import WorkerDied
+from dexnudge.jobs.processes import WorkerDied
 from dexnudge.jobs.ray_cluster import run_tasks_on_ray
 
 ray = pytest.importorskip("ray")

@@ -6,7 +6,7 @@ import trimesh
 
 from dexnudge.errors import MeshError, UnknownNameError
 from dexnudge.objects.builtin import describe_builtin_names
-from dexnudge.objects.named import resolve_object
+from dexnudge.objects.sets import resolve_object
 
 
 def test_a_built_in_name_and_a_file(tmp_path):

@@ -4,14 +4,14 @@ import torch
 from scipy.spatial.transform import Rotation
 
 from dexnudge.errors import InputError
-from dexnudge.evaluation.draws import draw_and_judge
-from dexnudge.evaluation.penetration import PenetrationCheck
 from dexnudge.hands.registry import load_hand
 from dexnudge.objects.builtin import builtin_object
 from dexnudge.planning.approach import ApproachPlanner
 from dexnudge.planning.hand_states import palm_pose
+from dexnudge.sampling.draws import draw_and_judge
 from dexnudge.sampling.sampler import Sampler
 from dexnudge.scenes import build_scene
+from dexnudge.verification.penetration import PenetrationCheck
 
 LIMIT = 1e-3  # [m] the penetration that a configuration may have
 

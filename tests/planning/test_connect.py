@@ -4,11 +4,11 @@ import numpy as np
 import pytest
 import torch
 
-from dexnudge.evaluation.penetration import PenetrationCheck
 from dexnudge.planning.connect import connect
 from dexnudge.planning.hand_clearance import HandClearance
 from dexnudge.planning.hand_states import between, palm_pose, state, state_space
 from dexnudge.planning.motion_check import CLEARANCE, MotionCheck
+from dexnudge.verification.penetration import PenetrationCheck
 
 
 @pytest.fixture

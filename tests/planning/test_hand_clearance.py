@@ -4,8 +4,8 @@ import torch
 from scipy.spatial.transform import Rotation
 
 from dexnudge.geometry.exact_distance import ExactDistance
+from dexnudge.planning.clearance_kernel import point_balls
 from dexnudge.planning.hand_clearance import CAP, HandClearance
-from dexnudge.planning.point_balls import point_balls
 
 LEAST_SHARE = 1 / 1.3  # of the true clearance, by the ratio at which a ball is no longer opened
 

@@ -5,7 +5,7 @@ import pytest
 
 from dexnudge.mechanics.contacts import SUPPORT_DISTANCE
 from dexnudge.planning.lying_object import LyingObject
-from dexnudge.planning.supports_along import supports_along
+from dexnudge.planning.object_path import supports_along
 from dexnudge.scenes.boxes import box, joined
 from dexnudge.scenes.scene import Scene
 

@@ -5,7 +5,7 @@ import trimesh
 
 from dexnudge.errors import InputError
 from dexnudge.objects.builtin import builtin_object
-from dexnudge.planning.object_motion import GraspableLimits, NoObjectMotion, ObjectMotion, plan_object_motion
+from dexnudge.planning.object_path import GraspableLimits, NoObjectMotion, ObjectMotion, plan_object_motion
 from dexnudge.scenes import build_scene
 
 LIFT = 0.0015  # [m] steps lower than this are no obstacle

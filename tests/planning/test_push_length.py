@@ -2,7 +2,7 @@ import numpy as np
 import pytest
 import trimesh
 
-from dexnudge.planning.push_length import push_length
+from dexnudge.planning.object_path import push_length
 from dexnudge.scenes.boxes import box
 from dexnudge.scenes.scene import Scene
 

@@ -7,8 +7,7 @@ from scipy.spatial.transform import Rotation
 
 from dexnudge.errors import InputError, OutputError
 from dexnudge.planning.hand_states import palm_pose, state, state_space
-from dexnudge.planning.speed_limits import SpeedLimits
-from dexnudge.planning.trajectory import Trajectory, load_trajectory, timed
+from dexnudge.planning.trajectory import SpeedLimits, Trajectory, load_trajectory, timed
 
 NAMES = ("one", "two", "three", "four")
 

@@ -8,7 +8,7 @@ import sys
 import pytest
 
 from dexnudge.errors import InputError, OutputError
-from dexnudge.results.new_folder import new_folder
+from dexnudge.jobs.folders import new_folder
 
 MARKER = "marker.json"
 
@@ -108,7 +108,7 @@ def test_a_missing_input_file_is_no_output_error(tmp_path):
 def test_a_real_limit_on_file_size_is_reported_and_cleaned_up(tmp_path):
     code = (
         "import resource, signal, sys\nfrom dexnudge.errors import OutputError\n"
-        "from dexnudge.results.new_folder import new_folder\n"
+        "from dexnudge.jobs.folders import new_folder\n"
         "signal.signal(signal.SIGXFSZ, signal.SIG_IGN)\n"
         "resource.setrlimit(resource.RLIMIT_FSIZE, (1000, 1000))\n"
         "try:\n"

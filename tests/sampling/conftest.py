@@ -4,7 +4,7 @@ import numpy as np
 import pytest
 import torch
 
-from dexnudge.dataset.digits import digit_joints
+from dexnudge.dataset.joint_groups import joint_groups
 from dexnudge.diffusion.config import Architecture, ModelConfig
 from dexnudge.diffusion.network import ConditionalDenoiser
 from dexnudge.diffusion.normaliser import Normaliser
@@ -13,7 +13,7 @@ from dexnudge.hands.hand import Hand
 from dexnudge.hands.shadow_lite import shadow_lite
 from dexnudge.objects.builtin import builtin_object
 from dexnudge.sampling.problem import SamplingProblem, prepare
-from dexnudge.sampling.random_start import random_start
+from dexnudge.sampling.starts import random_start
 from dexnudge.scenes.families import SCENE_FAMILIES
 from dexnudge.scenes.scene import Scene
 
@@ -44,8 +44,8 @@ def starts(hand: Hand, problem: SamplingProblem) -> torch.Tensor:
 @pytest.fixture(scope="session")
 def prior(hand: Hand, problem: SamplingProblem) -> DiffusionPrior:
     """Its zero layers are filled, as training would, so that its estimate depends on its input."""
-    digits = tuple(digit_joints(hand).values())
-    config = ModelConfig(hand=hand.name, joint_names=hand.joint_names, digit_joints=digits, architecture=SMALL)
+    digits = tuple(joint_groups(hand).values())
+    config = ModelConfig(hand=hand.name, joint_names=hand.joint_names, joint_groups=digits, architecture=SMALL)
     generator = torch.Generator().manual_seed(1)
     with torch.random.fork_rng():
         torch.manual_seed(0)

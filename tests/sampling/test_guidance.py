@@ -5,17 +5,15 @@ from dataclasses import replace
 import pytest
 import torch
 
-from dexnudge.diffusion.ddim import ddim_mean_and_sigma
 from dexnudge.diffusion.prior import DiffusionPrior
+from dexnudge.diffusion.schedule import ddim_mean_and_sigma
 from dexnudge.energies import HandEnergy, TermWeights
 from dexnudge.energies.descent import pose_from_configuration
 from dexnudge.energies.force_residual import ForceResidual
 from dexnudge.hands.hand import ROOT_COORDINATES
 from dexnudge.sampling.denoise import DenoisingConfig
-from dexnudge.sampling.guidance.clean_descent import CleanDescent
-from dexnudge.sampling.guidance.clean_gradient import CleanGradient
-from dexnudge.sampling.guidance.clean_spherical import CleanSpherical
-from dexnudge.sampling.guidance.contacts import pull_to_balance, set_wanted_contacts, wanted_contacts
+from dexnudge.sampling.guidance.active_contacts import active_contacts, pull_to_balance, set_active_contacts
+from dexnudge.sampling.guidance.clean import CleanDescent, CleanGradient
 from dexnudge.sampling.guidance.gradient import (
     configuration_energy,
     gradient_at_clean_estimate,
@@ -23,11 +21,9 @@ from dexnudge.sampling.guidance.gradient import (
     squared_violation,
     unit,
 )
-from dexnudge.sampling.guidance.paper import PaperGuidance
-from dexnudge.sampling.guidance.resampled import Resampled, resampled
+from dexnudge.sampling.guidance.paper import PaperGuidance, unguided
 from dexnudge.sampling.guidance.rule import ReverseStep
-from dexnudge.sampling.guidance.spherical import SphericalGuidance
-from dexnudge.sampling.guidance.unguided import unguided
+from dexnudge.sampling.guidance.spherical import CleanSpherical, Resampled, SphericalGuidance, resampled
 
 BATCH = 6
 WEIGHTS = DenoisingConfig().weights
@@ -258,7 +254,7 @@ def balanced_step(make_step, hand, problem, use, weight: float) -> ReverseStep:
 def test_the_force_balance_guides_contacts_by_its_own_gradient(make_step, hand, problem, prior, starts):
     clean = hand.clamp(starts[:BATCH])
     step = balanced_step(make_step, hand, problem, Knowing(prior, clean), weight=0.002)
-    set_wanted_contacts(step, clean)
+    set_active_contacts(step, clean)
     tips = hand.fingertip_indices
     torch.testing.assert_close(step.energy.extra_force[:, tips], 0.002 * step.force.gradient)
     torch.testing.assert_close(pull_to_balance(step), 0.001 * step.force.residual.square())
@@ -278,7 +274,7 @@ def test_descent_with_the_force_balance_ends_nearer_to_it(make_step, hand, probl
         step.energy(pose_from_configuration(clean))
         judge = ForceResidual(problem.balance, BATCH, len(tips))
         points, normals = (getattr(step.energy, f"contact_{name}")[:, tips] for name in ("point", "normal"))
-        judge(points, normals, torch.ones(BATCH, len(tips)), sweeps=300)
+        verify(points, normals, torch.ones(BATCH, len(tips)), sweeps=300)
         left[weight] = float(judge.residual.mean())
     assert left[0.05] < left[0.0]
 
@@ -330,4 +326,4 @@ def test_descent_ends_within_limits(make_step, prior, hand, starts):
 def test_fingertips_near_the_object_are_held_and_always_the_nearest():
     distance = torch.tensor([[0.001, 0.02, 0.009, 0.5], [0.3, 0.2, 0.1, 0.4]])
     expected = torch.tensor([[1.0, 0.0, 1.0, 0.0], [0.0, 0.0, 1.0, 0.0]])
-    assert torch.equal(wanted_contacts(distance, reach=0.010), expected)
+    assert torch.equal(active_contacts(distance, reach=0.010), expected)

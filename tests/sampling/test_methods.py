@@ -9,7 +9,7 @@ from dexnudge.sampling.methods import METHODS, find_method
 
 
 def test_weights_reach_guidance_and_projection_and_nothing_else():
-    ours = find_method("ours")
+    ours = find_method("steered_noise")
     changed = ours.with_weights({"sweep": 0.0, "clearance_base": 0.03})
     assert changed.weights().keys() == {"guidance", "projection"}
     for stage, before in ours.weights().items():
@@ -33,7 +33,7 @@ def test_a_method_names_only_the_stages_that_it_has():
 @pytest.mark.parametrize("value", [-0.1, float("nan")])
 def test_weights_that_make_no_sense(value):
     with pytest.raises(InputError, match="the weight 'sweep' of the energy is"):
-        find_method("ours").with_weights({"sweep": value})
+        find_method("steered_noise").with_weights({"sweep": value})
 
 
 def test_all_methods_share_the_losses():
@@ -45,7 +45,7 @@ def test_all_methods_share_the_losses():
 
 def test_the_force_balance_guides_where_it_has_a_weight(hand, problem, prior):
     def drawn(weight):
-        method = find_method("ours").with_weights({"force": weight})
+        method = find_method("steered_noise").with_weights({"force": weight})
         return denoise(
             hand,
             problem,

@@ -6,13 +6,12 @@ import torch
 import trimesh
 
 from dexnudge.dataset.manifest import Manifest, write_manifest
-from dexnudge.dataset.rounding import round_cloud
-from dexnudge.dataset.schema import NUM_DIRECTIONS, BehaviourCounts, ConfigurationRow
+from dexnudge.dataset.schema import NUM_DIRECTIONS, BehaviourCounts, ConfigurationRow, round_cloud
 from dexnudge.dataset.shards import write_shard
 from dexnudge.errors import DatasetError, InputError
-from dexnudge.geometry.object_cloud import object_cloud
-from dexnudge.sampling.loading import load_sampler
-from dexnudge.sampling.nearest_pose import TrainingPoses, nearest_pose_start
+from dexnudge.geometry.surface_points import object_cloud
+from dexnudge.sampling.sampler import load_sampler
+from dexnudge.sampling.starts import TrainingPoses, nearest_pose_start
 
 SIZES = {"long": (0.18, 0.05, 0.02), "short": (0.12, 0.07, 0.01), "thick": (0.15, 0.06, 0.04)}
 DIRECTION = 3  # in which some hands can move their object: 67.5 degrees
@@ -60,7 +59,7 @@ def write(folder, hand, rows, clouds, *, hand_name=None):
     manifest = Manifest(
         hand=hand_name or hand.name,
         joint_names=hand.joint_names,
-        digit_joints={"FF": (0, 1, 2, 3)},
+        joint_groups={"FF": (0, 1, 2, 3)},
         objects={name: f"{index:064x}" for index, name in enumerate(rows)},
     )
     write_manifest(folder, manifest)

@@ -8,10 +8,10 @@ import torch
 
 from dexnudge.energies import HandEnergy, TermWeights
 from dexnudge.energies.descent import pose_from_configuration
-from dexnudge.evaluation.penetration import PenetrationCheck
-from dexnudge.evaluation.success import limits_violation
 from dexnudge.mechanics.contacts import HAND_CONTACT_DISTANCE
 from dexnudge.sampling.projection import ProjectionConfig, project
+from dexnudge.verification.penetration import PenetrationCheck
+from dexnudge.verification.verdicts import limits_violation
 
 LIMIT = 1e-3  # [m] DESIGN's success criterion
 CONFIG = ProjectionConfig(guided_steps=40)  # as `ours` does it

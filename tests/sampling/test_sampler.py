@@ -7,11 +7,10 @@ import pytest
 import torch
 
 from dexnudge.errors import CheckpointError, InputError, UnknownNameError
-from dexnudge.evaluation.success import judge
 from dexnudge.sampling.denoise import inference_timesteps
-from dexnudge.sampling.loading import load_sampler
 from dexnudge.sampling.methods import METHODS
-from dexnudge.sampling.sampler import Sampler
+from dexnudge.sampling.sampler import Sampler, load_sampler
+from dexnudge.verification.verdicts import verify
 
 RANDOM = "random_start_projection"
 NAMES = (
@@ -54,13 +53,13 @@ def test_missing_weights(hand, tmp_path):
 
 def test_a_method_that_needs_the_prior_says_so(hand, scene):
     with pytest.raises(CheckpointError, match=re.escape("this sampler has no prior; expected weights")):
-        Sampler(hand, None).sample(scene, num=1, method="ours")
+        Sampler(hand, None).sample(scene, num=1, method="steered_noise")
 
 
 def test_weights_are_loaded_only_where_a_method_needs_them(hand, tmp_path):
     assert load_sampler(hand, [RANDOM], weights=tmp_path / "nowhere").prior is None
     with pytest.raises(CheckpointError):
-        load_sampler(hand, [RANDOM, "ours"], weights=tmp_path / "nowhere")
+        load_sampler(hand, [RANDOM, "steered_noise"], weights=tmp_path / "nowhere")
     with pytest.raises(UnknownNameError):
         load_sampler(hand, ["magic"])
 
@@ -68,7 +67,7 @@ def test_weights_are_loaded_only_where_a_method_needs_them(hand, tmp_path):
 def test_a_random_start_is_projected_to_configurations_that_succeed(hand, scene, drawn):
     assert drawn.q.shape == (16, 9 + hand.num_joints)
     assert drawn.q.dtype == np.float32
-    verdicts = judge(hand, scene, drawn.q.astype(np.float64))
+    verdicts = verify(hand, scene, drawn.q.astype(np.float64))
     assert verdicts.success.any()
     assert not np.isnan(verdicts.penetration_object).any()
     assert set(drawn.timings) == {"prepare", "draw", "project"}
@@ -78,7 +77,7 @@ def test_a_random_start_is_projected_to_configurations_that_succeed(hand, scene,
 
 def test_the_order_is_the_samplers_own_measure(hand, scene, drawn):
     """Converged ones stand first, and more of the first half succeed."""
-    success = judge(hand, scene, drawn.q.astype(np.float64)).success
+    success = verify(hand, scene, drawn.q.astype(np.float64)).success
     assert success[:8].sum() >= success[8:].sum()
 
 

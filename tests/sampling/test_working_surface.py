@@ -7,15 +7,14 @@ import pytest
 import torch
 import trimesh
 
-from dexnudge.evaluation.success import judge
 from dexnudge.geometry.exact_distance import ExactDistance
-from dexnudge.geometry.object_cloud import object_cloud
+from dexnudge.geometry.surface_points import object_cloud
 from dexnudge.objects.builtin import builtin_object
-from dexnudge.sampling.problem import prepare
+from dexnudge.sampling.problem import ROOM, TIP_RADIUS, WORKING, prepare, pushable_surface
 from dexnudge.sampling.projection import ProjectionConfig, project
-from dexnudge.sampling.random_start import random_start
-from dexnudge.sampling.working_surface import ROOM, TIP_RADIUS, WORKING, working_surface
+from dexnudge.sampling.starts import random_start
 from dexnudge.scenes.families import build_scene
+from dexnudge.verification.verdicts import verify
 
 FORWARD = torch.tensor([1.0, 0.0, 0.0])
 LENGTH, HEIGHT, EXPOSED = 0.15, 0.01, 0.03  # [m] of the slab, and of what the upper board leaves of it
@@ -32,7 +31,7 @@ def slot():
 
 def test_places_are_where_a_fingertip_fits_and_does_not_push_back(slot):
     cloud, environment = slot
-    surface = working_surface(cloud, FORWARD, environment)
+    surface = pushable_surface(cloud, FORWARD, environment)
     assert len(surface.places) > 0
     assert (environment(surface.places.double().numpy()).distance > ROOM).all()
     exposed = surface.places[:, 0] > 0.075 - EXPOSED - ROOM
@@ -45,15 +44,17 @@ def test_places_are_where_a_fingertip_fits_and_does_not_push_back(slot):
 
 def test_a_contact_that_faces_the_motion_is_idle(slot):
     cloud, environment = slot
-    surface = working_surface(cloud, FORWARD, environment)
+    surface = pushable_surface(cloud, FORWARD, environment)
     normals = torch.tensor([[[1.0, 0.0, 0.0], [0.0, 0.0, 1.0], [-1.0, 0.0, 0.0], [0.8, 0.0, 0.6]]])
     assert surface.idle(normals).tolist() == [[True, False, False, True]]
-    assert not working_surface(cloud, FORWARD, ExactDistance(trimesh.creation.box((1.0, 1.0, 1.0)))).idle(normals).any()
+    assert (
+        not pushable_surface(cloud, FORWARD, ExactDistance(trimesh.creation.box((1.0, 1.0, 1.0)))).idle(normals).any()
+    )
 
 
 def test_the_nearest_place_of_a_fingertip_in_front_is_on_the_exposed_end(slot):
     cloud, environment = slot
-    surface = working_surface(cloud, FORWARD, environment)
+    surface = pushable_surface(cloud, FORWARD, environment)
     touching = torch.tensor([[[LENGTH / 2, 0.0, 0.0]]])
     place = surface.nearest(touching, FORWARD.expand(1, 1, 3))[0, 0]
     distance = (surface.places - (touching[0, 0] + TIP_RADIUS * FORWARD)).norm(dim=1)
@@ -73,5 +74,5 @@ def test_more_hands_can_pull_out_of_a_slot_when_idle_fingertips_are_drawn_away(h
     margins = {}
     for name, used in (("with", config), ("without", without)):
         q, _ = project(hand, problem, starts, config=used)
-        margins[name] = judge(hand, scene, problem.to_world(q).astype(np.float64)).force_margin
+        margins[name] = verify(hand, scene, problem.to_world(q).astype(np.float64)).force_margin
     assert (margins["with"] >= 1.0).mean() > (margins["without"] >= 1.0).mean()

@@ -8,8 +8,7 @@ from scipy.spatial import ConvexHull, cKDTree
 from dexnudge.errors import SceneError, UnknownNameError
 from dexnudge.objects.builtin import builtin_object
 from dexnudge.scenes.families import SCENE_FAMILIES, build_scene
-from dexnudge.scenes.overlap import deepest_overlap
-from dexnudge.scenes.scene import Scene
+from dexnudge.scenes.scene import Scene, deepest_overlap
 
 OBJECTS = ["phone", "phone-003", "remote-003", "remote-201", "book-200", "box-004"]
 SEEDS = range(2)

@@ -5,7 +5,7 @@ import pytest
 from hypothesis import given, settings
 from hypothesis import strategies as st
 
-from dexnudge.scenes.outlines import gap_between, outline_of, rectangle, swept
+from dexnudge.scenes.boxes import gap_between, outline_of, rectangle, swept
 
 
 def edge_points(outline: np.ndarray, count: int = 150) -> np.ndarray:

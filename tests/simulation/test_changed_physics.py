@@ -9,8 +9,7 @@ import trimesh
 from dexnudge.errors import InputError
 from dexnudge.hands.shadow_lite import shadow_lite
 from dexnudge.scenes.scene import Scene
-from dexnudge.simulation.changed_physics import QUANTITIES, changed_physics
-from dexnudge.simulation.push_model import load_push_model, push_model_xml
+from dexnudge.simulation.push_model import QUANTITIES, changed_physics, load_push_model, push_model_xml
 
 DECIDED = ("geom_friction", "body_mass", "body_inertia", "body_subtreemass", "body_invweight0", "dof_invweight0")
 

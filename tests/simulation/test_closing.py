@@ -7,12 +7,12 @@ import mujoco
 import numpy as np
 import pytest
 
-from dexnudge.evaluation.success import contacts_of
 from dexnudge.hands.registry import load_hand
 from dexnudge.objects.builtin import builtin_object
 from dexnudge.scenes import build_scene
-from dexnudge.simulation.closing import closed_configuration
+from dexnudge.simulation.push_forces import closed_configuration
 from dexnudge.simulation.push_model import OBJECT_SIDE, load_push_model, push_model_xml
+from dexnudge.verification.verdicts import contacts_of
 
 STORED = json.loads((Path(__file__).parent / "two_segments.json").read_text())
 

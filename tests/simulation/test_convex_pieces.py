@@ -8,8 +8,7 @@ from scipy.spatial import ConvexHull
 from dexnudge.geometry.exact_distance import ExactDistance
 from dexnudge.geometry.surface_points import surface_points
 from dexnudge.objects.builtin import builtin_object
-from dexnudge.simulation.convex_pieces import TOLERANCE, bodies_of, convex_pieces
-from dexnudge.simulation.simple_hull import simple_hull
+from dexnudge.simulation.convex_pieces import TOLERANCE, bodies_of, convex_pieces, simple_hull
 
 
 def test_a_convex_object_is_one_piece():

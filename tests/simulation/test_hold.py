@@ -8,7 +8,7 @@ import numpy as np
 import pytest
 import trimesh
 
-from dexnudge.geometry.frames import resting_origin
+from dexnudge.geometry.transforms import resting_origin
 from dexnudge.hands.shadow_lite import shadow_lite
 from dexnudge.mechanics.contacts import HandContacts
 from dexnudge.objects.builtin import builtin_object

@@ -11,7 +11,7 @@ from dexnudge.mechanics.balance import balance_problem
 from dexnudge.mechanics.contacts import HandContacts
 from dexnudge.mechanics.friction_cone import wrenches
 from dexnudge.mechanics.sliding_task import sliding_task
-from dexnudge.planning.supports_along import supports_along, supports_of_way
+from dexnudge.planning.object_path import supports_along, supports_of_way
 from dexnudge.scenes.boxes import box
 from dexnudge.scenes.scene import Scene
 from dexnudge.simulation.push_forces import SURPLUS, push_forces

@@ -8,12 +8,11 @@ import trimesh
 from dexnudge.mechanics.sliding_task import GRAVITY
 from dexnudge.scenes.boxes import box
 from dexnudge.scenes.scene import Scene
+from dexnudge.simulation.convex_pieces import link_pieces
 from dexnudge.simulation.drive import PUSH, SETTLE, Drive, push_drive
-from dexnudge.simulation.link_hulls import link_pieces
-from dexnudge.simulation.push import PushRun, run_push
+from dexnudge.simulation.push import PushRun, judge_push, run_push
 from dexnudge.simulation.push_forces import PushForces
 from dexnudge.simulation.push_model import PushModel, load_push_model, push_model_xml
-from dexnudge.simulation.push_verdict import judge_push
 
 HEIGHT = 0.02  # [m] of the block
 FRICTION_HAND, FRICTION_ENVIRONMENT, MASS = 0.8, 0.4, 0.15

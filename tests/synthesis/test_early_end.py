@@ -4,7 +4,7 @@ import numpy as np
 import pytest
 import torch
 
-from dexnudge.dataset.rounding import round_configuration
+from dexnudge.dataset.schema import round_configuration
 from dexnudge.energies import build_scene_fields
 from dexnudge.geometry.meshes import centre_of_mass
 from dexnudge.geometry.surface_points import surface_points

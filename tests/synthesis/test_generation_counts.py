@@ -8,8 +8,7 @@ from hypothesis import strategies as st
 
 from dexnudge.dataset.schema import BEHAVIOURS, BehaviourCounts
 from dexnudge.synthesis.checking import _pick
-from dexnudge.synthesis.finished import totals
-from dexnudge.synthesis.generation_log import generation_log
+from dexnudge.synthesis.generate import generation_log, totals
 from dexnudge.synthesis.object_task import ObjectOutcome
 
 NUMBERS = st.integers(0, 50)

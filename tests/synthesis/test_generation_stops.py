@@ -10,8 +10,8 @@ from pathlib import Path
 
 import pytest
 
-from dexnudge.dataset.atomic import TEMPORARY_PREFIX
 from dexnudge.dataset.manifest import read_manifest
+from dexnudge.jobs.folders import TEMPORARY_PREFIX
 
 pytestmark = [
     pytest.mark.slow,

@@ -4,9 +4,15 @@ import numpy as np
 import pytest
 import trimesh
 
-from dexnudge.dataset.rounding import JOINT_STEP, ROTATION_STEP, TRANSLATION_STEP, round_configuration
-from dexnudge.dataset.schema import INFEASIBLE, NUM_DIRECTIONS
-from dexnudge.geometry.frames import resting_origin
+from dexnudge.dataset.schema import (
+    INFEASIBLE,
+    JOINT_STEP,
+    NUM_DIRECTIONS,
+    ROTATION_STEP,
+    TRANSLATION_STEP,
+    round_configuration,
+)
+from dexnudge.geometry.transforms import resting_origin
 from dexnudge.objects.builtin import builtin_object
 from dexnudge.synthesis.object_data import at_rest, generate_object
 from dexnudge.synthesis.verification import NonPrehensileVerifier, behaviour_of, resting_scene

@@ -7,7 +7,6 @@ import pytest
 from scipy.optimize import linprog
 
 from dexnudge.dataset.schema import INFEASIBLE, NUM_DIRECTIONS, best_direction, direction_angles
-from dexnudge.evaluation.success import judge
 from dexnudge.mechanics.contacts import HandContacts
 from dexnudge.mechanics.friction_cone import friction_cone_edges, wrenches
 from dexnudge.simulation.grasp_model import FRICTION
@@ -18,6 +17,7 @@ from dexnudge.synthesis.verification import (
     floating_scene,
     resting_scene,
 )
+from dexnudge.verification.verdicts import verify
 
 LET_GO, TURNED = 0.05, np.radians(15.0)  # [m] and [rad]: DexGraspBench's limits
 GEOMETRY = {"penetration object", "penetration environment", "penetration self", "no contact"}
@@ -149,7 +149,7 @@ def test_the_judge_agrees_along_the_best_direction_and_across_it(hand, phone, pu
         for index in (best, (best + 4) % NUM_DIRECTIONS):
             angle = direction_angles()[index]
             motion = np.asarray([np.cos(angle), np.sin(angle), 0.0])
-            judged = judge(hand, replace(resting_scene(phone), motion=motion), q[row : row + 1])
+            judged = verify(hand, replace(resting_scene(phone), motion=motion), q[row : row + 1])
             stored = verdict.direction_margin[row, index]
             assert judged.force_margin[0] == pytest.approx(max(stored, 0.0), abs=0.01)
             assert judged.success[0] == (stored >= 1.0)

@@ -4,8 +4,8 @@ import numpy as np
 import pytest
 import trimesh
 
-from dexnudge.viewer.drawing import Drawing, Part
-from dexnudge.viewer.film import Curve, Film
+from dexnudge.viewer.recording import Curve, Film
+from dexnudge.viewer.visual_scene import Part, VisualScene
 
 
 @pytest.fixture(scope="session")
@@ -28,7 +28,7 @@ def film() -> Film:
             Part("environment", "environment", floor, np.eye(4)),
             Part("tip", "fingertip", tip, T_world_tip),
         )
-        frames.append(Drawing(parts, np.zeros((0, 3)), np.array([1.0, 0, 0]) if now <= 1.5 else np.zeros(3)))
+        frames.append(VisualScene(parts, np.zeros((0, 3)), np.array([1.0, 0, 0]) if now <= 1.5 else np.zeros(3)))
     charts = {
         "way": (
             Curve("along", "mm", 100.0 * np.maximum(time - 1.0, 0.0)),

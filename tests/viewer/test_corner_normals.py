@@ -1,7 +1,7 @@
 import numpy as np
 import trimesh
 
-from dexnudge.viewer.corner_normals import CREASE_ANGLE, corner_normals
+from dexnudge.viewer.ray_scene import CREASE_ANGLE, corner_normals
 
 
 def naive_corner_normals(mesh):

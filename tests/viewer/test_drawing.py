@@ -6,7 +6,7 @@ import trimesh
 from dexnudge.errors import InputError
 from dexnudge.hands.shadow_lite import shadow_lite
 from dexnudge.scenes.scene import Scene
-from dexnudge.viewer.drawing import Drawing, Part, drawing, drawings
+from dexnudge.viewer.visual_scene import Part, VisualScene, drawing, drawings
 
 T_OBJECT = trimesh.transformations.translation_matrix([0.3, -0.2, 0.01])
 
@@ -61,7 +61,7 @@ def test_configurations_share_their_meshes(hand, scene):
 def test_arrow_is_a_closed_body_that_starts_at_the_leading_edge(motion):
     motion = np.asarray(motion, dtype=float)
     box = Part("object", "object", trimesh.creation.box((0.15, 0.07, 0.02)), T_OBJECT)
-    arrow = Drawing((box,), np.zeros((0, 3)), motion).arrow().mesh
+    arrow = VisualScene((box,), np.zeros((0, 3)), motion).arrow().mesh
     assert arrow.is_watertight
     assert arrow.volume > 0
     along = arrow.vertices @ motion
@@ -79,4 +79,4 @@ def test_contacts_must_be_given_for_each_configuration(hand, scene):
 
 def test_a_drawing_needs_an_object():
     with pytest.raises(InputError, match="needs a part with the role 'object'"):
-        Drawing((), np.zeros((0, 3)), np.array([1.0, 0, 0]))
+        VisualScene((), np.zeros((0, 3)), np.array([1.0, 0, 0]))

@@ -4,8 +4,8 @@ import numpy as np
 import pytest
 
 from dexnudge.errors import InputError
-from dexnudge.viewer.film import Curve, film_camera
 from dexnudge.viewer.film_chart import phase_spans
+from dexnudge.viewer.recording import Curve, film_camera
 
 
 def test_moments_are_spaced_evenly_in_time(film):

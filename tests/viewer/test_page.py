@@ -10,8 +10,8 @@ import trimesh
 from dexnudge.errors import InputError, OutputError
 from dexnudge.hands.shadow_lite import shadow_lite
 from dexnudge.scenes.scene import Scene
-from dexnudge.viewer.drawing import Drawing, Part, drawings
 from dexnudge.viewer.page import Figures, write_page
+from dexnudge.viewer.visual_scene import Part, VisualScene, drawings
 
 HOSTILE = "</script><script>alert(1)</script><img src=x onerror=alert(2)> & \"q\" 'r' $title"
 
@@ -131,7 +131,7 @@ def test_meshes_are_stored_once_and_the_page_is_small(page, shown, figures, tmp_
 def test_hostile_names_are_shown_and_not_run(shown, figures, tmp_path):
     own = Figures(False, 0.0, 0.0, 0.0, 0.0, (HOSTILE,), HOSTILE)
     parts = (Part(HOSTILE, "object", trimesh.creation.box((0.1, 0.1, 0.1)), np.eye(4)),)
-    hostile = Drawing(parts, np.zeros((0, 3)), np.array([1.0, 0, 0]), title=HOSTILE)
+    hostile = VisualScene(parts, np.zeros((0, 3)), np.array([1.0, 0, 0]), title=HOSTILE)
     page = Parsed(write_page([hostile], tmp_path / "x.html", title=HOSTILE, figures=[own], subtitle=HOSTILE))
     assert page.texts["title"].strip() == HOSTILE
     assert page.texts["h1"].strip() == HOSTILE
@@ -153,7 +153,7 @@ def test_what_does_not_fit_together_is_refused(shown, figures, tmp_path):
         write_page([], path, title="", figures=[])
     with pytest.raises(InputError, match="figures of 1 configurations were given for 2"):
         write_page(shown[:2], path, title="", figures=figures[:1])
-    other = Drawing(shown[0].parts[:3], np.zeros((0, 3)), shown[0].motion)
+    other = VisualScene(shown[0].parts[:3], np.zeros((0, 3)), shown[0].motion)
     with pytest.raises(InputError, match="drawing 1 shows other bodies than drawing 0"):
         write_page([shown[0], other], path, title="", figures=figures[:2])
     assert not path.exists()

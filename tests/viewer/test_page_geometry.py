@@ -4,8 +4,8 @@ import numpy as np
 import pytest
 import trimesh
 
-from dexnudge.viewer.corner_normals import corner_normals
-from dexnudge.viewer.page_geometry import LARGEST_MESH, page_geometry, thinned
+from dexnudge.viewer.page import LARGEST_MESH, page_geometry, thinned
+from dexnudge.viewer.ray_scene import corner_normals
 
 
 def decoded(text, dtype, columns=None):

@@ -4,12 +4,11 @@ import trimesh
 from PIL import Image
 
 from dexnudge.errors import InputError, OutputError
-from dexnudge.viewer import parallel_launch
+from dexnudge.viewer import ray_hits as parallel_launch
 from dexnudge.viewer.camera import Camera
-from dexnudge.viewer.drawing import Drawing, Part
-from dexnudge.viewer.palette import PALETTE
 from dexnudge.viewer.picture import render_array, render_png
 from dexnudge.viewer.viewpoint import choose_camera
+from dexnudge.viewer.visual_scene import PALETTE, Part, VisualScene
 
 SIZE = (200, 150)
 UP = np.array([0.0, 0.0, 1.0])
@@ -48,7 +47,7 @@ def is_role(picture, role):
 def test_silhouette_of_a_sphere_has_the_area_of_its_tangent_cone():
     radius, distance = 0.05, 0.5
     ball = Part("ball", "object", trimesh.creation.icosphere(subdivisions=5, radius=radius), np.eye(4))
-    away = Drawing((ball,), np.zeros((0, 3)), np.array([0, 1.0, 0]))  # the arrow is hidden behind the ball
+    away = VisualScene((ball,), np.zeros((0, 3)), np.array([0, 1.0, 0]))  # the arrow is hidden behind the ball
     camera = looking_along_y(distance)
     picture = render_array(away, size=SIZE, camera=camera)
     outline = radius / np.sqrt(distance**2 - radius**2) / camera.tan_height * SIZE[1] / 2  # pixels
@@ -57,7 +56,7 @@ def test_silhouette_of_a_sphere_has_the_area_of_its_tangent_cone():
 
 def test_pixels_have_the_colours_of_what_is_there():
     parts = (box("object", (0.1, 0.1, 0.02), 0, 0, 0), box("link", (0.02, 0.02, 0.02), -0.09, 0, 0))
-    shown = Drawing(parts, np.array([[0.03, -0.05, 0.0]]), np.array([1.0, 0, 0]))
+    shown = VisualScene(parts, np.array([[0.03, -0.05, 0.0]]), np.array([1.0, 0, 0]))
     picture = render_array(shown, size=SIZE, camera=looking_along_y(0.5))
 
     def pixel(x, z, y=-0.05):
@@ -77,7 +76,7 @@ def test_pixels_have_the_colours_of_what_is_there():
 def test_shadow_falls_away_from_the_light_and_contact_darkens():
     floor = box("environment", (2.0, 2.0, 0.02), 0, 0, -0.01)
     cube = box("object", (0.05, 0.05, 0.05), 0, 0, 0.026)
-    shown = Drawing((cube, floor), np.zeros((0, 3)), np.array([0, 1.0, 0]))
+    shown = VisualScene((cube, floor), np.zeros((0, 3)), np.array([0, 1.0, 0]))
     forward = np.array([0, 1.0, -1.0]) / np.sqrt(2)
     camera = Camera(np.array([0, -0.4, 0.4]), np.array([1.0, 0, 0]), np.cross([1.0, 0, 0], forward), forward, 0.4, 0.3)
     row = render_array(shown, size=SIZE, camera=camera)[SIZE[1] // 2].astype(int).sum(axis=1)
@@ -91,8 +90,8 @@ def test_a_wall_in_front_becomes_glass_and_one_behind_stays_solid():
     camera = looking_along_y(0.5)
     away = np.array([0, 1.0, 0])
     middle = SIZE[1] // 2, SIZE[0] // 2
-    covered = render_array(Drawing((cube, *walls), np.zeros((0, 3)), away), size=SIZE, camera=camera)
-    free = render_array(Drawing((cube, walls[1]), np.zeros((0, 3)), away), size=SIZE, camera=camera)
+    covered = render_array(VisualScene((cube, *walls), np.zeros((0, 3)), away), size=SIZE, camera=camera)
+    free = render_array(VisualScene((cube, walls[1]), np.zeros((0, 3)), away), size=SIZE, camera=camera)
     assert is_role(covered, "object")[middle]
     assert np.abs(covered[middle].astype(int) - free[middle]).max() > 5
     corner = linear(free[20, 20] / 255.0) / linear(PALETTE["environment"])
@@ -105,14 +104,14 @@ def test_open_surroundings_show_both_sides():
     for turned in (sheet, trimesh.Trimesh(sheet.vertices, sheet.faces[:, ::-1], process=False)):
         parts = (cube, Part("scan", "environment", turned, at(0, 0.1, 0)))
         picture = render_array(
-            Drawing(parts, np.zeros((0, 3)), np.array([0, 1.0, 0])), size=SIZE, camera=looking_along_y(0.5)
+            VisualScene(parts, np.zeros((0, 3)), np.array([0, 1.0, 0])), size=SIZE, camera=looking_along_y(0.5)
         )
         assert picture[20, 20, 0] > picture[20, 20, 2]  # the warm tone of the surroundings, not the cool background
 
 
 def test_same_drawing_same_bytes_on_any_number_of_cores(monkeypatch):
     parts = (box("object", (0.1, 0.06, 0.01), 0, 0, 0.005), box("environment", (0.5, 0.5, 0.02), 0, 0, -0.01))
-    shown = Drawing(parts, np.array([[0.0, 0.0, 0.01]]), np.array([1.0, 0, 0]))
+    shown = VisualScene(parts, np.array([[0.0, 0.0, 0.01]]), np.array([1.0, 0, 0]))
     first = render_array(shown, size=SIZE)
     np.testing.assert_array_equal(render_array(shown, size=SIZE), first)
     monkeypatch.setattr(parallel_launch, "available_cores", lambda: 1)
@@ -122,12 +121,12 @@ def test_same_drawing_same_bytes_on_any_number_of_cores(monkeypatch):
 @pytest.mark.parametrize("side", [1.0, -1.0])
 def test_camera_stands_where_the_contact_is_seen(side):
     tall = box("object", (0.06, 0.06, 0.2), 0, 0, 0.1)
-    shown = Drawing((tall,), np.array([[side * 0.03, 0.0, 0.05]]), np.array([0, 1.0, 0]))
+    shown = VisualScene((tall,), np.array([[side * 0.03, 0.0, 0.05]]), np.array([0, 1.0, 0]))
     assert choose_camera(shown, aspect=4 / 3).position[0] * side > 0.03
 
 
 def test_picture_is_written_as_png(tmp_path):
-    shown = Drawing((box("object", (0.1, 0.06, 0.01), 0, 0, 0),), np.zeros((0, 3)), np.array([1.0, 0, 0]))
+    shown = VisualScene((box("object", (0.1, 0.06, 0.01), 0, 0, 0),), np.zeros((0, 3)), np.array([1.0, 0, 0]))
     path = render_png(shown, tmp_path / "view.png", size=(64, 48))
     with Image.open(path) as image:
         assert (image.format, image.size, image.mode) == ("PNG", (64, 48), "RGB")
@@ -136,6 +135,6 @@ def test_picture_is_written_as_png(tmp_path):
 
 
 def test_a_picture_needs_a_size():
-    shown = Drawing((box("object", (0.1, 0.06, 0.01), 0, 0, 0),), np.zeros((0, 3)), np.array([1.0, 0, 0]))
+    shown = VisualScene((box("object", (0.1, 0.06, 0.01), 0, 0, 0),), np.zeros((0, 3)), np.array([1.0, 0, 0]))
     with pytest.raises(InputError, match="0 x 4 pixels was asked for; expected at least 1 x 1"):
         render_array(shown, size=(0, 4))

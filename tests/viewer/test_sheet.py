@@ -4,14 +4,13 @@ import trimesh
 from PIL import Image
 
 from dexnudge.errors import InputError
-from dexnudge.viewer.drawing import Drawing, Part
-from dexnudge.viewer.picture import render_array
-from dexnudge.viewer.sheet import GAP, render_sheet
+from dexnudge.viewer.picture import GAP, render_array, render_sheet
+from dexnudge.viewer.visual_scene import Part, VisualScene
 
 
 def test_pictures_stand_row_by_row_with_titles(tmp_path):
     part = Part("object", "object", trimesh.creation.box((0.1, 0.06, 0.01)), np.eye(4))
-    drawings = [Drawing((part,), np.zeros((0, 3)), np.array([1.0, 0, 0]), title=text) for text in ("a", "b", "")]
+    drawings = [VisualScene((part,), np.zeros((0, 3)), np.array([1.0, 0, 0]), title=text) for text in ("a", "b", "")]
     path = render_sheet(drawings, tmp_path / "sheet.png", columns=2, tile=(120, 90))
     with Image.open(path) as image:
         sheet = np.asarray(image)

@@ -1,9 +1,11 @@
-"""Arguments that several subcommands share."""
+"""Options for the weights and clearances of the losses that guide and project."""
 
 from dataclasses import dataclass
 from typing import Annotated, Any, Literal
 
 import tyro
+from rich.console import Console
+from rich.table import Table
 
 from dexnudge.errors import InputError
 
@@ -45,3 +47,52 @@ class Physics:
     def given(self) -> dict[str, float]:
         """Those that the user gave, by the names that scenes use."""
         return {name: value for name, value in vars(self).items() if value is not None}
+
+
+TABLE_WIDTH = 100  # columns when the output is a file or a pipe, so that tables do not depend on where they were made
+
+
+def stdout() -> Console:
+    """Console for results."""
+    console = Console(highlight=False, markup=False)  # names of files and objects may hold brackets
+    return console if console.is_terminal else Console(highlight=False, markup=False, width=TABLE_WIDTH)
+
+
+def table(*columns: str) -> Table:
+    """A table whose first column is text and whose others are numbers."""
+    made = Table(header_style="bold")
+    for index, column in enumerate(columns):
+        made.add_column(column, justify="right" if index else "left", no_wrap=index == 0)
+    return made
+
+
+@dataclass(frozen=True)
+class Losses:
+    """Weights of the losses that guide and project, where they should differ from the method's own; 0 switches one off."""
+
+    weight_environment: OptionalNumber = None
+    """Penetration of the surroundings."""
+    weight_object: OptionalNumber = None
+    """Penetration of the object."""
+    weight_self: OptionalNumber = None
+    """Penetration of the hand by itself."""
+    weight_contact: OptionalNumber = None
+    """Fingertips at the object's surface."""
+    weight_limits: OptionalNumber = None
+    """Joint limits and couplings, for the guidance rules that go through the network; the others never leave them."""
+    weight_force: OptionalNumber = None
+    """Balance of the forces during the desired motion [m^2 per squared object weight]."""
+    weight_target: OptionalNumber = None
+    """Pull of fingertips that push against the motion to where they can work, during the projection."""
+    weight_sweep: OptionalNumber = None
+    """Surroundings that the hand would run into while it is carried along the motion."""
+    weight_base: OptionalNumber = None
+    """Clearance of the forearm from the surroundings."""
+    clearance_environment: OptionalNumber = None
+    """Distance that guiding points keep from the surroundings [m]."""
+    clearance_base: OptionalNumber = None
+    """The same for the forearm [m]."""
+
+    def given(self) -> dict[str, float]:
+        """Those that the user gave, by their names in `TermWeights`."""
+        return {name.removeprefix("weight_"): value for name, value in vars(self).items() if value is not None}

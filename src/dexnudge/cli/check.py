@@ -35,7 +35,7 @@ class Check:
 
     def run(self) -> int:
         """Check, print, and raise InputError with the differences, if any."""
-        from dexnudge.cli.console import stdout, table
+        from dexnudge.cli.arguments import stdout, table
         from dexnudge.results.checking import check_folder
 
         check = check_folder(Path(self.folder))

@@ -54,9 +54,9 @@ class Generate:
         check_at_least(0, seed=self.seed, non_prehensile=self.non_prehensile, grasps=self.grasps)
         check_at_least(1, workers=self.workers)
         from dexnudge.dataset.info import describe
-        from dexnudge.dataset.info_tables import report
-        from dexnudge.results.data_card import write_card
-        from dexnudge.results.new_folder import check_writable_place
+        from dexnudge.dataset.tables import report
+        from dexnudge.jobs.folders import check_writable_place
+        from dexnudge.synthesis.data_card import write_card
         from dexnudge.synthesis.generate import generate_dataset
         from dexnudge.synthesis.object_task import GenerationConfig
 
@@ -98,14 +98,13 @@ class Info:
         """Print the tables and write the page."""
         check_at_least(0, seed=self.seed)
         from dexnudge.dataset.info import describe
-        from dexnudge.dataset.info_tables import report
+        from dexnudge.dataset.tables import report
 
         info = describe(self.folder)
         print(report(info), end="")
         if self.out is not None:
-            from dexnudge.results.new_folder import check_writable_place
-            from dexnudge.viewer.dataset_page import write_dataset_page
-            from dexnudge.viewer.dataset_samples import draw_samples
+            from dexnudge.jobs.folders import check_writable_place
+            from dexnudge.synthesis.dataset_page import draw_samples, write_dataset_page
 
             check_writable_place(self.out)
             samples = draw_samples(self.folder, objects=self.objects, seed=self.seed)

@@ -7,6 +7,7 @@ from typing import TYPE_CHECKING, Annotated
 from dexnudge.cli.arguments import (
     Count,
     Folder,
+    Losses,
     OptionalCount,
     OptionalFolder,
     OptionalNumber,
@@ -16,14 +17,13 @@ from dexnudge.cli.arguments import (
     check_at_least,
     metavar,
 )
-from dexnudge.cli.losses import Losses
 from dexnudge.errors import InputError
 
 if TYPE_CHECKING:
-    from dexnudge.evaluation.experiment_config import ExperimentConfig
-    from dexnudge.evaluation.rows import Row
-    from dexnudge.execution.experiment_rows import ExecutionRow
-    from dexnudge.execution.lift_experiment_rows import LiftRow
+    from dexnudge.experiments.config import ExperimentConfig
+    from dexnudge.experiments.experiment_rows import ExecutionRow
+    from dexnudge.experiments.lift_experiment_rows import LiftRow
+    from dexnudge.experiments.rows import Row
 
 TRIES = 3  # with --then-grasp, unless given
 
@@ -43,7 +43,7 @@ class Evaluate:
     """Take this many of the set, evenly spaced; all unless given."""
     scenes: Annotated[tuple[str, ...], metavar("FAMILY...")] = ("table", "layers", "shelf")
     """Scene families."""
-    method: Annotated[tuple[str, ...], metavar("NAME...")] = ("ours",)
+    method: Annotated[tuple[str, ...], metavar("NAME...")] = ("steered_noise",)
     """Sampling methods to compare; an unknown name lists them."""
     num: Count = 32
     """Draws for each object, scene and method."""
@@ -83,10 +83,10 @@ class Evaluate:
         check_at_least(0, seed=self.seed)
         check_at_least(1, num=self.num, workers=self.workers, execute_num=self.execute_num)
         self._check_tries()
-        from dexnudge.cli.console import stdout
-        from dexnudge.evaluation.experiment_config import ExperimentConfig
-        from dexnudge.evaluation.experiments import run_experiment
-        from dexnudge.evaluation.report import write_report
+        from dexnudge.cli.arguments import stdout
+        from dexnudge.experiments.config import ExperimentConfig
+        from dexnudge.experiments.experiments import run_experiment
+        from dexnudge.experiments.report import write_report
         from dexnudge.jobs.progress import progress
 
         config = ExperimentConfig(
@@ -137,8 +137,8 @@ class Evaluate:
 
     def _executed(self, config: "ExperimentConfig") -> str:
         """Compute the missing executions; return their report."""
-        from dexnudge.execution.experiment import run_executions
-        from dexnudge.execution.experiment_report import write_execution_report
+        from dexnudge.experiments.execution_experiment import run_executions
+        from dexnudge.experiments.experiment_report import write_execution_report
         from dexnudge.jobs.progress import progress
 
         succeeded = 0
@@ -164,8 +164,8 @@ class Evaluate:
 
     def _lifted(self, config: "ExperimentConfig") -> str:
         """Compute the missing lifts; return their report."""
-        from dexnudge.execution.lift_experiment import run_lifts
-        from dexnudge.execution.lift_experiment_report import write_lift_report
+        from dexnudge.experiments.lift_experiment import run_lifts
+        from dexnudge.experiments.lift_experiment_report import write_lift_report
         from dexnudge.jobs.progress import progress
 
         lifted = 0

@@ -48,7 +48,7 @@ class Execute:
         check_at_least(0, seed=self.seed, films=self.films)
         if self.then_grasp:
             return self._slide_grasp_lift()
-        from dexnudge.execution.folder import FOLDER, execute_folder
+        from dexnudge.execution.files import FOLDER, execute_folder
         from dexnudge.jobs.progress import progress
 
         folder = Path(self.folder)
@@ -94,7 +94,7 @@ class Execute:
 
 
 def _print_pushes(summary: dict[str, Any], out: Path) -> None:
-    from dexnudge.cli.console import stdout, table
+    from dexnudge.cli.arguments import stdout, table
 
     shown = table("configuration", "outcome", "advanced [mm]", "turned [deg]", "hand in surroundings [mm]")
     for row in summary["configurations"]:
@@ -113,7 +113,7 @@ def _print_pushes(summary: dict[str, Any], out: Path) -> None:
 
 
 def _print_story(summary: dict[str, Any], out: Path) -> None:
-    from dexnudge.cli.console import stdout, table
+    from dexnudge.cli.arguments import stdout, table
 
     shown = table("try", "slid by", "overhang", "grasps", "raised [mm]", "outcome")
     for row in summary["tries"]:
@@ -135,7 +135,7 @@ def _print_story(summary: dict[str, Any], out: Path) -> None:
 
 
 def _print_where(out: Path) -> None:
-    from dexnudge.cli.console import stdout
+    from dexnudge.cli.arguments import stdout
     from dexnudge.execution.film import PAGE_FILE
 
     console = stdout()

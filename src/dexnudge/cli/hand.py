@@ -38,9 +38,9 @@ class HandCommand:
         if self.export is None:
             _print(load_hand(self.hand, base=self.base))
             return 0
-        from dexnudge.cli.console import stdout
+        from dexnudge.cli.arguments import stdout
         from dexnudge.hands.export import export_hand
-        from dexnudge.results.new_folder import new_folder
+        from dexnudge.jobs.folders import new_folder
 
         with new_folder(self.export, overwrite=self.overwrite, marker=MARKER) as folder:
             hand = load_hand(self.hand, base=self.base)
@@ -51,7 +51,7 @@ class HandCommand:
 
 
 def _print(hand: Hand) -> None:
-    from dexnudge.cli.console import stdout
+    from dexnudge.cli.arguments import stdout
 
     console = stdout()
     console.print(f"{hand.name}: {len(hand.link_names)} links, {hand.num_joints} joints in the order of q")
@@ -64,7 +64,7 @@ def _print(hand: Hand) -> None:
 
 
 def _joint_table(hand: Hand) -> Table:
-    from dexnudge.cli.console import table
+    from dexnudge.cli.arguments import table
 
     shown = table("joint", "lower [deg]", "upper [deg]")
     for name, lower, upper in zip(hand.joint_names, hand.lower, hand.upper, strict=True):
@@ -73,7 +73,7 @@ def _joint_table(hand: Hand) -> Table:
 
 
 def _link_table(hand: Hand) -> Table:
-    from dexnudge.cli.console import table
+    from dexnudge.cli.arguments import table
 
     pairs = hand.self_collision_pairs
     shown = table("link", "parent", "digit", "triangles", "collision pairs")

@@ -18,8 +18,8 @@ from dexnudge.cli.arguments import (
 from dexnudge.errors import InputError
 
 if TYPE_CHECKING:
-    from dexnudge.evaluation.reproduction_parts import ReproductionConfig
-    from dexnudge.evaluation.rows import Row
+    from dexnudge.experiments.reproduction_parts import ReproductionConfig
+    from dexnudge.experiments.rows import Row
 
 NAME = re.compile(r"[A-Za-z0-9_-]+")
 
@@ -71,10 +71,10 @@ class Reproduce:
         """Compute the missing rows, write and print the report."""
         check_at_least(0, seed=self.seed)
         check_at_least(1, workers=self.workers)
-        from dexnudge.cli.console import stdout
-        from dexnudge.evaluation.reproduction import run_reproduction
+        from dexnudge.cli.arguments import stdout
+        from dexnudge.experiments.reproduction import run_reproduction
+        from dexnudge.experiments.reproduction_report import write_reproduction_report
         from dexnudge.jobs.progress import progress
-        from dexnudge.results.reproduction_report import write_reproduction_report
 
         with progress() as bars:
             bar = bars.add_task("reproducing", total=None)
@@ -90,7 +90,7 @@ class Reproduce:
         return 0
 
     def _config(self) -> "ReproductionConfig":
-        from dexnudge.evaluation.reproduction_parts import FULL_NUM, QUICK_NUM, QUICK_OBJECTS, ReproductionConfig
+        from dexnudge.experiments.reproduction_parts import FULL_NUM, QUICK_NUM, QUICK_OBJECTS, ReproductionConfig
 
         num, max_objects = (QUICK_NUM, QUICK_OBJECTS) if self.quick else (FULL_NUM, None)
         return ReproductionConfig(

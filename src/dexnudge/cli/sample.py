@@ -12,6 +12,7 @@ import tyro
 from dexnudge.cli.arguments import (
     Count,
     Folder,
+    Losses,
     OptionalCount,
     OptionalFolder,
     OptionalNumber,
@@ -21,11 +22,40 @@ from dexnudge.cli.arguments import (
     check_at_least,
     metavar,
 )
-from dexnudge.cli.losses import Losses
 from dexnudge.errors import InputError
 
 if TYPE_CHECKING:
     from dexnudge.scenes.scene import Scene
+
+BLOCKED = "motion blocked"
+ADVICE = {
+    "invalid": "the sampler gave no poses; check the model that --weights names",
+    "joint limits": "the hand would have to bend beyond its limits; check the limits and couplings of --hand",
+    "penetration environment": "there is hardly room for the hand; make some, try --no-base, or draw more (--num)",
+    "penetration object": "the hand cannot close in without entering the object; draw more (--num)",
+    "penetration self": "the fingers get into each other's way; draw more (--num)",
+    "no contact": "the hand does not reach the object; check that something of it is exposed",
+    BLOCKED: "the surroundings stand in the object's way; choose another motion, or mend its pose",
+    "force": (
+        "contacts were found, but no forces that move the object; raise --friction-hand or --max-normal-force, "
+        "lower --friction-environment or --mass, or draw more (--num)"
+    ),
+}
+"""By the reasons of `evaluation.success.Verdicts`."""
+
+
+def nothing_verified(summary: dict[str, Any]) -> str:
+    """One sentence for a summary without verified draws; `rejected` stands in order, most frequent first.
+
+    A blocked motion is a property of the scene, so one draw that got as far as to fail for it speaks for all.
+    """
+    rejected = summary["rejected"]
+    reason, count = next(iter(rejected.items()))
+    said = f"none of {summary['drawn']} draws is verified; {count} of them failed for '{reason}': {ADVICE[reason]}"
+    if reason != BLOCKED and BLOCKED in rejected:
+        return f"{said}; and no hand can help it: {ADVICE[BLOCKED]}"
+    return said
+
 
 MARKER = "configurations.npz"
 
@@ -68,7 +98,7 @@ class Sample:
     physics: Physics = field(default_factory=Physics)
     weights: OptionalFolder = None
     """Folder of the model; the shipped one unless given."""
-    method: Text = "ours"
+    method: Text = "steered_noise"
     """Sampling method; an unknown name lists them."""
     losses: Losses = field(default_factory=Losses)
     projection_report: bool = False
@@ -86,7 +116,7 @@ class Sample:
     def write(self) -> dict[str, Any]:
         """Sample, verify, write; return the summary."""
         self._check_options()
-        from dexnudge.results.new_folder import new_folder
+        from dexnudge.jobs.folders import new_folder
 
         with new_folder(self.out, overwrite=self.overwrite, marker=MARKER) as folder:
             return self._sample_into(folder)
@@ -109,12 +139,12 @@ class Sample:
         check_at_least(0, seed=self.seed)
 
     def _sample_into(self, folder: Path) -> dict[str, Any]:
-        from dexnudge.evaluation.draws import check_counts, draw_and_judge
         from dexnudge.hands.registry import load_hand
         from dexnudge.jobs.progress import progress
-        from dexnudge.results.writing import write_answer, write_problem
-        from dexnudge.sampling.loading import load_sampler
+        from dexnudge.results.writing import write_inputs, write_results
+        from dexnudge.sampling.draws import check_counts, draw_and_judge
         from dexnudge.sampling.methods import find_method
+        from dexnudge.sampling.sampler import load_sampler
 
         check_counts(self.num, self.verified, self.max_draws)
         method = find_method(self.method).with_weights(self.losses.given())
@@ -123,7 +153,7 @@ class Sample:
         scene.validate()
         hand = load_hand(self.hand, base=self.base)
         sampler = load_sampler(hand, [self.method], weights=self.weights, device=self.device)
-        written_scene, written_hand = write_problem(folder, scene, hand)
+        written_scene, written_hand = write_inputs(folder, scene, hand)
         seconds = {"load": time.perf_counter() - start}
         with progress() as bars:
             bar = bars.add_task("drawing", total=self.verified or self.num)
@@ -157,12 +187,12 @@ class Sample:
             "device": self.device,
         }
         if self.projection_report:
-            from dexnudge.evaluation.projection_effect import projection_effect
+            from dexnudge.experiments.projection_effect import projection_effect
 
             details["projection"] = projection_effect(
                 sampler, written_hand, written_scene, num=self.num, seed=self.seed, method=method
             )
-        return write_answer(
+        return write_results(
             folder,
             written_scene,
             written_hand,
@@ -173,7 +203,7 @@ class Sample:
         )
 
     def _scene(self) -> tuple[str, Scene]:
-        from dexnudge.objects.named import resolve_object
+        from dexnudge.objects.sets import resolve_object
 
         found = resolve_object(self.object, units=self.units, length=self.length)
         if self.scene is not None:
@@ -195,8 +225,8 @@ class Sample:
         )
 
     def _print(self, summary: dict[str, Any]) -> None:
-        from dexnudge.cli.advice import nothing_verified
-        from dexnudge.cli.console import stdout, table
+
+        from dexnudge.cli.arguments import stdout, table
 
         counts = table("draws", "number", "share")
         drawn = summary["drawn"]

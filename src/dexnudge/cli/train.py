@@ -107,11 +107,11 @@ class Train:
     def run(self) -> int:
         """Train until done, out of time, or stopped."""
         check_at_least(0, seed=self.seed)
-        from dexnudge.cli.console import stdout
+        from dexnudge.cli.arguments import stdout
         from dexnudge.dataset.manifest import read_manifest
         from dexnudge.diffusion.training import train
-        from dexnudge.evaluation.provenance import machine, versions
-        from dexnudge.results.new_folder import check_writable_place
+        from dexnudge.jobs.folders import check_writable_place
+        from dexnudge.jobs.provenance import machine, versions
 
         config = self.config()
         read_manifest(self.data)  # a missing dataset is refused before anything is made

@@ -6,11 +6,44 @@ from pathlib import Path
 import numpy as np
 import pyarrow as pa
 from jaxtyping import Bool, Float, Int
+from scipy.spatial import cKDTree
 
 from dexnudge.dataset.manifest import Manifest
 from dexnudge.dataset.schema import BEHAVIOURS, NUM_DIRECTIONS, POSE_DIMENSIONS
 from dexnudge.dataset.shards import Shard, read_cloud
-from dexnudge.dataset.sides import SIDES, contact_sides
+
+SIDES = ("top", "+x", "-x", "+y", "-y", "bottom")  # an index of a side points into this tuple
+NORMALS = np.array([[0, 0, 1], [1, 0, 0], [-1, 0, 0], [0, 1, 0], [0, -1, 0], [0, 0, -1]], dtype=np.float64)
+OCTANTS = ("+x", "+x+y", "+y", "-x+y", "-x", "-x-y", "-y", "+x-y")  # 45 degrees each, counter-clockwise, about an axis
+NEIGHBOURS = 32  # stored surface points that may lie on the contact's own face; the nearest may lie round an edge
+NEARNESS = 0.1  # weight of a point's distance against the distance of its tangent plane
+
+
+def surface_normals(points: Float[np.ndarray, "n 3"], cloud: Float[np.ndarray, "point 6"]) -> Float[np.ndarray, "n 3"]:
+    """Outward unit normal of the object at points of its surface [m], from stored surface points with normals.
+
+    Each takes the normal of the neighbour c whose tangent plane it lies on: the least |n_c (p - c)| + 0.1 |p - c|.
+    """
+    neighbours = min(NEIGHBOURS, len(cloud))
+    distance, index = cKDTree(cloud[:, :3]).query(points, k=[*range(1, neighbours + 1)])
+    normals = cloud[index, 3:]
+    off_plane = np.abs(np.einsum("nki,nki->nk", normals, points[:, None] - cloud[index, :3]))
+    best = np.argmin(off_plane + NEARNESS * distance, axis=1)
+    return normals[np.arange(len(points)), best]
+
+
+def contact_faces(points: Float[np.ndarray, "n 3"], cloud: Float[np.ndarray, "point 6"]) -> Int[np.ndarray, " n"]:
+    """Index into `SIDES` of the direction that is closest to the surface's normal at each contact point [m]."""
+    if not len(points):
+        return np.zeros(0, dtype=np.int64)
+    return np.argmax(surface_normals(points, cloud) @ NORMALS.T, axis=1)
+
+
+def palm_octants(translation: Float[np.ndarray, "n 3"]) -> Int[np.ndarray, " n"]:
+    """Index into `OCTANTS` of the azimuth at which the palm's origin stands around the object's centre."""
+    azimuth = np.arctan2(translation[:, 1], translation[:, 0])
+    return np.rint(azimuth / (np.pi / 4)).astype(np.int64) % len(OCTANTS)
+
 
 PENETRATIONS = ("penetration_object", "penetration_environment", "penetration_self")
 GRASP = "grasp"
@@ -62,7 +95,7 @@ def gather_rows(folder: Path, manifest: Manifest, shards: list[Shard]) -> AllRow
         "q": np.zeros((0, dimension)),
         "direction_margin": np.zeros((0, NUM_DIRECTIONS)),
         "penetration": np.zeros(0),
-        "digits": np.zeros((0, len(manifest.digit_joints)), dtype=bool),
+        "digits": np.zeros((0, len(manifest.joint_groups)), dtype=bool),
         "sides": np.zeros((0, len(SIDES)), dtype=bool),
         "hold_translation": np.zeros(0),
         "hold_rotation": np.zeros(0),
@@ -75,13 +108,13 @@ def gather_rows(folder: Path, manifest: Manifest, shards: list[Shard]) -> AllRow
 def _columns(shard: Shard, cloud: Float[np.ndarray, "point 6"], manifest: Manifest) -> dict[str, np.ndarray]:
     table = shard.table
     count = table.num_rows
-    digits = np.zeros((count, len(manifest.digit_joints)), dtype=bool)
-    place = {digit: index for index, digit in enumerate(manifest.digit_joints)}
+    digits = np.zeros((count, len(manifest.joint_groups)), dtype=bool)
+    place = {digit: index for index, digit in enumerate(manifest.joint_groups)}
     for row, used in enumerate(table.column("digits").to_pylist()):
         digits[row, [place[digit] for digit in used]] = True
     points, row_of_point = contact_points(table)
     sides = np.zeros((count, len(SIDES)), dtype=bool)
-    sides[row_of_point, contact_sides(points, cloud)] = True
+    sides[row_of_point, contact_faces(points, cloud)] = True
     return {
         "behaviour": np.array(table.column("behaviour").to_pylist(), dtype=str),
         "q": shard.column_matrix("q"),

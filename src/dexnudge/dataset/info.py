@@ -4,16 +4,64 @@ from dataclasses import dataclass
 from pathlib import Path
 
 import numpy as np
-from jaxtyping import Bool, Float
+from jaxtyping import Bool, Float, Int
 
-from dexnudge.dataset.all_rows import AllRows, gather_rows
-from dexnudge.dataset.histogram import Histogram, make_histogram
+from dexnudge.dataset.all_rows import OCTANTS, SIDES, AllRows, gather_rows, palm_octants
 from dexnudge.dataset.manifest import MANIFEST_NAME, Manifest, read_manifest
 from dexnudge.dataset.schema import BEHAVIOURS, POSE_DIMENSIONS, BehaviourCounts
 from dexnudge.dataset.shards import cloud_path, is_complete, read_shard, shard_path
-from dexnudge.dataset.sides import OCTANTS, SIDES, palm_octants
 from dexnudge.errors import HandError, UnknownNameError
 from dexnudge.hands.registry import load_hand
+
+BINS = 12  # about as many as a person takes in at a glance
+ROUND = (1.0, 2.0, 2.5, 5.0, 10.0)  # times a power of ten: widths that read well
+QUANTILES = (0.0, 0.05, 0.5, 0.95, 1.0)
+
+
+@dataclass(frozen=True, kw_only=True)
+class Histogram:
+    """How often a quantity falls into each bin [edge k, edge k + 1); the last bin holds its upper edge too.
+
+    counts: label of a group of rows -> rows per bin; quantiles: the same labels -> values at `QUANTILES`.
+    """
+
+    quantity: str
+    unit: str
+    edges: Float[np.ndarray, " edge"]
+    counts: dict[str, Int[np.ndarray, " bin"]]
+    quantiles: dict[str, Float[np.ndarray, " quantile"]]
+
+    @property
+    def title(self) -> str:
+        """The quantity with its unit."""
+        return f"{self.quantity} [{self.unit}]" if self.unit else self.quantity
+
+
+def make_histogram(quantity: str, unit: str, values: dict[str, Float[np.ndarray, " n"]]) -> Histogram:
+    """The histogram of finite values by group; groups without values are left out."""
+    groups = {label: np.asarray(group, dtype=np.float64) for label, group in values.items() if len(group)}
+    edges = round_edges(np.concatenate(list(groups.values()) or [np.zeros(1)]))
+    return Histogram(
+        quantity=quantity,
+        unit=unit,
+        edges=edges,
+        counts={label: np.histogram(group, edges)[0] for label, group in groups.items()},
+        quantiles={label: np.quantile(group, QUANTILES) for label, group in groups.items()},
+    )
+
+
+def round_edges(values: Float[np.ndarray, " n"]) -> Float[np.ndarray, " edge"]:
+    """Edges at multiples of a round width that enclose all values in at most about `BINS` bins."""
+    low, high = float(values.min()), float(values.max())
+    wanted = max((high - low) / BINS, 1e-12 * max(abs(low), abs(high), 1.0))
+    power = 10.0 ** np.floor(np.log10(wanted))
+    width = power * min(factor for factor in ROUND if factor * power >= wanted * (1 - 1e-9))
+    first, last = np.floor(low / width), np.ceil(high / width)
+    # Products like 3 * 0.1 may fall a hair inside the outermost value.
+    edges = np.arange(first, max(last, first + 1) + 1) * width
+    edges[0], edges[-1] = min(edges[0], low), max(edges[-1], high)
+    return edges
+
 
 FEASIBLE_MARGIN = 1.0  # force margin from which a direction of motion counts as feasible
 HOLD_DRIFT = "drift while held"  # name of the histogram over the rows that were held in simulation
@@ -84,8 +132,8 @@ def describe(folder: Path | str) -> DatasetInfo:
         num_objects=len(names),
         missing_objects=len(set(manifest.objects) - set(names) - set(manifest.failed_objects)),
         counts=counts,
-        digits_per_configuration=rows.by_behaviour(*_one_hot(numbers, range(len(manifest.digit_joints) + 1))),
-        digit_use=rows.by_behaviour(rows.digits, tuple(manifest.digit_joints)),
+        digits_per_configuration=rows.by_behaviour(*_one_hot(numbers, range(len(manifest.joint_groups) + 1))),
+        digit_use=rows.by_behaviour(rows.digits, tuple(manifest.joint_groups)),
         feasible_rows=feasible[rows.non_prehensile].sum(axis=0).tolist(),
         objects_covered=rows.objects_with(feasible),
         side_rows=rows.by_behaviour(rows.sides, SIDES),

@@ -1,15 +1,74 @@
 """A whole dataset in memory, as arrays."""
 
+import hashlib
+from collections.abc import Sequence
 from dataclasses import dataclass
 from pathlib import Path
 
 import numpy as np
-from jaxtyping import Float32, Int64
+import torch
+from jaxtyping import Float, Float32, Int64
+from torch import Tensor
 
 from dexnudge.dataset.manifest import Manifest, read_manifest
 from dexnudge.dataset.schema import BEHAVIOURS, CLOUD_POINTS, NUM_DIRECTIONS, POSE_DIMENSIONS
 from dexnudge.dataset.shards import is_complete, read_cloud, read_shard
 from dexnudge.errors import DatasetError
+
+
+def turn_vectors(vectors: Float[Tensor, "*batch 3"], yaw: Float[Tensor, "*#batch"]) -> Float[Tensor, "*batch 3"]:
+    """R_z(yaw) v; yaw [rad] is counter-clockwise seen from above and broadcasts against the batch."""
+    cos, sin = torch.cos(yaw), torch.sin(yaw)
+    x, y, z = vectors.unbind(-1)
+    return torch.stack([cos * x - sin * y, sin * x + cos * y, z], dim=-1)
+
+
+def turn_configurations(
+    q: Float[Tensor, "*batch dimension"], yaw: Float[Tensor, "*#batch"]
+) -> Float[Tensor, "*batch dimension"]:
+    """The hand carried around with the object: translation and both rotation columns turn, joint angles stay."""
+    translation = turn_vectors(q[..., 0:3], yaw)
+    first_column = turn_vectors(q[..., 3:6], yaw)
+    second_column = turn_vectors(q[..., 6:9], yaw)
+    return torch.cat([translation, first_column, second_column, q[..., 9:]], dim=-1)
+
+
+def turn_clouds(
+    clouds: Float[Tensor, "object point 6"], yaw: Float[Tensor, " object"]
+) -> Float[Tensor, "object point 6"]:
+    """Points [m] and normals, one yaw per object."""
+    points = turn_vectors(clouds[..., :3], yaw[:, None])
+    normals = turn_vectors(clouds[..., 3:], yaw[:, None])
+    return torch.cat([points, normals], dim=-1)
+
+
+VALIDATION_FRACTION = 0.05  # of the objects; the test set is made of other objects altogether
+
+
+def hash_fraction(object_name: str) -> float:
+    """A number in [0, 1) that depends on the name only and is spread evenly over names."""
+    digest = hashlib.sha256(object_name.encode()).digest()
+    return int.from_bytes(digest[:8], "big") / 2.0**64
+
+
+def split_objects(
+    names: Sequence[str], *, validation_fraction: float = VALIDATION_FRACTION
+) -> tuple[list[int], list[int]]:
+    """Indices of training and validation objects.
+
+    An object is held out when its hash falls below `validation_fraction`. With two or more objects neither side is
+    empty: the smallest hash is then held out, or the largest one kept for training.
+    """
+    fractions = [hash_fraction(name) for name in names]
+    held_out = [index for index, fraction in enumerate(fractions) if fraction < validation_fraction]
+    order = sorted(range(len(names)), key=fractions.__getitem__)
+    if len(names) >= 2 and validation_fraction > 0.0:
+        if not held_out:
+            held_out = order[:1]
+        elif len(held_out) == len(names):
+            held_out = sorted(order[:-1])
+    training = [index for index in range(len(names)) if index not in set(held_out)]
+    return training, held_out
 
 
 @dataclass(frozen=True, kw_only=True)

@@ -5,9 +5,9 @@ import re
 from dataclasses import asdict, dataclass, field
 from pathlib import Path
 
-from dexnudge.dataset.atomic import replace_atomically
 from dexnudge.dataset.schema import FORMAT_VERSION
 from dexnudge.errors import DatasetError
+from dexnudge.jobs.folders import replace_atomically
 
 MANIFEST_NAME = "manifest.json"
 UNITS = {"length": "m", "angle": "rad"}
@@ -18,7 +18,7 @@ _OBJECT_NAME = re.compile(r"[A-Za-z0-9][A-Za-z0-9_.\-]*")
 class Manifest:
     """What a dataset folder holds.
 
-    hand: its name; joint_names: (d) in the order of q; digit_joints: digit name -> indices into joint_names;
+    hand: its name; joint_names: (d) in the order of q; joint_groups: digit name -> indices into joint_names;
     objects: object name -> sha256 of the mesh it was generated from, None before it is known; failed_objects: object
     name -> reason, none of them in `objects`; config, seed, versions: what generated it; counts: behaviour -> totals
     over all shards, filled in when generation ends.
@@ -26,7 +26,7 @@ class Manifest:
 
     hand: str
     joint_names: tuple[str, ...]
-    digit_joints: dict[str, tuple[int, ...]]
+    joint_groups: dict[str, tuple[int, ...]]
     objects: dict[str, str | None]
     failed_objects: dict[str, str] = field(default_factory=dict)
     config: dict[str, object] = field(default_factory=dict)
@@ -80,7 +80,7 @@ def read_manifest(folder: Path | str) -> Manifest:
     fields = {key: value for key, value in content.items() if key not in ("format_version", "units")}
     try:
         fields["joint_names"] = tuple(fields["joint_names"])
-        fields["digit_joints"] = {name: tuple(joints) for name, joints in fields["digit_joints"].items()}
+        fields["joint_groups"] = {name: tuple(joints) for name, joints in fields["joint_groups"].items()}
         return Manifest(**fields)
     except (AttributeError, KeyError, TypeError) as error:
         raise DatasetError(f"{path} has missing or unexpected fields: {error}; generate the dataset again.") from error

@@ -10,22 +10,25 @@ import pyarrow as pa
 import pyarrow.parquet as pq
 from jaxtyping import Float, Float32
 
-from dexnudge.dataset.atomic import replace_atomically
 from dexnudge.dataset.manifest import UNITS, Manifest, check_object_name
-from dexnudge.dataset.rounding import POINT_STEP, floor_margin, round_cloud, round_to
 from dexnudge.dataset.schema import (
     BEHAVIOURS,
     CLOUD_COLUMNS,
     CLOUD_POINTS,
     FORMAT_VERSION,
     NUM_DIRECTIONS,
+    POINT_STEP,
     POSE_DIMENSIONS,
     BehaviourCounts,
     ConfigurationRow,
     cloud_schema,
     configuration_schema,
+    floor_margin,
+    round_cloud,
+    round_to,
 )
 from dexnudge.errors import DatasetError
+from dexnudge.jobs.folders import replace_atomically
 
 _METADATA_KEY = b"dexnudge"
 _PROVENANCE = ("hand", "joint_names", "config", "seed", "versions")  # of the manifest; a shard must agree on each

@@ -11,10 +11,9 @@ import torch
 from jaxtyping import Bool, Float, Int
 from torch import Tensor
 
-from dexnudge.dataset.frames import turn_clouds, turn_configurations
-from dexnudge.dataset.loading import Dataset
+from dexnudge.dataset.loading import Dataset, turn_clouds, turn_configurations
 from dexnudge.dataset.schema import BEHAVIOURS, NUM_DIRECTIONS, direction_angles
-from dexnudge.diffusion.conditioning import GRASP, NON_PREHENSILE, NULL_CLASS, Condition
+from dexnudge.diffusion.network import GRASP, NON_PREHENSILE, NULL_CLASS, Condition
 from dexnudge.diffusion.training_config import TrainingConfig
 from dexnudge.errors import DatasetError
 

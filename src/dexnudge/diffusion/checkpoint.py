@@ -10,11 +10,11 @@ from safetensors.torch import load as parse_tensors
 from safetensors.torch import save as serialise_tensors
 from torch import Tensor
 
-from dexnudge.dataset.atomic import replace_atomically
 from dexnudge.diffusion.config import ModelConfig
 from dexnudge.diffusion.network import ConditionalDenoiser
 from dexnudge.diffusion.normaliser import Normaliser
 from dexnudge.errors import CheckpointError
+from dexnudge.jobs.folders import replace_atomically
 
 WEIGHTS_NAME = "model.safetensors"
 CONFIG_NAME = "config.json"

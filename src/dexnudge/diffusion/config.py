@@ -1,10 +1,44 @@
 """The numbers that define a model; `config.json` of a model folder."""
 
+from collections.abc import Callable
 from dataclasses import asdict, dataclass, field
+from typing import Literal
 
 from dexnudge.diffusion.schedule import NoiseSchedule, PredictionType, ScheduleName
-from dexnudge.diffusion.token_layout import TokenLayout
-from dexnudge.errors import CheckpointError
+from dexnudge.errors import CheckpointError, UnknownNameError
+
+TokenLayout = Literal["digits", "single", "scalars"]
+Digits = tuple[tuple[int, ...], ...]  # joint indices of each digit
+Parts = tuple[tuple[int, ...], ...]  # indices into x of each token
+
+TRANSLATION, ROTATION = (0, 1, 2), (3, 4, 5, 6, 7, 8)
+FIRST_JOINT = 9
+
+
+def _digits(joint_groups: Digits) -> Parts:
+    return (TRANSLATION, ROTATION, *(tuple(FIRST_JOINT + joint for joint in digit) for digit in joint_groups))
+
+
+def _single(joint_groups: Digits) -> Parts:
+    return (tuple(index for part in _digits(joint_groups) for index in part),)
+
+
+def _scalars(joint_groups: Digits) -> Parts:
+    return tuple((index,) for part in _digits(joint_groups) for index in part)
+
+
+LAYOUTS: dict[str, Callable[[Digits], Parts]] = {"digits": _digits, "single": _single, "scalars": _scalars}
+
+
+def token_parts(layout: str, joint_groups: Digits) -> Parts:
+    """Indices into x of each token; together they hold each of the 9 + d entries exactly once.
+
+    Raises UnknownNameError for a layout that is not in the table.
+    """
+    if layout not in LAYOUTS:
+        raise UnknownNameError(f"unknown token layout {layout!r}; expected one of {', '.join(LAYOUTS)}.")
+    return LAYOUTS[layout](joint_groups)
+
 
 CONFIG_VERSION = 1  # raised whenever a weight changes its meaning
 
@@ -55,19 +89,19 @@ class Architecture:
 class ModelConfig:
     """The hand that a model is made for, and the model's shape.
 
-    joint_names: (d) in the order of q; digit_joints: joint indices of each digit, one token a digit.
+    joint_names: (d) in the order of q; joint_groups: joint indices of each digit, one token a digit.
     """
 
     hand: str
     joint_names: tuple[str, ...]
-    digit_joints: tuple[tuple[int, ...], ...]
+    joint_groups: tuple[tuple[int, ...], ...]
     architecture: Architecture = field(default_factory=Architecture)
 
     def __post_init__(self) -> None:
-        owned = sorted(joint for joints in self.digit_joints for joint in joints)
+        owned = sorted(joint for joints in self.joint_groups for joint in joints)
         if owned != list(range(len(self.joint_names))):
             raise CheckpointError(
-                f"digit_joints {self.digit_joints} do not cover each of the {len(self.joint_names)} joints exactly once; "
+                f"joint_groups {self.joint_groups} do not cover each of the {len(self.joint_names)} joints exactly once; "
                 "give every joint to one digit."
             )
 
@@ -95,7 +129,7 @@ class ModelConfig:
             shape["encoder_widths"] = tuple(shape["encoder_widths"])
             values["architecture"] = Architecture(**shape)
             values["joint_names"] = tuple(values["joint_names"])  # type: ignore[arg-type]
-            values["digit_joints"] = tuple(tuple(joints) for joints in values["digit_joints"])  # type: ignore[attr-defined]
+            values["joint_groups"] = tuple(tuple(joints) for joints in values["joint_groups"])  # type: ignore[attr-defined]
             return cls(**values)  # type: ignore[arg-type]
         except (KeyError, TypeError) as error:
             raise CheckpointError(

@@ -5,16 +5,93 @@ that scales, shifts and gates every layer (adaLN-Zero; Peebles and Xie, 2023).
 """
 
 import math
+from dataclasses import dataclass
+from itertools import pairwise
 
 import torch
 from jaxtyping import Bool, Float, Int
 from torch import Tensor, nn
 from torch.nn import functional
 
-from dexnudge.diffusion.conditioning import CLASSES
-from dexnudge.diffusion.config import ModelConfig
-from dexnudge.diffusion.point_encoder import PointEncoder
-from dexnudge.diffusion.token_layout import token_parts
+from dexnudge.diffusion.config import ModelConfig, token_parts
+
+CLASSES = ("grasp", "non_prehensile", "null")  # null stands where the class was dropped for classifier-free guidance
+GRASP, NON_PREHENSILE, NULL_CLASS = range(3)
+
+
+@dataclass(frozen=True)
+class Condition:
+    """One row for all samples, or one row a sample.
+
+    object_feature: from `ConditionalDenoiser.encode`, of a cloud in frame C; behaviour: index into CLASSES;
+    direction: unit vector in frame C, where planar motion is +x, zero if there is none; has_direction: whether it counts.
+    """
+
+    object_feature: Float[Tensor, "row feature"]
+    behaviour: Int[Tensor, " row"]
+    direction: Float[Tensor, "row 3"]
+    has_direction: Bool[Tensor, " row"]
+
+    @classmethod
+    def of(
+        cls,
+        object_feature: Float[Tensor, "row feature"],
+        behaviour: int,
+        *,
+        direction: tuple[float, float, float] | None,
+    ) -> "Condition":
+        """The same behaviour and direction for every row of `object_feature`."""
+        rows, device = len(object_feature), object_feature.device
+        vector = torch.tensor(direction or (0.0, 0.0, 0.0), dtype=object_feature.dtype, device=device)
+        return cls(
+            object_feature=object_feature,
+            behaviour=torch.full((rows,), behaviour, dtype=torch.int64, device=device),
+            direction=vector.expand(rows, 3),
+            has_direction=torch.full((rows,), direction is not None, dtype=torch.bool, device=device),
+        )
+
+    def without_intent(self) -> "Condition":
+        """The same object, with class and direction dropped: the reference of classifier-free guidance."""
+        return Condition(
+            object_feature=self.object_feature,
+            behaviour=torch.full_like(self.behaviour, NULL_CLASS),
+            direction=torch.zeros_like(self.direction),
+            has_direction=torch.zeros_like(self.has_direction),
+        )
+
+
+POINT_SCALE = 10.0  # objects span 2 cm to 60 cm: decimetres bring them to the order of 1
+SUPPORT_DIRECTIONS = 24  # planar directions, every 15 degrees; up and down come on top
+
+
+class PointEncoder(nn.Module):
+    """feature = MLP([max over points of a per-point MLP | max over points of <p, u_k>]).
+
+    The second part is the support function of the point set along fixed unit vectors u_k: how far the object reaches in
+    each planar direction, up and down. It says where the rims are, which the pooled part would have to learn.
+    """
+
+    def __init__(self, widths: tuple[int, ...], feature_width: int) -> None:
+        super().__init__()
+        self.point_layers = nn.ModuleList(nn.Linear(a, b) for a, b in pairwise((6, *widths)))
+        pooled = widths[-1] + SUPPORT_DIRECTIONS + 2
+        self.head = nn.Sequential(nn.Linear(pooled, feature_width), nn.SiLU(), nn.Linear(feature_width, feature_width))
+        angles = torch.arange(SUPPORT_DIRECTIONS) * (2.0 * torch.pi / SUPPORT_DIRECTIONS)
+        planar = torch.stack([angles.cos(), angles.sin(), torch.zeros_like(angles)], dim=0)
+        vertical = torch.tensor([[0.0, 0.0], [0.0, 0.0], [1.0, -1.0]])
+        self.support_directions: Tensor
+        self.register_buffer("support_directions", torch.cat([planar, vertical], dim=1), persistent=False)
+
+    def forward(self, points: Float[Tensor, "object point 6"]) -> Float[Tensor, "object feature"]:
+        """points: position [m] and unit normal, in the frame in which the feature is wanted."""
+        position = points[..., :3] * POINT_SCALE
+        hidden = torch.cat([position, points[..., 3:]], dim=-1)
+        for layer in self.point_layers[:-1]:
+            hidden = functional.relu(layer(hidden))
+        pooled = self.point_layers[-1](hidden).amax(dim=1)
+        support = (position @ self.support_directions).amax(dim=1)
+        return self.head(torch.cat([pooled, support], dim=-1))
+
 
 TIME_FREQUENCIES = 64  # sine and cosine pairs of the timestep embedding
 LONGEST_PERIOD = 10_000.0  # of the timestep embedding, in steps
@@ -31,7 +108,7 @@ class ConditionalDenoiser(nn.Module):
         self.config = config
         shape = config.architecture
         width = shape.width
-        parts = token_parts(shape.token_layout, config.digit_joints)
+        parts = token_parts(shape.token_layout, config.joint_groups)
         order = [index for part in parts for index in part]
         self.part_sizes = [len(part) for part in parts]
         self.order: Tensor

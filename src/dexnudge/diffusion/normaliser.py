@@ -6,7 +6,7 @@ import torch
 from jaxtyping import Float
 from torch import Tensor
 
-from dexnudge.geometry.rotations import matrix_to_rotation_6d, rotation_6d_to_matrix
+from dexnudge.geometry.transforms import matrix_to_rotation_6d, rotation_6d_to_matrix
 
 MIN_TRANSLATION_STD = 5e-3  # [m] keeps a coordinate that hardly varies in the data from being blown up
 MIN_JOINT_STD = 5e-2  # [rad] the same for joint angles

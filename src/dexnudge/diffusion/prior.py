@@ -8,9 +8,8 @@ from jaxtyping import Float
 from torch import Tensor
 
 from dexnudge.diffusion.checkpoint import load_model
-from dexnudge.diffusion.conditioning import CLASSES, NULL_CLASS, Condition
 from dexnudge.diffusion.config import ModelConfig
-from dexnudge.diffusion.network import ConditionalDenoiser
+from dexnudge.diffusion.network import CLASSES, NULL_CLASS, Condition, ConditionalDenoiser
 from dexnudge.diffusion.normaliser import Normaliser
 from dexnudge.diffusion.schedule import NoiseSchedule
 from dexnudge.errors import CheckpointError, UnknownNameError

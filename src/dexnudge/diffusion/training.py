@@ -14,11 +14,10 @@ import torch
 from rich.progress import BarColumn, MofNCompleteColumn, Progress, TextColumn, TimeElapsedColumn, TimeRemainingColumn
 
 from dexnudge.dataset.loading import load_dataset
+from dexnudge.diffusion.compute import joined_processes
 from dexnudge.diffusion.model_card import write_model_card
-from dexnudge.diffusion.processes import joined_processes
 from dexnudge.diffusion.training_config import TrainingConfig
-from dexnudge.diffusion.training_log import TrainingLog
-from dexnudge.diffusion.training_run import MODEL_FOLDER, TrainingRun
+from dexnudge.diffusion.training_run import MODEL_FOLDER, TrainingLog, TrainingRun
 
 
 @dataclass(frozen=True, kw_only=True)

@@ -4,10 +4,40 @@ import math
 from dataclasses import asdict, dataclass, field
 from typing import Literal
 
+import torch
+from jaxtyping import Float, Int
+from torch import Tensor
+
+from dexnudge.diffusion.compute import Precision
 from dexnudge.diffusion.config import Architecture
-from dexnudge.diffusion.loss import LossWeighting
-from dexnudge.diffusion.precision import Precision
+from dexnudge.diffusion.schedule import NoiseSchedule
 from dexnudge.errors import InputError
+
+LossWeighting = Literal["uniform", "min_snr", "velocity"]
+_SMALLEST_SNR = 1e-4  # zero at the last step of a zero-terminal-SNR schedule; keeps the ratio of weights finite
+
+
+def loss_weights(
+    schedule: NoiseSchedule, t: Int[Tensor, " batch"], weighting: LossWeighting, snr_limit: float
+) -> Float[Tensor, " batch"]:
+    """Factor on the squared error of what `schedule` predicts."""
+    if weighting == "uniform":
+        return torch.ones(len(t), device=t.device)
+    alpha_bar = schedule.alpha_bar(t)
+    snr = (alpha_bar / (1.0 - alpha_bar)).clamp(min=_SMALLEST_SNR)
+    on_clean = snr.clamp(max=snr_limit) if weighting == "min_snr" else (snr + 1.0).clamp(max=snr_limit)
+    per_clean_error = {"sample": torch.ones_like(snr), "epsilon": snr, "v_prediction": snr + 1.0}
+    return on_clean / per_clean_error[schedule.prediction_type]
+
+
+def diffusion_loss(
+    prediction: Float[Tensor, "batch dimension"],
+    target: Float[Tensor, "batch dimension"],
+    weights: Float[Tensor, " batch"],
+) -> Float[Tensor, ""]:
+    """Weighted mean over batch and dimensions."""
+    return (weights[:, None] * (prediction - target).square()).mean()
+
 
 # may differ between a run and its continuation, because they do not change the weights of a run with max_minutes unset
 _BUDGET_FIELDS = ("max_minutes", "checkpoint_every", "validate_every", "log_every", "num_threads")

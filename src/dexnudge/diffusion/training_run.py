@@ -1,6 +1,7 @@
 """One training run in memory: how a step is made, what is saved, how it is taken up again."""
 
 import hashlib
+import importlib.util
 import json
 import math
 import time
@@ -11,21 +12,98 @@ import torch
 from jaxtyping import Int
 from torch import Tensor
 
-from dexnudge.dataset.loading import Dataset
-from dexnudge.dataset.split import split_objects
+from dexnudge.dataset.loading import Dataset, split_objects
 from dexnudge.diffusion.batches import BatchSampler
 from dexnudge.diffusion.checkpoint import save_model
+from dexnudge.diffusion.compute import Processes, check_precision, computed_in
 from dexnudge.diffusion.config import ModelConfig
-from dexnudge.diffusion.loss import diffusion_loss, loss_weights
 from dexnudge.diffusion.network import ConditionalDenoiser
 from dexnudge.diffusion.normaliser import Normaliser
-from dexnudge.diffusion.precision import check_precision, computed_in
-from dexnudge.diffusion.processes import Processes
-from dexnudge.diffusion.training_config import TrainingConfig
-from dexnudge.diffusion.training_log import TrainingLog
+from dexnudge.diffusion.schedule import NoiseSchedule
+from dexnudge.diffusion.training_config import TrainingConfig, diffusion_loss, loss_weights
 from dexnudge.diffusion.training_state import TrainingState, load_state, restore_moments, save_state
-from dexnudge.diffusion.validation import validate
 from dexnudge.errors import DexnudgeError
+
+LOG_NAME = "train.jsonl"
+
+
+class TrainingLog:
+    """Appends to `train.jsonl` and to `tensorboard/`, until `close`.
+
+    Lines from steps after `step`, written before a crash and about to be repeated, are dropped.
+    """
+
+    def __init__(self, folder: Path, *, step: int) -> None:
+        path = folder / LOG_NAME
+        lines = path.read_text(encoding="utf-8").splitlines(keepends=True) if path.is_file() else []
+        kept = [line for line in lines if line.endswith("\n") and json.loads(line)["step"] <= step]
+        self._file = path.open("w", encoding="utf-8")
+        self._file.writelines(kept)
+        self._writer = None
+        if importlib.util.find_spec("tensorboard") is not None:
+            from torch.utils.tensorboard import SummaryWriter
+
+            self._writer = SummaryWriter(str(folder / "tensorboard"), purge_step=step + 1)
+
+    def write(self, step: int, values: dict[str, float]) -> None:
+        """One event; the file is flushed so that it can be followed."""
+        self._file.write(json.dumps({"step": step, **{name: round(value, 6) for name, value in values.items()}}) + "\n")
+        self._file.flush()
+        if self._writer is not None:
+            for name, value in values.items():
+                self._writer.add_scalar(name, value, step)
+
+    def close(self) -> None:
+        """Flush and close both."""
+        self._file.close()
+        if self._writer is not None:
+            self._writer.close()
+
+
+NUM_BATCHES = 4  # the same ones every time, so that values can be compared over a run
+STREAM = 1  # random stream apart from the training batches'
+REPORTED_LEVELS = (0.05, 0.25, 0.5, 0.75)  # of the train timesteps
+_MM, _DEGREES = 1000.0, 180.0 / torch.pi
+
+
+@torch.inference_mode()
+def validate(
+    network: ConditionalDenoiser,
+    sampler: BatchSampler,
+    normaliser: Normaliser,
+    schedule: NoiseSchedule,
+    config: TrainingConfig,
+) -> dict[str, float]:
+    """Loss over all noise levels, and per reported level the RMS error of the clean estimate.
+
+    Translation [mm] and joint angles [deg], over batches that are the same at every call.
+    """
+    losses = []
+    device = normaliser.mean.device
+    squares = {level: torch.zeros(2) for level in REPORTED_LEVELS}
+    for index in range(NUM_BATCHES):
+        batch = sampler.batch(index, stream=STREAM).to(device)
+        generator = torch.Generator().manual_seed(index)
+        x_0 = normaliser.normalise(batch.q)
+        epsilon = torch.randn(x_0.shape, generator=generator).to(device)
+        condition = batch.condition(network.encode(batch.points))
+        inputs = (condition.object_feature, condition.behaviour, condition.direction, condition.has_direction)
+        t = torch.randint(schedule.num_train_timesteps, (len(x_0),), generator=generator).to(device)
+        prediction = network(schedule.add_noise(x_0, epsilon, t), t, *inputs)
+        weights = loss_weights(schedule, t, config.loss_weighting, config.snr_limit)
+        losses.append(float(diffusion_loss(prediction, schedule.target(x_0, epsilon, t), weights)))
+        for level in REPORTED_LEVELS:
+            t = torch.full((len(x_0),), round(level * schedule.num_train_timesteps), device=device)
+            x_t = schedule.add_noise(x_0, epsilon, t)
+            error = (schedule.clean_estimate(network(x_t, t, *inputs), x_t, t) - x_0) * normaliser.std
+            squares[level] += torch.stack([error[:, :3].square().mean(), error[:, 9:].square().mean()]).cpu()
+    report = {"validation/loss": sum(losses) / len(losses)}
+    for level, total in squares.items():
+        translation, joints = (total / NUM_BATCHES).sqrt().tolist()
+        report[f"validation/translation_mm_at_{level}"] = translation * _MM
+        report[f"validation/joints_deg_at_{level}"] = joints * _DEGREES
+    return report
+
 
 MODEL_FOLDER = "model"  # inside the run's folder
 NORMALISER_STREAM = 2  # random stream of the batches that the normaliser is fitted to
@@ -50,7 +128,7 @@ class TrainingRun:
         self.model_config = ModelConfig(
             hand=manifest.hand,
             joint_names=manifest.joint_names,
-            digit_joints=tuple(manifest.digit_joints.values()),
+            joint_groups=tuple(manifest.joint_groups.values()),
             architecture=config.architecture,
         )
         self.schedule = config.architecture.noise_schedule()

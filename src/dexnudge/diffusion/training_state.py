@@ -12,8 +12,8 @@ from safetensors import SafetensorError, safe_open
 from safetensors.torch import save_file
 from torch import Tensor
 
-from dexnudge.dataset.atomic import replace_atomically
 from dexnudge.errors import CheckpointError
+from dexnudge.jobs.folders import replace_atomically
 
 STATE_NAME = "training_state.safetensors"
 STATE_VERSION = 1  # raised whenever the optimiser or the order of random draws changes

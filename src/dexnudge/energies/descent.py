@@ -7,7 +7,7 @@ from jaxtyping import Float
 from torch import Tensor
 
 from dexnudge.energies.evaluator import HandPose
-from dexnudge.geometry.rotations import matrix_to_rotation_6d, rotation_6d_to_matrix, rotation_vector_to_matrix
+from dexnudge.geometry.transforms import matrix_to_rotation_6d, rotation_6d_to_matrix, rotation_vector_to_matrix
 from dexnudge.hands.hand import ROOT_COORDINATES, Hand
 
 

@@ -10,13 +10,6 @@ The terms stand in files of their own: `environment_kernel`, `object_kernel`, `f
 All positions are in the working frame of the scene (see `scene_fields`); [m], distances negative inside.
 """
 
-from dexnudge.energies.environment_kernel import (
-    environment_distance,
-    lowest_grid,
-    points_in_environment,
-    widest_clearance,
-)
-from dexnudge.energies.fixed_points_kernel import fixed_points_in_link
 from dexnudge.energies.grid_kernel import grid_distance
 from dexnudge.energies.kernel_structs import (
     FAR,
@@ -30,12 +23,20 @@ from dexnudge.energies.kernel_structs import (
     HandModel,
     SceneFields,
     State,
+    add_wrench,
 )
-from dexnudge.energies.object_kernel import points_on_object
-from dexnudge.energies.self_collision_kernel import links_come_close, points_in_other_link
-from dexnudge.energies.wrench_kernel import add_wrench
+from dexnudge.energies.penetration_kernel import (
+    environment_distance,
+    fixed_points_in_link,
+    links_come_close,
+    lowest_grid,
+    points_in_environment,
+    points_in_other_link,
+    points_on_object,
+    widest_clearance,
+)
 from dexnudge.geometry.warp_runtime import wp
-from dexnudge.hands.kinematics_kernel import place_links
+from dexnudge.hands.kinematics import place_links
 
 
 @wp.kernel(enable_backward=False)

@@ -1,11 +1,12 @@
-"""What the fused kernel reads and writes: hand, scene, weights and state as Warp structs, and the columns of the terms."""
+"""The gradient of a link's points, gathered as a wrench: force, and moment about the origin of the working frame."""
+
+from dexnudge.energies.grid_kernel import PackedGrids
+from dexnudge.geometry.warp_runtime import wp
+from dexnudge.hands.kinematics import KinematicTree
 
 # Warp's own language: its annotations are no Python types.
 # mypy: disable-error-code="misc, valid-type"
 
-from dexnudge.energies.grid_kernel import PackedGrids
-from dexnudge.geometry.warp_runtime import wp
-from dexnudge.hands.kinematics_kernel import KinematicTree
 
 TERM_ENVIRONMENT = wp.constant(0)
 TERM_OBJECT = wp.constant(1)
@@ -106,3 +107,14 @@ class State:
     link_energy: wp.array3d(dtype=float)  # (B, L, NUM_TERMS)
     energy: wp.array2d(dtype=float)  # (B, NUM_TERMS)
     gradient: wp.array2d(dtype=float)  # (B, 6 + d)
+
+
+# Warp's own language: its annotations are no Python types.
+# mypy: disable-error-code="misc, no-untyped-def, operator, valid-type"
+
+
+@wp.func
+def add_wrench(state: State, i: int, l: int, gradient: wp.vec3, p: wp.vec3):
+    """Adds the gradient in the position of p, a point that moves with link l."""
+    wp.atomic_add(state.force, i, l, gradient)
+    wp.atomic_add(state.moment, i, l, wp.cross(p, gradient))

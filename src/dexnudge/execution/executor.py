@@ -7,19 +7,17 @@ import numpy as np
 import torch
 from jaxtyping import Float
 
-from dexnudge.evaluation.penetration import PenetrationCheck
-from dexnudge.evaluation.success import contacts_of
 from dexnudge.hands.hand import Hand
 from dexnudge.mechanics.sliding_task import sliding_task
 from dexnudge.planning.approach import Approach, ApproachPlanner
-from dexnudge.planning.push_length import push_length
-from dexnudge.planning.supports_along import supports_of_way
+from dexnudge.planning.object_path import push_length, supports_of_way
 from dexnudge.scenes.scene import Scene
 from dexnudge.simulation.drive import push_drive
-from dexnudge.simulation.push import PushRun, run_push
+from dexnudge.simulation.push import PushRun, PushVerdict, judge_push, run_push
 from dexnudge.simulation.push_forces import PushForces, push_forces
 from dexnudge.simulation.push_model import PushModel, load_push_model
-from dexnudge.simulation.push_verdict import PushVerdict, judge_push
+from dexnudge.verification.penetration import PenetrationCheck
+from dexnudge.verification.verdicts import contacts_of
 
 EXACT_FRAMES = 8  # of a run at which the hand's depth in its surroundings is also measured by exact distance
 

@@ -15,10 +15,10 @@ from dexnudge.simulation.drive import PHASES, SETTLE
 from dexnudge.simulation.episode import Trace
 from dexnudge.simulation.push import PushRun
 from dexnudge.simulation.push_model import PushModel
-from dexnudge.viewer.drawing import Drawing, drawings
-from dexnudge.viewer.film import Curve, Film
 from dexnudge.viewer.film_page import write_film_page
 from dexnudge.viewer.film_picture import write_pictures
+from dexnudge.viewer.recording import Curve, Film
+from dexnudge.viewer.visual_scene import VisualScene, drawings
 
 PAGE_FILE, STRIP_FILE, ANIMATION_FILE = "film.html", "film.png", "film.gif"
 FILES = (PAGE_FILE, STRIP_FILE, ANIMATION_FILE)
@@ -111,7 +111,7 @@ def write_film(film: Film, folder: Path, *, pictures: bool = True) -> None:
         write_pictures(film, folder / STRIP_FILE, folder / ANIMATION_FILE)
 
 
-def _moment(frame: Drawing, T_world_object: Float[np.ndarray, "4 4"], *, moving: bool) -> Drawing:
+def _moment(frame: VisualScene, T_world_object: Float[np.ndarray, "4 4"], *, moving: bool) -> VisualScene:
     """The object where it is now; the arrow only while it shall move."""
     parts = (replace(part, T_world_part=T_world_object) if part.role == "object" else part for part in frame.parts)
     return replace(frame, parts=tuple(parts), motion=frame.motion if moving else np.zeros(3))

@@ -14,22 +14,21 @@ import torch
 from jaxtyping import Float
 
 from dexnudge.energies.force_residual import SlidingBalance
-from dexnudge.evaluation.penetration import PenetrationCheck
-from dexnudge.evaluation.success import PENETRATION_LIMIT
-from dexnudge.geometry.frames import transform_configurations
+from dexnudge.geometry.transforms import transform_configurations
 from dexnudge.hands.hand import Hand
 from dexnudge.mechanics.contacts import HAND_CONTACT_DISTANCE, HandContacts
 from dexnudge.mechanics.sliding_task import sliding_task
 from dexnudge.sampling.denoise import DenoisingConfig
-from dexnudge.sampling.guidance.clean_descent import CleanDescent
+from dexnudge.sampling.guidance.clean import CleanDescent
 from dexnudge.sampling.methods import GUIDING_WEIGHTS, METHODS
 from dexnudge.sampling.problem import SamplingProblem, prepare
 from dexnudge.sampling.sampler import Sampler
 from dexnudge.scenes.scene import Scene
-from dexnudge.simulation.hold import HoldTest
-from dexnudge.simulation.object_motion import FARTHEST, MOST_TURNED
+from dexnudge.simulation.hold import FARTHEST, MOST_TURNED, HoldTest
 from dexnudge.simulation.rehearsal import LiftRehearsal
 from dexnudge.synthesis.verification import contacts_per_configuration
+from dexnudge.verification.penetration import PenetrationCheck
+from dexnudge.verification.verdicts import PENETRATION_LIMIT
 
 TILT = np.radians(60.0)  # of the weight that the projection balances: beyond the angle of friction of any fingertip
 NARROWED = 0.6  # of the hand's friction that it may use for that: forces stay away from the edges of their cones

@@ -7,12 +7,11 @@ import numpy as np
 from jaxtyping import Float
 
 from dexnudge.hands.hand import ROOT_COORDINATES, Hand
-from dexnudge.made_once import made_once
+from dexnudge.jobs.cached import cached_per_instance
 from dexnudge.planning.approach import GOAL_PENETRATION, OPENING_ALLOWANCE
-from dexnudge.planning.hand_clearance import HandClearance
+from dexnudge.planning.hand_clearance import HandClearance, SelfPenetration
 from dexnudge.planning.hand_states import palm_pose, state_space
 from dexnudge.planning.motion_check import CLEARANCE
-from dexnudge.planning.self_penetration import SelfPenetration
 from dexnudge.scenes.scene import Scene
 
 DISTANCES = (0.0, 0.03, 0.06, 0.10, 0.15, 0.20, 0.30)  # [m] the least that will do is taken
@@ -80,7 +79,7 @@ def opening_path(hand: Hand, angles: Float[np.ndarray, " joint"]) -> list[Float[
     return next((path for path in paths if depth(_between([angles, *path])).max() <= allowed), None)
 
 
-@made_once
+@cached_per_instance
 def _self_penetration(hand: Hand) -> SelfPenetration:
     return SelfPenetration(hand)
 

@@ -3,24 +3,24 @@
 import numpy as np
 from jaxtyping import Float
 
-from dexnudge.evaluation.success import contacts_of, judge
 from dexnudge.execution.stage import Stage, stretches
-from dexnudge.geometry.frames import transform_configurations
+from dexnudge.geometry.transforms import transform_configurations
 from dexnudge.mechanics.sliding_task import sliding_task
 from dexnudge.planning.approach import Approach, ApproachPlanner
-from dexnudge.planning.object_motion import (
+from dexnudge.planning.object_path import (
     DEFAULT_LIMITS,
     GraspableLimits,
     NoObjectMotion,
     ObjectMotion,
     plan_object_motion,
+    supports_of_way,
 )
-from dexnudge.planning.supports_along import supports_of_way
 from dexnudge.scenes.scene import Scene
 from dexnudge.simulation.drive import SPEED, push_drive
 from dexnudge.simulation.hand_path import along_line
+from dexnudge.simulation.push import MOST_PENETRATION, MOST_TURNED
 from dexnudge.simulation.push_forces import push_forces
-from dexnudge.simulation.push_verdict import MOST_PENETRATION, MOST_TURNED
+from dexnudge.verification.verdicts import contacts_of, verify
 
 AIM = GraspableLimits(overhang=(0.40, 0.45), balance=0.008)  # of the slide, which may fall short or go too far
 REACHED = GraspableLimits(overhang=(0.20, 0.90))  # after it: far enough to look for grasps, and not tipping
@@ -80,7 +80,7 @@ class Slide:
         for index, first in list(self._waiting.items())[:MOST_PLANNED]:
             q = np.asarray(transform_configurations(moved, first[None])[0])
             if self._stage.episode is not None:
-                verdict = judge(self._stage.hand, scene, q[None])
+                verdict = verify(self._stage.hand, scene, q[None])
                 if not verdict.success[0]:
                     reason = f"configuration {index} no longer fits: {verdict.reason[0]}"
                     continue

@@ -4,7 +4,7 @@ One continuous simulation. When something fails, the next try goes on from where
 would: with the next configuration of the folder where the object still has to slide, else with the next grasp.
 """
 
-from dataclasses import replace
+from dataclasses import dataclass, replace
 
 import numpy as np
 from jaxtyping import Float, Int
@@ -13,13 +13,57 @@ from dexnudge.execution.grasp_and_lift import LIFT, GraspAndLift, NoGrasp
 from dexnudge.execution.grasping import GraspFinder
 from dexnudge.execution.slide import Slide, overhang, why_not_graspable
 from dexnudge.execution.stage import Stage
-from dexnudge.execution.story import Story, Try
 from dexnudge.hands.hand import Hand
 from dexnudge.sampling.sampler import Sampler
 from dexnudge.scenes.scene import Scene
+from dexnudge.simulation.episode import Trace
 from dexnudge.simulation.lift_verdict import judge_lift
 from dexnudge.simulation.push_model import load_push_model
 from dexnudge.simulation.rehearsal import lift_rehearsal
+
+
+@dataclass(frozen=True)
+class Try:
+    """One try.
+
+    phase: where it failed, of "slide", "grasp search", "approach", "lift", "hold"; "" where the object was lifted and held.
+    configuration: of the folder, that slid the object; -1 where it lay graspable already. overhang: free part of the
+    object's length after the slide. grasps: found, of `drawn` draws so far. drift: of the grasp taken. raised, least_held
+    [m], turned_deg, hand_environment [m]: see `LiftVerdict`. None or -1 where it did not come to that.
+    """
+
+    number: int
+    phase: str
+    reason: str
+    configuration: int = -1
+    overhang: float | None = None
+    grasps: int = -1
+    drawn: int = -1
+    drift: float | None = None
+    raised: float | None = None
+    least_held: float | None = None
+    turned_deg: float | None = None
+    hand_environment: float | None = None
+
+    @property
+    def success(self) -> bool:
+        """Lifted and held."""
+        return not self.phase
+
+
+@dataclass(frozen=True)
+class Story:
+    """All tries, at least one, and the trace of the whole simulation; None where nothing could be played.
+
+    ended: why there were no more tries, "" for success or because their number was reached. last_state: MuJoCo's
+    integration state at the last record before a divergence, None without one.
+    """
+
+    tries: list[Try]
+    trace: Trace | None
+    ended: str
+    last_state: Float[np.ndarray, " state"] | None
+
 
 GRASP_DRAWS = 32  # of grasps at a time, unless told otherwise
 

@@ -9,12 +9,12 @@ from dexnudge.execution.retreat import retreat
 from dexnudge.hands.hand import Hand
 from dexnudge.mechanics.sliding_task import sliding_task
 from dexnudge.planning.approach import Approach
-from dexnudge.planning.speed_limits import SpeedLimits
+from dexnudge.planning.trajectory import SpeedLimits
 from dexnudge.scenes.scene import Scene
 from dexnudge.simulation.episode import Episode
 from dexnudge.simulation.hand_path import along_line, along_way, bending, waiting
+from dexnudge.simulation.push import MOST_SUNK
 from dexnudge.simulation.push_model import PushModel
-from dexnudge.simulation.push_verdict import MOST_SUNK
 
 FREE_SPEED = 0.10  # [m/s] of a hand that moves away, in the middle of its way
 REST_TIME = 0.2  # [s] in which an object that was let go comes to rest

@@ -6,14 +6,12 @@ from typing import Any
 
 import numpy as np
 
-from dexnudge.evaluation.provenance import machine, versions
-from dexnudge.execution.files import MODEL_FILE, film_folder, trace_file, write_story
+from dexnudge.execution.files import MODEL_FILE, film_folder, read_verified, trace_file, write_story
 from dexnudge.execution.film import film_of_trace, film_trace, write_film
 from dexnudge.execution.grasp_and_lift import HOLD_TIME, LIFT
-from dexnudge.execution.slide_grasp_lift import GRASP_DRAWS, SlideGraspLift
-from dexnudge.execution.story import Story
-from dexnudge.execution.verified import read_verified
-from dexnudge.results.new_folder import new_folder
+from dexnudge.execution.slide_grasp_lift import GRASP_DRAWS, SlideGraspLift, Story
+from dexnudge.jobs.folders import new_folder
+from dexnudge.jobs.provenance import machine, versions
 from dexnudge.results.summary import write_summary
 from dexnudge.sampling.sampler import Sampler
 from dexnudge.simulation.push_model import TIMESTEP, load_push_model, push_model_xml

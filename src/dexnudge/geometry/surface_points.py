@@ -1,11 +1,13 @@
-"""Points spread evenly over a surface, with normals."""
+"""The point cloud by which the diffusion model knows an object."""
 
 from dataclasses import dataclass
 
 import numpy as np
+import torch
 import trimesh
 from jaxtyping import Float
 from scipy.spatial import cKDTree
+from torch import Tensor
 
 CANDIDATES_PER_POINT = 8  # random candidates offered for each point that will be kept
 DISC_PACKING = 0.7  # points kept by dart throwing per (area / radius^2)
@@ -48,3 +50,15 @@ def dart_throwing(candidates: Float[np.ndarray, "n 3"], radius: float) -> np.nda
             kept.append(index)
             free[tree.query_ball_point(candidates[index], radius)] = False
     return np.asarray(kept, dtype=np.int64)
+
+
+CLOUD_POINTS = 1024
+
+
+def object_cloud(mesh: trimesh.Trimesh, *, seed: int = 0) -> Float[Tensor, "point 6"]:
+    """1024 points [m] with outward normals, spread evenly over the surface, in the mesh's frame."""
+    spacing = float(np.sqrt(mesh.area / CLOUD_POINTS))
+    spread = surface_points(mesh, spacing=spacing, seed=seed)
+    chosen = np.random.default_rng(seed).permutation(len(spread.points))
+    chosen = np.resize(chosen, CLOUD_POINTS)
+    return torch.as_tensor(np.concatenate([spread.points, spread.normals], axis=1)[chosen], dtype=torch.float32)

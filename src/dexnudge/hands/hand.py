@@ -11,8 +11,8 @@ from torch import Tensor
 
 from dexnudge.errors import HandError
 from dexnudge.geometry.exact_distance import ExactDistance
-from dexnudge.geometry.rotations import rotation_6d_to_matrix
 from dexnudge.geometry.surface_points import surface_points
+from dexnudge.geometry.transforms import rotation_6d_to_matrix
 
 DENSE_SPACING = 0.002  # [m] between the points that judge
 FINGERTIP_SPACING = 0.004  # [m] between the points that guide, where contact is made

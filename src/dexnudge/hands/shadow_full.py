@@ -12,8 +12,8 @@ from dataclasses import replace
 import mujoco
 
 from dexnudge.hands.config import HandConfig
-from dexnudge.hands.gymnasium_meshes import gymnasium_assets
 from dexnudge.hands.hand import Hand
+from dexnudge.hands.link_meshes import gymnasium_assets
 from dexnudge.hands.mjcf import tree_of_model
 from dexnudge.hands.tree import Tree, hand_from_tree
 

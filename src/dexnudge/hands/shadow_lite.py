@@ -8,8 +8,8 @@ Kinematics: Shadow Robot's published description of the Lite (`sr_common`, hand 
 import numpy as np
 import trimesh
 
-from dexnudge.hands.gymnasium_meshes import gymnasium_mesh
 from dexnudge.hands.hand import Hand, Joint
+from dexnudge.hands.link_meshes import gymnasium_mesh
 
 KNUCKLES = {"FF": (0.033, 0.0, 0.095), "MF": (0.011, 0.0, 0.099), "RF": (-0.011, 0.0, 0.095)}  # [m] palm frame
 ABDUCTION_AXES = {"FF": (0.0, -1.0, 0.0), "MF": (0.0, -1.0, 0.0), "RF": (0.0, 1.0, 0.0)}

@@ -16,7 +16,7 @@ from dexnudge.errors import HandError
 from dexnudge.hands import primitives
 from dexnudge.hands.config import HandConfig, read_hand_config
 from dexnudge.hands.hand import Hand
-from dexnudge.hands.mesh_files import load_link_mesh, mesh_path
+from dexnudge.hands.link_meshes import load_link_mesh, mesh_path
 from dexnudge.hands.tree import Mimic, Tree, TreeJoint, check_tree, hand_from_tree
 from dexnudge.hands.xml_text import read_xml
 

@@ -1,9 +1,16 @@
 """Robot descriptions read as text: small, UTF-8, and without entities, which could expand or fetch without limit."""
 
 import xml.etree.ElementTree as ElementTree
+from collections.abc import Iterable
 from pathlib import Path
 
 from dexnudge.errors import HandError
+
+
+def numbers(values: Iterable[float]) -> str:
+    """The shortest text of each value that reads back exactly, separated by spaces."""
+    return " ".join(repr(float(value) + 0.0) for value in values)  # + 0.0 turns -0.0 into 0.0
+
 
 MAX_DESCRIPTION_BYTES = 10_000_000  # a hand's description has some ten kilobytes
 

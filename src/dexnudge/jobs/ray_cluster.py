@@ -6,7 +6,7 @@ from collections.abc import Callable, Generator, Sequence
 from typing import Any, TypeVar
 
 from dexnudge.errors import InputError
-from dexnudge.jobs.answers import Raised, WorkerDied, answer, use_one_thread
+from dexnudge.jobs.processes import Raised, WorkerDied, answer, use_one_thread
 
 Task = TypeVar("Task")
 Result = TypeVar("Result")

@@ -7,10 +7,9 @@ from dataclasses import dataclass
 import numpy as np
 from jaxtyping import Bool, Float, Int
 
-from dexnudge.geometry.distinct_rows import distinct_rows
 from dexnudge.geometry.exact_distance import ExactDistance
-from dexnudge.geometry.surface_lattice import surface_lattice
-from dexnudge.made_once import made_once
+from dexnudge.geometry.surface_lattice import distinct_rows, surface_lattice
+from dexnudge.jobs.cached import cached_per_instance
 from dexnudge.mechanics.support_hull import reduce_supports
 from dexnudge.scenes.scene import Scene
 
@@ -110,7 +109,7 @@ def support_mask(
     return (np.abs(distance) <= SUPPORT_DISTANCE) & facing
 
 
-@made_once
+@cached_per_instance
 def support_contacts(scene: Scene) -> SupportContacts:
     """Return the contacts of a scene's object with its environment, reduced to the extreme ones; found once per scene.
 

@@ -21,7 +21,7 @@ from dexnudge.mechanics.balance import (
 from dexnudge.mechanics.contacts import HandContacts, SupportContacts
 from dexnudge.mechanics.friction_cone import EDGE_COUNT
 from dexnudge.mechanics.margin_kernel import FAILED_MARGIN, margin_kernel
-from dexnudge.mechanics.simplex_basis import vec6
+from dexnudge.mechanics.simplex_kernel import vec6
 from dexnudge.mechanics.sliding_task import SlidingTask
 
 WORKERS_CUDA = 4096

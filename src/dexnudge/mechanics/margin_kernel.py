@@ -7,8 +7,7 @@ import math
 
 from dexnudge.geometry.warp_runtime import wp
 from dexnudge.mechanics import balance, friction_cone
-from dexnudge.mechanics.simplex_basis import ONE, ZERO, Program, cold_start, vec6
-from dexnudge.mechanics.simplex_kernel import FAILED, FEASIBLE, solve
+from dexnudge.mechanics.simplex_kernel import FAILED, FEASIBLE, ONE, ZERO, Program, cold_start, solve, vec6
 
 wp.set_module_options({"enable_backward": False, "max_unroll": 1})
 

@@ -6,7 +6,7 @@ import numpy as np
 from jaxtyping import Float, Int
 from scipy.spatial import ConvexHull, QhullError
 
-from dexnudge.geometry.distinct_rows import distinct_rows
+from dexnudge.geometry.surface_lattice import distinct_rows
 
 NORMAL_STEP = 1e-3
 """Normals and plane offsets over half_length that round to the same multiple of this are one plane [-]."""

@@ -8,16 +8,12 @@ from jaxtyping import Float
 
 from dexnudge.errors import InputError
 from dexnudge.hands.hand import ROOT_COORDINATES, Hand
-from dexnudge.planning.blocking import Blocked, blocked_by, blocked_by_itself
-from dexnudge.planning.connect import connect
-from dexnudge.planning.hand_clearance import HandClearance
+from dexnudge.planning.connect import connect, outside_states
+from dexnudge.planning.hand_clearance import HandClearance, SelfPenetration
 from dexnudge.planning.hand_states import State, States, StateSpace, between, palm_pose, state, state_space
-from dexnudge.planning.motion_check import CLEARANCE, MotionCheck
-from dexnudge.planning.outside import outside_states
+from dexnudge.planning.motion_check import CLEARANCE, Blocked, MotionCheck, blocked_by, blocked_by_itself
 from dexnudge.planning.pre_contact import back_off_directions, pre_contacts
-from dexnudge.planning.self_penetration import SelfPenetration
-from dexnudge.planning.speed_limits import SpeedLimits
-from dexnudge.planning.trajectory import Trajectory, joined, timed
+from dexnudge.planning.trajectory import SpeedLimits, Trajectory, joined, timed
 from dexnudge.scenes.scene import Scene
 
 CLEARANCES = (CLEARANCE, 0.002, 0.0015)  # [m] kept on the way, the less the nearer the goal is to its surroundings

@@ -7,12 +7,11 @@ from jaxtyping import Float
 from scipy.spatial import ConvexHull, QhullError
 from scipy.spatial.transform import Rotation
 
-from dexnudge.geometry.distinct_rows import distinct_rows
 from dexnudge.geometry.meshes import centre_of_mass
-from dexnudge.geometry.surface_lattice import Boxes, lattice_in_boxes, surface_lattice
-from dexnudge.made_once import made_once
+from dexnudge.geometry.rays import Rays
+from dexnudge.geometry.surface_lattice import Boxes, distinct_rows, lattice_in_boxes, surface_lattice
+from dexnudge.jobs.cached import cached_per_instance
 from dexnudge.mechanics.contacts import SUPPORT_DISTANCE, support_contacts
-from dexnudge.planning.rays import Rays
 from dexnudge.scenes.scene import Scene
 
 SPACING = 0.003  # [m] between the points that look for obstacles
@@ -155,7 +154,7 @@ class LyingObject:
         return np.stack([first, np.cross(self.normal, first)])
 
 
-@made_once
+@cached_per_instance
 def lying_object(scene: Scene) -> LyingObject:
     """The scene's object; made once per scene."""
     return LyingObject(scene)

@@ -10,9 +10,8 @@ from jaxtyping import Float
 from dexnudge.geometry.exact_distance import ExactDistance
 from dexnudge.hands.hand import Hand
 from dexnudge.mechanics.contacts import HAND_CONTACT_DISTANCE, hand_contacts
-from dexnudge.planning.blocking import nearest_obstacle
 from dexnudge.planning.hand_states import State, States, between, palm_pose, state
-from dexnudge.planning.motion_check import MotionCheck
+from dexnudge.planning.motion_check import MotionCheck, nearest_obstacle
 from dexnudge.scenes.scene import Scene
 
 BACK_OFF = (0.02, 0.03, 0.01, 0.005)  # [m] along the straight way, the preferred one first

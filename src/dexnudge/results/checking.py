@@ -9,10 +9,10 @@ import numpy as np
 from jaxtyping import Float
 
 from dexnudge.errors import InputError
-from dexnudge.evaluation.success import judge
 from dexnudge.results.configurations import Configurations, load_configurations
 from dexnudge.results.summary import count_draws, read_summary
-from dexnudge.results.writing import as_configurations, read_problem
+from dexnudge.results.writing import as_configurations, read_inputs
+from dexnudge.verification.verdicts import verify
 
 PENETRATION_TOLERANCE = 2e-4  # [m] what independent distance queries on the same mesh may differ by
 MARGIN_TOLERANCE = 0.02  # relative; what independent solvers of the force balance may differ by
@@ -42,14 +42,14 @@ def check_folder(folder: Path) -> Check:
         raise InputError(f"{folder} is not a folder; expected the one that `dexnudge sample --out` wrote")
     written = load_configurations(folder)
     summary = read_summary(folder)
-    scene, hand = read_problem(folder)
+    scene, hand = read_inputs(folder)
     if tuple(hand.joint_names) != written.joint_names:
         raise InputError(
             f"{folder}: the configurations have the joints {', '.join(written.joint_names)}, the hand in hand/ has "
             f"{', '.join(hand.joint_names)}; expected the same joints in the same order; sample again"
         )
     scene.validate()
-    verdicts = judge(hand, scene, written.q.astype(np.float64))
+    verdicts = verify(hand, scene, written.q.astype(np.float64))
     found = as_configurations(written.q, verdicts, hand)
     rejected = Counter(reason for reason, ok in zip(verdicts.reason, verdicts.success, strict=True) if not ok)
     return Check(

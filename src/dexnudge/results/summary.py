@@ -7,8 +7,8 @@ from typing import Any
 import numpy as np
 
 from dexnudge.errors import InputError
-from dexnudge.evaluation.success import ROBUST_MARGIN
 from dexnudge.results.configurations import Configurations
+from dexnudge.verification.verdicts import ROBUST_MARGIN
 
 FILE = "summary.json"
 

@@ -7,16 +7,16 @@ from typing import Any
 import numpy as np
 from jaxtyping import Float
 
-from dexnudge.evaluation.draws import JudgedDraws
-from dexnudge.evaluation.provenance import machine, peak_memory_mb, versions
-from dexnudge.evaluation.success import Verdicts, contact_points
 from dexnudge.hands.export import export_hand
 from dexnudge.hands.hand import Hand
 from dexnudge.hands.registry import load_hand
+from dexnudge.jobs.provenance import machine, peak_memory_mb, versions
 from dexnudge.results.configurations import Configurations
+from dexnudge.results.samples import Samples
 from dexnudge.results.summary import count_draws, write_summary
 from dexnudge.scenes.files import load_scene, save_scene
 from dexnudge.scenes.scene import Scene
+from dexnudge.verification.verdicts import Verdicts, contact_points
 
 HAND_FOLDER = "hand"
 URDF_FILE = "hand.urdf"
@@ -24,7 +24,7 @@ PAGE_FILE, PICTURE_FILE = "view.html", "view.png"
 MOST_ON_PAGE = 500  # what a page can show
 
 
-def write_problem(folder: Path, scene: Scene, hand: Hand) -> tuple[Scene, Hand]:
+def write_inputs(folder: Path, scene: Scene, hand: Hand) -> tuple[Scene, Hand]:
     """Write scene and hand into `folder` and return them as read back.
 
     What is read back is what draws are judged with: then the verdicts are those of the files, rounding included, and
@@ -32,10 +32,10 @@ def write_problem(folder: Path, scene: Scene, hand: Hand) -> tuple[Scene, Hand]:
     """
     save_scene(scene, folder)
     export_hand(hand, folder / HAND_FOLDER)
-    return read_problem(folder)
+    return read_inputs(folder)
 
 
-def read_problem(folder: Path) -> tuple[Scene, Hand]:
+def read_inputs(folder: Path) -> tuple[Scene, Hand]:
     """Scene and hand of a result folder.
 
     Raises:
@@ -58,11 +58,11 @@ def as_configurations(q: Float[np.ndarray, "n coordinates"], verdicts: Verdicts,
     )
 
 
-def write_answer(
+def write_results(
     folder: Path,
     scene: Scene,
     hand: Hand,
-    draws: JudgedDraws,
+    draws: Samples,
     *,
     title: str,
     seconds: dict[str, float],
@@ -71,8 +71,8 @@ def write_answer(
     """Write configurations, page, picture and summary beside the problem; return the summary.
 
     Args:
-        folder: where `write_problem` wrote.
-        scene: as `write_problem` returned it.
+        folder: where `write_inputs` wrote.
+        scene: as `write_inputs` returned it.
         hand: the same.
         draws: in ranked order.
         title: plain text above page and picture.
@@ -99,11 +99,11 @@ def write_answer(
     return summary
 
 
-def write_views(folder: Path, scene: Scene, hand: Hand, draws: JudgedDraws, *, title: str) -> None:
+def write_views(folder: Path, scene: Scene, hand: Hand, draws: Samples, *, title: str) -> None:
     """Write the 3-D page with all draws, and the picture of the best one."""
-    from dexnudge.viewer.drawing import drawings
     from dexnudge.viewer.page import Figures, write_page
     from dexnudge.viewer.picture import render_png
+    from dexnudge.viewer.visual_scene import drawings
 
     verdicts = draws.verdicts
     shown = draws.q[:MOST_ON_PAGE].astype(np.float64)

@@ -7,16 +7,16 @@ import torch
 from jaxtyping import Float
 from torch import Tensor
 
-from dexnudge.diffusion.conditioning import Condition
+from dexnudge.diffusion.network import Condition
 from dexnudge.diffusion.prior import DiffusionPrior
 from dexnudge.energies.descent import pose_from_configuration
 from dexnudge.energies.evaluator import HandEnergy
 from dexnudge.energies.force_residual import ForceResidual
 from dexnudge.energies.weights import TermWeights
 from dexnudge.hands.hand import Hand
-from dexnudge.sampling.guidance.contacts import wanted_contacts
+from dexnudge.sampling.guidance.active_contacts import active_contacts
+from dexnudge.sampling.guidance.paper import unguided
 from dexnudge.sampling.guidance.rule import GuidanceRule, ReverseStep
-from dexnudge.sampling.guidance.unguided import unguided
 from dexnudge.sampling.problem import SamplingProblem
 
 SELECTION_SWEEPS = 60  # of the balance solver, from a cold start
@@ -149,7 +149,7 @@ def _scene_energy(run: _Run, x: Float[Tensor, "particle dimension"]) -> Float[Te
     energy.contact_weight[:, tips] = 1.0
     pose = pose_from_configuration(q)
     energy(pose)
-    wanted = wanted_contacts(energy.contact_distance[:, tips], reach=SELECTION_REACH)
+    wanted = active_contacts(energy.contact_distance[:, tips], reach=SELECTION_REACH)
     energy.contact_weight[:, tips] = wanted
     value = energy(pose)
     if run.problem.balance is not None:

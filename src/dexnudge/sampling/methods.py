@@ -6,14 +6,10 @@ from dataclasses import asdict, dataclass, field, replace
 from dexnudge.energies.weights import TermWeights
 from dexnudge.errors import UnknownNameError
 from dexnudge.sampling.denoise import DenoisingConfig
-from dexnudge.sampling.guidance.clean_descent import CleanDescent
-from dexnudge.sampling.guidance.clean_gradient import CleanGradient
-from dexnudge.sampling.guidance.clean_spherical import CleanSpherical
-from dexnudge.sampling.guidance.paper import PaperGuidance
-from dexnudge.sampling.guidance.resampled import Resampled
+from dexnudge.sampling.guidance.clean import CleanDescent, CleanGradient
+from dexnudge.sampling.guidance.paper import PaperGuidance, unguided
 from dexnudge.sampling.guidance.rule import GuidanceRule
-from dexnudge.sampling.guidance.spherical import SphericalGuidance
-from dexnudge.sampling.guidance.unguided import unguided
+from dexnudge.sampling.guidance.spherical import CleanSpherical, Resampled, SphericalGuidance
 from dexnudge.sampling.projection import ProjectionConfig
 
 GUIDING_WEIGHTS = TermWeights(contact=6.0, sweep=1.0, base=1.0, clearance_base=0.010)
@@ -57,20 +53,20 @@ class Method:
         return stages if self.projection is None else {**stages, "projection": asdict(self.projection.weights)}
 
 
-OURS = Method(
+STEERED_NOISE = Method(
     "prior, each step's noise turned towards descent of the energy at the clean estimate, then projected",
     denoising=DenoisingConfig(num_inference_steps=30, weights=GUIDING_WEIGHTS),
 )
 COARSE_HANDS = replace(
-    OURS,
+    STEERED_NOISE,
     summary="the best of up to 32 coarse hands, denoised again while its clean estimate descends, then projected",
     make_rule=CleanDescent,
     denoising=DenoisingConfig(num_inference_steps=14, particles=32, weights=GUIDING_WEIGHTS),
 )
 METHODS: dict[str, Method] = {
-    "ours": OURS,
+    "steered_noise": STEERED_NOISE,
     "resampled": replace(
-        OURS,
+        STEERED_NOISE,
         summary="ours, with promising draws of a call taking the places of hopeless ones (SMC): no independent draws",
         make_rule=Resampled,
     ),
@@ -80,7 +76,7 @@ METHODS: dict[str, Method] = {
         summary="a few steps of descent on the clean estimate in each step, then projected",
         denoising=DenoisingConfig(weights=GUIDING_WEIGHTS),
     ),
-    "guidance_only": replace(OURS, summary="ours without the projection", projection=None),
+    "guidance_only": replace(STEERED_NOISE, summary="ours without the projection", projection=None),
     "paper": Method("Eq. 5 as printed, then projected", make_rule=PaperGuidance),
     "paper_guidance_only": Method("Eq. 5 as printed, not projected", make_rule=PaperGuidance, projection=None),
     "spherical": Method("spherical-Gaussian guidance (DSG, eta 1), then projected", make_rule=SphericalGuidance),

@@ -5,19 +5,61 @@ from dataclasses import dataclass
 import numpy as np
 import torch
 import trimesh
-from jaxtyping import Float
+from jaxtyping import Bool, Float
 from torch import Tensor
 
 from dexnudge.energies.force_residual import SlidingBalance, support_wrenches
 from dexnudge.energies.scene_fields import build_guided_fields
 from dexnudge.geometry.exact_distance import ExactDistance
-from dexnudge.geometry.frames import canonical_frame, transform_configurations
-from dexnudge.geometry.object_cloud import object_cloud
+from dexnudge.geometry.surface_points import object_cloud
+from dexnudge.geometry.transforms import canonical_frame, transform_configurations
 from dexnudge.geometry.warp_runtime import WarpStruct
 from dexnudge.mechanics.contacts import support_contacts
 from dexnudge.mechanics.sliding_task import sliding_task
-from dexnudge.sampling.working_surface import WorkingSurface, working_surface
 from dexnudge.scenes.scene import Scene
+
+FACING_MOTION = (
+    0.5  # cosine of outward normal and motion from which a contact pushes back more than friction carries on
+)
+WORKING = 0.2  # the same cosine up to which a place is worth going to
+TIP_RADIUS = 0.008  # [m] of a fingertip, the way from its keypoint to the surface that it touches
+ROOM = 0.006  # [m] that the environment must leave around the keypoint; fingertips are flat in front
+
+
+@dataclass(frozen=True)
+class PushableSurface:
+    """Places for the keypoint of a fingertip, frame C; `places` may be empty.
+
+    Attributes:
+        motion: unit vector. places: [m], a fingertip's radius above the object's surface.
+    """
+
+    motion: Float[Tensor, " 3"]
+    places: Float[Tensor, "place 3"]
+
+    def idle(self, normals: Float[Tensor, "batch digit 3"]) -> Bool[Tensor, "batch digit"]:
+        """Which contacts face the motion, by the object's outward normals; none where there is no better place."""
+        return (normals @ self.motion > FACING_MOTION) & bool(len(self.places))
+
+    def nearest(
+        self, points: Float[Tensor, "batch digit 3"], normals: Float[Tensor, "batch digit 3"]
+    ) -> Float[Tensor, "batch digit 3"]:
+        """The place nearest to that of a fingertip which touches at `points` [m]; any where there is no place."""
+        here = (points + TIP_RADIUS * normals).flatten(0, 1)
+        if len(self.places) == 0:
+            return here.view(points.shape)
+        return self.places[torch.cdist(here, self.places).argmin(dim=1)].view(points.shape)
+
+
+def pushable_surface(
+    cloud: Float[Tensor, "point 6"], motion: Float[Tensor, " 3"], environment: ExactDistance
+) -> PushableSurface:
+    """From points and outward normals of the object [m], and the distance to what surrounds it; one frame."""
+    points, normals = cloud[:, :3], cloud[:, 3:]
+    places = points + TIP_RADIUS * normals
+    room = torch.as_tensor(environment(places.double().numpy()).distance)
+    return PushableSurface(motion, places[(normals @ motion < WORKING) & (room > ROOM)])
+
 
 FRICTION_MARGIN = 1.6  # factor on friction_environment that the contacts are asked to overcome: above robust's 1.5
 
@@ -29,7 +71,7 @@ class SamplingProblem:
     Attributes:
         T_world_canonical: frame C in the world.
         fields: distance grids of object and environment for the fused kernel.
-        guiding_fields: the same, with what cannot be seen from the object as solid (see `visible_space`).
+        guiding_fields: the same, with what cannot be seen from the object as solid (see `occlusion`).
         balance: the force balance to reach; None when nothing supports the object or its supports block the motion.
         cloud: (1024, 6) points [m] and outward normals of the object.
         working: where on the object a fingertip can work for the motion.
@@ -42,7 +84,7 @@ class SamplingProblem:
     guiding_fields: WarpStruct
     balance: SlidingBalance | None
     cloud: Float[Tensor, "point 6"]
-    working: WorkingSurface
+    working: PushableSurface
     object_mesh: trimesh.Trimesh
 
     def to_world(self, q: Float[Tensor, "n coordinates"]) -> Float[np.ndarray, "n coordinates"]:
@@ -70,7 +112,7 @@ def prepare(scene: Scene, *, device: str = "cpu") -> SamplingProblem:
         guiding_fields=guiding_fields,
         balance=_balance(scene, T_canonical_world),
         cloud=cloud,
-        working=working_surface(cloud, _tensor(motion), ExactDistance(environment_mesh, device=device)),
+        working=pushable_surface(cloud, _tensor(motion), ExactDistance(environment_mesh, device=device)),
         object_mesh=object_mesh,
     )
 

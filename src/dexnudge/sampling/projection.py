@@ -22,7 +22,7 @@ from dexnudge.energies.evaluator import HandEnergy
 from dexnudge.energies.force_residual import ForceResidual
 from dexnudge.energies.weights import TermWeights
 from dexnudge.hands.hand import Hand
-from dexnudge.sampling.guidance.contacts import wanted_contacts
+from dexnudge.sampling.guidance.active_contacts import active_contacts
 from dexnudge.sampling.problem import SamplingProblem
 
 PROJECTION_WEIGHTS = TermWeights(
@@ -94,7 +94,7 @@ def project(
 
     energy.contact_weight[:, tips] = 1.0
     energy(pose)
-    energy.contact_weight[:, tips] = wanted_contacts(energy.contact_distance[:, tips], reach=config.contact_reach)
+    energy.contact_weight[:, tips] = active_contacts(energy.contact_distance[:, tips], reach=config.contact_reach)
     depth_before = energy.depth.amax(dim=(1, 2)).clone()
     contacts_before = touching(energy, tips, config).sum(dim=1)
     moving = torch.ones(batch, dtype=torch.bool)

@@ -1,6 +1,7 @@
-"""Draws hand configurations for a scene."""
+"""A sampler for given methods, with weights only where a method needs them."""
 
 import time
+from collections.abc import Sequence
 from dataclasses import dataclass
 from pathlib import Path
 from typing import Any
@@ -15,10 +16,9 @@ from dexnudge.errors import CheckpointError, InputError
 from dexnudge.hands.hand import Hand
 from dexnudge.sampling.denoise import denoise
 from dexnudge.sampling.methods import Method, find_method
-from dexnudge.sampling.nearest_pose import TrainingPoses, nearest_pose_start
 from dexnudge.sampling.problem import SamplingProblem, prepare
 from dexnudge.sampling.projection import ProjectionReport, project
-from dexnudge.sampling.random_start import random_start
+from dexnudge.sampling.starts import TrainingPoses, nearest_pose_start, random_start
 from dexnudge.scenes.scene import Scene
 
 SHIPPED_WEIGHTS = Path(__file__).parent.parent / "weights"
@@ -75,7 +75,7 @@ class Sampler:
             )
         return cls(hand, DiffusionPrior.from_folder(folder, hand, device=device), device=device, poses=poses)
 
-    def sample(self, scene: Scene, *, num: int = 32, seed: int = 0, method: str = "ours") -> SampleResult:
+    def sample(self, scene: Scene, *, num: int = 32, seed: int = 0, method: str = "steered_noise") -> SampleResult:
         """`num` draws for a scene; the same seed gives the same draws on the same machine.
 
         Raises:
@@ -140,3 +140,41 @@ def _summary(report: ProjectionReport) -> dict[str, float]:
         "force_residual_after": float(report.residual_after.mean()),
         "depth_before_mm": float(report.depth_before.mean()) * 1e3,
     }
+
+
+def load_sampler(
+    hand: Hand,
+    methods: Sequence[str],
+    *,
+    weights: Path | str | None = None,
+    data: Path | str | None = None,
+    device: str = "cpu",
+) -> Sampler:
+    """A sampler that can run all of `methods`; a hand without weights can still run those that need none.
+
+    Args:
+        hand: what is sampled.
+        methods: names in `METHODS`.
+        weights: folder of the model, None for the shipped one.
+        data: dataset folder, for methods that start from stored poses.
+        device: where sampling runs.
+
+    Raises:
+        UnknownNameError: no such method; the message lists those that exist.
+        CheckpointError: weights that are missing, broken or made for another hand.
+        InputError: a method starts from stored poses, and there is no `data`.
+        DatasetError: `data` is damaged or made for another hand.
+    """
+    starts = {method: find_method(method).start for method in methods}
+    poses = None
+    for method, start in starts.items():
+        if start == "nearest":
+            if data is None:
+                raise InputError(
+                    f"method '{method}' starts from stored poses; expected a dataset folder, got none; pass one with "
+                    "--data DIR to `dexnudge evaluate` or `dexnudge reproduce`"
+                )
+            poses = TrainingPoses.load(data, hand)
+    if "prior" not in starts.values():
+        return Sampler(hand, None, device=device, poses=poses)
+    return Sampler.from_pretrained(hand, weights=weights, device=device, poses=poses)

@@ -9,9 +9,8 @@ import trimesh
 from jaxtyping import Float
 
 from dexnudge.errors import SceneError
-from dexnudge.scenes.boxes import box, joined
-from dexnudge.scenes.outlines import Outline, gap_between, outline_of, rectangle, swept
-from dexnudge.scenes.placing import lay_down
+from dexnudge.scenes.boxes import Outline, box, gap_between, joined, outline_of, rectangle, swept
+from dexnudge.scenes.resting import lay_down
 from dexnudge.scenes.scene import MOTION_LENGTH, Scene
 from dexnudge.scenes.table import SLAB, place_near_edge, slab
 

@@ -7,7 +7,7 @@ import trimesh
 
 from dexnudge.errors import SceneError
 from dexnudge.scenes.boxes import box, joined
-from dexnudge.scenes.placing import lay_down
+from dexnudge.scenes.resting import lay_down
 from dexnudge.scenes.scene import MOTION_LENGTH, Scene
 
 LENGTH = (0.38, 0.50)  # [m] inside, along the motion

@@ -12,13 +12,11 @@ import trimesh
 from dexnudge.errors import SceneError, UnknownNameError
 from dexnudge.scenes.clutter import clutter
 from dexnudge.scenes.corner import corner
-from dexnudge.scenes.deep import deep
 from dexnudge.scenes.drawer import drawer
-from dexnudge.scenes.layers import layers
+from dexnudge.scenes.layers import layers, slot
 from dexnudge.scenes.ramp import ramp
 from dexnudge.scenes.scene import Scene
-from dexnudge.scenes.shelf import shelf
-from dexnudge.scenes.slot import slot
+from dexnudge.scenes.shelf import deep, shelf
 from dexnudge.scenes.stack import stack
 from dexnudge.scenes.table import table
 

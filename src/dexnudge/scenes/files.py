@@ -3,23 +3,21 @@
 from __future__ import annotations
 
 import json
-from importlib.metadata import PackageNotFoundError, version
 from pathlib import Path
 from typing import Any
 
 import numpy as np
 import trimesh
 
-from dexnudge import __version__
 from dexnudge.errors import OutputError, SceneError
 from dexnudge.geometry.meshes import load_environment, load_mesh
+from dexnudge.jobs.provenance import recorded_versions
 from dexnudge.scenes.scene import Scene, rigid_transform, unit_motion
 
 SCENE_FILE, OBJECT_FILE, ENVIRONMENT_FILE = "scene.json", "object.obj", "environment.obj"
 MESH_DIGITS = 9  # decimals of a coordinate in metres: a nanometre
 NUMBERS = ("motion_length", "mass", "friction_hand", "friction_environment", "max_normal_force")
 REQUIRED = ("object_mesh", "environment_mesh", "T_world_object", "motion", *NUMBERS)
-RECORDED_VERSIONS = ("dexnudge", "numpy", "scipy", "trimesh", "torch", "warp-lang")
 
 
 def save_scene(scene: Scene, folder: str | Path) -> Path:
@@ -103,17 +101,6 @@ def read_json_object(path: Path) -> dict[str, Any]:
     if not isinstance(content, dict):
         raise SceneError(f"{path}: holds a JSON {type(content).__name__}; expected an object with named values")
     return content
-
-
-def recorded_versions() -> dict[str, str]:
-    """Versions of what decides the numbers, for a later reader; of this package, that of the code which runs."""
-    found = {}
-    for package in RECORDED_VERSIONS:
-        try:
-            found[package] = __version__ if package == "dexnudge" else version(package)
-        except PackageNotFoundError:
-            continue
-    return found
 
 
 def _inside(folder: Path, value: Any, key: str) -> Path:

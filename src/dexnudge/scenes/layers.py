@@ -1,4 +1,4 @@
-"""`layers`: between two boards, part of the object exposed in front of the upper one, to be pulled out."""
+"""`slot`: as `layers`, with hardly any room above and little exposed."""
 
 from __future__ import annotations
 
@@ -7,7 +7,7 @@ import trimesh
 
 from dexnudge.errors import SceneError
 from dexnudge.scenes.boxes import box, joined
-from dexnudge.scenes.placing import lay_down
+from dexnudge.scenes.resting import lay_down
 from dexnudge.scenes.scene import Scene
 
 DEPTH = 0.30  # [m] of both boards, backward from their front edges
@@ -57,3 +57,12 @@ def between_boards(
     return Scene(
         mesh, environment, lying.at(-length / 2, 0.0), np.array([1.0, 0.0, 0.0]), name=name, parameters=parameters
     )
+
+
+SLOT_GAP = (0.003, 0.008)  # [m] from the object's top to the upper board: no finger fits in
+SLOT_EXPOSED = (0.10, 0.20)  # of the object's length
+
+
+def slot(mesh: trimesh.Trimesh, generator: np.random.Generator) -> Scene:
+    """Upper board 3 to 8 mm above the object, 10 to 20 % of it exposed; motion +x, out."""
+    return between_boards("slot", mesh, generator, gap=SLOT_GAP, exposed=SLOT_EXPOSED)

@@ -5,7 +5,7 @@ from __future__ import annotations
 import numpy as np
 import trimesh
 
-from dexnudge.scenes.placing import lay_down
+from dexnudge.scenes.resting import lay_down
 from dexnudge.scenes.scene import Scene
 from dexnudge.scenes.table import place_near_edge, slab
 

@@ -1,6 +1,8 @@
-"""How an object comes to lie on a plane: on its most stable face, long side along x."""
+"""An object lying on the plane z = 0, turned about the vertical, with the size of what it covers."""
 
 from __future__ import annotations
+
+from dataclasses import dataclass
 
 import numpy as np
 import trimesh
@@ -9,6 +11,7 @@ from scipy.spatial import ConvexHull
 
 from dexnudge.errors import SceneError
 from dexnudge.geometry.meshes import centre_of_mass
+from dexnudge.scenes.boxes import shift, turn
 
 SAME_FACE_ANGLE = 5.0  # [deg] hull triangles this close in direction count as one face: scans are never quite flat
 TIE = 0.02  # two faces whose sizes differ by less than this fraction are equally stable
@@ -100,3 +103,34 @@ def _long_side_along_x(footprint: Float[np.ndarray, "n 2"]) -> Float[np.ndarray,
     angle -= np.pi * np.round(angle / np.pi)
     c, s = np.cos(-angle), np.sin(-angle)
     return np.array([[c, -s, 0.0], [s, c, 0.0], [0.0, 0.0, 1.0]])
+
+
+@dataclass(frozen=True)
+class Lying:
+    """The object on z = 0, the centre of its bounding box above the origin.
+
+    `pose`: (4, 4) object frame to world. `size`: (3,) of the bounding box in the world [m]. `yaw` [rad].
+    """
+
+    mesh: trimesh.Trimesh
+    pose: Float[np.ndarray, "4 4"]
+    size: Float[np.ndarray, "3"]
+    yaw: float
+
+    def at(self, x: float, y: float, z: float = 0.0) -> Float[np.ndarray, "4 4"]:
+        """Pose with the centre of the bounding box above (x, y) and the lowest point at height z [m]."""
+        return shift(x, y, z) @ self.pose
+
+    def footprint(self) -> Float[np.ndarray, "n 2"]:
+        """World x and y of all vertices of the convex hull."""
+        hull = np.asarray(self.mesh.convex_hull.vertices)
+        return (hull @ self.pose[:3, :3].T + self.pose[:3, 3])[:, :2]
+
+
+def lay_down(mesh: trimesh.Trimesh, yaw: float) -> Lying:
+    """The object on its most stable face; at `yaw` = 0 its long side is along x."""
+    pose = turn(yaw) @ resting_pose(mesh)
+    placed = np.asarray(mesh.vertices) @ pose[:3, :3].T + pose[:3, 3]
+    low, high = placed.min(axis=0), placed.max(axis=0)
+    centred = shift(-(low[0] + high[0]) / 2, -(low[1] + high[1]) / 2, -low[2]) @ pose
+    return Lying(mesh, centred, high - low, float(yaw))

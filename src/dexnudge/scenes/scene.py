@@ -12,7 +12,36 @@ import trimesh
 from jaxtyping import Float
 
 from dexnudge.errors import SceneError
-from dexnudge.scenes.overlap import deepest_overlap
+from dexnudge.geometry.exact_distance import ExactDistance
+from dexnudge.geometry.surface_lattice import Boxes, lattice_in_boxes
+
+SPACING = 0.003  # [m] between the points that are tested
+MARGIN = 1e-6  # [m] around the bounds, so that rounding drops no point on them
+
+
+def deepest_overlap(first: trimesh.Trimesh, second: trimesh.Trimesh) -> tuple[float, Float[np.ndarray, "3"]]:
+    """Largest depth [m] of a point of one mesh inside the other, and that point; 0 and a point where they are apart.
+
+    Both ways: evenly spread points of each mesh, its corners and edges among them, against the other's exact distance.
+    """
+    depth, where = 0.0, np.asarray(first.vertices[0], dtype=np.float64)
+    for points_of, inside_of in ((first, second), (second, first)):
+        points = _points_near(points_of, inside_of.bounds)
+        if len(points) == 0:
+            continue
+        distance = ExactDistance(inside_of)(points).distance
+        deepest = int(np.argmin(distance))
+        if -distance[deepest] > depth:
+            depth, where = float(-distance[deepest]), points[deepest]
+    return depth, where
+
+
+def _points_near(mesh: trimesh.Trimesh, bounds: Float[np.ndarray, "2 3"]) -> Float[np.ndarray, "n 3"]:
+    """Points of the mesh within the bounds, corners and edges among them."""
+    centre, half = bounds.mean(axis=0), np.ptp(bounds, axis=0) / 2 + MARGIN
+    box = Boxes(centre=centre[None], axes=np.eye(3)[None], half=half[None])
+    return lattice_in_boxes(np.asarray(mesh.triangles), box, spacing=SPACING)[0]
+
 
 FRICTION_HAND = 0.8  # rubber fingertip on plastic
 FRICTION_ENVIRONMENT = 0.4  # plastic on painted wood

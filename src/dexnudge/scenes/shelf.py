@@ -1,4 +1,4 @@
-"""`shelf`: inside a cell open to the front only, to be pulled out through the opening."""
+"""`deep`: as `shelf`, in a low cell and far behind the opening."""
 
 from __future__ import annotations
 
@@ -7,7 +7,7 @@ import trimesh
 
 from dexnudge.errors import SceneError
 from dexnudge.scenes.boxes import box, joined
-from dexnudge.scenes.placing import Lying, lay_down
+from dexnudge.scenes.resting import Lying, lay_down
 from dexnudge.scenes.scene import Scene
 
 DEPTH = 0.30  # [m] inside, from the opening to the back wall
@@ -93,3 +93,12 @@ def _first_that_fits(mesh: trimesh.Trimesh, yaws: list[float], width: float, fro
         if lying.size[0] <= DEPTH - front_gap - WALL_GAP and lying.size[1] <= width - 2 * WALL_GAP:
             return lying
     return None
+
+
+DEEP_HEIGHT = (0.12, 0.16)  # [m] inside
+DEEP_FRONT_GAP = (0.08, 0.18)  # [m] from the opening back to the object's front end
+
+
+def deep(mesh: trimesh.Trimesh, generator: np.random.Generator) -> Scene:
+    """Cell 0.12-0.16 high; object 0.08 to 0.18 m behind the front edge, as far as it fits; motion +x, out."""
+    return in_cell("deep", mesh, generator, height=DEEP_HEIGHT, front_gap=DEEP_FRONT_GAP)

@@ -6,7 +6,7 @@ import numpy as np
 import trimesh
 
 from dexnudge.scenes.boxes import box, joined
-from dexnudge.scenes.placing import lay_down
+from dexnudge.scenes.resting import lay_down
 from dexnudge.scenes.scene import Scene
 from dexnudge.scenes.table import place_near_edge, slab
 

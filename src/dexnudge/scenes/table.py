@@ -7,7 +7,7 @@ import trimesh
 
 from dexnudge.errors import SceneError
 from dexnudge.scenes.boxes import box
-from dexnudge.scenes.placing import lay_down
+from dexnudge.scenes.resting import lay_down
 from dexnudge.scenes.scene import Scene
 
 SLAB = (1.2, 0.8, 0.04)  # [m] length, width, thickness; the top is z = 0, centred on the origin

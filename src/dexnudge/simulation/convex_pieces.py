@@ -1,10 +1,11 @@
-"""An object as convex pieces, which is what MuJoCo's contacts are made of.
+"""The hand's links as convex bodies with few vertices: MuJoCo's contacts are between convex bodies, and small ones are fast.
 
-A body whose volume nearly fills its convex hull is its own hull; only the others are decomposed, by CoACD (Wei et al.,
-SIGGRAPH 2022), with a fixed seed: the same mesh gives the same pieces.
+A link counts as its convex hull, as in most simulations of hands; only a link whose hull reaches far outside it, as the
+hull over the hollow of a palm does, is cut into several.
 """
 
 from dataclasses import dataclass
+from typing import TypeAlias
 
 import numpy as np
 import trimesh
@@ -12,7 +13,36 @@ from jaxtyping import Float
 from scipy.spatial import ConvexHull, QhullError
 
 from dexnudge.errors import MeshError
-from dexnudge.simulation.simple_hull import simple_hull
+from dexnudge.hands.hand import Hand
+from dexnudge.jobs.cached import cached_per_instance
+
+
+def simple_hull(points: Float[np.ndarray, "point 3"], *, tolerance: float) -> Float[np.ndarray, "vertex 3"]:
+    """Some of the points, whose hull leaves out at most `tolerance` [m] of the hull of all.
+
+    Points are added one by one where they lie farthest outside the hull of those before (quickhull's rule, Barber et
+    al., 1996, stopped early).
+    """
+    vertices = points[ConvexHull(points).vertices]
+    chosen = _first_body(vertices)
+    while True:
+        equations = ConvexHull(vertices[chosen]).equations
+        outside = (vertices @ equations[:, :3].T + equations[:, 3]).max(axis=1)
+        if outside.max() <= tolerance:
+            return vertices[chosen]
+        chosen.append(int(outside.argmax()))
+
+
+def _first_body(vertices: Float[np.ndarray, "vertex 3"]) -> list[int]:
+    """Indices of four vertices that span a volume: each is farthest from the point, line or plane of those before."""
+    chosen = [int(vertices[:, 0].argmin())]
+    offset = vertices - vertices[chosen[0]]
+    for _ in range(3):
+        chosen.append(int(np.linalg.norm(offset, axis=1).argmax()))
+        direction = offset[chosen[-1]] / np.linalg.norm(offset[chosen[-1]])
+        offset = offset - np.outer(offset @ direction, direction)
+    return chosen
+
 
 CONVEX_ENOUGH = 0.99  # volume / volume of the hull: an edge may be hollow, a camera's bump may not be ramped
 MOST_BODIES = 64  # a mesh of more closed bodies than this is a soup of parts, and is decomposed as a whole
@@ -97,3 +127,29 @@ def _volume(vertices: Float[np.ndarray, "_ 3"]) -> float:
         return float(ConvexHull(vertices).volume)
     except QhullError:
         return 0.0
+
+
+LinkPieces: TypeAlias = list[list[Float[np.ndarray, "_ 3"]]]
+"""Vertices of each link's convex pieces [m, link frame], links in the hand's order."""
+
+LINK_HULLS_TOLERANCE = 2.0e-4  # [m] that a piece may leave out of its hull; a fifth of the penetration that is allowed
+HOLLOW = 0.7  # volume / volume of the hull below which a link is cut: the palm's hull fills the hollow of the hand
+
+
+@cached_per_instance
+def link_pieces(hand: Hand) -> LinkPieces:
+    """Convex pieces of every link, remembered per hand: a hollow palm takes some seconds."""
+    pieces: LinkPieces = []
+    for mesh in hand.link_meshes:
+        mine: list[Float[np.ndarray, "_ 3"]] = []
+        if len(mesh.faces):
+            hull = mesh.convex_hull
+            hollow = [body for body in bodies_of(mesh) if body.is_watertight]
+            if mesh.volume < HOLLOW * hull.volume and hollow:
+                for body in hollow:
+                    full = body.volume > HOLLOW * body.convex_hull.volume
+                    mine.extend([np.asarray(body.vertices)] if full else decomposed(body, DECOMPOSE_LINK))
+            else:
+                mine.append(np.asarray(hull.vertices))
+        pieces.append([simple_hull(vertices, tolerance=LINK_HULLS_TOLERANCE) for vertices in mine])
+    return pieces

@@ -12,8 +12,7 @@ from scipy.spatial import ConvexHull, QhullError
 from dexnudge.errors import MeshError
 from dexnudge.geometry.exact_distance import ExactDistance
 from dexnudge.geometry.surface_points import surface_points
-from dexnudge.simulation.convex_pieces import CONVEX_ENOUGH, Decomposition, decomposed
-from dexnudge.simulation.simple_hull import simple_hull
+from dexnudge.simulation.convex_pieces import CONVEX_ENOUGH, Decomposition, decomposed, simple_hull
 
 MOST_ADDED = 0.002  # [m] that pieces may reach out of their part: what a hand may be in the surroundings
 CHECK_SPACING = 0.005  # [m] between the points of the pieces that are looked for outside their part

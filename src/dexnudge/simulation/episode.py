@@ -19,8 +19,7 @@ from dexnudge.simulation.hand_path import Configurations, palm_velocity, rotatio
 from dexnudge.simulation.push import FASTEST, RECORD_STEPS, STATE, run_push
 from dexnudge.simulation.push_forces import PushForces
 from dexnudge.simulation.push_model import ENVIRONMENT_SIDE, OBJECT_SIDE, PushModel
-from dexnudge.simulation.push_readings import contact_force_sums, hand_in_environment
-from dexnudge.simulation.records import Records, record_now
+from dexnudge.simulation.records import Records, contact_force_sums, hand_in_environment, record_now
 
 IDLE_TORQUE = 1.0e-3  # [N m] below which a motor has no part in the squeeze and keeps its place, as in the hold test
 CLOSING_STEPS = 10  # between two updates of the squeeze: 20 ms

@@ -15,7 +15,7 @@ import trimesh
 from jaxtyping import Float
 
 from dexnudge.geometry.meshes import centre_of_mass
-from dexnudge.hands.export_mjcf import mjcf_of_hand
+from dexnudge.hands.export import mjcf_of_hand
 from dexnudge.hands.hand import ROOT_COORDINATES, Hand
 from dexnudge.simulation.hand_indices import HandIndices, hand_indices
 

@@ -1,12 +1,7 @@
-"""A scene in MuJoCo: the surroundings, the free object, and the hand on a driven base.
+"""The same model with another friction or mass than was thought: what was planned for the one is played in the other."""
 
-The hand's root is a free body that six Cartesian position motors hold to a mocap body, as an arm under impedance control
-does: what they are told beside the pose is the force to press with. Unlike a root that is mocap itself, this one has a
-velocity, which friction at the fingers needs to carry anything along. Friction: the hand's where the hand touches, the
-surroundings' where they touch. The hand's weight is carried by its drives; its links do not collide with each other.
-"""
-
-from dataclasses import dataclass
+import copy
+from dataclasses import dataclass, replace
 from typing import Any
 from xml.etree import ElementTree
 
@@ -16,16 +11,16 @@ import torch
 from jaxtyping import Float, Int
 from scipy.spatial.transform import Rotation
 
+from dexnudge.errors import InputError
 from dexnudge.geometry.meshes import centre_of_mass
-from dexnudge.hands.export_mjcf import mjcf_of_hand
+from dexnudge.hands.export import mjcf_of_hand
 from dexnudge.hands.hand import ROOT_COORDINATES, Hand
 from dexnudge.hands.physical import body_inertia
 from dexnudge.mechanics.sliding_task import GRAVITY
 from dexnudge.scenes.scene import Scene
-from dexnudge.simulation.convex_pieces import convex_pieces
+from dexnudge.simulation.convex_pieces import convex_pieces, link_pieces
 from dexnudge.simulation.environment_pieces import environment_pieces
 from dexnudge.simulation.hand_indices import HandIndices, hand_indices
-from dexnudge.simulation.link_hulls import link_pieces
 
 TIMESTEP = 0.002  # [s]
 NORMAL_TO_TANGENT_STIFFNESS = 10.0  # MuJoCo's impratio: friction holds as firmly as the normal force, little creep
@@ -223,3 +218,29 @@ def _quaternion(pose: Float[np.ndarray, "4 4"]) -> Float[np.ndarray, " 4"]:
     quaternion = np.zeros(4)
     mujoco.mju_mat2Quat(quaternion, np.ascontiguousarray(pose[:3, :3]).reshape(9))
     return quaternion
+
+
+SIDES = {"friction_hand": HAND_SIDE, "friction_environment": ENVIRONMENT_SIDE}
+QUANTITIES = (*SIDES, "mass")
+
+
+def changed_physics(push: PushModel, quantity: str, factor: float) -> PushModel:
+    """A model of its own in which one quantity of the scene is multiplied.
+
+    It equals what `push_model_xml` makes of the changed scene; `push` stays as it is. A fingertip's torque about its
+    normal is in proportion to its friction, an object's inertia to its mass.
+
+    Raises:
+        InputError: the quantity is none of `QUANTITIES`.
+    """
+    if quantity not in QUANTITIES:
+        raise InputError(f"{quantity!r} cannot be changed in a model; expected one of {', '.join(QUANTITIES)}")
+    model = copy.deepcopy(push.model)
+    if quantity == "mass":
+        model.body_mass[push.object_body] *= factor
+        model.body_inertia[push.object_body] *= factor
+    else:
+        model.geom_friction[push.side == SIDES[quantity], :2] *= factor  # sliding and torsional
+    data = mujoco.MjData(model)
+    mujoco.mj_setConst(model, data)  # what MuJoCo derives from masses at compile time
+    return replace(push, model=model, data=data)

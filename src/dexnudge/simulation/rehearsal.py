@@ -12,7 +12,7 @@ from dexnudge.mechanics.sliding_task import GRAVITY
 from dexnudge.scenes.scene import Scene
 from dexnudge.simulation.episode import CLOSE_RAMP, CLOSE_TIME, SETTLE_TIME, Episode
 from dexnudge.simulation.hand_path import waiting
-from dexnudge.simulation.object_motion import ObjectPose
+from dexnudge.simulation.hold import ObjectPose
 from dexnudge.simulation.push_model import ENVIRONMENT_SIDE, HAND_SIDE, PushModel, load_push_model
 from dexnudge.simulation.squeeze import squeeze
 

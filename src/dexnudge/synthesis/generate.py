@@ -1,29 +1,188 @@
 """Generates a dataset: one object at a time, in parallel, each object's shard written whole or not at all."""
 
+import json
+import time
 import zlib
+from collections import Counter
 from collections.abc import Iterator
-from contextlib import closing
-from dataclasses import asdict, replace
+from contextlib import closing, contextmanager
+from dataclasses import asdict, dataclass, field, replace
+from datetime import datetime, timezone
 from functools import partial
 from importlib.metadata import version
 from pathlib import Path
-from typing import Literal
+from typing import Any, Literal
+
+from rich.progress import Progress, TextColumn
 
 from dexnudge import __version__
-from dexnudge.dataset.atomic import remove_leftovers
-from dexnudge.dataset.digits import digit_joints
-from dexnudge.dataset.manifest import Manifest, write_manifest
-from dexnudge.dataset.shards import is_complete
+from dexnudge.dataset.joint_groups import joint_groups
+from dexnudge.dataset.manifest import MANIFEST_NAME, Manifest, read_manifest, write_manifest
+from dexnudge.dataset.schema import BehaviourCounts
+from dexnudge.dataset.shards import DamagedShardError, is_complete, read_cloud, read_shard, shard_path
 from dexnudge.errors import DatasetError, HandError, InputError, OutputError
 from dexnudge.hands.hand import Hand
 from dexnudge.hands.registry import load_hand
-from dexnudge.jobs.answers import WorkerDied
-from dexnudge.jobs.processes import run_tasks
+from dexnudge.jobs.folders import remove_leftovers
+from dexnudge.jobs.processes import WorkerDied, run_tasks
+from dexnudge.jobs.progress import progress
 from dexnudge.jobs.ray_cluster import run_tasks_on_ray
 from dexnudge.objects.sets import BUILTIN_PREFIX, ObjectEntry, resolve_object_set
-from dexnudge.synthesis.finished import Finished, open_manifest, read_finished, totals
-from dexnudge.synthesis.generation_log import GenerationLog, generation_log
 from dexnudge.synthesis.object_task import GenerationConfig, ObjectOutcome, ObjectTask
+
+
+@dataclass(frozen=True)
+class Finished:
+    """Objects that are done: name -> mesh hash and counts. damaged: those that must be made again -> what is wrong."""
+
+    mesh_hash: dict[str, str] = field(default_factory=dict)
+    counts: dict[str, dict[str, BehaviourCounts]] = field(default_factory=dict)
+    damaged: dict[str, str] = field(default_factory=dict)
+
+
+def open_manifest(folder: Path, wanted: Manifest) -> Manifest:
+    """The manifest in `folder`, or `wanted` where there is none.
+
+    Raises:
+        DatasetError: the folder holds a dataset of another format version, hand, configuration, seed, or of other
+            versions of what decides the numbers.
+    """
+    if not (folder / MANIFEST_NAME).exists():
+        return wanted
+    found = read_manifest(folder)
+    for label in ("hand", "joint_names", "config", "seed", "versions"):
+        if getattr(found, label) != getattr(wanted, label):
+            raise DatasetError(
+                f"{folder} holds a dataset with another {label}: expected {getattr(wanted, label)!r}, "
+                f"got {getattr(found, label)!r}; choose another folder, or the same {label}"
+            )
+    return found
+
+
+def read_finished(folder: Path, manifest: Manifest, names: list[str]) -> Finished:
+    """Read every shard that is there, to the last byte, and remove those that are damaged.
+
+    Raises:
+        DatasetError: a shard belongs to another dataset.
+    """
+    finished = Finished()
+    for name in names:
+        if not is_complete(folder, name):
+            continue
+        try:
+            shard = read_shard(folder, manifest, name)
+            read_cloud(folder, manifest, name)
+        except DamagedShardError as error:
+            finished.damaged[name] = str(error)
+            shard_path(folder, name).unlink()
+            continue
+        finished.mesh_hash[name] = shard.mesh_hash
+        finished.counts[name] = shard.counts
+    return finished
+
+
+def totals(counts: dict[str, dict[str, BehaviourCounts]]) -> dict[str, BehaviourCounts]:
+    """Counts of all objects per behaviour, whatever the order in which the objects were done."""
+    summed: dict[str, BehaviourCounts] = {}
+    for name in sorted(counts):
+        for behaviour, count in counts[name].items():
+            summed[behaviour] = summed.get(behaviour, BehaviourCounts()) + count
+    return dict(sorted(summed.items()))
+
+
+LOG_NAME = "log.jsonl"
+TOP_REASONS = 3  # rejections that the bar names
+
+
+class GenerationLog:
+    """Counts what this start of a run has done; one line of JSON for each object, as it ends."""
+
+    def __init__(self, folder: Path, bars: Progress, *, total: int, finished: int) -> None:
+        self._path = folder / LOG_NAME
+        self._bars = bars
+        self._bar = bars.add_task("objects", total=total, completed=finished, summary="")
+        self._start = time.monotonic()
+        self.kept = self.attempted = self.failed_objects = 0
+        self.rejected: Counter[str] = Counter()
+        self._end_broken_line()
+
+    def write(self, event: str, **content: Any) -> None:
+        """Append a line; OutputError when the disk is full."""
+        line = {"time": datetime.now(timezone.utc).isoformat(timespec="milliseconds"), "event": event, **content}
+        self._append(json.dumps(line) + "\n")
+
+    def tell(self, message: str) -> None:
+        """Say something that the user should know now, above the bar, on stderr."""
+        self._bars.console.print(message, style="yellow", soft_wrap=True)
+
+    def add(self, name: str, outcome: ObjectOutcome) -> None:
+        """Count one object."""
+        kept = sum(count.kept for count in outcome.counts.values())
+        self.kept += kept
+        self.attempted += sum(count.attempted for count in outcome.counts.values())
+        for count in outcome.counts.values():
+            self.rejected.update(count.rejected)
+        if outcome.failed:
+            self.failed_objects += 1
+            result: dict[str, Any] = {"failed": outcome.failed, **({"trace": outcome.trace} if outcome.trace else {})}
+            self.tell(f"object {name} failed: {outcome.failed}")
+        else:
+            result = {"counts": {behaviour: asdict(count) for behaviour, count in sorted(outcome.counts.items())}}
+        self._bars.update(self._bar, advance=1, summary=self.summary())
+        self.write("object", name=name, seconds=round(outcome.seconds, 3), kept=kept, **result)
+
+    def rate(self) -> float:
+        """Kept configurations per second since this start."""
+        return self.kept / max(time.monotonic() - self._start, 1e-9)
+
+    def summary(self) -> str:
+        """Rate, yield and the most frequent rejections in one line."""
+        yielded = 100.0 * self.kept / self.attempted if self.attempted else 0.0
+        reasons = [
+            f"{reason} {100.0 * number / self.attempted:.0f} %"
+            for reason, number in self.rejected.most_common(TOP_REASONS)
+        ]
+        rejections = f"; rejected: {', '.join(reasons)}" if reasons else ""
+        return f"{self.rate():.1f} kept/s, yield {yielded:.1f} %{rejections}"
+
+    def end(self, how: str) -> None:
+        """The last line of this start."""
+        self.write(
+            "end",
+            how=how,
+            seconds=round(time.monotonic() - self._start, 3),
+            kept=self.kept,
+            attempted=self.attempted,
+            kept_per_second=round(self.rate(), 3),
+            failed_objects=self.failed_objects,
+            rejected=dict(self.rejected.most_common()),
+        )
+
+    def _end_broken_line(self) -> None:
+        """A writer that was killed may have left half a line."""
+        if self._path.is_file() and not self._path.read_bytes().endswith(b"\n"):
+            self._append("\n")
+
+    def _append(self, text: str) -> None:
+        try:
+            with self._path.open("a", encoding="utf-8") as file:
+                file.write(text)
+        except OSError as error:
+            raise OutputError(f"cannot write {self._path}: {error}; expected a folder with free space.") from error
+
+
+@contextmanager
+def generation_log(folder: Path, *, total: int, finished: int) -> Iterator[GenerationLog]:
+    """A log with its bar while the block runs; its last line says how the block ended."""
+    with progress(TextColumn("{task.fields[summary]}")) as bars:
+        log = GenerationLog(folder, bars, total=total, finished=finished)
+        try:
+            yield log
+        except KeyboardInterrupt:
+            log.end("interrupted")
+            raise
+        log.end("done")
+
 
 Engine = Literal["processes", "ray"]
 # What the bytes of a dataset depend on, besides its configuration and seed.
@@ -124,7 +283,7 @@ def _open(out: Path, hand: Hand, config: GenerationConfig, seed: int) -> Manifes
     wanted = Manifest(
         hand=hand.name,
         joint_names=hand.joint_names,
-        digit_joints=digit_joints(hand),
+        joint_groups=joint_groups(hand),
         objects={},
         config=asdict(config),
         seed=seed,

@@ -21,7 +21,7 @@ from dexnudge.energies.weights import TermWeights
 from dexnudge.geometry.surface_points import SurfacePoints
 from dexnudge.geometry.warp_runtime import WarpStruct
 from dexnudge.hands.hand import Hand
-from dexnudge.synthesis.pre_contact import random_joint_angles
+from dexnudge.synthesis.start_poses import random_joint_angles
 
 WIDEST_GRASP = 0.085  # [m] between thumb and fingers
 NARROWEST_GRASP = 1.0e-4  # [m] under which two points are the same place and have no line between them

@@ -13,7 +13,7 @@ from dexnudge.energies.weights import TermWeights
 from dexnudge.geometry.surface_points import SurfacePoints
 from dexnudge.geometry.warp_runtime import WarpStruct
 from dexnudge.hands.hand import Hand
-from dexnudge.synthesis.pre_contact import sample_pre_contact
+from dexnudge.synthesis.start_poses import sample_pre_contact
 
 
 @dataclass(frozen=True)

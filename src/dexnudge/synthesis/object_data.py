@@ -7,14 +7,12 @@ import torch
 import trimesh
 from jaxtyping import Float
 
-from dexnudge.dataset.rounding import round_configuration
-from dexnudge.dataset.schema import BehaviourCounts, ConfigurationRow
+from dexnudge.dataset.schema import BehaviourCounts, ConfigurationRow, round_configuration
 from dexnudge.energies import HandEnergy, TermWeights, build_scene_fields
 from dexnudge.energies.descent import pose_from_configuration
-from dexnudge.geometry.frames import resting_origin
 from dexnudge.geometry.meshes import centre_of_mass
-from dexnudge.geometry.object_cloud import object_cloud
-from dexnudge.geometry.surface_points import surface_points
+from dexnudge.geometry.surface_points import object_cloud, surface_points
+from dexnudge.geometry.transforms import resting_origin
 from dexnudge.geometry.warp_runtime import WarpStruct
 from dexnudge.hands.hand import Hand
 from dexnudge.scenes.resting import resting_pose

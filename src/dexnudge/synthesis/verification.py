@@ -11,7 +11,6 @@ import trimesh
 from jaxtyping import Bool, Float
 
 from dexnudge.dataset.schema import INFEASIBLE, NUM_DIRECTIONS, best_direction, direction_angles
-from dexnudge.evaluation.penetration import PenetrationCheck, PointHits
 from dexnudge.hands.hand import Hand
 from dexnudge.mechanics.contacts import (
     HAND_CONTACT_DISTANCE,
@@ -23,6 +22,7 @@ from dexnudge.mechanics.fast_balance import force_margins
 from dexnudge.mechanics.sliding_task import sliding_task
 from dexnudge.scenes.scene import Scene
 from dexnudge.simulation.hold import HoldTest
+from dexnudge.verification.penetration import PenetrationCheck, PointHits
 
 PRESSING = 0.7  # mean vertical part of the contacts' normals above which a hand presses
 FAR_BELOW = 5.0  # [m]

@@ -8,7 +8,7 @@ from itertools import groupby
 import numpy as np
 from jaxtyping import Float
 
-from dexnudge.viewer.film import Curve, Film
+from dexnudge.viewer.recording import Curve, Film
 
 COLOURS = ("#3b6fb6", "#e07b39", "#2a8f6a", "#8e5ea2")  # of a chart's curves, in turn
 BANDS = ("#f4f6f8", "#e9edf2")  # of phases, alternating

@@ -6,11 +6,10 @@ from typing import Any
 
 import numpy as np
 
-from dexnudge.viewer.film import Film, film_camera
 from dexnudge.viewer.film_chart import film_charts
-from dexnudge.viewer.page_data import ASPECT, check_same_bodies, page_data
-from dexnudge.viewer.page_text import filled_template, json_text, legend, write_text
-from dexnudge.viewer.palette import Role
+from dexnudge.viewer.page import ASPECT, check_same_bodies, filled_template, json_text, legend, page_data, write_text
+from dexnudge.viewer.recording import Film, film_camera
+from dexnudge.viewer.visual_scene import Role
 
 MOST_FRAMES = 1000  # a longer film is thinned, so that the page stays below a few megabytes
 OPACITY = 40  # [%] of the surroundings at first

@@ -8,11 +8,10 @@ from PIL import Image
 
 from dexnudge.errors import InputError, OutputError
 from dexnudge.viewer.camera import Camera
-from dexnudge.viewer.drawing import Drawing
-from dexnudge.viewer.film import SAMPLES, Film, film_camera
-from dexnudge.viewer.picture import render_array, write_png
-from dexnudge.viewer.sheet import arrange
+from dexnudge.viewer.picture import arrange, render_array, write_png
+from dexnudge.viewer.recording import SAMPLES, Film, film_camera
 from dexnudge.viewer.viewpoint import hiding_faces
+from dexnudge.viewer.visual_scene import VisualScene
 
 TILE = (400, 300)  # pixels of each picture, width and height
 STRIP_PICTURES = 6
@@ -78,7 +77,7 @@ def _glass(film: Film, camera: Camera, aspect: float) -> list[Bool[np.ndarray, "
     return [np.any([_hiding(frame, place, camera, aspect) for frame in sampled], axis=0) for place in range(len(parts))]
 
 
-def _hiding(frame: Drawing, place: int, camera: Camera, aspect: float) -> Bool[np.ndarray, " face"]:
+def _hiding(frame: VisualScene, place: int, camera: Camera, aspect: float) -> Bool[np.ndarray, " face"]:
     return hiding_faces(frame.with_role("environment")[place].mesh_in_world(), frame, camera, aspect=aspect)
 
 

@@ -8,8 +8,8 @@ from jaxtyping import Bool, Float
 
 from dexnudge.geometry.warp_runtime import wp
 from dexnudge.viewer.camera import Camera, framing_camera
-from dexnudge.viewer.drawing import Drawing, Part
 from dexnudge.viewer.ray_hits import first_hits, warp_mesh
+from dexnudge.viewer.visual_scene import Part, VisualScene
 
 AZIMUTHS = 12  # candidate directions around the object
 ELEVATIONS = (20.0, 38.0, 58.0)  # [deg] above the horizon
@@ -39,7 +39,7 @@ def world_triangles(parts: tuple[Part, ...]) -> Float[np.ndarray, "face 3 3"]:
     return np.concatenate([np.zeros((0, 3, 3)), *(part.vertices_in_world()[part.mesh.faces] for part in parts)])
 
 
-def choose_camera(drawing: Drawing, *, aspect: float) -> Camera:
+def choose_camera(drawing: VisualScene, *, aspect: float) -> Camera:
     """The best of 36 directions: contacts and object in free sight, much of the hand, the motion across the picture."""
     triangles = world_triangles(drawing.with_role("object"))
     hand = world_triangles(drawing.with_role("link", "fingertip"))
@@ -69,7 +69,7 @@ def choose_camera(drawing: Drawing, *, aspect: float) -> Camera:
     return best
 
 
-def _score(drawing: Drawing, camera: Camera, trial: Trial, aspect: float) -> float:
+def _score(drawing: VisualScene, camera: Camera, trial: Trial, aspect: float) -> float:
     rays = camera.rays((round(COARSE_HEIGHT * aspect), COARSE_HEIGHT))
     eyes = np.broadcast_to(camera.position, rays.shape)
     depth, face = first_hits(trial.subject, eyes, rays)
@@ -104,7 +104,7 @@ def _score(drawing: Drawing, camera: Camera, trial: Trial, aspect: float) -> flo
 
 
 def hiding_faces(
-    environment: trimesh.Trimesh, drawing: Drawing, camera: Camera, *, aspect: float
+    environment: trimesh.Trimesh, drawing: VisualScene, camera: Camera, *, aspect: float
 ) -> Bool[np.ndarray, " face"]:
     """Which triangles of `environment` (world frame) hide object or hand: whole flat faces, and whole convex bodies."""
     rays = camera.rays((round(GLASS_HEIGHT * aspect), GLASS_HEIGHT))

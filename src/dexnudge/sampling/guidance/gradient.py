@@ -5,9 +5,9 @@ from jaxtyping import Float
 from torch import Tensor
 
 from dexnudge.energies.evaluator import HandEnergy, HandPose
-from dexnudge.geometry.rotations import rotation_6d_to_matrix
+from dexnudge.geometry.transforms import rotation_6d_to_matrix
 from dexnudge.hands.hand import ROOT_COORDINATES, Hand
-from dexnudge.sampling.guidance.contacts import set_wanted_contacts
+from dexnudge.sampling.guidance.active_contacts import set_active_contacts
 from dexnudge.sampling.guidance.rule import ReverseStep
 
 SMALLEST_NORM = 1.0e-12
@@ -20,7 +20,7 @@ def gradient_through_network(
     x_t = step.x_t.detach().requires_grad_()
     x0_hat = step.prior.predict_clean(x_t, step.t, step.condition, guidance_scale=step.guidance_scale)
     q = step.prior.denormalise(x0_hat)
-    set_wanted_contacts(step, q.detach())
+    set_active_contacts(step, q.detach())
     (gradient,) = torch.autograd.grad(configuration_energy(q, step.energy).sum(), x_t)
     return x0_hat.detach(), gradient
 
@@ -31,7 +31,7 @@ def gradient_at_clean_estimate(
     """(L, g) with g = grad_{x0_hat} L(x0_hat) of each sample's own energy, without the network's derivative."""
     x0 = x0_hat.detach().clone().requires_grad_()
     q = step.prior.denormalise(x0)
-    set_wanted_contacts(step, q.detach())
+    set_active_contacts(step, q.detach())
     energy = configuration_energy(q, step.energy)
     (gradient,) = torch.autograd.grad(energy.sum(), x0)
     return energy.detach(), gradient

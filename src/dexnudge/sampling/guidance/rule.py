@@ -7,7 +7,7 @@ import torch
 from jaxtyping import Float
 from torch import Tensor
 
-from dexnudge.diffusion.conditioning import Condition
+from dexnudge.diffusion.network import Condition
 from dexnudge.diffusion.prior import DiffusionPrior
 from dexnudge.energies.evaluator import HandEnergy
 from dexnudge.energies.force_residual import ForceResidual

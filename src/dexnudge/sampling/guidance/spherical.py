@@ -1,21 +1,20 @@
-"""Spherical-Gaussian guidance proper (DSG, Yang et al., 2024), which the paper's Eq. 5 shortens.
+"""Ours with sequential Monte Carlo: now and then promising draws of a call take the places of hopeless ones.
 
-    d* = -r g / |g|,   d = sigma_t z,   m = d + rate (d* - d),   x_{t-1} = mu_t + r m / |m|,   r = sqrt(n) sigma_t
-
-with mu_t and sigma_t DDIM's mean and standard deviation at eta = 1, g = grad_{x_t} L(x0_hat(x_t)) and n the dimension of
-x. The sample stays where almost all of a Gaussian's mass is, on the sphere of radius r about the mean; at eta = 0 the radius
-is zero and the rule does nothing, so it always samples at eta = 1. Here everything is per sample, and a sample without a
-slope keeps its noise.
+Every few steps the draws of a call are weighed by exp(-L / temperature), L the energy at their clean estimates. Where the
+weights are so uneven that they are worth less than half of the draws, as many are drawn from them anew, evenly (systematic
+resampling). The noise of later steps parts those that come from one. So draws of a call are no longer independent, and a
+call of one is `CleanSpherical`.
 """
 
-from dataclasses import dataclass
+from dataclasses import dataclass, field, replace
 
 import torch
-from jaxtyping import Float
+from jaxtyping import Float, Int
 from torch import Tensor
 
-from dexnudge.diffusion.ddim import ddim_mean_and_sigma
-from dexnudge.sampling.guidance.gradient import SMALLEST_NORM, gradient_through_network, unit
+from dexnudge.diffusion.schedule import ddim_mean_and_sigma
+from dexnudge.hands.hand import ROOT_COORDINATES
+from dexnudge.sampling.guidance.gradient import SMALLEST_NORM, clean_estimate, gradient_through_network, unit
 from dexnudge.sampling.guidance.rule import ReverseStep
 
 
@@ -45,3 +44,64 @@ def spherical_step(
     slope = gradient.norm(dim=1, keepdim=True) > SMALLEST_NORM
     mixed = torch.where(slope, noise + rate * (-radius * unit(gradient) - noise), noise)
     return mean + radius * unit(mixed)
+
+
+@dataclass(frozen=True)
+class CleanSpherical:
+    """How much of the noise is replaced by steepest descent.
+
+    rate: in [0, 1]; 0 keeps the noise, 1 replaces it where the energy is high. joints: share of that for joint angles.
+    negligible: energy [m^2] at which half of it is left.
+    """
+
+    rate: float = 0.8
+    joints: float = 0.5
+    negligible: float = 1.0e-3
+
+    def __call__(self, step: ReverseStep) -> Float[Tensor, "batch dimension"]:
+        """x_{t-1} on the sphere about DDIM's mean."""
+        x0_hat, energy, gradient = clean_estimate(step)
+        return spherical_step(step, x0_hat, gradient, rate=self.rates(energy, x0_hat.shape[1]))
+
+    def rates(self, energy: Float[Tensor, " batch"], dimension: int) -> Float[Tensor, "batch dimension"]:
+        """w of each sample and coordinate, for energies L [m^2]; one without energy has no slope either."""
+        share = torch.ones(dimension, dtype=energy.dtype, device=energy.device)
+        share[ROOT_COORDINATES:] = self.joints
+        steered = self.rate * energy / (energy + self.negligible).clamp_min(torch.finfo(energy.dtype).tiny)
+        return steered[:, None] * share
+
+
+LEAST_WORTH = 0.5  # of the draws: effective sample size over their number from which nothing is resampled
+LAST = 0.15  # of the training steps: later, noise no longer parts draws that come from one
+
+
+@dataclass
+class Resampled:
+    """One run's rule. temperature: of the weights [m^2]. every: steps between two looks."""
+
+    steering: CleanSpherical = field(default_factory=CleanSpherical)
+    temperature: float = 1.0e-2
+    every: int = 5
+    steps: int = field(default=0, init=False)
+
+    def __call__(self, step: ReverseStep) -> Float[Tensor, "batch dimension"]:
+        """x_{t-1} on the sphere about DDIM's mean."""
+        x0_hat, energy, gradient = clean_estimate(step)
+        self.steps += 1
+        if self.steps % self.every == 0 and step.t >= LAST * len(step.prior.schedule.alphas_cumprod):
+            chosen = resampled(energy, temperature=self.temperature, generator=step.generator)
+            step = replace(step, x_t=step.x_t[chosen])
+            x0_hat, energy, gradient = x0_hat[chosen], energy[chosen], gradient[chosen]
+        return spherical_step(step, x0_hat, gradient, rate=self.steering.rates(energy, x0_hat.shape[1]))
+
+
+def resampled(
+    energy: Float[Tensor, " batch"], *, temperature: float, generator: torch.Generator
+) -> Int[Tensor, " batch"]:
+    """Which draws go on, ascending; each once where the weights are even enough."""
+    weight, count = torch.softmax(-energy / temperature, dim=0), len(energy)
+    if 1 / (weight**2).sum() >= LEAST_WORTH * count:
+        return torch.arange(count, device=energy.device)
+    start = torch.rand(1, generator=generator, device=energy.device)
+    places = (start + torch.arange(count, device=energy.device)) / count
+    return torch.searchsorted(weight.cumsum(0), places.to(weight.dtype)).clamp_max(count - 1)

@@ -1,1 +1,0 @@
-"""Whether configurations succeed, over one scene or many: the judge, experiments and their report."""

@@ -1,0 +1,1 @@
+"""Every experiment: trials, their records, metrics and tables."""

@@ -1,0 +1,116 @@
+"""What an experiment evaluates, and the tasks that it consists of."""
+
+import zlib
+from collections.abc import Mapping, Sequence
+from dataclasses import dataclass
+from typing import Any
+
+import numpy as np
+
+from dexnudge.errors import InputError, UnknownNameError
+from dexnudge.experiments.rows import RowKey
+
+
+@dataclass(frozen=True, kw_only=True)
+class ExperimentConfig:
+    """What is evaluated; two runs with equal configs and versions give the same rows.
+
+    Attributes:
+        objects: a set as in `resolve_object_set`.
+        max_objects: take this many of the set, evenly spaced in its order; None for all.
+        scenes: names of scene families.
+        methods: names in `sampling.METHODS`.
+        num: draws for each object, scene and method.
+        seed: of the whole experiment; the seed of a row is derived from it, the object and the scene, so that all
+            methods meet the same scenes.
+        units: of mesh files, unless the set implies a scale.
+        length: longest side of every object [m], or None for the size that the set implies.
+        hand: built-in name or URDF file.
+        base: whether the forearm counts as part of the hand.
+        physics: parameters of `build_scene` that differ from the defaults.
+        weights: folder of the model, None for the shipped one.
+        data: dataset folder, for methods that start from stored poses.
+        device: where sampling runs.
+        losses: weights and clearances that differ from each method's own, by their names in `TermWeights`.
+        sweep: whether draws are judged again at other frictions and masses, see `sweeps.SWEEPS`.
+    """
+
+    objects: str
+    max_objects: int | None = None
+    scenes: tuple[str, ...] = ("table", "layers", "shelf")
+    methods: tuple[str, ...] = ("steered_noise",)
+    num: int = 32
+    seed: int = 0
+    units: str = "m"
+    length: float | None = None
+    hand: str = "shadow_lite"
+    base: bool = True
+    physics: dict[str, float] | None = None
+    weights: str | None = None
+    data: str | None = None
+    device: str = "cpu"
+    losses: dict[str, float] | None = None
+    sweep: bool = False
+
+
+@dataclass(frozen=True)
+class Task:
+    """One row that is still to be computed."""
+
+    object: str
+    scene: str
+    method: str
+
+    @property
+    def key(self) -> RowKey:
+        """What identifies the row."""
+        return (self.object, self.scene, self.method)
+
+
+def all_tasks(config: ExperimentConfig) -> list[Task]:
+    """Every row that the experiment asks for; those of one object and scene stand together.
+
+    Raises:
+        InputError: a name, count or loss in the config is not valid. MeshError: the set of objects cannot be found.
+    """
+    from dexnudge.sampling.methods import METHODS, find_method
+    from dexnudge.scenes.families import SCENE_FAMILIES
+
+    for name, count in (("num", config.num), ("max-objects", config.max_objects)):
+        if count is not None and count < 1:
+            raise InputError(f"--{name} is {count}; expected at least 1")
+    _check_names("scene", config.scenes, SCENE_FAMILIES)
+    _check_names("method", config.methods, METHODS)
+    for method in config.methods:
+        find_method(method).with_weights(config.losses or {})  # refuses what makes no sense
+    return [
+        Task(name, scene, method)
+        for name in _object_names(config)
+        for scene in config.scenes
+        for method in config.methods
+    ]
+
+
+def row_seed(seed: int, task: Task) -> int:
+    """Seed of a row: the same for all methods, another for each object and scene."""
+    parts = [seed, zlib.crc32(task.object.encode()), zlib.crc32(task.scene.encode())]
+    return int(np.random.SeedSequence(parts).generate_state(1)[0])
+
+
+def _object_names(config: ExperimentConfig) -> list[str]:
+    from dexnudge.objects.sets import resolve_object_set
+
+    names = [entry.name for entry in resolve_object_set(config.objects, units=config.units, length=config.length)]
+    if config.max_objects is None or config.max_objects >= len(names):
+        return names
+    return [names[index * len(names) // config.max_objects] for index in range(config.max_objects)]
+
+
+def _check_names(what: str, names: Sequence[str], table: Mapping[str, Any]) -> None:
+    if not names:
+        raise InputError(f"no {what} is named; expected some of {', '.join(table)}")
+    for name in names:
+        if name not in table:
+            raise UnknownNameError(f"unknown {what} {name!r}; expected some of {', '.join(table)}")
+        if list(names).count(name) > 1:
+            raise InputError(f"the {what} {name!r} is named twice; expected each once")

@@ -1,0 +1,216 @@
+"""The data card of a dataset, README.md in its folder: every figure counted in the data, every criterion read from code.
+
+Sections after Pushkarna et al., Data Cards (FAccT 2022): what it is, how it was made, what a row means, where it ends.
+"""
+
+from collections import Counter
+from pathlib import Path
+
+import numpy as np
+import pyarrow as pa
+
+from dexnudge.dataset.info import FEASIBLE_MARGIN, HOLD_DRIFT, DatasetInfo, describe
+from dexnudge.dataset.manifest import Manifest
+from dexnudge.dataset.schema import (
+    CLOUD_POINTS,
+    FORMAT_VERSION,
+    NUM_DIRECTIONS,
+    RESTING_FRAME,
+    cloud_schema,
+    configuration_schema,
+)
+from dexnudge.dataset.tables import Table, counts_table, coverage_tables, histogram_tables, joints_table
+from dexnudge.jobs.folders import replace_atomically
+from dexnudge.mechanics.balance import MAX_FACTOR
+from dexnudge.mechanics.contacts import HAND_CONTACT_DISTANCE
+from dexnudge.objects.builtin import builtin_names
+from dexnudge.scenes.scene import FRICTION_ENVIRONMENT, FRICTION_HAND, MASS, MAX_NORMAL_FORCE
+from dexnudge.simulation import grasp_model, hold
+from dexnudge.simulation import hold as object_motion
+from dexnudge.synthesis.verification import PENETRATION_LIMIT, PRESSING
+from dexnudge.verification.penetration import SURFACE_SPACING
+
+CARD_FILE = "README.md"
+LOADING = """from dexnudge.dataset.loading import load_dataset
+
+dataset = load_dataset(FOLDER)
+print(dataset.q.shape, dataset.direction_margin.shape, dataset.clouds.shape)
+print(dataset.object_names[dataset.object_index[0]], dataset.manifest.joint_names)
+"""
+READING = """from pathlib import Path
+import numpy as np, pyarrow as pa, pyarrow.parquet as pq
+
+rows = pa.concat_tables(pq.read_table(file) for file in sorted(Path(FOLDER).glob("shard-*.parquet")))
+q = np.stack(rows["q"].to_numpy())
+"""
+
+
+def write_card(folder: Path | str) -> Path:
+    """Write the data card into a dataset's folder and return its path; the same data give the same bytes.
+
+    Raises:
+        DatasetError: the dataset is missing or damaged.
+        OutputError: the folder cannot be written.
+    """
+    path = Path(folder) / CARD_FILE
+    text = card(describe(folder))
+    with replace_atomically(path) as temporary:
+        temporary.write_text(text, encoding="utf-8")
+    return path
+
+
+def card(info: DatasetInfo) -> str:
+    """The data card as Markdown."""
+    sections = {
+        "What it is": _what(info),
+        "Counts": counts_table(info).markdown() + "\nattempted = kept + rejected + failed.\n",
+        "What a row is": _columns(info.manifest),
+        "What was verified": _criteria() + _holding(info),
+        "Coverage": _coverage(info),
+        "How to load it": _loading(),
+        "How it was made": _making(info.manifest),
+        "Known limitations": _limitations(info),
+    }
+    head = f"# Hand configurations for {info.manifest.hand}\n"
+    licence = "---\nlicense: mit\n---\n" if builtin_set(info.manifest) else ""
+    return licence + head + "".join(f"\n## {title}\n\n{text}" for title, text in sections.items())
+
+
+def builtin_set(manifest: Manifest) -> str | None:
+    """The built-in set whose objects these are, all of them; None where they come from elsewhere."""
+    names = {*manifest.objects, *manifest.failed_objects}
+    return next((f"builtin:{kind}" for kind in ("train", "test") if names == set(builtin_names(kind))), None)
+
+
+def _what(info: DatasetInfo) -> str:
+    manifest = info.manifest
+    kinds = Counter(name.partition("-")[0] for name in manifest.objects)
+    if builtin_set(manifest):
+        objects = (
+            f"the {builtin_set(manifest)} set ({', '.join(f'{count} {kind}' for kind, count in sorted(kinds.items()))}): "
+            "made by a program from their names, nothing was scanned or copied"
+        )
+        licence = "MIT, as dexnudge itself"
+    else:
+        objects = "mesh files of whoever generated this dataset"
+        licence = (
+            "of the rows: MIT, as dexnudge itself; of the surface points: that of the mesh files they were taken from"
+        )
+    behaviours = ", ".join(f"{count.kept} {behaviour}" for behaviour, count in info.counts.items())
+    return (
+        "Poses and joint angles of a robot hand that push, press or hook a thin object at rest on a plane, or grasp it "
+        "in free space; each one verified against penetration and for its contact forces.\n\n"
+        f"- {info.num_configurations} configurations: {behaviours}\n"
+        f"- hand: {manifest.hand}, {len(manifest.joint_names)} joint angles, digits {', '.join(manifest.joint_groups)}\n"
+        f"- {info.num_objects} objects, {info.missing_objects} not generated yet, {len(manifest.failed_objects)} failed; "
+        f"{objects}\n"
+        f"- {info.bytes_on_disk} bytes in all, {info.bytes_per_row:.0f} per configuration\n"
+        f"- licence: {licence}\n"
+        f"- format version {FORMAT_VERSION}\n"
+    )
+
+
+def _columns(manifest: Manifest) -> str:
+    schemas = {
+        "`shard-OBJECT.parquet`, one row for each configuration": configuration_schema(len(manifest.joint_names)),
+        f"`object-OBJECT.parquet`, {CLOUD_POINTS} points of the object's surface": cloud_schema(),
+    }
+    text = ""
+    for title, schema in schemas.items():
+        rows = tuple((f"`{field.name}`", _type(field.type), *_said(field.metadata)) for field in schema)
+        header = ("column", "type", "unit", "frame", "meaning")
+        text += f"{title}:\n\n" + Table("", header, rows, numeric=False).markdown() + "\n"
+    return text + (
+        f"Frame `resting`: {RESTING_FRAME}.\nJoint angles in `q`, in this order: {', '.join(manifest.joint_names)}.\n"
+    )
+
+
+def _type(kind: pa.DataType) -> str:
+    """As numpy would write it: type and shape of one cell."""
+    if pa.types.is_fixed_size_list(kind):
+        return f"{_type(kind.value_type)}[{kind.list_size}]"
+    return f"list of {_type(kind.value_type)}" if pa.types.is_list(kind) else str(kind)
+
+
+def _said(metadata: dict[bytes, bytes]) -> tuple[str, str, str]:
+    unit, frame, description = (metadata[key].decode() for key in (b"unit", b"frame", b"description"))
+    return unit, "resting" if frame == RESTING_FRAME else frame, description
+
+
+def _criteria() -> str:
+    return (
+        "The verification does not share its geometry with what generates: exact mesh distance, points at most "
+        f"{1e3 * SURFACE_SPACING:g} mm apart, both ways. Kept is what meets all of these:\n\n"
+        f"- penetration of object, plane and the hand itself at most {1e3 * PENETRATION_LIMIT:g} mm each\n"
+        f"- contact: a surface of the hand that faces the object within {1e3 * HAND_CONTACT_DISTANCE:g} mm\n"
+        f"- push, press, hook: in at least one of {NUM_DIRECTIONS} directions a force margin of {FEASIBLE_MARGIN:g} or "
+        "more. The margin is the largest factor on the friction of the plane with which contact forces within their "
+        f"cones and limits still balance the sliding object; it ends at {MAX_FACTOR:g}\n"
+        f"- for these forces: friction {FRICTION_HAND:g} of the hand and {FRICTION_ENVIRONMENT:g} of the plane, mass "
+        f"{MASS:g} kg, at most {MAX_NORMAL_FORCE:g} N normal force for each link\n\n"
+        f"A row is a press where the contacts' mean normal has a vertical part above {PRESSING:g}; otherwise a hook where "
+        "the palm's origin lies ahead of the object in the direction with the greatest margin, else a push.\n"
+    )
+
+
+def _holding(info: DatasetInfo) -> str:
+    """How grasps were held in simulation, where the rows say that they were."""
+    drifts = (histogram.counts.values() for histogram in info.histograms if histogram.quantity == HOLD_DRIFT)
+    held = sum(int(counts.sum()) for groups in drifts for counts in groups)
+    if not held:
+        return "\nNo row was held in simulation: `hold_translation` and `hold_rotation` are null throughout.\n"
+    return (
+        f"\n{held} of {info.counts['grasp'].kept} grasps were held in MuJoCo against a pull of {hold.PULL:g} N in "
+        f"{len(hold.DIRECTIONS)} directions, one after the other, on an object of {grasp_model.MASS:g} kg with friction "
+        f"{grasp_model.FRICTION:g}; it moved by less than "
+        f"{1e3 * object_motion.FARTHEST:g} mm and {np.degrees(object_motion.MOST_TURNED):g} degrees.\n"
+    )
+
+
+def _coverage(info: DatasetInfo) -> str:
+    parts = [f"{table.title}:\n\n{table.markdown()}" for table in coverage_tables(info)]
+    quantiles = [histogram_tables(histogram)[1] for histogram in info.histograms]
+    parts += [f"{table.title}:\n\n{table.markdown()}" for table in quantiles]
+    return "\n".join([*parts, f"joint angles:\n\n{joints_table(info).markdown()}"])
+
+
+def _loading() -> str:
+    return (
+        f"With dexnudge, as arrays:\n\n```python\n{LOADING}```\n\nWith pyarrow alone:\n\n```python\n{READING}```\n\n"
+        "`FOLDER` is the folder of this file. `manifest.json` names the hand, the joints in the order of `q` and the "
+        "SHA-256 of each object's mesh.\n"
+    )
+
+
+def _making(manifest: Manifest) -> str:
+    objects = builtin_set(manifest) or "SET"
+    settings = {"objects": objects, **manifest.config, "seed": manifest.seed}
+    options = " ".join(f"--{name.replace('_', '-')} {value}" for name, value in settings.items() if value is not None)
+    versions = ", ".join(f"{name} {version}" for name, version in sorted(manifest.versions.items()))
+    return (
+        f"```\ndexnudge dataset generate {options} --out FOLDER\n```\n\n"
+        "Same machine, same versions, same command: same rows, whatever the number of workers. "
+        f"Versions: {versions or 'not recorded'}.\n"
+    )
+
+
+def _limitations(info: DatasetInfo) -> str:
+    absent = [behaviour for behaviour, count in info.counts.items() if not count.kept]
+    untouched = [side for side, objects in info.side_objects.items() if not objects]
+    unused = [digit for digit in info.manifest.joint_groups if not any(use[digit] for use in info.digit_use.values())]
+    found = {
+        "behaviours without a row": absent,
+        "sides that no push, press or hook touches": untouched,
+        "digits that no row uses": unused,
+        "objects that failed": sorted(info.manifest.failed_objects),
+    }
+    least = min(info.feasible_rows, default=0), max(info.feasible_rows, default=0)
+    lines = [f"{what}: {', '.join(names)}" for what, names in found.items() if names]
+    lines += [
+        f"the {NUM_DIRECTIONS} directions are feasible in {least[0]} to {least[1]} rows each",
+        "forces are quasi-static; margins hold for one mass and one pair of frictions, and say nothing of impacts",
+        "non-prehensile rows know no surroundings but a plane; grasps know none",
+        "the yaw of an object at rest is that of its mesh laid down: turn rows about the vertical to train for any yaw",
+        "where directions share the greatest margin, the middle of their widest arc tells push from hook",
+    ]
+    return "".join(f"- {line}\n" for line in lines)

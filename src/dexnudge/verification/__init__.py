@@ -1,0 +1,1 @@
+"""The judge: what a hand configuration must meet to succeed."""

@@ -1,0 +1,135 @@
+"""How deep a hand is in the object, in the surroundings and in itself: exact distance, dense points, both ways."""
+
+from __future__ import annotations
+
+from concurrent.futures import ThreadPoolExecutor
+from dataclasses import dataclass
+
+import numpy as np
+import trimesh
+from jaxtyping import Float
+
+from dexnudge.geometry.surface_lattice import Boxes, lattice_in_boxes
+from dexnudge.hands.hand import Hand
+from dexnudge.jobs.cached import cached_per_instance
+from dexnudge.scenes.scene import Scene
+from dexnudge.verification.point_tree import PointHits, SolidDistance, build_tree, query_tree
+
+SURFACE_SPACING = 2e-3
+"""Spacing of the object's and the environment's points that are looked for in the hand's links [m]."""
+DIRECTIONS = np.asarray(trimesh.creation.icosphere(subdivisions=1).vertices)
+"""Normals of the half-spaces that rule out most of those points before any distance is asked for."""
+THREADS = 2
+"""Object, environment and self are measured side by side; distance queries run outside Python's lock."""
+
+
+@dataclass(frozen=True)
+class Penetrations:
+    """Greatest depth per configuration [m], 0 where nothing penetrates, and the hand's points near the object.
+
+    near_object: points within the reach that was asked for, in the OBJECT's frame.
+    """
+
+    object: Float[np.ndarray, " n"]
+    environment: Float[np.ndarray, " n"]
+    itself: Float[np.ndarray, " n"]
+    near_object: PointHits
+
+
+class HandSolids:
+    """A hand's dense points as a tree, and its links as solids; made once per hand."""
+
+    def __init__(self, hand: Hand) -> None:
+        self.tree = build_tree(hand.dense_points)
+        self.solids = {i: SolidDistance(mesh) for i, mesh in enumerate(hand.link_meshes) if len(mesh.faces)}
+        # Half-spaces that hold a link: no point is deeper in the link than in the least of them.
+        self.extent = {i: (hand.link_meshes[i].vertices @ DIRECTIONS.T).max(axis=0) for i in self.solids}
+        count = len(hand.link_meshes)
+        self.partners = np.zeros((count, count), dtype=bool)
+        for one, other in hand.self_collision_pairs:
+            self.partners[one, other] = self.partners[other, one] = True
+
+
+@cached_per_instance
+def hand_solids(hand: Hand) -> HandSolids:
+    """The hand's solids."""
+    return HandSolids(hand)
+
+
+class PenetrationCheck:
+    """Measures the penetrations of one hand in one scene, for any number of configurations.
+
+    Both ways: the hand's dense points (2 mm) in object and environment, and points of their surfaces (2 mm, with all
+    edges and corners) in the links; in itself, the dense points of either link of a pair in the other.
+    """
+
+    def __init__(self, hand: Hand, scene: Scene) -> None:
+        self._hand = hand_solids(hand)
+        self._all_links = np.ones(len(hand.link_meshes), dtype=bool)
+        self._T_object_world = np.linalg.inv(scene.T_world_object)
+        self._object = SolidDistance(scene.object_mesh)
+        self._environment = SolidDistance(scene.environment_mesh)
+        self._object_triangles = _triangles(scene.object_in_world())
+        self._environment_triangles = _triangles(scene.environment_mesh)
+
+    def __call__(self, T_world_link: Float[np.ndarray, "n link 4 4"], *, reach: float) -> Penetrations:
+        """Return the penetrations for the poses of the links; `reach` [m] is how far `near_object` looks."""
+        if len(T_world_link) == 0:
+            nothing = np.zeros(0)
+            empty = np.zeros(0, dtype=np.int64)
+            return Penetrations(nothing, nothing, nothing, PointHits(empty, empty, nothing, *np.zeros((2, 0, 3))))
+        with ThreadPoolExecutor(THREADS) as pool:
+            itself = pool.submit(self._in_itself, T_world_link)
+            environment = pool.submit(self._in_environment, T_world_link)
+            in_object = pool.submit(self._in_object, T_world_link, reach)
+            object_depth, near_object = in_object.result()
+            return Penetrations(object_depth, environment.result(), itself.result(), near_object)
+
+    def _in_object(self, T_world_link: np.ndarray, reach: float) -> tuple[np.ndarray, PointHits]:
+        hits = query_tree(
+            self._hand.tree, self._T_object_world @ T_world_link, self._object, links=self._all_links, reach=reach
+        )
+        deepest = np.zeros(len(T_world_link))
+        np.maximum.at(deepest, hits.configuration, -hits.distance)
+        self._into_links(self._object_triangles, T_world_link, deepest)
+        return deepest, hits
+
+    def _in_environment(self, T_world_link: np.ndarray) -> np.ndarray:
+        deepest = np.zeros(len(T_world_link))
+        query_tree(self._hand.tree, T_world_link, self._environment, links=self._all_links, reach=0.0, deepest=deepest)
+        self._into_links(self._environment_triangles, T_world_link, deepest)
+        return deepest
+
+    def _in_itself(self, T_world_link: np.ndarray) -> np.ndarray:
+        deepest = np.zeros(len(T_world_link))
+        for link, solid in self._hand.solids.items():
+            T_solid_link = np.linalg.inv(T_world_link[:, link])[:, None] @ T_world_link
+            partners = self._hand.partners[link]
+            query_tree(self._hand.tree, T_solid_link, solid, links=partners, reach=0.0, deepest=deepest)
+        return deepest
+
+    def _into_links(self, triangles: np.ndarray, T_world_link: np.ndarray, deepest: np.ndarray) -> None:
+        """Raise `deepest` to the greatest depth of the surface's points in any link."""
+        links = np.array(list(self._hand.solids))
+        low = np.stack([self._hand.solids[link].low for link in links])
+        high = np.stack([self._hand.solids[link].high for link in links])
+        T = T_world_link[:, links].reshape(-1, 4, 4)
+        owner = np.tile(np.arange(len(links)), len(T_world_link))
+        middle = 0.5 * (low + high)[owner]
+        boxes = Boxes(
+            centre=np.einsum("bij,bj->bi", T[:, :3, :3], middle) + T[:, :3, 3],
+            axes=np.swapaxes(T[:, :3, :3], 1, 2),
+            half=0.5 * (high - low)[owner],
+        )
+        points, box = lattice_in_boxes(triangles, boxes, spacing=SURFACE_SPACING)
+        local = middle[box] + np.einsum("nix,nx->ni", boxes.axes[box], points - boxes.centre[box])
+        configuration = box // len(links)
+        for index, (link, solid) in enumerate(self._hand.solids.items()):
+            mine = np.flatnonzero(owner[box] == index)
+            room = (self._hand.extent[link] - local[mine] @ DIRECTIONS.T).min(axis=1)
+            mine = mine[room > deepest[configuration[mine]]]
+            np.maximum.at(deepest, configuration[mine], -solid.query(local[mine]).distance)
+
+
+def _triangles(mesh: trimesh.Trimesh) -> np.ndarray:
+    return np.asarray(mesh.triangles, dtype=np.float64)

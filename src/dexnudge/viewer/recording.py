@@ -1,0 +1,113 @@
+"""What happened, moment by moment: the same bodies again and again, with what was measured of them."""
+
+from collections.abc import Sequence
+from dataclasses import dataclass, replace
+
+import numpy as np
+from jaxtyping import Float, Int
+
+from dexnudge.errors import InputError
+from dexnudge.viewer.camera import Camera, framing_camera
+from dexnudge.viewer.viewpoint import choose_camera, world_triangles
+from dexnudge.viewer.visual_scene import VisualScene
+
+SAMPLES = 6  # moments that the camera is chosen for
+SURROUNDED = 0.25  # [m] from the object's path; of a hand that comes from farther away the rest may leave the picture
+
+
+@dataclass(frozen=True)
+class Curve:
+    """One measured quantity: a number for each moment, NaN where there is none, in `unit`."""
+
+    name: str
+    unit: str
+    values: Float[np.ndarray, " frame"]
+
+
+@dataclass(frozen=True, eq=False)
+class Film:
+    """Moments of one run, in order.
+
+    Attributes:
+        frames: of the same bodies in the same order, as `drawing.drawings` returns them; a motion of zero has no arrow.
+        time: of each [s], ascending.
+        phase: name of each, such as "push"; "" where it has none.
+        charts: curves by the title of the chart that shows them together.
+        title: plain text.
+        subtitle: plain text, such as what came of it.
+
+    Raises:
+        InputError: no frames, or times, phases or curves of another number.
+    """
+
+    frames: Sequence[VisualScene]
+    time: Float[np.ndarray, " frame"]
+    phase: Sequence[str]
+    charts: dict[str, tuple[Curve, ...]]
+    title: str = ""
+    subtitle: str = ""
+
+    def __post_init__(self) -> None:
+        lengths = {"time": len(self.time), "phase": len(self.phase)}
+        lengths |= {curve.name: len(curve.values) for curves in self.charts.values() for curve in curves}
+        for name, length in lengths.items():
+            if length != len(self.frames) or length == 0:
+                raise InputError(
+                    f"a film of {len(self.frames)} frames has {length} entries of {name}; expected one for each frame, "
+                    "and at least one frame"
+                )
+
+    def part(self, indices: Int[np.ndarray, " chosen"]) -> "Film":
+        """Some of the moments."""
+        picked = indices.tolist()
+        return replace(
+            self,
+            frames=[self.frames[index] for index in picked],
+            time=self.time[indices],
+            phase=[self.phase[index] for index in picked],
+            charts={
+                title: tuple(replace(curve, values=curve.values[indices]) for curve in curves)
+                for title, curves in self.charts.items()
+            },
+        )
+
+    def caption(self, index: int) -> str:
+        """Time and phase of a moment."""
+        return f"{self.time[index]:.2f} s  {self.phase[index]}".rstrip()
+
+    def evenly(self, count: int) -> Int[np.ndarray, " chosen"]:
+        """Up to `count` moments, evenly spaced in time, the first and the last among them; ascending, each once."""
+        wanted = np.linspace(self.time[0], self.time[-1], count)
+        return np.unique(np.abs(self.time[:, None] - wanted).argmin(axis=0))
+
+    def eventful(self, count: int) -> Int[np.ndarray, " chosen"]:
+        """Up to `count` moments between which about equally much moves, the first and the last among them.
+
+        What moves: the object's origin and the first link's, each as a share of its whole way.
+        """
+        travelled = np.zeros(len(self.frames))
+        for roles in (("object",), ("link", "fingertip")):
+            origins = np.stack([frame.with_role(*roles)[0].T_world_part[:3, 3] for frame in self.frames])
+            way = np.append(0.0, np.cumsum(np.linalg.norm(np.diff(origins, axis=0), axis=1)))
+            travelled += way / max(way[-1], 1e-9)
+        wanted = np.linspace(0.0, travelled[-1], count)
+        wanted[-1] = np.inf
+        found = np.searchsorted(travelled, wanted)
+        return np.unique(np.minimum(found, len(self.frames) - 1))
+
+
+def film_camera(film: Film, *, aspect: float) -> Camera:
+    """One camera for the whole film: the best direction for its middle, as near as shows object and hand throughout."""
+    sampled = film.part(film.eventful(SAMPLES)).frames
+    best = choose_camera(sampled[len(sampled) // 2], aspect=aspect)
+    objects = np.concatenate([world_triangles(frame.with_role("object")).reshape(-1, 3) for frame in sampled])
+    hands = np.concatenate([world_triangles(frame.with_role("link", "fingertip")).reshape(-1, 3) for frame in sampled])
+    low, high = objects.min(axis=0) - SURROUNDED, objects.max(axis=0) + SURROUNDED
+    near = hands[((hands >= low) & (hands <= high)).all(axis=1)]
+    arrows = [frame.arrow().mesh.vertices for frame in sampled]
+    return framing_camera(
+        np.concatenate([objects, near, *(arrow.reshape(-1, 3) for arrow in arrows)]),
+        azimuth=float(np.arctan2(-best.forward[1], -best.forward[0])),
+        elevation=float(np.arcsin(-best.forward[2])),
+        aspect=aspect,
+    )

@@ -1,0 +1,176 @@
+"""What is to be seen of one configuration: parts with their poses, contact points, the motion.
+
+Pictures and pages both take a `VisualScene`, so neither knows hands or scenes.
+"""
+
+from collections.abc import Sequence
+from dataclasses import dataclass
+from typing import Literal
+
+import numpy as np
+import torch
+import trimesh
+from jaxtyping import Float
+
+from dexnudge.errors import InputError
+from dexnudge.hands.hand import Hand
+from dexnudge.scenes.scene import Scene
+
+Role = Literal["object", "environment", "base", "link", "fingertip", "glass", "contact", "arrow"]
+
+PALETTE: dict[Role, tuple[float, float, float]] = {  # sRGB, 0..1
+    "object": (0.94, 0.42, 0.16),
+    "environment": (0.87, 0.84, 0.79),
+    "base": (0.80, 0.82, 0.85),
+    "link": (0.74, 0.77, 0.81),
+    "fingertip": (0.36, 0.62, 0.82),
+    "glass": (0.76, 0.82, 0.90),
+    "contact": (1.00, 0.87, 0.10),
+    "arrow": (0.10, 0.60, 0.38),
+}
+
+
+LENGTH_RANGE = (0.05, 0.12)  # [m] short enough to stay in the picture, long enough to read
+LENGTH_PER_EXTENT = 0.6  # of the object's longest side
+GAP = 0.004  # [m] between the object's leading edge and the arrow
+THICKNESS = 0.005  # [m] thinner than any object that we handle, so that it does not sink into the table
+SHAFT_WIDTH, HEAD_WIDTH, HEAD_LENGTH = 0.16, 0.42, 0.40  # of the arrow's length
+UPRIGHT = 0.99  # |cosine| from which a motion counts as vertical
+
+
+def motion_arrow(object_points: Float[np.ndarray, "n 3"], motion: Float[np.ndarray, "3"]) -> trimesh.Trimesh:
+    """A flat solid arrow along `motion` from the leading edge of `object_points`, at the height of their middle.
+
+    Args:
+        object_points: vertices of the object [m], world frame.
+        motion: unit direction, world frame.
+    """
+    helper = np.array([1.0, 0.0, 0.0]) if abs(motion[2]) > UPRIGHT else np.array([0.0, 0.0, 1.0])
+    across = np.cross(helper, motion)
+    across /= np.linalg.norm(across)
+    normal = np.cross(motion, across)
+    low, high = object_points.min(axis=0), object_points.max(axis=0)
+    length = float(np.clip(LENGTH_PER_EXTENT * (high - low).max(), *LENGTH_RANGE))
+    middle = (low + high) / 2
+    start = middle + motion * (float(((object_points - middle) @ motion).max()) + GAP)
+
+    shaft, head, neck = SHAFT_WIDTH / 2 * length, HEAD_WIDTH / 2 * length, (1 - HEAD_LENGTH) * length
+    outline = np.array(
+        [[0, -shaft], [neck, -shaft], [neck, -head], [length, 0], [neck, head], [neck, shaft], [0, shaft]]
+    )
+    flat = [[0, 1, 5], [0, 5, 6], [1, 2, 3], [1, 3, 5], [5, 3, 4]]
+    count = len(outline)
+    top = np.column_stack([outline, np.full(count, THICKNESS / 2)])
+    bottom = np.column_stack([outline, np.full(count, -THICKNESS / 2)])
+    sides = []
+    for here in range(count):
+        there = (here + 1) % count
+        sides += [[here + count, there + count, there], [here + count, there, here]]
+    lids = [[a, b, c] for a, b, c in flat] + [[a + count, c + count, b + count] for a, b, c in flat]
+    local = np.concatenate([top, bottom])
+    vertices = start + local @ np.stack([motion, across, normal])
+    return trimesh.Trimesh(vertices, np.array(lids + sides), process=False)
+
+
+@dataclass(frozen=True, eq=False)
+class Part:
+    """One rigid body: `mesh` [m] in its own frame, `T_world_part` (4, 4), and what it is."""
+
+    name: str
+    role: Role
+    mesh: trimesh.Trimesh
+    T_world_part: Float[np.ndarray, "4 4"]
+
+    def vertices_in_world(self) -> Float[np.ndarray, "n 3"]:
+        """Vertices [m], world frame."""
+        return trimesh.transform_points(self.mesh.vertices, self.T_world_part)
+
+    def mesh_in_world(self) -> trimesh.Trimesh:
+        """The mesh [m], world frame; as many vertices and triangles in the same order."""
+        return trimesh.Trimesh(self.vertices_in_world(), self.mesh.faces, process=False)
+
+
+@dataclass(frozen=True, eq=False)
+class VisualScene:
+    """One configuration in its scene.
+
+    Attributes:
+        parts: object, environment and links; parts without triangles are left out.
+        contacts: points where hand and object touch [m], world frame.
+        motion: unit direction in which the object shall move, world frame; zero where it shall not, as in a grasp.
+        motion_length: how far [m].
+        title: plain text, drawn as given; it may come from a file name.
+    """
+
+    parts: tuple[Part, ...]
+    contacts: Float[np.ndarray, "n 3"]
+    motion: Float[np.ndarray, "3"]
+    motion_length: float = 0.10
+    title: str = ""
+
+    def __post_init__(self) -> None:
+        if not any(part.role == "object" for part in self.parts):
+            raise InputError("a drawing needs a part with the role 'object'; expected one or more, got none")
+
+    def with_role(self, *roles: Role) -> tuple[Part, ...]:
+        """The parts that have one of these roles."""
+        return tuple(part for part in self.parts if part.role in roles)
+
+    def arrow(self) -> Part:
+        """The motion as a solid arrow that starts at the object's leading edge, in the world frame; empty without one."""
+        if not np.any(self.motion):
+            return Part("motion", "arrow", trimesh.Trimesh(), np.eye(4))
+        points = np.concatenate([part.vertices_in_world() for part in self.with_role("object")])
+        return Part("motion", "arrow", motion_arrow(points, self.motion), np.eye(4))
+
+
+def drawing(
+    scene: Scene,
+    hand: Hand,
+    q: Float[np.ndarray, " coordinates"],
+    *,
+    contacts: Float[np.ndarray, "n 3"] | None = None,
+    title: str = "",
+) -> VisualScene:
+    """The drawing of one configuration q (9 + d,); `contacts` are world points [m]."""
+    return drawings(scene, hand, np.asarray(q)[None], contacts=None if contacts is None else [contacts], title=title)[0]
+
+
+def drawings(
+    scene: Scene,
+    hand: Hand,
+    q: Float[np.ndarray, "batch coordinates"],
+    *,
+    contacts: Sequence[Float[np.ndarray, "_ 3"]] | None = None,
+    title: str = "",
+) -> list[VisualScene]:
+    """The drawings of many configurations q (n, 9 + d) in one scene; they share their meshes.
+
+    Raises:
+        InputError: q and contacts are not of the same length.
+    """
+    if contacts is not None and len(contacts) != len(q):
+        raise InputError(
+            f"contacts of {len(contacts)} configurations were given for {len(q)}; expected one entry for each"
+        )
+    fixed = [
+        Part("object", "object", scene.object_mesh, np.asarray(scene.T_world_object)),
+        Part("environment", "environment", scene.environment_mesh, np.eye(4)),
+    ]
+    poses = hand.forward_kinematics(torch.as_tensor(np.asarray(q), dtype=torch.float64)).detach().cpu().numpy()
+    result = []
+    for index, T_world_links in enumerate(poses):
+        links = [
+            Part(name, _link_role(hand, name), mesh, pose)
+            for name, mesh, pose in zip(hand.link_names, hand.link_meshes, T_world_links, strict=True)
+        ]
+        points = np.zeros((0, 3)) if contacts is None else np.asarray(contacts[index], dtype=np.float64).reshape(-1, 3)
+        parts = tuple(part for part in (*fixed, *links) if len(part.mesh.faces))
+        result.append(VisualScene(parts, points, np.asarray(scene.motion), float(scene.motion_length), title))
+    return result
+
+
+def _link_role(hand: Hand, name: str) -> Role:
+    if name == hand.base_link:
+        return "base"
+    return "fingertip" if name in hand.fingertip_links else "link"

@@ -1,0 +1,72 @@
+"""Judging the same draws again gives what judging them in a scene with those parameters gives."""
+
+import numpy as np
+import pytest
+
+from dexnudge.experiments.sweeps import FORCE, SWEEPS, changed_scene, setting_name, sweep_success
+from dexnudge.scenes.scene import Scene
+from dexnudge.verification.verdicts import contacts_of, verify
+
+SETTINGS = [(quantity, factor) for quantity, factors in SWEEPS.items() for factor in factors]
+
+
+@pytest.fixture(scope="module")
+def scene(block_scene):
+    """A slippery hand on a heavy block, so that every quantity decides for some of the configurations."""
+    return Scene(
+        block_scene.object_mesh,
+        block_scene.environment_mesh,
+        block_scene.T_world_object,
+        block_scene.motion,
+        friction_hand=0.5,
+        mass=0.25,
+    )
+
+
+@pytest.fixture(scope="module")
+def q(upright, tip_height):
+    """Presses along the block, from one fingertip to both, one too deep, one in the air, one that is no pose."""
+    rows = []
+    for x, gap in [(x, 0.001) for x in np.linspace(-0.095, 0.095, 15)] + [(0.0, -0.0015), (0.0, 0.02)]:
+        row = upright.copy()
+        row[:3] = [x, 0.0, 0.02 + tip_height + gap]
+        rows.append(row)
+    rows.append(np.full(13, np.nan))
+    return np.array(rows)
+
+
+@pytest.fixture(scope="module")
+def swept(boxy_hand, scene, q):
+    verdicts = verify(boxy_hand, scene, q)
+    places = [place for place, reason in enumerate(verdicts.reason) if reason in ("", FORCE)]
+    contacts = dict(zip(places, contacts_of(boxy_hand, scene, q[places]), strict=True))
+    return verdicts, sweep_success(scene, verdicts, contacts)
+
+
+@pytest.mark.parametrize(("quantity", "factor"), SETTINGS)
+def test_it_equals_judging_a_scene_that_was_built_so(boxy_hand, scene, q, swept, quantity, factor):
+    values = {name: getattr(scene, name) for name in SWEEPS}
+    values[quantity] *= factor
+    built = Scene(scene.object_mesh, scene.environment_mesh, scene.T_world_object, scene.motion, **values)
+    assert swept[1][setting_name(quantity, factor)] == verify(boxy_hand, built, q).success.tolist()
+
+
+def test_the_settings_matter_here(swept):
+    """Else the test above could not fail."""
+    verdicts, found = swept
+    assert len(found) == len(SETTINGS) == 6
+    assert {"penetration object", "no contact", "invalid"} <= set(verdicts.reason)
+    assert 0 < verdicts.success.sum() < len(verdicts.success)
+    assert sum(found["friction_hand x 0.75"]) < verdicts.success.sum() < sum(found["friction_environment x 0.5"])
+    assert not any(ok for flags in found.values() for ok in flags[-3:])
+
+
+def test_only_the_named_quantity_changes(scene):
+    changed = changed_scene(scene, "mass", 2.0)
+    assert changed.mass == 0.5
+    assert (changed.friction_hand, changed.friction_environment) == (0.5, 0.4)
+
+
+def test_without_a_draw_that_could_move_the_object_nothing_succeeds(boxy_hand, scene, q):
+    verdicts = verify(boxy_hand, scene, q[-3:])
+    assert sweep_success(scene, verdicts, {})["mass x 2"] == [False] * 3

@@ -1,0 +1,151 @@
+"""Margins along a push: what a closed form says of a block that is pressed from above and comes over an edge."""
+
+from dataclasses import replace
+
+import numpy as np
+import pytest
+import trimesh
+
+from dexnudge.mechanics.balance import force_margin
+from dexnudge.mechanics.contacts import HandContacts, support_contacts
+from dexnudge.mechanics.sliding_task import sliding_task
+from dexnudge.sampling.draws import best_first
+from dexnudge.sampling.ranking import lead, mean_help, path_margins, pressing_margins
+from dexnudge.scenes.boxes import box
+from dexnudge.scenes.scene import Scene
+from dexnudge.verification.verdicts import Verdicts
+
+LENGTH, HEIGHT = 0.15, 0.02  # [m] of the block, whose front end is flush with the table's edge at x = 0
+
+
+@pytest.fixture(scope="module")
+def at_the_edge() -> Scene:
+    pose = np.eye(4)
+    pose[:3, 3] = -LENGTH / 2, 0.0, HEIGHT / 2
+    table = box((-0.5, -0.3, -0.04), (0.0, 0.3, 0.0))
+    return Scene(trimesh.creation.box((LENGTH, 0.06, HEIGHT)), table, pose, np.array([1.0, 0.0, 0.0]))
+
+
+def pressed_at(x: float) -> HandContacts:
+    """Two links side by side on top of the block, x [m] from the edge."""
+    points = np.array([[x, -0.02, HEIGHT], [x, 0.02, HEIGHT]])
+    return HandContacts(points=points, normals=np.tile([0.0, 0.0, 1.0], (2, 1)), link=np.array([1, 2]))
+
+
+def test_a_press_tips_the_block_once_it_is_too_far_beyond_the_edge(at_the_edge):
+    # Pulled on top and held back below, the resultant at the support stands mu_e * HEIGHT ahead of the forces from above.
+    # About the edge then N at `beyond` against the weight at `behind`; sliding needs N >= mu_e W / (mu_h - mu_e) = W.
+    stations, ahead = np.array([0.0, 0.02, 0.04, 0.06]), 0.4 * HEIGHT
+    for x in (-0.005, -0.02, -0.04, -0.06, -0.07):
+        (margins,) = path_margins(at_the_edge, [pressed_at(x)], length=0.06)
+        beyond, behind = x + stations + ahead, LENGTH / 2 - stations - ahead
+        np.testing.assert_array_equal(margins >= 1.0, (beyond <= 0) | (behind >= beyond))
+
+
+def test_a_press_in_the_middle_cannot_hold_a_block_whose_centre_is_beyond_the_edge(at_the_edge):
+    assert path_margins(at_the_edge, [pressed_at(-LENGTH / 2)], length=0.09)[0, -1] == 0.0
+
+
+def test_the_least_margin_prefers_the_press_that_stays_over_the_table(at_the_edge):
+    tips, stays = pressing_margins(at_the_edge, [pressed_at(-0.005), pressed_at(-0.06)])
+    assert tips < 1.0
+    assert 1.0 <= stays <= 2.0
+
+
+def test_where_the_object_is_carried_alike_the_beginning_stands_for_the_way(at_the_edge):
+    pose = np.eye(4)
+    pose[:3, 3] = -0.3, 0.0, HEIGHT / 2
+    scene = Scene(at_the_edge.object_mesh, at_the_edge.environment_mesh, pose, at_the_edge.motion)
+    (margins,) = path_margins(scene, [pressed_at(-0.3)], length=scene.motion_length)
+    np.testing.assert_allclose(margins, margins[0], atol=2e-3)
+    assert pressing_margins(scene, [pressed_at(-0.3)]) == margins[0]
+
+
+def touching(centre, *pairs):
+    """A link each, at so many metres in front of the centre of mass, on both sides of it in turn, with its normal."""
+    places, normals = zip(*pairs, strict=True)
+    points = centre + np.array([[place, 0.01 * (-1) ** i, 0.0] for i, place in enumerate(places)])
+    return HandContacts(points=points, normals=np.array(normals, dtype=float), link=np.arange(len(pairs)))
+
+
+UP, BEHIND, SIDE, OTHER_SIDE, FRONT = np.array([[0, 0, 1], [-1, 0, 0], [0, 1, 0], [0, -1, 0], [0.8, 0, -0.6]], float)
+
+
+def test_contacts_that_squeeze_or_hold_back_do_not_count(at_the_edge):
+    centre = sliding_task(at_the_edge).centre
+    press = (-0.02, UP), (0.0, UP)
+    alone, helped, squeezing = pressing_margins(
+        at_the_edge,
+        [
+            touching(centre, *press),
+            touching(centre, *press, (0.01, SIDE), (0.01, OTHER_SIDE), (0.07, FRONT)),
+            touching(centre, (0.0, SIDE), (0.0, OTHER_SIDE)),
+        ],
+    )
+    assert alone == helped > 1.0
+    assert squeezing == 0.0
+    assert pressing_margins(at_the_edge, [touching(centre, (-0.075, BEHIND), (-0.075, BEHIND))])[0] > 1.5
+
+
+NOBODY = HandContacts(points=np.zeros((0, 3)), normals=np.zeros((0, 3)), link=np.zeros(0, dtype=np.int64))
+
+
+def test_the_lead_is_the_mean_over_all_contacts(at_the_edge):
+    centre = sliding_task(at_the_edge).centre
+    found = lead(at_the_edge, [touching(centre, (0.05, UP), (0.02, SIDE)), touching(centre, (-0.06, BEHIND)), NOBODY])
+    np.testing.assert_allclose(found, [0.035, 0.0, np.inf])
+
+
+def test_contacts_that_squeeze_or_hold_back_help_less(at_the_edge):
+    slanted = np.array([0.0, 0.6, 0.8])
+    hands = [[UP], [UP, BEHIND, slanted], [UP, SIDE], [UP, FRONT]]
+    found = mean_help(at_the_edge, [touching(0.0, *((0.0, normal) for normal in hand)) for hand in hands] + [NOBODY])
+    np.testing.assert_allclose(found, [1.0, 2.8 / 3, 0.5, 0.2, -1.0])
+
+
+def test_a_margin_along_the_way_is_that_of_a_scene_made_for_that_place(at_the_edge):
+    contacts, length = pressed_at(-0.05), 0.06
+    (along,) = path_margins(at_the_edge, [contacts], length=length)
+    for station, margin in enumerate(along):
+        way = station / (len(along) - 1) * length
+        pose = np.array(at_the_edge.T_world_object)
+        pose[0, 3] += way
+        there = replace(at_the_edge, T_world_object=pose)
+        carried = replace(contacts, points=contacts.points + np.array([way, 0.0, 0.0]))
+        assert force_margin(carried, support_contacts(there), there) == pytest.approx(margin, abs=2e-3)
+    np.testing.assert_array_equal(path_margins(at_the_edge, [contacts], length=length)[0], along)
+
+
+def test_the_order_of_draws_is_that_of_its_keys(at_the_edge):
+    # What presses at -0.06 or behind stays over the table all along the way; what presses at -0.005 tips the block.
+    centre = float(sliding_task(at_the_edge).centre[0])
+    squeezing = HandContacts(
+        points=np.array([[-0.07, side * 0.03, HEIGHT / 2] for side in (-1.0, 1.0)]),
+        normals=np.array([[0.0, -1.0, 0.0], [0.0, 1.0, 0.0]]),
+        link=np.array([1, 2]),
+    )
+    hands = [
+        pressed_at(-0.06),
+        pressed_at(centre),
+        squeezing,
+        pressed_at(-0.005),
+        pressed_at(centre),
+        pressed_at(centre),
+    ]
+    margin = np.array([2.0, 1.6, 3.0, 2.0, 1.4, 3.0])
+    success = np.array([True, True, True, True, True, False])
+    none = np.zeros(len(hands))
+    verdicts = Verdicts(
+        success=success,
+        robust=margin >= 1.5,
+        penetration_object=none,
+        penetration_environment=none,
+        penetration_self=none,
+        force_margin=margin,
+        limits_violation=none,
+        contacts=hands,
+        contact_links=[["a", "b"]] * len(hands),
+        reason=["" if ok else "no contact" for ok in success],
+    )
+    # at the centre; in front of it; tips on the way; squeezing, which presses nowhere; not robust; not verified
+    assert best_first(at_the_edge, verdicts).tolist() == [1, 0, 3, 2, 4, 5]

@@ -1,0 +1,82 @@
+"""The half-spaces that rule out surface points: they hold their links, and leave the depths as they are."""
+
+import igl
+import numpy as np
+import pytest
+import torch
+import trimesh
+from scipy.spatial.transform import Rotation
+
+from dexnudge.geometry.surface_lattice import surface_lattice
+from dexnudge.hands.hand import Hand
+from dexnudge.scenes.scene import Scene
+from dexnudge.verification.penetration import DIRECTIONS, SURFACE_SPACING, PenetrationCheck, hand_solids
+
+
+def test_directions_are_units_that_come_in_opposite_pairs() -> None:
+    np.testing.assert_allclose(np.linalg.norm(DIRECTIONS, axis=1), 1.0, atol=1e-12)
+    np.testing.assert_allclose((DIRECTIONS @ DIRECTIONS.T).min(axis=1), -1.0, atol=1e-12)
+
+
+def l_shape() -> trimesh.Trimesh:
+    """A closed body with an inner corner."""
+    outline = np.array([[0.0, 0.0], [0.04, 0.0], [0.04, 0.01], [0.012, 0.01], [0.012, 0.03], [0.0, 0.03]])
+    triangles = np.array([[0, 1, 2], [0, 2, 3], [0, 3, 4], [0, 4, 5]])
+    return trimesh.creation.extrude_triangulation(outline, triangles, height=0.015)
+
+
+@pytest.mark.parametrize(
+    "mesh", [trimesh.creation.box((0.03, 0.02, 0.01)), trimesh.creation.capsule(radius=0.01, height=0.03), l_shape()]
+)
+def test_no_inner_point_is_deeper_than_its_room(mesh: trimesh.Trimesh) -> None:
+    extent = (mesh.vertices @ DIRECTIONS.T).max(axis=0)
+    points = np.random.default_rng(0).uniform(*mesh.bounds, (2000, 3))
+    kind = igl.SIGNED_DISTANCE_TYPE_WINDING_NUMBER
+    vertices, faces = np.asarray(mesh.vertices), np.asarray(mesh.faces)
+    distance = igl.signed_distance(points, vertices, faces, sign_type=kind)[0]
+    room = (extent - points @ DIRECTIONS.T).min(axis=1)
+    inside = distance < 0
+    assert inside.sum() > 200
+    assert (room[inside] >= -distance[inside] - 1e-9).all()
+
+
+def touching(hand: Hand, rng: np.random.Generator, count: int) -> np.ndarray:
+    """Palms turned at random, so close to the block and the floor that most hands are in one of them."""
+    q = np.zeros((count, 9 + hand.num_joints))
+    turns = Rotation.random(count, random_state=int(rng.integers(2**31))).as_matrix()
+    q[:, 3:9] = np.concatenate([turns[:, :, 0], turns[:, :, 1]], axis=1)
+    q[:, 9:] = rng.uniform(hand.lower, hand.upper, (count, hand.num_joints))
+    q[:, :3] = rng.uniform([-0.09, -0.05, 0.0], [0.09, 0.05, 0.06], (count, 3))
+    return q
+
+
+def test_depths_equal_a_query_of_every_surface_point(boxy_hand: Hand, block_scene: Scene) -> None:
+    q = touching(boxy_hand, np.random.default_rng(3), 30)
+    poses = boxy_hand.forward_kinematics(torch.as_tensor(q)).numpy()
+    check = PenetrationCheck(boxy_hand, block_scene)
+    floor = trimesh.creation.box(bounds=[[-0.1, -0.1, -0.02], [0.1, 0.1, 0.0]])  # small, for the search's sake
+    for mesh in (block_scene.object_in_world(), floor):
+        triangles = np.asarray(mesh.triangles, dtype=np.float64)
+        found = np.zeros(len(q))
+        check._into_links(triangles, poses, found)
+        surface, _ = surface_lattice(triangles, spacing=SURFACE_SPACING)
+        expected = np.zeros(len(q))
+        for row, pose in enumerate(poses):
+            for link, solid in hand_solids(boxy_hand).solids.items():
+                local = trimesh.transform_points(surface, np.linalg.inv(pose[link]))
+                expected[row] = max(expected[row], -solid.query(local).distance.min())
+        assert (expected > 1e-3).sum() > 10
+        np.testing.assert_allclose(found, expected, atol=1e-6)
+
+
+def test_depths_that_are_known_already_are_only_raised(boxy_hand: Hand, block_scene: Scene) -> None:
+    q = touching(boxy_hand, np.random.default_rng(4), 20)
+    poses = boxy_hand.forward_kinematics(torch.as_tensor(q)).numpy()
+    check = PenetrationCheck(boxy_hand, block_scene)
+    triangles = np.asarray(block_scene.environment_mesh.triangles, dtype=np.float64)
+    fresh, known = np.zeros(20), np.full(20, 0.004)
+    check._into_links(triangles, poses, fresh)
+    check._into_links(triangles, poses, known)
+    np.testing.assert_allclose(known, np.maximum(fresh, 0.004), atol=1e-9)
+    assert (fresh > 0.004).any()
+    assert (fresh < 0.004).any()

@@ -1,0 +1,148 @@
+import igl
+import numpy as np
+import pytest
+import torch
+import trimesh
+from scipy.spatial.transform import Rotation
+
+from dexnudge.geometry.surface_lattice import surface_lattice
+from dexnudge.hands.hand import Hand
+from dexnudge.scenes.scene import Scene
+from dexnudge.verification.penetration import PenetrationCheck, Penetrations
+
+
+def measure(hand: Hand, scene: Scene, q: np.ndarray) -> Penetrations:
+    poses = hand.forward_kinematics(torch.as_tensor(np.atleast_2d(q))).numpy()
+    return PenetrationCheck(hand, scene)(poses, reach=2e-3)
+
+
+def at(upright: np.ndarray, position: list[float], **angles: float) -> np.ndarray:
+    q = upright.copy()
+    q[:3] = position
+    for name, angle in angles.items():
+        q[9 + ("one", "two", "three", "four").index(name)] = angle
+    return q
+
+
+@pytest.mark.parametrize("depth", [-0.003, 0.0004, 0.0035])
+def test_fingertips_in_the_floor(
+    boxy_hand: Hand, block_scene: Scene, upright: np.ndarray, tip_height: float, depth: float
+) -> None:
+    found = measure(boxy_hand, block_scene, at(upright, [0.2, 0.2, tip_height - depth]))
+    assert found.environment[0] == pytest.approx(max(depth, 0.0), abs=1e-6)
+    assert found.object[0] == found.itself[0] == 0.0
+
+
+@pytest.mark.parametrize("depth", [-0.001, 0.0007, 0.003])
+def test_fingertips_in_the_object(
+    boxy_hand: Hand, block_scene: Scene, upright: np.ndarray, tip_height: float, depth: float
+) -> None:
+    found = measure(boxy_hand, block_scene, at(upright, [0.0, 0.0, 0.02 + tip_height - depth]))
+    assert found.object[0] == pytest.approx(max(depth, 0.0), abs=1e-6)
+    assert found.environment[0] == 0.0
+    assert set(boxy_hand.dense_points.link[found.near_object.point]) == {2, 4}
+    assert (found.near_object.distance <= 2e-3).all()
+
+
+def test_a_spike_between_the_hands_points(boxy_hand: Hand, block_scene: Scene, upright: np.ndarray) -> None:
+    """Only the surroundings' own points find a needle of 0.2 mm in the palm's face."""
+    spike = trimesh.creation.cone(radius=1e-4, height=0.05)
+    spike.apply_translation([0.2137, 0.2071, 0.0])
+    scene = Scene(
+        block_scene.object_mesh,
+        trimesh.util.concatenate([block_scene.environment_mesh, spike]),
+        block_scene.T_world_object,
+        block_scene.motion,
+    )
+    found = measure(boxy_hand, scene, at(upright, [0.2, 0.2, 0.05 + 0.01 - 0.0042], one=-1, three=1))
+    assert found.environment[0] == pytest.approx(0.0042, abs=1e-5)
+
+
+def test_an_object_within_a_link(boxy_hand: Hand, block_scene: Scene, upright: np.ndarray) -> None:
+    pea = trimesh.creation.icosphere(subdivisions=3, radius=0.004)
+    pose = np.eye(4)
+    pose[:3, 3] = [0.2, 0.2, 0.3]
+    scene = Scene(pea, block_scene.environment_mesh, pose, block_scene.motion)
+    found = measure(boxy_hand, scene, at(upright, [0.2, 0.2, 0.3]))
+    assert found.object[0] == pytest.approx(0.010, abs=1e-6)  # the pea's middle is in the palm's, 10 mm from its faces
+
+
+def test_fingers_in_each_other(boxy_hand: Hand, block_scene: Scene, upright: np.ndarray) -> None:
+    angle = 0.4
+    q = at(upright, [0.0, 0.0, 0.4], one=-angle, three=angle)
+    # each finger turns inward about its own joint; by symmetry they meet in the plane x = 0
+    found = measure(boxy_hand, block_scene, q)
+    assert found.itself[0] > 1e-3
+    reference = by_naive_search(boxy_hand, block_scene, q)
+    assert found.itself[0] == pytest.approx(reference[2], abs=2e-5)
+
+
+def signed(points: np.ndarray, mesh: trimesh.Trimesh) -> np.ndarray:
+    """libigl's signed distance, by its exact winding number; negative inside [m]."""
+    kind = igl.SIGNED_DISTANCE_TYPE_WINDING_NUMBER
+    return igl.signed_distance(points, np.asarray(mesh.vertices), np.asarray(mesh.faces), sign_type=kind)[0]
+
+
+def by_naive_search(hand: Hand, scene: Scene, q: np.ndarray) -> tuple[float, float, float]:
+    """Depths in object, environment and itself, from all points and all meshes, with libigl."""
+    poses = hand.forward_kinematics(torch.as_tensor(q[None]))[0].numpy()
+    dense = hand.dense_points
+    solid = [link for link, mesh in enumerate(hand.link_meshes) if len(mesh.faces)]
+    cloud = {k: trimesh.transform_points(dense.points[dense.link == k], poses[k]) for k in solid}
+    placed = {k: hand.link_meshes[k].copy().apply_transform(poses[k]) for k in solid}
+
+    def depth(points: np.ndarray, mesh: trimesh.Trimesh) -> float:
+        low, high = mesh.bounds
+        inside = points[np.all((points > low) & (points < high), axis=1)]
+        return max(0.0, float(-signed(inside, mesh).min())) if len(inside) else 0.0
+
+    results = []
+    for other in (scene.object_in_world(), scene.environment_mesh):
+        surface = surface_lattice(np.asarray(other.triangles), spacing=2e-3)[0]
+        results.append(max(max(depth(cloud[k], other), depth(surface, placed[k])) for k in solid))
+    itself = [max(depth(cloud[a], placed[b]), depth(cloud[b], placed[a])) for a, b in hand.self_collision_pairs]
+    return results[0], results[1], max(itself)
+
+
+def random_configurations(hand: Hand, rng: np.random.Generator, count: int) -> np.ndarray:
+    """The palm near the block, turned at random, joints within their limits."""
+    q = np.zeros((count, 9 + len(hand.joint_names)))
+    turns = Rotation.random(count, random_state=int(rng.integers(2**31))).as_matrix()
+    q[:, 3:9] = np.concatenate([turns[:, :, 0], turns[:, :, 1]], axis=1)
+    q[:, 9:] = rng.uniform(hand.lower, hand.upper, (count, len(hand.lower)))
+    q[:, :3] = rng.uniform([-0.08, -0.08, 0.02], [0.08, 0.08, 0.12], (count, 3))
+    return q
+
+
+def test_depths_equal_a_naive_search_with_libigl(boxy_hand: Hand, block_scene: Scene) -> None:
+    q = random_configurations(boxy_hand, np.random.default_rng(0), 12)
+    found = measure(boxy_hand, block_scene, q)
+    reference = np.array([by_naive_search(boxy_hand, block_scene, each) for each in q])
+    assert (reference > 1e-3).any(axis=0).all()
+    np.testing.assert_allclose(found.object, reference[:, 0], atol=2e-5)
+    np.testing.assert_allclose(found.environment, reference[:, 1], atol=2e-5)
+    np.testing.assert_allclose(found.itself, reference[:, 2], atol=2e-5)
+
+
+@pytest.mark.slow
+def test_the_shadow_hand_s_depths_equal_a_naive_search_with_libigl(block_scene: Scene) -> None:
+    from dexnudge.hands.registry import load_hand
+
+    hand = load_hand("shadow_lite")
+    q = random_configurations(hand, np.random.default_rng(1), 6)
+    found = measure(hand, block_scene, q)
+    reference = np.array([by_naive_search(hand, block_scene, each) for each in q])
+    np.testing.assert_allclose(found.object, reference[:, 0], atol=5e-5)
+    np.testing.assert_allclose(found.environment, reference[:, 1], atol=5e-5)
+    np.testing.assert_allclose(found.itself, reference[:, 2], atol=5e-5)
+
+
+def test_a_batch_gives_what_its_members_give(boxy_hand: Hand, block_scene: Scene) -> None:
+    q = random_configurations(boxy_hand, np.random.default_rng(2), 5)
+    together = measure(boxy_hand, block_scene, q)
+    for row, each in enumerate(q):
+        alone = measure(boxy_hand, block_scene, each)
+        assert alone.object[0] == together.object[row]
+        assert alone.environment[0] == together.environment[row]
+        assert alone.itself[0] == together.itself[row]
+    assert len(measure(boxy_hand, block_scene, q[:0]).object) == 0
