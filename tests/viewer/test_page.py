@@ -67,10 +67,12 @@ def figures():
     return [
         Figures(
             success=index % 3 == 1,
-            penetration_object=1e-5 * index,
-            penetration_environment=2e-5 * index,
-            penetration_self=3e-5 * index,
-            force_margin=float("nan") if index == 5 else 3 - 0.05 * index,
+            values={
+                "penetration_object": 1e-5 * index,
+                "penetration_environment": 2e-5 * index,
+                "penetration_self": 3e-5 * index,
+                "force_margin": float("nan") if index == 5 else 3 - 0.05 * index,
+            },
             contact_links=("ffdistal", "thdistal")[: index % 3],
             reason="" if index % 3 == 1 else f"reason {index}",
         )
@@ -105,9 +107,10 @@ def test_table_holds_the_numbers_verified_ones_first(page, figures):
     for row in rows:
         own = figures[int(row[0])]
         assert row[1] == ("verified" if own.success else own.reason)
-        millimetres = [1e3 * own.penetration_object, 1e3 * own.penetration_environment, 1e3 * own.penetration_self]
+        millimetres = [1e3 * depth for depth in list(own.values.values())[:3]]
         np.testing.assert_allclose([float(cell) for cell in row[2:5]], millimetres, atol=0.005 + 1e-9)
-        assert row[5] == ("–" if np.isnan(own.force_margin) else f"{own.force_margin:.2f}")
+        margin = own.values["force_margin"]
+        assert row[5] == ("–" if np.isnan(margin) else f"{margin:.2f}")
         assert row[6] == ", ".join(own.contact_links)
 
 
@@ -129,16 +132,24 @@ def test_meshes_are_stored_once_and_the_page_is_small(page, shown, figures, tmp_
 
 
 def test_hostile_names_are_shown_and_not_run(shown, figures, tmp_path):
-    own = Figures(False, 0.0, 0.0, 0.0, 0.0, (HOSTILE,), HOSTILE)
+    own = Figures(False, {HOSTILE: 1.0}, (HOSTILE,), HOSTILE)
     parts = (Part(HOSTILE, "object", trimesh.creation.box((0.1, 0.1, 0.1)), np.eye(4)),)
     hostile = VisualScene(parts, np.zeros((0, 3)), np.array([1.0, 0, 0]), title=HOSTILE)
     page = Parsed(write_page([hostile], tmp_path / "x.html", title=HOSTILE, figures=[own], subtitle=HOSTILE))
     assert page.texts["title"].strip() == HOSTILE
     assert page.texts["h1"].strip() == HOSTILE
-    assert page.rows[1][1] == page.rows[1][6] == HOSTILE
+    assert page.rows[1][1] == page.rows[1][3] == HOSTILE
+    assert page.texts["th"].count(HOSTILE) == 1
     assert len(page.scripts) == 2
     assert not any(tag == "img" for tag, _ in page.tags)
     assert not any(name.startswith("on") for _, attributes in page.tags for name in attributes)
+
+
+def test_a_criterion_of_ones_own_is_a_column(shown, tmp_path):
+    figures = [Figures(True, {"force_margin": 2.0, "room_behind_palm": 0.01234}), Figures(False, {"force_margin": 1.0})]
+    page = Parsed(write_page(shown[:2], tmp_path / "own.html", title="own", figures=figures))
+    assert "room behind palm" in page.texts["th"]
+    assert [row[2:4] for row in page.rows[1:]] == [["2.00", "0.01234"], ["1.00", "–"]]
 
 
 def test_only_the_first_of_very_many_are_shown(shown, figures, tmp_path):

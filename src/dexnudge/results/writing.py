@@ -22,6 +22,7 @@ HAND_FOLDER = "hand"
 URDF_FILE = "hand.urdf"
 PAGE_FILE, PICTURE_FILE = "view.html", "view.png"
 MOST_ON_PAGE = 500  # what a page can show
+SHOWN_VALUES = ("penetration_object", "penetration_environment", "penetration_self", "force_margin")  # by the page
 
 
 def write_inputs(folder: Path, scene: Scene, hand: Hand) -> tuple[Scene, Hand]:
@@ -110,10 +111,7 @@ def write_views(folder: Path, scene: Scene, hand: Hand, draws: Samples, *, title
     figures = [
         Figures(
             success=bool(verdicts.success[i]),
-            penetration_object=float(verdicts.penetration_object[i]),
-            penetration_environment=float(verdicts.penetration_environment[i]),
-            penetration_self=float(verdicts.penetration_self[i]),
-            force_margin=float(verdicts.force_margin[i]),
+            values={name: float(getattr(verdicts, name)[i]) for name in SHOWN_VALUES},
             contact_links=tuple(verdicts.contact_links[i]),
             reason=verdicts.reason[i],
         )

@@ -184,19 +184,29 @@ LEGEND: dict[Role, str] = {
     "arrow": "motion",
     "environment": "surroundings",
 }
-HEAD = """<th>#</th><th class="text">verdict</th><th>object<br>mm</th><th>surr.<br>mm</th><th>self<br>mm</th>
-<th>force<br>margin</th><th class="text">contact links</th>"""
+MILLIMETRES = 1e3  # depths are measured in metres and shown in millimetres
+HEADINGS = {  # of values that are shown under another name or in another unit than they have: heading, factor
+    "penetration_object": ("object<br>mm", MILLIMETRES),
+    "penetration_environment": ("surr.<br>mm", MILLIMETRES),
+    "penetration_self": ("self<br>mm", MILLIMETRES),
+    "force_margin": ("force<br>margin", 1.0),
+}
 
 
 @dataclass(frozen=True)
 class Figures:
-    """What was measured of one configuration: depths [m], 0 where nothing penetrates; `reason` if it was rejected."""
+    """What was measured of one configuration.
+
+    Attributes:
+        success: whether it meets all criteria.
+        values: what each criterion measured, by the criterion's name and in its own unit (depths in metres); NaN where
+            it measured nothing. Each name is a column of the page, a user's own included.
+        contact_links: names of the links that touch the object.
+        reason: the first criterion that failed; "" for a success.
+    """
 
     success: bool
-    penetration_object: float
-    penetration_environment: float
-    penetration_self: float
-    force_margin: float
+    values: Mapping[str, float]
     contact_links: tuple[str, ...] = ()
     reason: str = ""
 
@@ -211,7 +221,7 @@ def write_page(
             place in this sequence is the number that the page gives them. At most 500 are shown.
         path: of the HTML file.
         title: plain text; whatever stands in it is shown, never interpreted.
-        figures: the numbers of each drawing.
+        figures: the numbers of each drawing; a value that one of them lacks is shown as a dash.
         subtitle: plain text, as the title.
 
     Raises:
@@ -222,6 +232,7 @@ def write_page(
     order = sorted(range(len(drawings)), key=lambda index: not figures[index].success)[:LARGEST_PAGE]
     if len(order) < len(drawings):
         subtitle = f"{subtitle} The first {len(order)} of {len(drawings)} are shown.".strip()
+    names = list(dict.fromkeys(name for each in figures for name in each.values))
     page = filled_template(
         "page.html",
         ("page.css",),
@@ -231,8 +242,8 @@ def write_page(
         last=len(order) - 1,
         opacity=OPACITY,
         legend=legend(LEGEND),
-        head=HEAD,
-        rows="\n".join(_row(index, figures[index]) for index in order),
+        head=_head(names),
+        rows="\n".join(_row(index, figures[index], names) for index in order),
         data=json_text(page_data([drawings[index] for index in order])),
     )
     return write_text(page, path)
@@ -248,16 +259,22 @@ def _check(drawings: Sequence[VisualScene], figures: Sequence[Figures]) -> None:
     check_same_bodies(drawings)
 
 
-def _row(index: int, figures: Figures) -> str:
+def _head(names: Sequence[str]) -> str:
+    headings = [HEADINGS[name][0] if name in HEADINGS else escape(name.replace("_", " ")) for name in names]
+    columns = "".join(f"<th>{heading}</th>" for heading in headings)
+    return f'<th>#</th><th class="text">verdict</th>{columns}<th class="text">contact links</th>'
+
+
+def _row(index: int, figures: Figures, names: Sequence[str]) -> str:
     verdict, kind = ("verified", "yes") if figures.success else (figures.reason or "rejected", "no")
-    depths = (figures.penetration_object, figures.penetration_environment, figures.penetration_self)
-    numbers = [*(1e3 * depth for depth in depths), figures.force_margin]
+    numbers = "".join(f"<td>{_number(name, figures.values.get(name, math.nan))}</td>" for name in names)
+    links = escape(", ".join(figures.contact_links))
     return (
-        f'<tr><td>{index}</td><td class="text {kind}">{escape(verdict)}</td>'
-        + "".join(f"<td>{_number(value)}</td>" for value in numbers)
-        + f'<td class="text">{escape(", ".join(figures.contact_links))}</td></tr>'
+        f'<tr><td>{index}</td><td class="text {kind}">{escape(verdict)}</td>{numbers}<td class="text">{links}</td></tr>'
     )
 
 
-def _number(value: float) -> str:
-    return f"{value:.2f}" if math.isfinite(value) else "&ndash;"
+def _number(name: str, value: float) -> str:
+    if not math.isfinite(value):
+        return "&ndash;"
+    return f"{HEADINGS[name][1] * value:.2f}" if name in HEADINGS else f"{value:.4g}"
