@@ -9,6 +9,7 @@ import numpy as np
 import torch
 import trimesh
 import tyro
+from annealed.annealing import AnnealConfig, anneal_grasps
 
 from dexnudge.cli.arguments import stdout, table
 from dexnudge.energies import build_scene_fields
@@ -17,7 +18,6 @@ from dexnudge.geometry.surface_points import surface_points
 from dexnudge.hands.registry import load_hand
 from dexnudge.jobs.provenance import machine, versions
 from dexnudge.objects.sets import resolve_object_set
-from dexnudge.synthesis.annealed import AnnealConfig, anneal_grasps
 from dexnudge.synthesis.grasps import GraspConfig, descend_to_grasp
 from dexnudge.synthesis.object_data import TARGET_SPACING, at_rest
 from dexnudge.synthesis.verification import GraspVerifier, floating_scene

@@ -1,7 +1,7 @@
 """Grasps by descent from starts that oppose the thumb to the other digits across the object.
 
 DexGraspNet (Wang et al., ICRA 2023) finds grasps by annealing an energy whose force closure, the length of the sum of
-wrenches of unit normals, knows no friction; see `annealed`. On a slab few hands ever come to oppose each other by it, and
+wrenches of unit normals, knows no friction. On a slab few hands ever come to oppose each other by it, and
 its pull moves hands that do. Here the opposition stands in the start and in the targets on the surface, the descent
 only brings the hand there without penetration (the fused kernel's terms; limits and couplings hold by construction), and
 what holds is for the verification to say. `benchmarks/grasps.py` compares the two.

@@ -20,6 +20,9 @@ from dataclasses import dataclass
 import numpy as np
 import torch
 import trimesh
+from annealed import kernel
+from annealed.kernel import AnnealModel, contacts, crowding, penetrations
+from annealed.starts import farthest_points
 from jaxtyping import Float, Int
 from torch import Tensor
 
@@ -29,9 +32,6 @@ from dexnudge.geometry.exact_distance import ExactDistance
 from dexnudge.geometry.surface_points import surface_points
 from dexnudge.geometry.warp_runtime import WarpStruct, wp
 from dexnudge.hands.hand import Hand
-from dexnudge.synthesis import annealed_kernel
-from dexnudge.synthesis.annealed_kernel import AnnealModel, contacts, crowding, penetrations
-from dexnudge.synthesis.annealed_starts import farthest_points
 
 OBJECT_POINTS = 2000  # of the object that are tested against the hand
 POINTS_PER_SPACING = 1.1  # points of `surface_points` per (area / spacing^2)
@@ -68,7 +68,7 @@ class AnnealEnergy(HandEnergy):
         weights: AnnealWeights,
     ) -> None:
         super().__init__(hand, fields, len(contact_index))
-        wp.load_module(annealed_kernel, device=self.device)
+        wp.load_module(kernel, device=self.device)
         self._chosen = torch.as_tensor(contact_index, dtype=torch.int32)
         self._chosen_array = wp.from_torch(self._chosen)
         candidate, link = contact_candidates(hand)

@@ -3,8 +3,7 @@
 Each iteration proposes, for every hand, a step along the gradient scaled by the root of the mean square over the batch,
 and new contacts, each drawn anew with probability 0.5; it accepts where U < exp((E - E') / T). Numbers and order are the
 original's, its mean square that is 98 % the current batch's included. The rotation moves by rotation vectors instead of
-six free coordinates, and joint angles stay within limits and couplings. Energy: `annealed_energy`; starts:
-`annealed_starts`.
+six free coordinates, and joint angles stay within limits and couplings.
 """
 
 from dataclasses import dataclass, field
@@ -12,6 +11,8 @@ from dataclasses import dataclass, field
 import numpy as np
 import torch
 import trimesh
+from annealed.energy import AnnealEnergy, AnnealWeights, contact_candidates
+from annealed.starts import annealing_starts
 from jaxtyping import Bool, Float
 from torch import Tensor
 
@@ -19,8 +20,6 @@ from dexnudge.energies import HandPose
 from dexnudge.energies.descent import configuration_from_pose, retract
 from dexnudge.geometry.warp_runtime import WarpStruct
 from dexnudge.hands.hand import Hand
-from dexnudge.synthesis.annealed_energy import AnnealEnergy, AnnealWeights, contact_candidates
-from dexnudge.synthesis.annealed_starts import annealing_starts
 
 FLOOR = 1.0e-6  # added to the root of the mean square
 
