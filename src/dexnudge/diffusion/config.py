@@ -41,6 +41,7 @@ def token_parts(layout: str, joint_groups: Digits) -> Parts:
 
 
 CONFIG_VERSION = 1  # raised whenever a weight changes its meaning
+JOINT_GROUPS_KEY = "digit_joints"  # in model files, which are older than the name in the code
 
 
 @dataclass(frozen=True, kw_only=True)
@@ -112,7 +113,8 @@ class ModelConfig:
 
     def to_dict(self) -> dict[str, object]:
         """As plain values, with the version that `from_dict` expects."""
-        return {"config_version": CONFIG_VERSION, **asdict(self)}
+        values = asdict(self)
+        return {"config_version": CONFIG_VERSION, JOINT_GROUPS_KEY: values.pop("joint_groups"), **values}
 
     @classmethod
     def from_dict(cls, content: dict[str, object]) -> "ModelConfig":
@@ -129,7 +131,8 @@ class ModelConfig:
             shape["encoder_widths"] = tuple(shape["encoder_widths"])
             values["architecture"] = Architecture(**shape)
             values["joint_names"] = tuple(values["joint_names"])  # type: ignore[arg-type]
-            values["joint_groups"] = tuple(tuple(joints) for joints in values["joint_groups"])  # type: ignore[attr-defined]
+            joint_groups = values.pop(JOINT_GROUPS_KEY)
+            values["joint_groups"] = tuple(tuple(joints) for joints in joint_groups)  # type: ignore[attr-defined]
             return cls(**values)  # type: ignore[arg-type]
         except (KeyError, TypeError) as error:
             raise CheckpointError(
