@@ -1,0 +1,53 @@
+"""A batch of hands: configurations, and where they put links and surface points."""
+
+from functools import cached_property
+
+import torch
+from jaxtyping import Float, Int
+from torch import Tensor
+
+from dexnudge.hands.hand import ROOT_COORDINATES, Hand
+
+
+class HandBatch:
+    """Hands of one kind in one frame, the world's unless said otherwise; what follows from q is computed on first use.
+
+    Everything is differentiable in `q`.
+
+    Attributes:
+        hand: the kind of hand.
+        q: [translation [m] | 6D rotation | joint angles [rad]], one row per hand.
+    """
+
+    def __init__(self, hand: Hand, q: Float[Tensor, "batch coordinates"], *, dense: bool = False) -> None:
+        """A batch with the sparse points that guide or, if `dense`, with those that judge (at most 2 mm apart)."""
+        self.hand, self.q = hand, q
+        self._surface = hand.dense_points if dense else hand.sparse_points
+
+    def __len__(self) -> int:
+        return len(self.q)
+
+    def __repr__(self) -> str:
+        return f"HandBatch({len(self)} x {self.hand.name})"
+
+    @property
+    def joint_angles(self) -> Float[Tensor, "batch joint"]:
+        """Joint angles [rad], in the order of `hand.joint_names`."""
+        return self.q[:, ROOT_COORDINATES:]
+
+    @cached_property
+    def T_world_link(self) -> Float[Tensor, "batch link 4 4"]:
+        """Pose of every link, in the order of `hand.link_names`."""
+        return self.hand.forward_kinematics(self.q)
+
+    @cached_property
+    def point_links(self) -> Int[Tensor, " point"]:
+        """Index of the link that each of `points` belongs to."""
+        return torch.as_tensor(self._surface.link, dtype=torch.int64, device=self.q.device)
+
+    @cached_property
+    def points(self) -> Float[Tensor, "batch point 3"]:
+        """Points on the surfaces of all links [m]."""
+        own = torch.as_tensor(self._surface.points, dtype=self.q.dtype, device=self.q.device)
+        pose = self.T_world_link[:, self.point_links]
+        return (pose[..., :3, :3] @ own[:, :, None])[..., 0] + pose[..., :3, 3]
