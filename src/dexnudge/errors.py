@@ -4,6 +4,15 @@ A message says what happened, what was expected, what was found, and how to mend
 builtin that a caller would catch. The command line prints the message and exits 2; anything else is a bug.
 """
 
+import difflib
+from collections.abc import Iterable
+
+
+def did_you_mean(name: str, known: Iterable[str]) -> str:
+    """Return "; did you mean 'table'?" for the known name that is most like `name`, or nothing."""
+    close = difflib.get_close_matches(name, list(known), n=1)
+    return f"; did you mean {close[0]!r}?" if close else ""
+
 
 class DexnudgeError(Exception):
     """Base of every deliberate error."""

@@ -55,28 +55,29 @@ class Generate:
         check_at_least(1, workers=self.workers)
         from dexnudge.dataset.info import describe
         from dexnudge.dataset.tables import report
-        from dexnudge.jobs.folders import check_writable_place
+        from dexnudge.jobs.folders import owned_folder
         from dexnudge.synthesis.data_card import write_card
         from dexnudge.synthesis.generate import generate_dataset
         from dexnudge.synthesis.object_task import GenerationConfig
 
-        check_writable_place(self.out)
-        generate_dataset(
-            self.objects,
-            Path(self.out),
-            GenerationConfig(
-                hand=self.hand,
-                units=self.units,
-                length=self.length,
-                non_prehensile=self.non_prehensile,
-                grasps=self.grasps,
-            ),
-            seed=self.seed,
-            workers=self.workers,
-            engine=self.engine,
-            ray_address=self.ray_address,
+        config = GenerationConfig(
+            hand=self.hand,
+            units=self.units,
+            length=self.length,
+            non_prehensile=self.non_prehensile,
+            grasps=self.grasps,
         )
-        write_card(self.out)
+        with owned_folder(self.out) as out:
+            generate_dataset(
+                self.objects,
+                out,
+                config,
+                seed=self.seed,
+                workers=self.workers,
+                engine=self.engine,
+                ray_address=self.ray_address,
+            )
+            write_card(self.out)
         print(report(describe(self.out)), end="")
         return 0
 
@@ -103,12 +104,12 @@ class Info:
         info = describe(self.folder)
         print(report(info), end="")
         if self.out is not None:
-            from dexnudge.jobs.folders import check_writable_place
+            from dexnudge.jobs.folders import owned_folder
             from dexnudge.synthesis.dataset_page import draw_samples, write_dataset_page
 
-            check_writable_place(self.out)
-            samples = draw_samples(self.folder, objects=self.objects, seed=self.seed)
-            print("\nwrote " + "\n      ".join(map(str, write_dataset_page(info, samples, self.out))))
+            with owned_folder(self.out):
+                samples = draw_samples(self.folder, objects=self.objects, seed=self.seed)
+                print("\nwrote " + "\n      ".join(map(str, write_dataset_page(info, samples, self.out))))
         return 0
 
 

@@ -85,9 +85,7 @@ class Evaluate:
         self._check_tries()
         from dexnudge.cli.arguments import stdout
         from dexnudge.experiments.config import ExperimentConfig
-        from dexnudge.experiments.experiments import run_experiment
-        from dexnudge.experiments.report import write_report
-        from dexnudge.jobs.progress import progress
+        from dexnudge.jobs.folders import owned_folder
 
         config = ExperimentConfig(
             objects=self.objects,
@@ -106,6 +104,17 @@ class Evaluate:
             device=self.device,
             losses=self.losses.given() or None,
         )
+        with owned_folder(self.out):
+            self._run(config)
+        stdout().print(f"written: {self.out}", soft_wrap=True)
+        return 0
+
+    def _run(self, config: "ExperimentConfig") -> None:
+        from dexnudge.cli.arguments import stdout
+        from dexnudge.experiments.experiments import run_experiment
+        from dexnudge.experiments.report import write_report
+        from dexnudge.jobs.progress import progress
+
         drawn = verified = 0
         with progress() as bars:
             bar = bars.add_task("evaluating", total=None)
@@ -125,8 +134,6 @@ class Evaluate:
             console.print(self._executed(config), markup=False, soft_wrap=True)
         if self.then_grasp:
             console.print(self._lifted(config), markup=False, soft_wrap=True)
-        console.print(f"written: {self.out}", soft_wrap=True)
-        return 0
 
     def _check_tries(self) -> None:
         if self.tries is None:

@@ -42,7 +42,7 @@ class HandCommand:
         from dexnudge.hands.export import export_hand
         from dexnudge.jobs.folders import new_folder
 
-        with new_folder(self.export, overwrite=self.overwrite, marker=MARKER) as folder:
+        with new_folder(self.export, overwrite=self.overwrite, marker=MARKER, argument="export") as folder:
             hand = load_hand(self.hand, base=self.base)
             export_hand(hand, folder)
         _print(hand)

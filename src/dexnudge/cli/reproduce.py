@@ -74,16 +74,17 @@ class Reproduce:
         from dexnudge.cli.arguments import stdout
         from dexnudge.experiments.reproduction import run_reproduction
         from dexnudge.experiments.reproduction_report import write_reproduction_report
+        from dexnudge.jobs.folders import owned_folder
         from dexnudge.jobs.progress import progress
 
-        with progress() as bars:
+        with owned_folder(self.out), progress() as bars:
             bar = bars.add_task("reproducing", total=None)
 
             def show(row: "Row", finished: int, total: int) -> None:
                 bars.update(bar, completed=finished, total=total, description=f"{row.scene}, {row.method}")
 
             run_reproduction(self._config(), Path(self.out), workers=self.workers, on_row=show)
-        report = write_reproduction_report(Path(self.out))
+            report = write_reproduction_report(Path(self.out))
         console = stdout()
         console.print(report, markup=False, soft_wrap=True)
         console.print(f"written: {self.out}", soft_wrap=True)

@@ -1,5 +1,7 @@
 """`dexnudge train`: the diffusion model, from a dataset folder."""
 
+import os
+from contextlib import nullcontext
 from dataclasses import dataclass, field
 from typing import Annotated, Any, Literal
 
@@ -110,13 +112,14 @@ class Train:
         from dexnudge.cli.arguments import stdout
         from dexnudge.dataset.manifest import read_manifest
         from dexnudge.diffusion.training import train
-        from dexnudge.jobs.folders import check_writable_place
+        from dexnudge.jobs.folders import owned_folder
         from dexnudge.jobs.provenance import machine, versions
 
         config = self.config()
         read_manifest(self.data)  # a missing dataset is refused before anything is made
-        check_writable_place(self.out)
-        result = train(self.data, self.out, config, made_with={**machine(config.device), **versions()})
+        # The first process of torchrun writes; the others own nothing.
+        with owned_folder(self.out) if os.environ.get("RANK", "0") == "0" else nullcontext():
+            result = train(self.data, self.out, config, made_with={**machine(config.device), **versions()})
         if not result.is_main:
             return 0 if result.finished else INTERRUPTED
         console = stdout()

@@ -1,11 +1,19 @@
-"""An output folder that appears complete or not at all."""
+"""Output folders and files: one owner at a time, complete or not at all, and nothing replaced that came in between.
+
+The owner of a folder holds the lock (flock) on a small file that says who it is. The kernel releases the lock when the
+process ends, however it ends, so a run that was killed owns nothing.
+"""
 
 import errno
+import itertools
 import json
 import os
 import shutil
+import socket
+import sys
 from collections.abc import Iterator
-from contextlib import contextmanager
+from contextlib import contextmanager, suppress
+from datetime import datetime
 from pathlib import Path
 from typing import Any
 
@@ -13,6 +21,11 @@ from dexnudge.errors import DexnudgeError, InputError, OutputError
 from dexnudge.jobs.provenance import machine, versions
 
 TEMPORARY_PREFIX = ".writing-"
+LOCK_NAME = ".dexnudge-lock"  # in a folder that one run after another goes on with
+LOCK_SUFFIX = ".dexnudge-lock"  # of `.NAME.dexnudge-lock` beside a folder that appears when it is complete
+LOCKED_BYTE = 1 << 30  # beyond the text: Windows lets nobody read a locked byte
+# What a full, read-only or failing disk raises, with or without the name of a file.
+DISK_ERRORS = frozenset({errno.ENOSPC, errno.EDQUOT, errno.EFBIG, errno.EROFS, errno.EIO})
 
 
 @contextmanager
@@ -47,6 +60,69 @@ def remove_leftovers(folder: Path | str) -> list[Path]:
     return leftovers
 
 
+@contextmanager
+def owned_folder(out: Path | str) -> Iterator[Path]:
+    """Own the folder `out` while the block runs; for runs that a later one goes on with.
+
+    It is made where it is missing, and removed again if the block leaves it empty.
+
+    Raises:
+        OutputError: another process owns it, or it cannot be written.
+    """
+    folder = Path(out).absolute()
+    made = [path for path in (folder, *folder.parents) if not path.exists()]
+    try:
+        _refuse_held(_lock_beside(folder), folder, "out")
+        with _locked(folder / LOCK_NAME, folder, "out"):
+            yield folder
+    finally:
+        _remove_empty(made)
+
+
+@contextmanager
+def new_folder(out: Path | str, *, overwrite: bool = False, marker: str, argument: str = "out") -> Iterator[Path]:
+    """Own `out` and yield an empty folder beside it; when the block ends well it becomes `out` in one step.
+
+    However else the block ends (an error, Ctrl-C, a full disk), the folder and the parents made for it are removed and
+    `out` is as it was. What appears at `out` in the meantime stays: the new folder is then kept as `out-2`, or with the
+    next free number, and OutputError says so.
+
+    Args:
+        out: the folder to make. It must not exist, unless `overwrite`.
+        overwrite: replace an existing `out`, provided that it is empty or holds the file `marker`.
+        marker: name of a file that only such an output folder has; it keeps `overwrite` from deleting anything else.
+        argument: what the caller's user calls `out`, for messages.
+
+    Raises:
+        OutputError: another process owns `out`; it exists, is no folder of ours, or cannot be written.
+    """
+    target = Path(out).absolute()
+    made = [path for path in target.parents if not path.exists()]
+    partial = target.with_name(f".{target.name}.partial")
+    try:
+        with _locked(_lock_beside(target), target, argument):
+            shutil.rmtree(partial, ignore_errors=True)  # of a run that was killed
+            _restore(target)
+            replaced = _check_replaceable(target, overwrite=overwrite, marker=marker, argument=argument)
+            try:
+                partial.mkdir()
+                yield partial
+                _put_in_place(partial, target, replaced)
+            except OSError as error:
+                if isinstance(error, DexnudgeError) or not _concerns(error, partial, target):
+                    raise
+                raise _cannot_write(target, error, argument) from error
+            finally:
+                shutil.rmtree(partial, ignore_errors=True)
+    finally:
+        _remove_empty(made)
+
+
+def free_folder(out: Path) -> Path:
+    """The first of `out`, `out-2`, `out-3`, ... that neither exists nor is being written."""
+    return next(path for path in _numbered(out) if not _exists(path) and not _is_held(_lock_beside(path)))
+
+
 def claim_folder(out: Path, file: str, config: dict[str, Any], *, format_version: int, device: str) -> None:
     """Make `out` the folder of a run with these options, or see that it already is.
 
@@ -63,19 +139,20 @@ def claim_folder(out: Path, file: str, config: dict[str, Any], *, format_version
             key = differing[0]
             raise InputError(
                 f"{out} holds another experiment: {key} is {theirs.get(key)!r} there and {ours[key]!r} here; "
-                "expected equal options to go on with it; choose another --out"
+                "expected equal options to go on with it; choose another `out`"
             )
         return
     unfinished = path.with_suffix(".partial")  # a killed run may have left it
-    if out.exists() and (not out.is_dir() or any(entry != unfinished for entry in out.iterdir())):
-        raise OutputError(f"{out} exists and holds no experiment; expected a new folder; choose another --out")
+    ignored = (unfinished.name, LOCK_NAME)
+    if out.exists() and (not out.is_dir() or any(entry.name not in ignored for entry in out.iterdir())):
+        raise OutputError(f"{out} exists and holds no experiment; expected a new folder; choose another `out`")
     content = {"format_version": format_version, "config": ours, "versions": versions(), "machine": machine(device)}
     try:
         out.mkdir(parents=True, exist_ok=True)
         unfinished.write_text(json.dumps(content, indent=2) + "\n", encoding="utf-8")
         unfinished.replace(path)
     except OSError as error:
-        raise OutputError(f"cannot write {out}: {error.strerror or error}; choose another --out") from error
+        raise OutputError(f"cannot write {out}: {error.strerror or error}; choose another `out`") from error
 
 
 def read_claim(folder: Path, file: str, *, format_version: int) -> dict[str, Any]:
@@ -92,97 +169,195 @@ def read_claim(folder: Path, file: str, *, format_version: int) -> dict[str, Any
             f"{path} cannot be read ({error}); expected the file that `dexnudge evaluate` or `dexnudge reproduce` wrote"
         ) from error
     if not isinstance(content, dict) or content.get("format_version") != format_version:
-        raise InputError(f"{path} is of another format; expected format_version {format_version}; choose another --out")
+        raise InputError(f"{path} is of another format; expected format_version {format_version}; choose another `out`")
     return content
 
 
-# What a full, read-only or failing disk raises, with or without the name of a file.
-DISK_ERRORS = frozenset({errno.ENOSPC, errno.EDQUOT, errno.EFBIG, errno.EROFS, errno.EIO})
-
-
 @contextmanager
-def new_folder(out: Path | str, *, overwrite: bool = False, marker: str) -> Iterator[Path]:
-    """Yield an empty folder beside `out`; when the block ends well it becomes `out` in one step.
-
-    However else the block ends (an error, Ctrl-C, a full disk), the folder and the parents made for it are removed and
-    `out` is as it was.
-
-    Args:
-        out: the folder to make. It must not exist, unless `overwrite`.
-        overwrite: replace an existing `out`, provided that it is empty or holds the file `marker`.
-        marker: name of a file that only such an output folder has; it keeps `overwrite` from deleting anything else.
-
-    Raises:
-        OutputError: `out` exists, is no folder of ours, or cannot be written.
-    """
-    target = Path(out).absolute()
-    _refuse_existing(target, overwrite=overwrite, marker=marker)
-    made_parents = [parent for parent in [target.parent, *target.parents[1:]] if not parent.exists()]
-    partial = target.with_name(f".{target.name}.partial-{os.getpid()}")
-    finished = False
+def _locked(lock: Path, folder: Path, argument: str) -> Iterator[None]:
+    """Hold the lock on the file `lock`, which says who owns `folder`, while the block runs."""
     try:
-        partial.mkdir(parents=True)
-        yield partial
-        _put_in_place(partial, target)
-        finished = True
+        descriptor = _acquire(lock)
+    except BlockingIOError as error:
+        raise _is_owned(folder, lock, argument) from error
     except OSError as error:
-        if isinstance(error, DexnudgeError) or not _concerns(error, partial, target):
-            raise
-        raise OutputError(
-            f"cannot write the output folder {target}: {error.strerror or error}; expected a writable place with free "
-            "space; nothing was left behind; choose another --out"
-        ) from error
+        raise _cannot_write(folder, error, argument) from error
+    try:
+        yield
     finally:
-        if not finished:
-            shutil.rmtree(partial, ignore_errors=True)
-            _remove_empty(made_parents)
+        with suppress(OSError):  # Windows keeps a file that is open
+            lock.unlink()
+        os.close(descriptor)
 
 
-def check_writable_place(out: Path | str) -> None:
-    """Refuse a folder that cannot be made or written, without making anything.
+def _acquire(lock: Path) -> int:
+    """Descriptor of the lock file, which stands for the lock; BlockingIOError when another process holds it."""
+    while True:
+        lock.parent.mkdir(parents=True, exist_ok=True)
+        try:
+            descriptor = os.open(lock, os.O_RDWR | os.O_CREAT, 0o666)
+        except FileNotFoundError:  # the owner before has just removed a folder that it left empty
+            continue
+        try:
+            _lock(descriptor)
+            if _is_at(lock, descriptor):
+                owner = {"host": socket.gethostname(), "pid": os.getpid(), "command": _command(), "since": _now()}
+                os.truncate(descriptor, 0)
+                os.write(descriptor, json.dumps(owner).encode())
+                return descriptor
+        except OSError:
+            os.close(descriptor)
+            raise
+        os.close(descriptor)  # the owner before removed the file after we had opened it
 
-    Raises:
-        OutputError: `out` or what it would lie in is a file, or may not be written.
-    """
-    target = Path(out).absolute()
-    existing = next(path for path in (target, *target.parents) if path.exists())
-    if not existing.is_dir() or not os.access(existing, os.W_OK):
-        what = "may not be written" if existing.is_dir() else "is not a folder"
-        raise OutputError(
-            f"cannot write the output folder {target}: {existing} {what}; expected a writable place; choose another --out"
-        )
+
+if sys.platform == "win32":
+
+    def _lock(descriptor: int) -> None:
+        import msvcrt
+
+        os.lseek(descriptor, LOCKED_BYTE, os.SEEK_SET)
+        try:
+            msvcrt.locking(descriptor, msvcrt.LK_NBLCK, 1)
+        except OSError as error:
+            raise BlockingIOError from error
+        os.lseek(descriptor, 0, os.SEEK_SET)
+
+else:
+
+    def _lock(descriptor: int) -> None:
+        import fcntl
+
+        fcntl.flock(descriptor, fcntl.LOCK_EX | fcntl.LOCK_NB)
 
 
-def _refuse_existing(target: Path, *, overwrite: bool, marker: str) -> None:
-    if not target.exists() and not target.is_symlink():
-        return
+def _is_at(path: Path, descriptor: int) -> bool:
+    try:
+        return os.path.samestat(path.stat(), os.fstat(descriptor))
+    except FileNotFoundError:
+        return False
+
+
+def _is_held(lock: Path) -> bool:
+    """Whether a living process holds this lock."""
+    try:
+        descriptor = os.open(lock, os.O_RDWR)
+    except OSError:
+        return False
+    try:
+        _lock(descriptor)
+    except BlockingIOError:
+        return True
+    finally:
+        os.close(descriptor)
+    return False
+
+
+def _refuse_held(lock: Path, folder: Path, argument: str) -> None:
+    if _is_held(lock):
+        raise _is_owned(folder, lock, argument)
+
+
+def _is_owned(folder: Path, lock: Path, argument: str) -> OutputError:
+    try:
+        owner = json.loads(lock.read_text(encoding="utf-8"))
+        who = f"process {owner['pid']} on {owner['host']} since {owner['since']} ({owner['command']})"
+    except (OSError, ValueError, KeyError, TypeError):  # it has only just begun, or is just ending
+        who = "another process"
+    return OutputError(
+        f"the output folder {folder} is being written by {who}; expected one run at a time; wait for it to end, or "
+        f"choose another `{argument}`"
+    )
+
+
+def _command() -> str:
+    return " ".join([Path(sys.argv[0]).name, *sys.argv[1:]])
+
+
+def _now() -> str:
+    return datetime.now().astimezone().isoformat(sep=" ", timespec="seconds")
+
+
+def _lock_beside(target: Path) -> Path:
+    return target.with_name(f".{target.name}{LOCK_SUFFIX}")
+
+
+def _check_replaceable(target: Path, *, overwrite: bool, marker: str, argument: str) -> set[str] | None:
+    """What stands in the folder that is to be replaced; None where there is none."""
+    if not _exists(target):
+        return None
     if not target.is_dir() or target.is_symlink():
         raise OutputError(
-            f"the output {target} exists and is not a folder; expected a new folder; choose another --out"
+            f"the output {target} exists and is not a folder; expected a new folder; choose another `{argument}`"
         )
     if not overwrite:
         raise OutputError(
-            f"the output folder {target} exists; expected a new one; choose another --out, or replace it with --overwrite"
+            f"the output folder {target} exists; expected a new one; choose another `{argument}`, or replace it with "
+            "`overwrite`"
         )
-    if any(target.iterdir()) and not (target / marker).is_file():
+    names = {entry.name for entry in target.iterdir()}
+    if names and marker not in names:
         raise OutputError(
             f"the output folder {target} exists and has no {marker}, so it was not written by this command; "
-            "--overwrite replaces only such folders; choose another --out"
+            f"`overwrite` replaces only such folders; choose another `{argument}`"
         )
+    for lock in target.glob(f"*{LOCK_SUFFIX}"):
+        _refuse_held(lock, target, argument)
+    return names
 
 
-def _put_in_place(partial: Path, target: Path) -> None:
-    if not target.exists():
-        partial.rename(target)
+def _put_in_place(partial: Path, target: Path, replaced: set[str] | None) -> None:
+    """Rename `partial` to `target`, whose old content `replaced` goes; keep it beside what has appeared there since."""
+    if replaced is not None and target.is_dir() and {entry.name for entry in target.iterdir()} <= replaced:
+        old = _old_beside(target)
+        target.rename(old)
+        try:
+            partial.rename(target)
+        except OSError:
+            old.rename(target)
+            raise
+        shutil.rmtree(old)
         return
-    old = target.with_name(f".{target.name}.replaced-{os.getpid()}")
-    target.rename(old)
-    try:
-        partial.rename(target)
-    except OSError:
+    for path in _numbered(target):
+        try:
+            partial.rename(path)  # fails on a file or a folder that holds something
+        except OSError:
+            if not _exists(path):
+                raise
+            continue
+        if path != target:
+            raise OutputError(
+                f"something else appeared at the output folder {target} while this ran; expected nothing there; it is as "
+                f"it was, and the result is complete in {path}"
+            )
+        return
+
+
+def _restore(target: Path) -> None:
+    """Put back what a run that was killed while it replaced it had set aside."""
+    old = _old_beside(target)
+    if old.is_dir() and not _exists(target):
         old.rename(target)
-        raise
-    shutil.rmtree(old)
+    shutil.rmtree(old, ignore_errors=True)
+
+
+def _old_beside(target: Path) -> Path:
+    return target.with_name(f".{target.name}.replaced")
+
+
+def _numbered(path: Path) -> Iterator[Path]:
+    return itertools.chain([path], (path.with_name(f"{path.name}-{number}") for number in itertools.count(2)))
+
+
+def _exists(path: Path) -> bool:
+    return path.exists() or path.is_symlink()
+
+
+def _cannot_write(folder: Path, error: OSError, argument: str) -> OutputError:
+    return OutputError(
+        f"cannot write the output folder {folder}: {error.strerror or error}; expected a writable place with free "
+        f"space; nothing was left behind; choose another `{argument}`"
+    )
 
 
 def _concerns(error: OSError, partial: Path, target: Path) -> bool:
