@@ -1,4 +1,4 @@
-"""Tasks in several processes: every task answered once, whatever dies."""
+"""Tasks in several processes: every task has one result, whatever dies."""
 
 import os
 import signal
@@ -13,6 +13,8 @@ import pytest
 from dexnudge.errors import MeshError
 from dexnudge.jobs import processes
 from dexnudge.jobs.processes import WorkerDied, run_tasks
+
+MOST_SECONDS = 600.0  # for processes to end; a bound for a failure, no measure of a quiet machine
 
 
 def make_square():
@@ -41,7 +43,7 @@ def make_impossible():
 
 @pytest.mark.parametrize("workers", [1, 2])
 @pytest.mark.parametrize("count", [0, 1, 7])
-def test_every_task_is_answered_once(workers, count):
+def test_every_task_has_one_result(workers, count):
     results = dict(run_tasks(make_square, range(count), workers=workers))
     assert results == {x: x * x for x in range(count)}
 
@@ -61,7 +63,7 @@ def test_a_worker_takes_what_it_has_prepared_then_what_no_other_has_then_anythin
     assert processes._next_place(groups, ["d"], ["a", "b", "c"]) == 4
 
 
-def test_tasks_that_belong_together_are_answered_once_too():
+def test_tasks_that_belong_together_have_one_result_too():
     results = dict(run_tasks(make_square, range(20), workers=2, together=lambda task: task % 3))
     assert results == {x: x * x for x in range(20)}
 
@@ -80,11 +82,11 @@ def test_a_bug_in_a_process_arrives_with_its_traceback():
 
 
 def make_patient(folder):
-    """Leaves its process id in the folder and takes a minute."""
+    """Leaves its process id in the folder and takes longer than any test."""
 
     def handle(x):
         (folder / str(os.getpid())).touch()
-        time.sleep(60)
+        time.sleep(24 * 3600)
 
     return handle
 
@@ -126,17 +128,59 @@ def test_processes_end_with_the_one_that_started_them(tmp_path, how):
     parent = subprocess.Popen(
         [sys.executable, script, folder], stderr=subprocess.PIPE, text=True, start_new_session=True
     )
-    deadline = time.monotonic() + 30.0
-    while len(list(folder.iterdir())) < 2 and time.monotonic() < deadline:
-        time.sleep(0.05)
-    children = [int(path.name) for path in folder.iterdir()]
-    assert len(children) == 2
+    while len(children := [int(path.name) for path in folder.iterdir()]) < 2:
+        assert parent.poll() is None
+        time.sleep(0.02)
     if how == signal.SIGINT:
         os.killpg(parent.pid, how)  # as a terminal does on Ctrl-C: to the parent and its processes alike
     else:
         parent.kill()
-    _, message = parent.communicate(timeout=30)
+    _, message = parent.communicate()
+    deadline = time.monotonic() + MOST_SECONDS
     while any(map(is_alive, children)) and time.monotonic() < deadline:
-        time.sleep(0.05)
+        time.sleep(0.02)
     assert not any(map(is_alive, children))
     assert message.count("Traceback") == (1 if how == signal.SIGINT else 0)  # the parent's own KeyboardInterrupt
+
+
+def make_counting():
+    """Answers with what a worker's libraries would take for their number of threads."""
+    return lambda _: [os.environ[name] for name in processes.THREAD_VARIABLES]
+
+
+def test_workers_have_one_thread_each_and_this_process_keeps_its_own(monkeypatch):
+    monkeypatch.setenv("OMP_NUM_THREADS", "7")
+    monkeypatch.delenv("MKL_NUM_THREADS", raising=False)
+    for _, threads in run_tasks(make_counting, [1, 2], workers=2):
+        assert threads == ["1", "1", "1"]
+    assert os.environ["OMP_NUM_THREADS"] == "7"
+    assert "MKL_NUM_THREADS" not in os.environ
+
+
+@pytest.mark.parametrize(
+    ("files", "cores"),
+    [
+        ({}, 8),
+        ({"cpu.max": "max 100000\n"}, 8),
+        ({"cpu.max": "150000 100000\n"}, 2),
+        ({"cpu.max": "1000 100000\n"}, 1),
+        ({"cpu/cpu.cfs_quota_us": "-1\n", "cpu/cpu.cfs_period_us": "100000\n"}, 8),
+        ({"cpu/cpu.cfs_quota_us": "300000\n", "cpu/cpu.cfs_period_us": "100000\n"}, 3),
+    ],
+)
+def test_a_container_may_lend_fewer_cores_than_the_machine_has(monkeypatch, tmp_path, files, cores):
+    for name, text in files.items():
+        (tmp_path / name).parent.mkdir(exist_ok=True)
+        (tmp_path / name).write_text(text)
+    monkeypatch.setattr(processes, "CGROUPS", tmp_path)
+    monkeypatch.setattr(os, "sched_getaffinity", lambda _: set(range(8)), raising=False)
+    assert processes.available_cores() == cores
+
+
+def test_the_users_number_of_threads_stands(monkeypatch):
+    monkeypatch.setenv("OMP_NUM_THREADS", "7")
+    monkeypatch.setenv("MKL_NUM_THREADS", "x")
+    monkeypatch.delenv("MKL_NUM_THREADS")
+    processes.limit_threads()
+    assert os.environ["OMP_NUM_THREADS"] == "7"
+    assert os.environ["MKL_NUM_THREADS"] == str(processes.available_cores())

@@ -1,5 +1,6 @@
 """Run many tasks in a few processes; a process that dies costs one task, not the run."""
 
+import math
 import multiprocessing
 import os
 import signal
@@ -11,9 +12,39 @@ from contextlib import contextmanager
 from dataclasses import dataclass
 from multiprocessing.connection import Connection, wait
 from multiprocessing.process import BaseProcess
+from pathlib import Path
 from typing import Any, Generic, TypeVar
 
 from dexnudge.errors import DexnudgeError
+
+# What torch, NumPy's and SciPy's linear algebra and CoACD read when they are first imported.
+THREAD_VARIABLES = ("OMP_NUM_THREADS", "OPENBLAS_NUM_THREADS", "MKL_NUM_THREADS")
+CGROUPS = Path("/sys/fs/cgroup")
+
+
+def available_cores() -> int:
+    """Return how many cores this process may use: its affinity and, in a container, its share of processor time."""
+    affinity = getattr(os, "sched_getaffinity", None)  # Linux
+    cores = len(affinity(0)) if affinity else os.cpu_count() or 1
+    return max(1, math.ceil(min(cores, _cpu_quota())))
+
+
+def _cpu_quota() -> float:
+    """Return the cores whose time the control groups (version 2, else 1) lend; infinite without a limit."""
+    try:
+        quota, period = (CGROUPS / "cpu.max").read_text(encoding="ascii").split()
+    except OSError:
+        try:
+            quota, period = ((CGROUPS / f"cpu/cpu.cfs_{name}_us").read_text("ascii") for name in ("quota", "period"))
+        except OSError:
+            return math.inf
+    return math.inf if quota == "max" or int(quota) <= 0 else int(quota) / int(period)
+
+
+def limit_threads() -> None:
+    """Let libraries that are imported from now on use no more threads than `available_cores`, unless the user has said."""
+    for name in THREAD_VARIABLES:
+        os.environ.setdefault(name, str(available_cores()))
 
 
 @dataclass(frozen=True)
@@ -36,8 +67,8 @@ class Raised:
     error: Exception
 
 
-def answer(get_handler: Callable[[], Callable[[Any], Any]], task: Any) -> Any:
-    """The handler's result, or `Raised`: a deliberate error as it is, any other as a RuntimeError with its traceback."""
+def worker_result(get_handler: Callable[[], Callable[[Any], Any]], task: Any) -> Any:
+    """Return the handler's result, or `Raised`: a deliberate error as it is, any other with its traceback."""
     try:
         return get_handler()(task)
     except DexnudgeError as error:
@@ -47,7 +78,7 @@ def answer(get_handler: Callable[[], Callable[[Any], Any]], task: Any) -> Any:
 
 
 def use_one_thread() -> None:
-    """One torch thread, since there are as many processes as cores; call it after the handler's module is imported."""
+    """Let torch use one thread, since there are as many processes as cores; call it once torch is imported."""
     if "torch" in sys.modules:
         sys.modules["torch"].set_num_threads(1)
 
@@ -78,10 +109,10 @@ def run_tasks(
     Args:
         make_handler: picklable; called once in each process, so that it can load what all tasks need.
         tasks: picklable.
-        workers: number of processes, each with one torch thread.
+        workers: number of processes, each with one thread.
         isolated: a single worker gets a process of its own, too, which may die; else it works in this process.
-        together: tasks for which it is equal share what has to be prepared for them, so a worker goes on with its own as
-            long as there are some, and leaves those of the others alone as long as there are yet others.
+        together: tasks of equal value share what is prepared for them: a worker prefers those of its last task, then
+            those of no other worker.
 
     Raises:
         Exception: whatever the handler raised, from the first task that did.
@@ -123,11 +154,26 @@ def run_tasks(
 def _start(context: Any, make_handler: Callable[[], Callable[[Task], Result]], task: Task) -> _Worker[Task]:
     ours, theirs = context.Pipe()
     process = context.Process(target=_serve, args=(theirs, make_handler), daemon=True)
-    with _interrupts_blocked():
+    with _interrupts_blocked(), _one_thread_inherited():
         process.start()
     theirs.close()  # so that the death of the process is an end of file here
     ours.send(task)
     return _Worker(process, ours, task)
+
+
+@contextmanager
+def _one_thread_inherited() -> Iterator[None]:
+    """Processes started in here load their libraries with one thread each."""
+    before = {name: os.environ.get(name) for name in THREAD_VARIABLES}
+    os.environ.update(dict.fromkeys(THREAD_VARIABLES, "1"))
+    try:
+        yield
+    finally:
+        for name, value in before.items():
+            if value is None:
+                del os.environ[name]
+            else:
+                os.environ[name] = value
 
 
 @contextmanager
@@ -152,7 +198,7 @@ def _receive(worker: _Worker[Any]) -> Any:
 
 
 def _give_next(worker: _Worker[Task], waiting: list[Task], place: int) -> bool:
-    """Whether the worker has another task; one that died while it had none leaves the task to others."""
+    """Send the task at `place` to the worker; False if none is left or the worker has died, so that others take it."""
     if not waiting:
         return False
     try:
@@ -164,7 +210,7 @@ def _give_next(worker: _Worker[Task], waiting: list[Task], place: int) -> bool:
 
 
 def _next_place(groups: Sequence[Hashable], own: Sequence[Hashable], others: Sequence[Hashable]) -> int:
-    """Where a worker's next task stands among those that wait, the last of which would be next.
+    """Return the index of a worker's next task among those that wait, the last of which is next in line.
 
     groups: of the waiting tasks. own: of the worker's last task, if it had one. others: of the other workers' tasks.
     """
@@ -180,7 +226,7 @@ def _stop(worker: _Worker[Any]) -> None:
 
 
 def _serve(connection: Connection, make_handler: Callable[[], Callable[[Any], Any]]) -> None:
-    """Answer tasks until the other side closes the pipe or dies."""
+    """Work on tasks until the other side closes the pipe or dies."""
     signal.signal(signal.SIGINT, signal.SIG_IGN)  # libraries may have undone the block that it was started with
     threading.Thread(target=_end_with_parent, daemon=True).start()
     use_one_thread()
@@ -197,7 +243,7 @@ def _serve(connection: Connection, make_handler: Callable[[], Callable[[Any], An
         except EOFError:
             return
         try:
-            connection.send(answer(get_handler, task))
+            connection.send(worker_result(get_handler, task))
         except BrokenPipeError:
             return
 

@@ -6,38 +6,34 @@ from importlib.metadata import PackageNotFoundError, version
 from pathlib import Path
 
 from dexnudge import __version__
+from dexnudge.jobs.processes import available_cores
+
+RECORDED_VERSIONS = ("dexnudge", "numpy", "scipy", "trimesh", "torch", "warp-lang")
 
 
 def versions() -> dict[str, str]:
-    """Versions of dexnudge, Python and the packages that figures depend on."""
+    """Return versions of dexnudge, Python and the packages that figures depend on."""
     return {"python": platform.python_version(), **recorded_versions()}
 
 
 def machine(device: str = "cpu") -> dict[str, str | int]:
-    """Processor, cores, system and compute device, as text for a report."""
+    """Return processor, cores, system and compute device, as text for a report."""
     return {
         "processor": _processor(),
-        "cores": _cores(),
+        "cores": available_cores(),
         "system": f"{platform.system()} {platform.machine()}",
         "device": device,
     }
 
 
 def peak_memory_mb() -> float:
-    """Largest resident memory of this process so far [MB]; 0 where the system does not tell."""
+    """Return the largest resident memory of this process so far [MB]; 0 where the system does not tell."""
     try:
         import resource
     except ImportError:  # Windows
         return 0.0
     peak = resource.getrusage(resource.RUSAGE_SELF).ru_maxrss
     return peak / (1e6 if sys.platform == "darwin" else 1e3)  # macOS counts bytes, Linux kilobytes
-
-
-def _cores() -> int:
-    import os
-
-    affinity = getattr(os, "sched_getaffinity", None)  # Linux: what this process may use, not what the machine has
-    return len(affinity(0)) if affinity else os.cpu_count() or 1
 
 
 def _processor() -> str:
@@ -49,11 +45,8 @@ def _processor() -> str:
     return platform.processor() or "unknown"
 
 
-RECORDED_VERSIONS = ("dexnudge", "numpy", "scipy", "trimesh", "torch", "warp-lang")
-
-
 def recorded_versions() -> dict[str, str]:
-    """Versions of what decides the numbers, for a later reader; of this package, that of the code which runs."""
+    """Return versions of what decides the numbers; of dexnudge, that of the code which runs."""
     found = {}
     for package in RECORDED_VERSIONS:
         try:

@@ -6,7 +6,7 @@ from collections.abc import Callable, Generator, Sequence
 from typing import Any, TypeVar
 
 from dexnudge.errors import InputError
-from dexnudge.jobs.processes import Raised, WorkerDied, answer, use_one_thread
+from dexnudge.jobs.processes import Raised, WorkerDied, use_one_thread, worker_result
 
 Task = TypeVar("Task")
 Result = TypeVar("Result")
@@ -40,7 +40,7 @@ def run_tasks_on_ray(
     ray = _connect(workers, address)
     try:
         # One function object for all tasks: Ray sends it to each worker once.
-        remote = ray.remote(_answer).options(num_cpus=1, max_retries=RETRIES)
+        remote = ray.remote(_work).options(num_cpus=1, max_retries=RETRIES)
         run, handler = uuid.uuid4().hex, ray.put(make_handler)
         ahead = TASKS_PER_CORE * max(1, int(ray.cluster_resources().get("CPU", 1)))
         waiting = list(reversed(tasks))
@@ -55,7 +55,7 @@ def run_tasks_on_ray(
                 result: Any
                 try:
                     result = ray.get(reference)
-                except ray.exceptions.RayError:  # `_answer` raises nothing: this is the death of its last worker
+                except ray.exceptions.RayError:  # `_work` raises nothing: this is the death of its last worker
                     result = WorkerDied(None)
                 if isinstance(result, Raised):
                     raise result.error
@@ -86,8 +86,8 @@ def _connect(workers: int, address: str | None) -> Any:
     return ray
 
 
-def _answer(run: str, make_handler: Callable[[], Callable[[Any], Any]], task: Any) -> Any:
-    """In a worker: the result of a task, with the handler of the run loaded once."""
+def _work(run: str, make_handler: Callable[[], Callable[[Any], Any]], task: Any) -> Any:
+    """Return the result of a task, in a worker that loads the handler of a run once."""
     use_one_thread()
 
     def get_handler() -> Callable[[Any], Any]:
@@ -95,4 +95,4 @@ def _answer(run: str, make_handler: Callable[[], Callable[[Any], Any]], task: An
             _HANDLERS[run] = make_handler()
         return _HANDLERS[run]
 
-    return answer(get_handler, task)
+    return worker_result(get_handler, task)
