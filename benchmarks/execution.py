@@ -13,7 +13,6 @@ from dexnudge.execution.executor import Executor
 from dexnudge.hands.registry import load_hand
 from dexnudge.jobs.provenance import machine, versions
 from dexnudge.objects.sets import resolve_object_set
-from dexnudge.sampling.draws import draw_and_judge
 from dexnudge.sampling.sampler import Sampler
 from dexnudge.scenes.families import build_scene
 from dexnudge.simulation.push import PushRun
@@ -60,7 +59,7 @@ class Benchmark:
     def _line(self, family: str) -> list[str]:
         hand = load_hand(self.hand)
         scene = build_scene(family, resolve_object_set(self.objects)[0].load(), seed=self.seed)
-        draws = draw_and_judge(Sampler.from_pretrained(hand), hand, scene, seed=self.seed, verified=self.num + 1)
+        draws = Sampler(hand).sample(scene, seed=self.seed, verified=self.num + 1)
         chosen = np.asarray(draws.q, dtype=float)[: min(self.num + 1, draws.num_verified)]
         xml = push_model_xml(hand, scene)
         executor = Executor(hand, scene, xml)

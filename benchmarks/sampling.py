@@ -7,12 +7,10 @@ from dataclasses import dataclass
 import tyro
 
 from dexnudge.cli.arguments import stdout, table
-from dexnudge.hands.hand import Hand
 from dexnudge.hands.registry import load_hand
 from dexnudge.jobs.provenance import machine, peak_memory_mb, versions
 from dexnudge.objects.builtin import builtin_object
-from dexnudge.sampling.draws import draw_and_judge
-from dexnudge.sampling.sampler import Sampler, load_sampler
+from dexnudge.sampling.sampler import Sampler
 from dexnudge.scenes.families import build_scene
 from dexnudge.scenes.scene import Scene
 
@@ -39,7 +37,7 @@ class Benchmark:
         console = stdout()
         console.print("; ".join(f"{key} {value}" for key, value in {**machine(), **versions()}.items()), soft_wrap=True)
         hand = load_hand("shadow_lite")
-        sampler = load_sampler(hand, self.methods)
+        sampler = Sampler(hand)
         mesh = builtin_object(self.object)
         shown = table("scene, method", *STAGES, "total", "verified", "verified/s", "prepared")
         first = table("first verified of", *STAGES, "least", "most")
@@ -49,13 +47,10 @@ class Benchmark:
                 return build_scene(name, mesh, seed=0)  # anew: what is known about a scene is kept with it
 
             for method in self.methods:
-                draw_and_judge(sampler, hand, scene(), num=self.num, seed=self.repeats, method=method)
-                runs = [
-                    draw_and_judge(sampler, hand, scene(), num=self.num, seed=seed, method=method)
-                    for seed in range(self.repeats)
-                ]
+                sampler.sample(scene(), num=self.num, seed=self.repeats, method=method)
+                runs = [sampler.sample(scene(), num=self.num, seed=seed, method=method) for seed in range(self.repeats)]
                 seconds = {stage: sum(run.seconds[stage] for run in runs) for stage in STAGES}
-                firsts = [self._first(sampler, hand, scene(), seed=seed, method=method) for seed in range(self.repeats)]
+                firsts = [self._first(sampler, scene(), seed=seed, method=method) for seed in range(self.repeats)]
                 least = min(firsts, key=lambda each: each["total"])
                 most = max(each["total"] for each in firsts)
                 first.add_row(
@@ -80,10 +75,10 @@ class Benchmark:
         console.print(f"peak memory {peak_memory_mb():.0f} MB")
 
     @staticmethod
-    def _first(sampler: Sampler, hand: Hand, scene: Scene, *, seed: int, method: str) -> dict[str, float]:
+    def _first(sampler: Sampler, scene: Scene, *, seed: int, method: str) -> dict[str, float]:
         """Seconds from a scene to its first verified configuration, by stage and in all."""
         begin = time.perf_counter()
-        found = draw_and_judge(sampler, hand, scene, verified=1, seed=seed, method=method)
+        found = sampler.sample(scene, verified=1, seed=seed, method=method)
         total = time.perf_counter() - begin if found.num_verified else math.inf
         return {**found.seconds, "total": total}
 

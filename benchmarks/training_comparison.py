@@ -22,9 +22,8 @@ from dexnudge.diffusion.training_state import STATE_NAME
 from dexnudge.errors import DexnudgeError
 from dexnudge.hands.registry import load_hand
 from dexnudge.objects.sets import ObjectEntry, resolve_object_set
-from dexnudge.sampling.draws import draw_and_judge
 from dexnudge.sampling.problem import prepare
-from dexnudge.sampling.sampler import load_sampler
+from dexnudge.sampling.sampler import Sampler
 from dexnudge.scenes.families import build_scene
 
 VARIANTS: dict[str, dict[str, Any]] = {
@@ -124,11 +123,9 @@ class Comparison:
                 continue
             for name in todo:
                 weights = self.out / folder_name(name) / "model"
-                sampler = load_sampler(hand, self.methods, weights=weights)
+                sampler = Sampler(hand, weights=weights)
                 for method in self.methods:
-                    draws = draw_and_judge(
-                        sampler, hand, scene, num=self.num, seed=self.seed, method=method, problem=problem
-                    )
+                    draws = sampler.sample(scene, num=self.num, seed=self.seed, method=method, problem=problem)
                     robust = int(draws.verdicts.robust.sum())
                     line = {"object": source.name, "scene": scene_name, "num": self.num, "robust": robust}
                     lines[name].append({**line, "verified": draws.num_verified, "method": method})

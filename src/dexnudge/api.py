@@ -2,9 +2,8 @@
 
 hand = load_hand("shadow_lite")
 scene = build_scene("table", builtin_object("phone"), seed=0)
-sampler = Sampler.from_pretrained(hand)
-draws = draw_and_judge(sampler, hand, scene, num=32)
-print(draws.num_verified, draws.q[0])  # the best configuration: root translation, 6D rotation, joint angles
+samples = Sampler(hand).sample(scene, num=32)
+print(samples.num_verified, samples.q[0])  # the best configuration: root translation, 6D rotation, joint angles
 """
 
 from dexnudge.errors import DexnudgeError
@@ -13,9 +12,8 @@ from dexnudge.hands.export import export_hand
 from dexnudge.hands.hand import Hand
 from dexnudge.hands.registry import load_hand
 from dexnudge.objects.builtin import builtin_names, builtin_object
-from dexnudge.results.checking import Check, check_folder
-from dexnudge.results.samples import Samples
-from dexnudge.sampling.draws import draw_and_judge
+from dexnudge.results.checking import Check, check
+from dexnudge.results.samples import Sample, Samples, load_samples
 from dexnudge.sampling.sampler import Sampler
 from dexnudge.scenes.families import SCENE_FAMILIES, build_scene
 from dexnudge.scenes.scene import Scene
@@ -26,6 +24,7 @@ __all__ = [
     "Check",
     "DexnudgeError",
     "Hand",
+    "Sample",
     "Sampler",
     "Samples",
     "Scene",
@@ -33,11 +32,11 @@ __all__ = [
     "build_scene",
     "builtin_names",
     "builtin_object",
-    "check_folder",
-    "draw_and_judge",
+    "check",
     "export_hand",
     "load_environment",
     "load_hand",
     "load_mesh",
+    "load_samples",
     "verify",
 ]

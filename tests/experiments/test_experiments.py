@@ -20,9 +20,8 @@ from dexnudge.experiments.row_maker import RowMaker
 from dexnudge.experiments.rows import FILE, Row, read_rows
 from dexnudge.hands.shadow_lite import shadow_lite
 from dexnudge.jobs.processes import WorkerDied
-from dexnudge.sampling.draws import draw_and_judge
 from dexnudge.sampling.methods import find_method
-from dexnudge.sampling.sampler import load_sampler
+from dexnudge.sampling.sampler import Sampler
 
 SLOW_EXPERIMENT = Path(__file__).with_name("slow_experiment.py")
 CONFIG = ExperimentConfig(objects="builtin:test", scenes=("table",), num=4)
@@ -181,7 +180,7 @@ class TestRowMaker:
         from dexnudge.sampling.sampler import Sampler
 
         monkeypatch.undo()
-        monkeypatch.setattr(Sampler, "from_pretrained", classmethod(lambda cls, hand, **_: cls(hand, None)))
+        monkeypatch.setattr(Sampler, "load", lambda *_: None)
         (tmp_path / "objects").mkdir()
         (tmp_path / "objects" / "broken.obj").write_text("v 0 0 0\n")
         return lambda: RowMaker(replace(CONFIG, objects=str(tmp_path / "objects"), scenes=("shelf",)))
@@ -206,9 +205,7 @@ def test_draws_are_made_with_the_losses_of_the_config(tmp_path):
     config = replace(CONFIG, objects=str(tmp_path / "objects"), methods=methods, num=2)
     losses = {"sweep": 0.0, "clearance_base": 0.05}
     changed = RowMaker(replace(config, losses=losses)).draw(task)
-    direct = draw_and_judge(
-        load_sampler(shadow_lite(), methods),
-        shadow_lite(),
+    direct = Sampler(shadow_lite()).sample(
         changed.scene,
         num=2,
         seed=row_seed(CONFIG.seed, task),

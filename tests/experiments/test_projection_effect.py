@@ -9,7 +9,6 @@ from dexnudge.experiments.projection_effect import figures, projection_effect
 from dexnudge.hands.shadow_lite import shadow_lite
 from dexnudge.mechanics.contacts import HandContacts
 from dexnudge.objects.builtin import builtin_object
-from dexnudge.sampling.draws import draw_and_judge
 from dexnudge.sampling.methods import find_method
 from dexnudge.sampling.sampler import Sampler
 from dexnudge.scenes.families import build_scene
@@ -22,7 +21,7 @@ METHOD = find_method("random_start_projection")
 @pytest.fixture(scope="module")
 def setting():
     hand = shadow_lite()
-    return Sampler(hand, None), hand, build_scene("table", builtin_object("phone"), seed=0)
+    return Sampler(hand), hand, build_scene("table", builtin_object("phone"), seed=0)
 
 
 def test_projection_gets_hands_out_and_into_contact(setting):
@@ -31,7 +30,8 @@ def test_projection_gets_hands_out_and_into_contact(setting):
     assert before["penetration_mm"] > 3.0, "otherwise there is nothing to do"
     assert after["penetration_mm"] < 0.5 * before["penetration_mm"]
     assert after["verified"] > before["verified"]
-    draws = draw_and_judge(*setting, num=NUM, seed=SEED, method=METHOD)
+    sampler, hand, scene = setting
+    draws = sampler.sample(scene, hand=hand, num=NUM, seed=SEED, method=METHOD)
     assert after["verified"] == draws.num_verified
     assert after["force_margin"] == pytest.approx(float(draws.verdicts.force_margin.mean()))
 
@@ -53,7 +53,7 @@ def test_figures_count_draws_that_are_no_pose_as_without_contact_and_force():
         limits_violation=np.array([np.nan, 0.0]),
         contacts=[no_contacts, no_contacts],
         contact_links=[[], ["one", "two", "three"]],
-        reason=["invalid", ""],
+        reasons=["invalid", ""],
     )
     expected = {
         "verified": 1,

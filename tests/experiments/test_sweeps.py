@@ -37,9 +37,9 @@ def q(upright, tip_height):
 
 @pytest.fixture(scope="module")
 def swept(boxy_hand, scene, q):
-    verdicts = verify(boxy_hand, scene, q)
-    places = [place for place, reason in enumerate(verdicts.reason) if reason in ("", FORCE)]
-    contacts = dict(zip(places, contacts_of(boxy_hand, scene, q[places]), strict=True))
+    verdicts = verify(scene, boxy_hand, q)
+    places = [place for place, reason in enumerate(verdicts.reasons) if reason in ("", FORCE)]
+    contacts = dict(zip(places, contacts_of(scene, boxy_hand, q[places]), strict=True))
     return verdicts, sweep_success(scene, verdicts, contacts)
 
 
@@ -48,14 +48,14 @@ def test_it_equals_judging_a_scene_that_was_built_so(boxy_hand, scene, q, swept,
     values = {name: getattr(scene, name) for name in SWEEPS}
     values[quantity] *= factor
     built = Scene(scene.object_mesh, scene.environment_mesh, scene.T_world_object, scene.motion, **values)
-    assert swept[1][setting_name(quantity, factor)] == verify(boxy_hand, built, q).success.tolist()
+    assert swept[1][setting_name(quantity, factor)] == verify(built, boxy_hand, q).success.tolist()
 
 
 def test_the_settings_matter_here(swept):
     """Else the test above could not fail."""
     verdicts, found = swept
     assert len(found) == len(SETTINGS) == 6
-    assert {"penetration object", "no contact", "invalid"} <= set(verdicts.reason)
+    assert {"penetration object", "no contact", "invalid"} <= set(verdicts.reasons)
     assert 0 < verdicts.success.sum() < len(verdicts.success)
     assert sum(found["friction_hand x 0.75"]) < verdicts.success.sum() < sum(found["friction_environment x 0.5"])
     assert not any(ok for flags in found.values() for ok in flags[-3:])
@@ -68,5 +68,5 @@ def test_only_the_named_quantity_changes(scene):
 
 
 def test_without_a_draw_that_could_move_the_object_nothing_succeeds(boxy_hand, scene, q):
-    verdicts = verify(boxy_hand, scene, q[-3:])
+    verdicts = verify(scene, boxy_hand, q[-3:])
     assert sweep_success(scene, verdicts, {})["mass x 2"] == [False] * 3

@@ -8,7 +8,6 @@ from dexnudge.hands.registry import load_hand
 from dexnudge.objects.builtin import builtin_object
 from dexnudge.planning.approach import ApproachPlanner
 from dexnudge.planning.hand_states import palm_pose
-from dexnudge.sampling.draws import draw_and_judge
 from dexnudge.sampling.sampler import Sampler
 from dexnudge.scenes import build_scene
 from dexnudge.verification.penetration import PenetrationCheck
@@ -103,7 +102,7 @@ def test_bad_configurations_are_refused(boxy_hand, block_scene, touching):
 def test_sampled_configurations_are_reached_without_penetration(name):
     hand = load_hand("shadow_lite")
     scene = build_scene(name, builtin_object("phone"), seed=0)
-    draws = draw_and_judge(Sampler.from_pretrained(hand), hand, scene, num=4)
+    draws = Sampler(hand).sample(scene, num=4)
     planner = ApproachPlanner(hand, scene)
     planned = [planner.plan(np.asarray(q, dtype=float)) for q in np.asarray(draws.q)[: draws.num_verified]]
     reached = [one for one in planned if one.trajectory is not None]

@@ -10,7 +10,7 @@ from dexnudge.dataset.schema import NUM_DIRECTIONS, BehaviourCounts, Configurati
 from dexnudge.dataset.shards import write_shard
 from dexnudge.errors import DatasetError, InputError
 from dexnudge.geometry.surface_points import object_cloud
-from dexnudge.sampling.sampler import load_sampler
+from dexnudge.sampling.sampler import Sampler
 from dexnudge.sampling.starts import TrainingPoses, nearest_pose_start
 
 SIZES = {"long": (0.18, 0.05, 0.02), "short": (0.12, 0.07, 0.01), "thick": (0.15, 0.06, 0.04)}
@@ -145,11 +145,7 @@ def test_an_object_without_a_feasible_hand_is_passed_over(tmp_path, hand, rows, 
 
 
 def test_the_sampler_projects_them(hand, problem, folder):
-    sampler = load_sampler(hand, ["nearest_pose"], data=folder)
-    assert sampler.prior is None
-    from dexnudge.sampling.methods import METHODS
-
-    result = sampler.draw(problem, num=3, seed=0, method=METHODS["nearest_pose"])
+    result = Sampler(hand, weights="nowhere", poses=folder).draw(problem, num=3, seed=0, method="nearest_pose")
     assert result.q.shape == (3, 9 + hand.num_joints)
     assert np.isfinite(result.q).all()
     assert result.report["projection_iterations"] > 0
@@ -157,13 +153,13 @@ def test_the_sampler_projects_them(hand, problem, folder):
 
 def test_without_a_dataset(hand, tmp_path):
     with pytest.raises(InputError) as caught:
-        load_sampler(hand, ["random_start_projection", "nearest_pose"])
+        Sampler(hand).load("random_start_projection", "nearest_pose")
     assert str(caught.value) == (
-        "method 'nearest_pose' starts from stored poses; expected a dataset folder, got none; pass one with "
-        "--data DIR to `dexnudge evaluate` or `dexnudge reproduce`"
+        "the method starts from stored poses; expected a dataset folder, got none; pass one as `poses` "
+        "(on the command line as `data`)"
     )
     with pytest.raises(DatasetError, match=r"manifest\.json does not exist; expected a dataset folder"):
-        load_sampler(hand, ["nearest_pose"], data=tmp_path)
+        Sampler(hand, poses=tmp_path).load("nearest_pose")
 
 
 def test_a_dataset_of_another_hand(hand, tmp_path, rows, clouds):

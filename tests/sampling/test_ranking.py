@@ -9,8 +9,7 @@ import trimesh
 from dexnudge.mechanics.balance import force_margin
 from dexnudge.mechanics.contacts import HandContacts, support_contacts
 from dexnudge.mechanics.sliding_task import sliding_task
-from dexnudge.sampling.draws import best_first
-from dexnudge.sampling.ranking import lead, mean_help, path_margins, pressing_margins
+from dexnudge.sampling.ranking import best_first, lead, mean_help, path_margins, pressing_margins
 from dexnudge.scenes.boxes import box
 from dexnudge.scenes.scene import Scene
 from dexnudge.verification.verdicts import Verdicts
@@ -145,7 +144,7 @@ def test_the_order_of_draws_is_that_of_its_keys(at_the_edge):
         limits_violation=none,
         contacts=hands,
         contact_links=[["a", "b"]] * len(hands),
-        reason=["" if ok else "no contact" for ok in success],
+        reasons=["" if ok else "no contact" for ok in success],
     )
     # at the centre; in front of it; tips on the way; squeezing, which presses nowhere; not robust; not verified
     assert best_first(at_the_edge, verdicts).tolist() == [1, 0, 3, 2, 4, 5]

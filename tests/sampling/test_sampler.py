@@ -1,27 +1,26 @@
 """The sampler as its users see it: errors, seeds, and a whole draw without a model."""
 
-import re
-
 import numpy as np
 import pytest
 import torch
 
 from dexnudge.errors import CheckpointError, InputError, UnknownNameError
+from dexnudge.results.samples import Sample, Samples
 from dexnudge.sampling.denoise import inference_timesteps
 from dexnudge.sampling.methods import METHODS
-from dexnudge.sampling.sampler import Sampler, load_sampler
+from dexnudge.sampling.sampler import Sampler
 from dexnudge.verification.verdicts import verify
 
 RANDOM = "random_start_projection"
 NAMES = (
-    "ours, resampled, coarse_hands, clean_descent, guidance_only, paper, paper_guidance_only, spherical, clean_gradient, "
-    "best_of_32, unguided, unguided_projection, grasp_projection, random_start_projection, nearest_pose"
+    "steered_noise, resampled, coarse_hands, clean_descent, guidance_only, paper, paper_guidance_only, spherical, "
+    "clean_gradient, best_of_32, unguided, unguided_projection, grasp_projection, random_start_projection, nearest_pose"
 )
 
 
 @pytest.fixture(scope="module")
 def sampler(hand, prior):
-    return Sampler(hand, prior)
+    return Sampler(hand, weights=prior)
 
 
 @pytest.fixture(scope="module")
@@ -38,7 +37,7 @@ def test_unknown_method(sampler, scene):
 def test_nothing_to_draw(sampler, scene):
     with pytest.raises(InputError) as caught:
         sampler.sample(scene, num=0)
-    assert str(caught.value) == "cannot draw 0 configurations; expected at least 1; mend --num"
+    assert str(caught.value) == "`num` is 0; expected at least 1"
 
 
 def test_missing_weights(hand, tmp_path):
@@ -47,44 +46,80 @@ def test_missing_weights(hand, tmp_path):
         Sampler.from_pretrained(hand, weights=folder)
     assert str(caught.value) == (
         f"no weights for hand 'shadow_lite': expected a model folder, got {folder}, which does not exist; "
-        "train some with `dexnudge train` and pass them with --weights"
+        "train some with `dexnudge train` and pass them as `weights`"
     )
 
 
-def test_a_method_that_needs_the_prior_says_so(hand, scene):
-    with pytest.raises(CheckpointError, match=re.escape("this sampler has no prior; expected weights")):
-        Sampler(hand, None).sample(scene, num=1, method="steered_noise")
-
-
 def test_weights_are_loaded_only_where_a_method_needs_them(hand, tmp_path):
-    assert load_sampler(hand, [RANDOM], weights=tmp_path / "nowhere").prior is None
-    with pytest.raises(CheckpointError):
-        load_sampler(hand, [RANDOM, "steered_noise"], weights=tmp_path / "nowhere")
+    sampler = Sampler(hand, weights=tmp_path / "nowhere")
+    sampler.load(RANDOM)
+    with pytest.raises(CheckpointError, match="no weights for hand"):
+        sampler.load(RANDOM, "steered_noise")
     with pytest.raises(UnknownNameError):
-        load_sampler(hand, ["magic"])
+        sampler.load("magic")
+
+
+def test_another_device_than_the_cpu_is_refused(hand):
+    with pytest.raises(InputError, match="cannot sample on 'cuda'; expected cpu"):
+        Sampler(hand, device="cuda")
 
 
 def test_a_random_start_is_projected_to_configurations_that_succeed(hand, scene, drawn):
     assert drawn.q.shape == (16, 9 + hand.num_joints)
     assert drawn.q.dtype == np.float32
-    verdicts = verify(hand, scene, drawn.q.astype(np.float64))
-    assert verdicts.success.any()
-    assert not np.isnan(verdicts.penetration_object).any()
-    assert set(drawn.timings) == {"prepare", "draw", "project"}
-    assert all(seconds >= 0 for seconds in drawn.timings.values())
-    assert 0 < drawn.report["projection_converged"] <= 1
+    assert drawn.success.any()
+    assert not np.isnan(drawn.verdicts.penetration_object).any()
+    assert set(drawn.seconds) == {"prepare", "draw", "project", "verify", "rank"}
+    assert all(seconds >= 0 for seconds in drawn.seconds.values())
+    assert 0 < drawn.reports[0]["projection_converged"] <= 1
 
 
-def test_the_order_is_the_samplers_own_measure(hand, scene, drawn):
+def test_the_verdicts_are_those_of_the_draws_and_verified_ones_stand_first(hand, scene, drawn):
+    anew = verify(scene, hand, drawn.q.astype(np.float64))
+    assert anew.reasons == drawn.reasons
+    np.testing.assert_array_equal(anew.force_margin, drawn.verdicts.force_margin)
+    assert drawn.success.tolist() == sorted(drawn.success.tolist(), reverse=True)
+
+
+def test_samples_are_a_sequence(hand, scene, drawn):
+    assert len(drawn) == len(list(drawn)) == 16
+    best, last = drawn[0], drawn[-1]
+    assert isinstance(best, Sample)
+    assert (best.success, best.reason) == (True, "")
+    assert (last.hand, last.scene, last.reason) == (hand, scene, drawn.reasons[-1])
+    np.testing.assert_array_equal(best.q, drawn.q[0])
+    np.testing.assert_allclose(best.T_world_palm[:3, 3], best.q[:3])
+    assert list(best.joint_angles) == list(hand.joint_names)
+    for part in (drawn[2:5], drawn[np.arange(2, 5)], drawn[np.isin(np.arange(16), [2, 3, 4])]):
+        assert isinstance(part, Samples)
+        np.testing.assert_array_equal(part.q, drawn.q[2:5])
+        assert part.reasons == drawn.reasons[2:5]
+    assert len(drawn.verified) == drawn.num_verified == drawn.success.sum()
+    assert drawn.num_verified + sum(drawn.rejections().values()) == 16
+    with pytest.raises(IndexError):
+        drawn[16]
+
+
+def test_drawing_goes_on_until_enough_are_verified(sampler, scene, problem):
+    found = sampler.sample(scene, problem=problem, method=RANDOM, verified=2, num=4, seed=3)
+    assert found.num_verified >= 2
+    assert "prepare" not in found.seconds
+    assert len(found) % 4 == 0
+    few = sampler.sample(scene, problem=problem, method=RANDOM, verified=50, max_draws=5, num=4, seed=3)
+    assert len(few) == 5
+    np.testing.assert_array_equal(few[few.own_rank == 3].q, sampler.draw(problem, num=4, seed=3, method=RANDOM).q[3:])
+
+
+def test_the_samplers_own_order_is_worth_something(drawn):
     """Converged ones stand first, and more of the first half succeed."""
-    success = verify(hand, scene, drawn.q.astype(np.float64)).success
+    success = drawn.success[np.argsort(drawn.own_rank)]
     assert success[:8].sum() >= success[8:].sum()
 
 
 def test_the_same_seed_gives_the_same_draws_and_another_others(sampler, scene, drawn):
     again = sampler.sample(scene, num=16, seed=3, method=RANDOM)
     np.testing.assert_array_equal(again.q, drawn.q)
-    assert again.report == drawn.report
+    assert again.reports == drawn.reports
     assert not np.array_equal(sampler.sample(scene, num=16, seed=4, method=RANDOM).q, drawn.q)
 
 

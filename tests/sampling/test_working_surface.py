@@ -74,5 +74,5 @@ def test_more_hands_can_pull_out_of_a_slot_when_idle_fingertips_are_drawn_away(h
     margins = {}
     for name, used in (("with", config), ("without", without)):
         q, _ = project(hand, problem, starts, config=used)
-        margins[name] = verify(hand, scene, problem.to_world(q).astype(np.float64)).force_margin
+        margins[name] = verify(scene, hand, problem.to_world(q).astype(np.float64)).force_margin
     assert (margins["with"] >= 1.0).mean() > (margins["without"] >= 1.0).mean()

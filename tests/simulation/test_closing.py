@@ -23,7 +23,7 @@ def touching():
     hand = load_hand("shadow_lite")
     scene = build_scene(STORED["scene"], builtin_object(STORED["object"]), seed=STORED["seed"])
     q = np.array(STORED["q"])
-    (contacts,) = contacts_of(hand, scene, q[None])
+    (contacts,) = contacts_of(scene, hand, q[None])
     return load_push_model(push_model_xml(hand, scene), hand, scene), q, np.unique(contacts.link).tolist()
 
 

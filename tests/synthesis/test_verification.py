@@ -149,7 +149,7 @@ def test_the_judge_agrees_along_the_best_direction_and_across_it(hand, phone, pu
         for index in (best, (best + 4) % NUM_DIRECTIONS):
             angle = direction_angles()[index]
             motion = np.asarray([np.cos(angle), np.sin(angle), 0.0])
-            judged = verify(hand, replace(resting_scene(phone), motion=motion), q[row : row + 1])
+            judged = verify(replace(resting_scene(phone), motion=motion), hand, q[row : row + 1])
             stored = verdict.direction_margin[row, index]
             assert judged.force_margin[0] == pytest.approx(max(stored, 0.0), abs=0.01)
             assert judged.success[0] == (stored >= 1.0)

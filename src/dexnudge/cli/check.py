@@ -5,7 +5,6 @@ from __future__ import annotations
 import math
 from collections.abc import Iterable
 from dataclasses import dataclass
-from pathlib import Path
 from typing import Annotated
 
 import tyro
@@ -36,10 +35,10 @@ class Check:
     def run(self) -> int:
         """Check, print, and raise InputError with the differences, if any."""
         from dexnudge.cli.arguments import stdout, table
-        from dexnudge.results.checking import check_folder
+        from dexnudge.results.checking import check
 
-        check = check_folder(Path(self.folder))
-        found, written = check.found, check.written
+        result = check(self.folder)
+        found, written = result.found, result.written
         shown = table("figure", "written", "found", "largest difference")
         shown.add_row("configurations", str(len(written.q)), str(len(found.q)), "")
         shown.add_row("verified", str(int(written.success.sum())), str(int(found.success.sum())), "")
@@ -47,11 +46,11 @@ class Check:
             one, other = scale * getattr(written, key), scale * getattr(found, key)
             shown.add_row(f"{key}{unit}, largest", *(f"{_largest(x):.3f}" for x in (one, other, abs(one - other))))
         stdout().print(shown)
-        if not check.agrees:
-            listed = "\n".join(f"  {difference}" for difference in check.differences[:MOST_DIFFERENCES])
-            more = len(check.differences) - MOST_DIFFERENCES
+        if not result.agrees:
+            listed = "\n".join(f"  {difference}" for difference in result.differences[:MOST_DIFFERENCES])
+            more = len(result.differences) - MOST_DIFFERENCES
             raise InputError(
-                f"{self.folder}: {len(check.differences)} figures differ from what the files give:\n{listed}"
+                f"{self.folder}: {len(result.differences)} figures differ from what the files give:\n{listed}"
                 + (f"\n  and {more} more" if more > 0 else "")
                 + "\nexpected all to agree; sample again"
             )

@@ -142,9 +142,8 @@ class Sample:
         from dexnudge.hands.registry import load_hand
         from dexnudge.jobs.progress import progress
         from dexnudge.results.writing import write_inputs, write_results
-        from dexnudge.sampling.draws import check_counts, draw_and_judge
         from dexnudge.sampling.methods import find_method
-        from dexnudge.sampling.sampler import load_sampler
+        from dexnudge.sampling.sampler import Sampler, check_counts
 
         check_counts(self.num, self.verified, self.max_draws)
         method = find_method(self.method).with_weights(self.losses.given())
@@ -152,7 +151,8 @@ class Sample:
         name, scene = self._scene()
         scene.validate()
         hand = load_hand(self.hand, base=self.base)
-        sampler = load_sampler(hand, [self.method], weights=self.weights, device=self.device)
+        sampler = Sampler(hand, weights=self.weights, device=self.device)
+        sampler.load(method)
         written_scene, written_hand = write_inputs(folder, scene, hand)
         seconds = {"load": time.perf_counter() - start}
         with progress() as bars:
@@ -165,10 +165,9 @@ class Sample:
                     description=f"drawn {drawn}, verified {verified}",
                 )
 
-            draws = draw_and_judge(
-                sampler,
-                written_hand,
+            samples = sampler.sample(
                 written_scene,
+                hand=written_hand,
                 num=self.num,
                 seed=self.seed,
                 method=method,
@@ -194,9 +193,7 @@ class Sample:
             )
         return write_results(
             folder,
-            written_scene,
-            written_hand,
-            draws,
+            samples,
             title=f"{name}, {scene.name}",
             seconds=seconds,
             details=details,

@@ -62,7 +62,7 @@ class Executor:
         clock = time.perf_counter()
         approach = self._planner.plan(q)
         seconds["approach"], clock = time.perf_counter() - clock, time.perf_counter()
-        (contacts,) = contacts_of(self._hand, self._scene, q[None])
+        (contacts,) = contacts_of(self._scene, self._hand, q[None])
         forces = push_forces(self._push, q, contacts, self._supports, self._task)
         seconds["forces"], clock = time.perf_counter() - clock, time.perf_counter()
         run = self._play(self._push, q, approach, forces)

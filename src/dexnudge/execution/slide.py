@@ -62,7 +62,7 @@ class Slide:
             return -1, reason
         del self._waiting[index]
         episode = self._stage.go_to(approach, all_the_way=False)
-        (contacts,) = contacts_of(self._stage.hand, scene, q[None])
+        (contacts,) = contacts_of(scene, self._stage.hand, q[None])
         task, way = sliding_task(scene), stretches(approach)
         with episode.elsewhere():
             supports = supports_of_way(scene, plan.length)
@@ -80,9 +80,9 @@ class Slide:
         for index, first in list(self._waiting.items())[:MOST_PLANNED]:
             q = np.asarray(transform_configurations(moved, first[None])[0])
             if self._stage.episode is not None:
-                verdict = verify(self._stage.hand, scene, q[None])
+                verdict = verify(scene, self._stage.hand, q[None])
                 if not verdict.success[0]:
-                    reason = f"configuration {index} no longer fits: {verdict.reason[0]}"
+                    reason = f"configuration {index} no longer fits: {verdict.reasons[0]}"
                     continue
             approach = planner.plan(q, start=self._stage.q)
             if approach.blocked is None:

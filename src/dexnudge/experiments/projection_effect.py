@@ -25,7 +25,7 @@ def projection_effect(
     problem = prepare(scene, device=sampler.device)
     stages = {"before": replace(method, projection=None), "after": method}
     drawn = {name: sampler.draw(problem, num=num, seed=seed, method=stage).q for name, stage in stages.items()}
-    return {name: figures(verify(hand, scene, q.astype(np.float64))) for name, q in drawn.items()}
+    return {name: figures(verify(scene, hand, q.astype(np.float64))) for name, q in drawn.items()}
 
 
 def figures(verdicts: Verdicts) -> dict[str, float | int]:

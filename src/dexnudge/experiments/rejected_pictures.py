@@ -67,13 +67,13 @@ def _picture(case: WorstCase, path: Path) -> RejectedDraw | None:
     verdicts, rejections = drawn.draws.verdicts, drawn.draws.rejections()
     if not rejections:
         return None
-    place = verdicts.reason.index(next(iter(rejections)))
+    place = verdicts.reasons.index(next(iter(rejections)))
     q = drawn.draws.q[place].astype(np.float64)
-    contacts = contact_points(maker.hand, drawn.scene, q[None])[0]
+    contacts = contact_points(drawn.scene, maker.hand, q[None])[0]
     render_png(drawing(drawn.scene, maker.hand, q, contacts=contacts), path, size=SIZE)
     return RejectedDraw(
         picture=path,
-        reason=verdicts.reason[place],
+        reason=verdicts.reasons[place],
         penetration_environment=float(verdicts.penetration_environment[place]),
         penetration_object=float(verdicts.penetration_object[place]),
         penetration_self=float(verdicts.penetration_self[place]),

@@ -12,7 +12,6 @@ from dexnudge.experiments.rows import Row
 from dexnudge.experiments.sweeps import FORCE, sweep_success
 from dexnudge.hands.hand import Hand
 from dexnudge.results.samples import Samples
-from dexnudge.sampling.draws import draw_and_judge
 from dexnudge.sampling.methods import find_method
 from dexnudge.sampling.problem import SamplingProblem, prepare
 from dexnudge.scenes.scene import Scene
@@ -42,15 +41,14 @@ class RowMaker:
     def __init__(self, config: ExperimentConfig) -> None:
         from dexnudge.hands.registry import load_hand
         from dexnudge.objects.sets import resolve_object_set
-        from dexnudge.sampling.sampler import load_sampler
+        from dexnudge.sampling.sampler import Sampler
 
         self._config = config
         entries = resolve_object_set(config.objects, units=config.units, length=config.length)
         self._objects = {entry.name: entry for entry in entries}
         self.hand = load_hand(config.hand, base=config.base)
-        self._sampler = load_sampler(
-            self.hand, config.methods, weights=config.weights, data=config.data, device=config.device
-        )
+        self._sampler = Sampler(self.hand, weights=config.weights, poses=config.data, device=config.device)
+        self._sampler.load(*config.methods)
         self._last: tuple[tuple[str, str], _Prepared] | None = None
         self._warm = False
 
@@ -74,9 +72,7 @@ class RowMaker:
         return DrawnTask(prepared.scene, draws, {**prepared.seconds, **draws.seconds})
 
     def _draw(self, task: Task, prepared: _Prepared, *, num: int) -> Samples:
-        return draw_and_judge(
-            self._sampler,
-            self.hand,
+        return self._sampler.sample(
             prepared.scene,
             num=num,
             seed=row_seed(self._config.seed, task),
@@ -108,7 +104,7 @@ def sampled_row(task: Task, drawn: DrawnTask, hand: Hand, *, seed: int, sweep: b
     deepest = np.maximum.reduce(
         [verdicts.penetration_object, verdicts.penetration_environment, verdicts.penetration_self]
     )
-    contacts = {row: verdicts.contacts[row] for row, reason in enumerate(verdicts.reason) if reason in ("", FORCE)}
+    contacts = {row: verdicts.contacts[row] for row, reason in enumerate(verdicts.reasons) if reason in ("", FORCE)}
     verified = np.flatnonzero(verdicts.success)
     return Row(
         object=task.object,
@@ -120,7 +116,7 @@ def sampled_row(task: Task, drawn: DrawnTask, hand: Hand, *, seed: int, sweep: b
         success=verdicts.success.tolist(),
         force_margin=[round(float(margin), 4) for margin in verdicts.force_margin],
         penetration_mm=[round(1e3 * depth, 4) if np.isfinite(depth) else None for depth in deepest.tolist()],
-        own_rank=draws.own_rank.tolist(),
+        own_rank=[] if draws.own_rank is None else draws.own_rank.tolist(),
         joint_diversity=joint_diversity(draws.q[verified]),
         contact_diversity=contact_diversity(hand, scene, [contacts[index] for index in verified.tolist()]),
         swept=sweep_success(scene, verdicts, contacts) if sweep else {},

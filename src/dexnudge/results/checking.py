@@ -1,6 +1,5 @@
 """Recompute every figure of a result folder from its files alone, and compare."""
 
-from collections import Counter
 from dataclasses import dataclass
 from pathlib import Path
 from typing import Any
@@ -10,8 +9,9 @@ from jaxtyping import Float
 
 from dexnudge.errors import InputError
 from dexnudge.results.configurations import Configurations, load_configurations
+from dexnudge.results.samples import Samples
 from dexnudge.results.summary import count_draws, read_summary
-from dexnudge.results.writing import as_configurations, read_inputs
+from dexnudge.results.writing import as_configurations, check_joints, read_inputs
 from dexnudge.verification.verdicts import verify
 
 PENETRATION_TOLERANCE = 2e-4  # [m] what independent distance queries on the same mesh may differ by
@@ -32,26 +32,22 @@ class Check:
         return not self.differences
 
 
-def check_folder(folder: Path) -> Check:
-    """Judge the configurations of a result folder again, with the hand and the scene of that folder.
+def check(folder: Path | str) -> Check:
+    """Verify the configurations of a result folder again, with the hand and the scene of that folder.
 
     Raises:
         InputError: the folder or a file in it is missing, damaged, or does not belong to the others.
     """
+    folder = Path(folder)
     if not folder.is_dir():
         raise InputError(f"{folder} is not a folder; expected the one that `dexnudge sample --out` wrote")
     written = load_configurations(folder)
     summary = read_summary(folder)
     scene, hand = read_inputs(folder)
-    if tuple(hand.joint_names) != written.joint_names:
-        raise InputError(
-            f"{folder}: the configurations have the joints {', '.join(written.joint_names)}, the hand in hand/ has "
-            f"{', '.join(hand.joint_names)}; expected the same joints in the same order; sample again"
-        )
+    check_joints(folder, written, hand)
     scene.validate()
-    verdicts = verify(hand, scene, written.q.astype(np.float64))
-    found = as_configurations(written.q, verdicts, hand)
-    rejected = Counter(reason for reason, ok in zip(verdicts.reason, verdicts.success, strict=True) if not ok)
+    again = Samples(scene, hand, written.q, verify(scene, hand, written.q.astype(np.float64)))
+    found, rejected = as_configurations(again), again.rejections()
     return Check(
         written, found, (*_verdict_differences(written, found), *_summary_differences(summary, written, rejected))
     )
@@ -101,8 +97,8 @@ def _listed(links: tuple[str, ...]) -> str:
     return ", ".join(links) or "none"
 
 
-def _summary_differences(summary: dict[str, Any], written: Configurations, rejected: Counter[str]) -> list[str]:
-    expected = count_draws(written, dict(rejected.most_common()))
+def _summary_differences(summary: dict[str, Any], written: Configurations, rejected: dict[str, int]) -> list[str]:
+    expected = count_draws(written, rejected)
     return [
         f"summary.json: {key} is {summary.get(key)} in the file, {expected[key]} found"
         for key in ("drawn", "verified", "robust", "rejected")

@@ -10,6 +10,7 @@ import numpy as np
 from jaxtyping import Bool, Float
 
 from dexnudge.errors import InputError
+from dexnudge.verification.verdicts import ROBUST_MARGIN
 
 FILE = "configurations.npz"
 LINK_SEPARATOR = ","  # between the names of one draw's contact links
@@ -23,7 +24,8 @@ class Configurations:
     Attributes:
         q: [root translation (3) [m] | first two columns of R (6) | joint angles (d) [rad]], world frame.
         joint_names: the d joints in the order of q.
-        success: section 5 of the conventions holds.
+        success: every criterion passes.
+        reasons: name of the first criterion that fails; "" for a success.
         penetration_object, penetration_environment, penetration_self: depth [m], 0 where nothing penetrates.
         force_margin: largest factor on friction_environment that the contacts still overcome, at most 3.
         contact_links: hand links within contact distance of the object, for each draw.
@@ -32,11 +34,17 @@ class Configurations:
     q: Float[np.ndarray, "n coordinates"]
     joint_names: tuple[str, ...]
     success: Bool[np.ndarray, " n"]
+    reasons: tuple[str, ...]
     penetration_object: Float[np.ndarray, " n"]
     penetration_environment: Float[np.ndarray, " n"]
     penetration_self: Float[np.ndarray, " n"]
     force_margin: Float[np.ndarray, " n"]
     contact_links: tuple[tuple[str, ...], ...]
+
+    @property
+    def robust(self) -> Bool[np.ndarray, " n"]:
+        """Which succeed with a force margin of at least 1.5."""
+        return self.success & (self.force_margin >= ROBUST_MARGIN)
 
     def save(self, folder: Path) -> None:
         """Write `FILE` into `folder`; readable with `numpy.load(allow_pickle=False)`."""
@@ -45,6 +53,7 @@ class Configurations:
             q=self.q.astype(np.float32),
             joint_names=np.array(self.joint_names, dtype=np.str_),
             success=self.success.astype(bool),
+            reasons=np.array(self.reasons, dtype=np.str_),
             penetration_object=self.penetration_object,
             penetration_environment=self.penetration_environment,
             penetration_self=self.penetration_self,
@@ -81,6 +90,7 @@ def load_configurations(folder: Path) -> Configurations:
         q=arrays["q"],
         joint_names=tuple(arrays["joint_names"].tolist()),
         success=arrays["success"],
+        reasons=tuple(arrays["reasons"].tolist()),
         contact_links=tuple(
             tuple(links.split(LINK_SEPARATOR)) if links else () for links in arrays["contact_links"].tolist()
         ),
@@ -94,7 +104,7 @@ def _check_arrays(path: Path, arrays: dict[str, np.ndarray]) -> None:
     _expect(path, "joint_names", joints, "U", (q.shape[1] - ROOT_COORDINATES,))
     if not np.isfinite(q).all():
         raise InputError(f"{path}: q holds NaN or infinity; expected finite numbers; sample again")
-    for key, kind in (("success", "b"), ("contact_links", "U"), *((key, "f") for key in MEASURES)):
+    for key, kind in (("success", "b"), ("reasons", "U"), ("contact_links", "U"), *((key, "f") for key in MEASURES)):
         _expect(path, key, arrays[key], kind, (len(q),))
 
 

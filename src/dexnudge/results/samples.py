@@ -1,35 +1,217 @@
-"""The draws for a scene, each with its verdict."""
+"""The draws for a scene with their verdicts: looked at, saved, and read back."""
+
+from __future__ import annotations
 
 from collections import Counter
-from dataclasses import dataclass
-from typing import Any
+from collections.abc import Iterator
+from dataclasses import dataclass, field, replace
+from pathlib import Path
+from typing import Any, overload
 
 import numpy as np
-from jaxtyping import Float, Int
+import torch
+from jaxtyping import Bool, Float, Int
 
+from dexnudge.errors import InputError
+from dexnudge.hands.hand import ROOT_COORDINATES, Hand
+from dexnudge.mechanics.contacts import HandContacts
+from dexnudge.scenes.scene import Scene
 from dexnudge.verification.verdicts import Verdicts
 
+MOST_ON_PAGE = 500  # what a page can show
+SHOWN_VALUES = ("penetration_object", "penetration_environment", "penetration_self", "force_margin")  # by the page
 
-@dataclass(frozen=True)
-class Samples:
-    """Every draw with its verdict, verified ones first, best first.
 
-    `own_rank` is the place that the sampler itself gave each draw, before anything was verified. `seconds` by stage;
-    `reports`, the sampler's own, one for each call.
+@dataclass(frozen=True, eq=False, repr=False)
+class Sample:
+    """One configuration with the scene and the hand that it belongs to.
+
+    Attributes:
+        scene, hand: the problem.
+        q: [root translation (3) [m] | 6D rotation (6) | joint angles (d) [rad]], world frame.
+        success: every criterion passes. reason: name of the first criterion that fails; "" for a success.
+        contacts: with the object. contact_links: names of the hand links that touch it.
     """
 
+    scene: Scene
+    hand: Hand
+    q: Float[np.ndarray, " coordinates"]
+    success: bool
+    reason: str
+    force_margin: float
+    contacts: HandContacts
+    contact_links: tuple[str, ...]
+
+    @property
+    def joint_angles(self) -> dict[str, float]:
+        """Angle of each joint [rad], by its name."""
+        return dict(zip(self.hand.joint_names, self.q[ROOT_COORDINATES:].tolist(), strict=True))
+
+    @property
+    def T_world_palm(self) -> Float[np.ndarray, "4 4"]:
+        """Pose of the palm in the world."""
+        q = torch.as_tensor(self.q[None].astype(np.float64))
+        return self.hand.forward_kinematics(q)[0, 0].numpy()
+
+    def __repr__(self) -> str:
+        verdict = "verified" if self.success else f"rejected ({self.reason})"
+        touching = ", ".join(self.contact_links) or "nothing"
+        return (
+            f"Sample of {self.hand.name} in '{self.scene.name}': {verdict}, force margin {self.force_margin:.2f}, "
+            f"touching with {touching}"
+        )
+
+
+@dataclass(frozen=True, eq=False, repr=False)
+class Samples:
+    """Every draw for a scene with its verdict: verified ones first, best first.
+
+    `samples[0]` is the best as a `Sample`; a slice, a mask or an array of places gives `Samples`.
+
+    Attributes:
+        scene, hand: the problem.
+        q: [root translation (3) [m] | 6D rotation (6) | joint angles (d) [rad]], world frame.
+        verdicts: what was found about each draw.
+        own_rank: the place that the sampler itself gave each draw of a call, before anything was verified; None for
+            samples that were read from a folder.
+        seconds: by stage. reports: the sampler's own, one for each call.
+    """
+
+    scene: Scene
+    hand: Hand
     q: Float[np.ndarray, "n coordinates"]
     verdicts: Verdicts
-    own_rank: Int[np.ndarray, " n"]
-    seconds: dict[str, float]
-    reports: tuple[dict[str, Any], ...]
+    own_rank: Int[np.ndarray, " n"] | None = None
+    seconds: dict[str, float] = field(default_factory=dict)
+    reports: tuple[dict[str, Any], ...] = ()
+
+    @property
+    def success(self) -> Bool[np.ndarray, " n"]:
+        """Which draws pass every criterion."""
+        return self.verdicts.success
+
+    @property
+    def reasons(self) -> list[str]:
+        """Name of the first criterion that each draw fails; "" for a success."""
+        return self.verdicts.reasons
 
     @property
     def num_verified(self) -> int:
         """How many draws succeed."""
-        return int(self.verdicts.success.sum())
+        return int(self.success.sum())
+
+    @property
+    def verified(self) -> Samples:
+        """The draws that succeed, best first."""
+        return self[self.success]
 
     def rejections(self) -> dict[str, int]:
-        """Rejected draws by reason, most frequent first."""
-        reasons = (r for r, ok in zip(self.verdicts.reason, self.verdicts.success, strict=True) if not ok)
-        return dict(Counter(reasons).most_common())
+        """Return the number of rejected draws by reason, most frequent first."""
+        return dict(Counter(reason for reason in self.reasons if reason).most_common())
+
+    def __len__(self) -> int:
+        return len(self.q)
+
+    def __iter__(self) -> Iterator[Sample]:
+        return (self[index] for index in range(len(self)))
+
+    @overload
+    def __getitem__(self, key: int | np.integer) -> Sample: ...
+    @overload
+    def __getitem__(self, key: slice | Int[np.ndarray, " m"] | Bool[np.ndarray, " n"]) -> Samples: ...
+    def __getitem__(
+        self, key: int | np.integer | slice | Int[np.ndarray, " m"] | Bool[np.ndarray, " n"]
+    ) -> Sample | Samples:
+        if isinstance(key, int | np.integer):
+            place = range(len(self))[key]  # negative ones count from the end; IndexError beyond it
+            return Sample(
+                scene=self.scene,
+                hand=self.hand,
+                q=self.q[place],
+                success=bool(self.success[place]),
+                reason=self.reasons[place],
+                force_margin=float(self.verdicts.force_margin[place]),
+                contacts=self.verdicts.contacts[place],
+                contact_links=tuple(self.verdicts.contact_links[place]),
+            )
+        places = np.arange(len(self))[key]
+        own_rank = None if self.own_rank is None else self.own_rank[places]
+        return replace(
+            self, q=self.q[places], verdicts=self.verdicts.take(places), own_rank=own_rank, seconds=dict(self.seconds)
+        )
+
+    def __repr__(self) -> str:
+        lines = [f"{len(self)} samples of {self.hand.name} in '{self.scene.name}': {self.num_verified} verified"]
+        lines += [f"  {count} rejected: {reason}" for reason, count in self.rejections().items()]
+        if self.num_verified:
+            lines.append(f"  best: {self[0]!r}")
+        return "\n".join(lines)
+
+    def save(self, out: Path | str, *, title: str = "", overwrite: bool = False) -> Samples:
+        """Write a result folder: scene, hand, configurations, summary, page and picture, as `dexnudge sample` does.
+
+        Every draw is verified again with scene and hand as they stand in the files, rounding included, so that what is
+        written is what `check` finds there. Returns the samples as they were written.
+
+        Raises:
+            OutputError: `out` exists without `overwrite`, is no result folder, or cannot be written.
+            InputError: there are no samples.
+        """
+        from dexnudge.results.writing import save_samples
+
+        return save_samples(self, Path(out), title=title, overwrite=overwrite)
+
+    def picture(self, path: Path | str, *, index: int = 0, title: str = "") -> Path:
+        """Write a PNG of one configuration in its scene, the best one unless told otherwise.
+
+        Raises:
+            OutputError: the file cannot be written.
+        """
+        from dexnudge.viewer.picture import render_png
+        from dexnudge.viewer.visual_scene import drawing
+
+        sample = self[index]
+        contacts = sample.contacts.points
+        return render_png(
+            drawing(self.scene, self.hand, sample.q.astype(np.float64), contacts=contacts, title=title), path
+        )
+
+    def page(self, path: Path | str, *, title: str = "") -> Path:
+        """Write a self-contained 3-D page of at most 500 configurations.
+
+        Raises:
+            InputError: there are no samples.
+            OutputError: the file cannot be written.
+        """
+        from dexnudge.viewer.page import Figures, write_page
+        from dexnudge.viewer.visual_scene import drawings
+
+        shown, found = self.q[:MOST_ON_PAGE].astype(np.float64), self.verdicts
+        figures = [
+            Figures(
+                success=bool(found.success[i]),
+                values={name: float(getattr(found, name)[i]) for name in SHOWN_VALUES},
+                contact_links=tuple(found.contact_links[i]),
+                reason=found.reasons[i],
+            )
+            for i in range(len(shown))
+        ]
+        contacts = [each.points for each in found.contacts[: len(shown)]]
+        title = title or f"{self.hand.name}, {self.scene.name}"
+        return write_page(
+            drawings(self.scene, self.hand, shown, contacts=contacts, title=title), path, title=title, figures=figures
+        )
+
+
+def load_samples(folder: Path | str) -> Samples:
+    """Read a result folder that `dexnudge sample` or `Samples.save` wrote; nothing is verified again (see `check`).
+
+    Raises:
+        InputError: a file is missing, damaged, or does not belong to the others.
+    """
+    from dexnudge.results.writing import read_samples
+
+    folder = Path(folder)
+    if not folder.is_dir():
+        raise InputError(f"{folder} is not a folder; expected the one that `dexnudge sample --out` wrote")
+    return read_samples(folder)

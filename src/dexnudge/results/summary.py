@@ -8,23 +8,21 @@ import numpy as np
 
 from dexnudge.errors import InputError
 from dexnudge.results.configurations import Configurations
-from dexnudge.verification.verdicts import ROBUST_MARGIN
 
 FILE = "summary.json"
 
 
 def count_draws(configurations: Configurations, rejected: dict[str, int]) -> dict[str, Any]:
     """Counts and rates of all draws: drawn = verified + the sum of `rejected` (reason -> draws)."""
-    success = configurations.success
-    robust = success & (configurations.force_margin >= ROBUST_MARGIN)
+    success, robust = configurations.success, int(configurations.robust.sum())
     drawn, verified = len(success), int(success.sum())
     return {
         "drawn": drawn,
         "verified": verified,
-        "robust": int(robust.sum()),
+        "robust": robust,
         "rejected": rejected,
         "verified_rate": verified / drawn,
-        "robust_rate": int(robust.sum()) / drawn,
+        "robust_rate": robust / drawn,
         "best_force_margin": float(configurations.force_margin[0]) if verified else None,
     }
 

@@ -1,34 +1,34 @@
-"""Write the folder of `sample`: first the problem, then, judged from those files, the answer."""
+"""Write and read a result folder: scene and hand first, then what was drawn, as verified from those files."""
 
 import time
+from dataclasses import replace
 from pathlib import Path
 from typing import Any
 
 import numpy as np
-from jaxtyping import Float
 
+from dexnudge.errors import InputError
 from dexnudge.hands.export import export_hand
 from dexnudge.hands.hand import Hand
 from dexnudge.hands.registry import load_hand
+from dexnudge.jobs.folders import new_folder
 from dexnudge.jobs.provenance import machine, peak_memory_mb, versions
-from dexnudge.results.configurations import Configurations
+from dexnudge.results.configurations import FILE, Configurations, load_configurations
 from dexnudge.results.samples import Samples
-from dexnudge.results.summary import count_draws, write_summary
+from dexnudge.results.summary import count_draws, read_summary, write_summary
 from dexnudge.scenes.files import load_scene, save_scene
 from dexnudge.scenes.scene import Scene
-from dexnudge.verification.verdicts import Verdicts, contact_points
+from dexnudge.verification.verdicts import Verdicts, contacts_of, verify
 
 HAND_FOLDER = "hand"
 URDF_FILE = "hand.urdf"
 PAGE_FILE, PICTURE_FILE = "view.html", "view.png"
-MOST_ON_PAGE = 500  # what a page can show
-SHOWN_VALUES = ("penetration_object", "penetration_environment", "penetration_self", "force_margin")  # by the page
 
 
 def write_inputs(folder: Path, scene: Scene, hand: Hand) -> tuple[Scene, Hand]:
     """Write scene and hand into `folder` and return them as read back.
 
-    What is read back is what draws are judged with: then the verdicts are those of the files, rounding included, and
+    What is read back is what draws are verified with: then the verdicts are those of the files, rounding included, and
     `check` finds the same.
     """
     save_scene(scene, folder)
@@ -37,7 +37,7 @@ def write_inputs(folder: Path, scene: Scene, hand: Hand) -> tuple[Scene, Hand]:
 
 
 def read_inputs(folder: Path) -> tuple[Scene, Hand]:
-    """Scene and hand of a result folder.
+    """Return scene and hand of a result folder.
 
     Raises:
         InputError: a file is missing, damaged, or points outside the folder.
@@ -45,12 +45,14 @@ def read_inputs(folder: Path) -> tuple[Scene, Hand]:
     return load_scene(folder), load_hand(str(folder / HAND_FOLDER / URDF_FILE))
 
 
-def as_configurations(q: Float[np.ndarray, "n coordinates"], verdicts: Verdicts, hand: Hand) -> Configurations:
-    """Configurations and their verdicts as the arrays of configurations.npz."""
+def as_configurations(samples: Samples) -> Configurations:
+    """Return the arrays of configurations.npz."""
+    verdicts = samples.verdicts
     return Configurations(
-        q=q,
-        joint_names=tuple(hand.joint_names),
+        q=samples.q,
+        joint_names=tuple(samples.hand.joint_names),
         success=verdicts.success,
+        reasons=tuple(verdicts.reasons),
         penetration_object=verdicts.penetration_object,
         penetration_environment=verdicts.penetration_environment,
         penetration_self=verdicts.penetration_self,
@@ -60,63 +62,77 @@ def as_configurations(q: Float[np.ndarray, "n coordinates"], verdicts: Verdicts,
 
 
 def write_results(
-    folder: Path,
-    scene: Scene,
-    hand: Hand,
-    draws: Samples,
-    *,
-    title: str,
-    seconds: dict[str, float],
-    details: dict[str, Any],
+    folder: Path, samples: Samples, *, title: str, seconds: dict[str, float], details: dict[str, Any]
 ) -> dict[str, Any]:
-    """Write configurations, page, picture and summary beside the problem; return the summary.
+    """Write configurations, page, picture and summary beside scene and hand; return the summary.
 
     Args:
         folder: where `write_inputs` wrote.
-        scene: as `write_inputs` returned it.
-        hand: the same.
-        draws: in ranked order.
+        samples: verified with the scene and the hand that `write_inputs` returned.
         title: plain text above page and picture.
         seconds: of the stages before the first draw; those of drawing and writing are added.
         details: further entries of the summary, such as the options of the run.
     """
-    configurations = as_configurations(draws.q, draws.verdicts, hand)
+    configurations = as_configurations(samples)
     configurations.save(folder)
-    seconds = {**seconds, **draws.seconds}
     start = time.perf_counter()
-    write_views(folder, scene, hand, draws, title=title)
-    seconds["picture"] = time.perf_counter() - start
+    samples.page(folder / PAGE_FILE, title=title)
+    samples.picture(folder / PICTURE_FILE, title=title)
+    seconds = {**seconds, **samples.seconds, "picture": time.perf_counter() - start}
     summary = {
-        **count_draws(configurations, draws.rejections()),
+        **count_draws(configurations, samples.rejections()),
         **details,
         "seconds": {stage: round(value, 4) for stage, value in seconds.items()},
         "seconds_total": round(sum(seconds.values()), 4),
         "peak_memory_mb": round(peak_memory_mb(), 1),
         "machine": machine(),
         "versions": versions(),
-        "sampler": list(draws.reports),
+        "sampler": list(samples.reports),
     }
     write_summary(folder, summary)
     return summary
 
 
-def write_views(folder: Path, scene: Scene, hand: Hand, draws: Samples, *, title: str) -> None:
-    """Write the 3-D page with all draws, and the picture of the best one."""
-    from dexnudge.viewer.page import Figures, write_page
-    from dexnudge.viewer.picture import render_png
-    from dexnudge.viewer.visual_scene import drawings
+def save_samples(samples: Samples, out: Path, *, title: str, overwrite: bool) -> Samples:
+    """Write the folder of `Samples.save`; return the samples as written."""
+    if not len(samples):
+        raise InputError("there are no samples to save; expected at least one")
+    with new_folder(out, overwrite=overwrite, marker=FILE) as folder:
+        scene, hand = write_inputs(folder, samples.scene, samples.hand)
+        verdicts = verify(scene, hand, samples.q.astype(np.float64))
+        written = replace(samples, scene=scene, hand=hand, verdicts=verdicts)
+        written = written[np.argsort(~verdicts.success, kind="stable")]
+        title = title or f"{hand.name}, {scene.name}"
+        write_results(folder, written, title=title, seconds={}, details={"scene": scene.name, "hand": hand.name})
+    return written
 
-    verdicts = draws.verdicts
-    shown = draws.q[:MOST_ON_PAGE].astype(np.float64)
-    figures = [
-        Figures(
-            success=bool(verdicts.success[i]),
-            values={name: float(getattr(verdicts, name)[i]) for name in SHOWN_VALUES},
-            contact_links=tuple(verdicts.contact_links[i]),
-            reason=verdicts.reason[i],
+
+def read_samples(folder: Path) -> Samples:
+    """Read a result folder; InputError when a file is missing, damaged, or does not belong to the others."""
+    found = load_configurations(folder)
+    summary = read_summary(folder)
+    scene, hand = read_inputs(folder)
+    check_joints(folder, found, hand)
+    verdicts = Verdicts(
+        success=found.success,
+        robust=found.robust,
+        penetration_object=found.penetration_object,
+        penetration_environment=found.penetration_environment,
+        penetration_self=found.penetration_self,
+        force_margin=found.force_margin,
+        limits_violation=np.zeros(len(found.q)),
+        contacts=contacts_of(scene, hand, found.q.astype(np.float64)),
+        contact_links=[list(links) for links in found.contact_links],
+        reasons=list(found.reasons),
+    )
+    seconds = dict(summary.get("seconds", {}))
+    return Samples(scene, hand, found.q, verdicts, seconds=seconds, reports=tuple(summary.get("sampler", ())))
+
+
+def check_joints(folder: Path, configurations: Configurations, hand: Hand) -> None:
+    """Refuse configurations of another hand; InputError."""
+    if tuple(hand.joint_names) != configurations.joint_names:
+        raise InputError(
+            f"{folder}: the configurations have the joints {', '.join(configurations.joint_names)}, the hand in hand/ "
+            f"has {', '.join(hand.joint_names)}; expected the same joints in the same order; sample again"
         )
-        for i in range(len(shown))
-    ]
-    drawn = drawings(scene, hand, shown, contacts=contact_points(hand, scene, shown), title=title)
-    write_page(drawn, folder / PAGE_FILE, title=title, figures=figures)
-    render_png(drawn[0], folder / PICTURE_FILE)

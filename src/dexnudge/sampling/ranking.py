@@ -6,7 +6,7 @@ As an object comes over an edge, less and less of it is carried, and a finger th
 from collections.abc import Sequence
 
 import numpy as np
-from jaxtyping import Float
+from jaxtyping import Float, Int
 
 from dexnudge.mechanics.contacts import HandContacts, SupportContacts
 from dexnudge.mechanics.fast_balance import force_margins
@@ -14,6 +14,7 @@ from dexnudge.mechanics.friction_cone import helping, pressing, some_contacts
 from dexnudge.mechanics.sliding_task import sliding_task
 from dexnudge.planning.object_path import push_length, supports_along
 from dexnudge.scenes.scene import Scene
+from dexnudge.verification.verdicts import ROBUST_MARGIN, SUCCESS_MARGIN, Verdicts
 
 STATIONS = 3  # places along the way beside its beginning; the last one is its end
 SAME_PLACE = 1e-5  # [m] by which two places of supports differ for no other reason than rounding
@@ -58,6 +59,26 @@ def lead(scene: Scene, contacts: Sequence[HandContacts]) -> Float[np.ndarray, " 
     centre = sliding_task(scene).centre
     ahead = [(each.points - centre) @ scene.motion for each in contacts]
     return np.array([max(0.0, each.mean()) if len(each) else np.inf for each in ahead])
+
+
+def best_first(scene: Scene, verdicts: Verdicts) -> Int[np.ndarray, " n"]:
+    """Return the order of the draws: verified ones first; among them those that push best.
+
+    That is: by the force margin where the path begins, up to 1.5 (robust); by the least one on the path of those contacts
+    alone that press or push, up to 1; by how near to the object's centre of mass or behind it they are on average; by how
+    far they press or push; by the least penetration. Larger margins are those of hands that squeeze, and slip.
+    """
+    margin, verified = np.asarray(verdicts.force_margin), np.flatnonzero(verdicts.success)
+    pressing, ahead, helping = np.zeros((3, len(margin)))
+    if len(verified) > 1:
+        contacts = [verdicts.contacts[row] for row in verified]
+        pressing[verified] = pressing_margins(scene, contacts)
+        ahead[verified], helping[verified] = lead(scene, contacts), mean_help(scene, contacts)
+    deepest = np.maximum.reduce(
+        [verdicts.penetration_object, verdicts.penetration_environment, verdicts.penetration_self]
+    )
+    order = (-np.minimum(margin, ROBUST_MARGIN), -np.minimum(pressing, SUCCESS_MARGIN), ahead, -helping, deepest)
+    return np.lexsort((*reversed(order), ~verdicts.success))
 
 
 def _carried_alike(scene: Scene) -> bool:

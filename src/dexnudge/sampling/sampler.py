@@ -1,8 +1,12 @@
-"""A sampler for given methods, with weights only where a method needs them."""
+"""The sampler: draws hand configurations for a scene, verifies every one of them, and ranks them."""
+
+from __future__ import annotations
 
 import time
-from collections.abc import Sequence
+from collections import Counter
+from collections.abc import Callable
 from dataclasses import dataclass
+from functools import cached_property
 from pathlib import Path
 from typing import Any
 
@@ -14,85 +18,194 @@ from torch import Tensor
 from dexnudge.diffusion.prior import DiffusionPrior
 from dexnudge.errors import CheckpointError, InputError
 from dexnudge.hands.hand import Hand
+from dexnudge.results.samples import Samples
 from dexnudge.sampling.denoise import denoise
 from dexnudge.sampling.methods import Method, find_method
 from dexnudge.sampling.problem import SamplingProblem, prepare
 from dexnudge.sampling.projection import ProjectionReport, project
+from dexnudge.sampling.ranking import best_first
 from dexnudge.sampling.starts import TrainingPoses, nearest_pose_start, random_start
 from dexnudge.scenes.scene import Scene
+from dexnudge.verification.verdicts import Verdicts, verify
 
 SHIPPED_WEIGHTS = Path(__file__).parent.parent / "weights"
+DEFAULT_METHOD = "steered_noise"
+MAX_DRAWS_FACTOR = 32  # a search for K verified draws gives up after this many draws each, unless told otherwise
+SMALLEST_CALL = 4  # draws: fewer take as long, since a call's own steps cost more than their arithmetic
+NOT_CONVERGED = 10.0  # added to the residual of a draw that the projection could not finish, so that it comes last
 
 
 @dataclass(frozen=True)
-class SampleResult:
-    """Draws for one scene; nothing is judged here.
+class Draws:
+    """Draws for one scene, not verified.
 
-    q: world frame, in the order in which the sampler would try them (its own measure: converged, then least residual).
-    timings: seconds per stage. report: what guidance and projection did, means over the draws.
+    Attributes:
+        q: world frame, in the sampler's own order: converged ones first, then least force residual.
+        seconds: by stage. report: what guidance and projection did, means over the draws.
     """
 
     q: Float[np.ndarray, "n coordinates"]
-    timings: dict[str, float]
+    seconds: dict[str, float]
     report: dict[str, Any]
 
 
 class Sampler:
-    """A hand with its learned prior, and the stored poses that a method may start from.
+    """Draws configurations of one hand. Weights and stored poses are loaded when a method first needs them.
+
+    Args:
+        hand: what is sampled.
+        weights: model folder, or a prior in memory; None for the weights that ship for this hand.
+        device: of torch; only "cpu" in this version.
+        poses: dataset folder, or poses in memory, for methods that start from stored poses.
+
+    Raises:
+        InputError: another device than the CPU.
 
     Example:
-        sampler = Sampler.from_pretrained(load_hand("shadow_lite"))
-        result = sampler.sample(scene, num=32, seed=0)
+        samples = Sampler(load_hand("shadow_lite")).sample(scene, num=32, seed=0)
     """
 
     def __init__(
-        self, hand: Hand, prior: DiffusionPrior | None, *, device: str = "cpu", poses: TrainingPoses | None = None
-    ) -> None:
-        self.hand, self.prior, self.device, self.poses = hand, prior, device, poses
-
-    @classmethod
-    def from_pretrained(
-        cls,
+        self,
         hand: Hand,
         *,
-        weights: Path | str | None = None,
+        weights: Path | str | DiffusionPrior | None = None,
         device: str = "cpu",
-        poses: TrainingPoses | None = None,
-    ) -> "Sampler":
-        """A sampler with the weights that ship for this hand, or those in the folder `weights`.
+        poses: Path | str | TrainingPoses | None = None,
+    ) -> None:
+        if device != "cpu":
+            raise InputError(f"cannot sample on '{device}'; expected cpu, the only `device` that this version supports")
+        self.hand, self.device = hand, device
+        self._weights, self._poses = weights, poses
+
+    @classmethod
+    def from_pretrained(cls, hand: Hand, **options: Any) -> Sampler:
+        """Return a sampler whose weights are loaded at once; `options` as above.
 
         Raises:
             CheckpointError: no weights for this hand, or weights that are broken or made for another.
-            InputError: another device than the CPU.
         """
-        if device != "cpu":
-            raise InputError(f"cannot sample on '{device}'; expected cpu, the only device that this version supports")
-        folder = Path(weights) if weights is not None else SHIPPED_WEIGHTS / hand.name
-        if not folder.is_dir():
-            raise CheckpointError(
-                f"no weights for hand '{hand.name}': expected a model folder, got {folder}, which does not exist; "
-                "train some with `dexnudge train` and pass them with --weights"
-            )
-        return cls(hand, DiffusionPrior.from_folder(folder, hand, device=device), device=device, poses=poses)
+        sampler = cls(hand, **options)
+        sampler.load(DEFAULT_METHOD)
+        return sampler
 
-    def sample(self, scene: Scene, *, num: int = 32, seed: int = 0, method: str = "steered_noise") -> SampleResult:
-        """`num` draws for a scene; the same seed gives the same draws on the same machine.
+    def load(self, *methods: str | Method) -> None:
+        """Load what these methods start from, so that what is missing is said before anything slow begins.
 
         Raises:
-            UnknownNameError: no such method. InputError: num below 1.
+            UnknownNameError: no such method.
+            CheckpointError: weights that are missing, broken or made for another hand.
+            InputError: a method starts from stored poses, and the sampler has none.
+            DatasetError: a dataset that is damaged or made for another hand.
         """
-        found = find_method(method)
-        if num < 1:
-            raise InputError(f"cannot draw {num} configurations; expected at least 1; mend --num")
-        begin = time.perf_counter()
-        problem = prepare(scene, device=self.device)
-        prepared = time.perf_counter()
-        result = self.draw(problem, num=num, seed=seed, method=found)
-        result.timings["prepare"] = prepared - begin
-        return result
+        starts = {_method(method).start for method in methods}
+        if "prior" in starts:
+            _ = self.prior
+        if "nearest" in starts:
+            _ = self.poses
 
-    def draw(self, problem: SamplingProblem, *, num: int, seed: int, method: Method) -> SampleResult:
-        """`num` draws for a scene whose fields are already built."""
+    @cached_property
+    def prior(self) -> DiffusionPrior:
+        """The learned prior; CheckpointError where there are no usable weights for this hand."""
+        if isinstance(self._weights, DiffusionPrior):
+            return self._weights
+        folder = Path(self._weights) if self._weights is not None else SHIPPED_WEIGHTS / self.hand.name
+        if not folder.is_dir():
+            raise CheckpointError(
+                f"no weights for hand '{self.hand.name}': expected a model folder, got {folder}, which does not exist; "
+                "train some with `dexnudge train` and pass them as `weights`"
+            )
+        return DiffusionPrior.from_folder(folder, self.hand, device=self.device)
+
+    @cached_property
+    def poses(self) -> TrainingPoses:
+        """The stored poses; InputError where the sampler was given none."""
+        if self._poses is None:
+            raise InputError(
+                "the method starts from stored poses; expected a dataset folder, got none; pass one as `poses` "
+                "(on the command line as `data`)"
+            )
+        return self._poses if isinstance(self._poses, TrainingPoses) else TrainingPoses.load(self._poses, self.hand)
+
+    def sample(
+        self,
+        scene: Scene,
+        *,
+        num: int = 32,
+        seed: int = 0,
+        method: str | Method = DEFAULT_METHOD,
+        verified: int | None = None,
+        max_draws: int | None = None,
+        problem: SamplingProblem | None = None,
+        hand: Hand | None = None,
+        on_progress: Callable[[int, int], None] | None = None,
+    ) -> Samples:
+        """Draw `num` configurations, or as many as it takes to verify some; verify and rank all of them.
+
+        The same seed gives the same samples on the same machine.
+
+        Args:
+            scene: the problem.
+            num: draws of one call, or with `verified` the most of one call: such a call draws twice as many as are
+                still missing, so that the first one comes soon.
+            seed: of the first call; later calls use seeds derived from it.
+            method: name in `METHODS`, or a method made from one.
+            verified: go on drawing until this many succeed.
+            max_draws: stop after this many draws; the default is 32 for each one asked for in `verified`.
+            problem: the scene made ready, where a caller draws from it more than once; then no time is spent on it here.
+            hand: the hand that is verified and that the samples carry, such as one read back from the files of a
+                result; the sampler's own unless given.
+            on_progress: called after each call with (drawn, verified).
+
+        Raises:
+            UnknownNameError: no such method.
+            InputError: a count below 1, or `max_draws` without `verified`.
+            CheckpointError: no usable weights.
+        """
+        check_counts(num, verified, max_draws)
+        method, hand = _method(method), hand or self.hand
+        self.load(method)
+        limit = num if verified is None else max_draws or max(num, MAX_DRAWS_FACTOR * verified)
+        calls: list[Draws] = []
+        verdicts: list[Verdicts] = []
+        seconds: Counter[str] = Counter()
+        if problem is None:
+            start = time.perf_counter()
+            problem = prepare(scene, device=self.device)
+            seconds.update({"prepare": time.perf_counter() - start})
+        drawn = succeeded = 0
+        while drawn < limit and (verified is None or succeeded < verified):
+            wanted = num if verified is None else max(SMALLEST_CALL, 2 * (verified - succeeded))
+            size = min(wanted, num, limit - drawn)
+            calls.append(self.draw(problem, num=size, seed=_call_seed(seed, len(calls)), method=method))
+            start = time.perf_counter()
+            verdicts.append(verify(scene, hand, calls[-1].q.astype(np.float64)))
+            seconds.update({**calls[-1].seconds, "verify": time.perf_counter() - start})
+            drawn += size
+            succeeded += int(verdicts[-1].success.sum())
+            if on_progress:
+                on_progress(drawn, succeeded)
+        samples = Samples(
+            scene=scene,
+            hand=hand,
+            q=np.concatenate([call.q for call in calls]),
+            verdicts=Verdicts.concatenate(verdicts),
+            own_rank=np.concatenate([np.arange(len(call.q)) for call in calls]),
+            reports=tuple(call.report for call in calls),
+        )
+        start = time.perf_counter()
+        ranked = samples[best_first(scene, samples.verdicts)]
+        ranked.seconds.update(seconds, rank=time.perf_counter() - start)
+        return ranked
+
+    def draw(self, problem: SamplingProblem, *, num: int, seed: int, method: str | Method = DEFAULT_METHOD) -> Draws:
+        """Return `num` draws for a scene made ready, not verified.
+
+        Raises:
+            UnknownNameError: no such method.
+            CheckpointError, InputError, DatasetError: what the method starts from is missing or broken; see `load`.
+        """
+        method = _method(method)
         generator = torch.Generator().manual_seed(seed)
         begin = time.perf_counter()
         q = self._start(problem, num, method, generator)
@@ -100,10 +213,10 @@ class Sampler:
         report: dict[str, Any] = {}
         if method.projection is not None:
             q, projection = project(self.hand, problem, q, config=method.projection)
-            order = torch.argsort(projection.residual_after + 10.0 * (~projection.converged), stable=True)
+            order = torch.argsort(projection.residual_after + NOT_CONVERGED * (~projection.converged), stable=True)
             q, report = q[order], _summary(projection)
-        timings = {"draw": drawn - begin, "project": time.perf_counter() - drawn}
-        return SampleResult(problem.to_world(q), timings, report)
+        seconds = {"draw": drawn - begin, "project": time.perf_counter() - drawn}
+        return Draws(problem.to_world(q), seconds, report)
 
     def _start(
         self, problem: SamplingProblem, num: int, method: Method, generator: torch.Generator
@@ -111,11 +224,7 @@ class Sampler:
         if method.start == "random":
             return random_start(self.hand, problem.cloud, count=num, generator=generator)
         if method.start == "nearest":
-            if self.poses is None:
-                raise InputError("this sampler has no stored poses; expected a dataset; use `load_sampler` with `data`")
             return nearest_pose_start(self.poses, problem.cloud, count=num, generator=generator)
-        if self.prior is None:
-            raise CheckpointError("this sampler has no prior; expected weights; use Sampler.from_pretrained")
         return denoise(
             self.hand,
             problem,
@@ -128,8 +237,30 @@ class Sampler:
         )
 
 
+def check_counts(num: int, verified: int | None, max_draws: int | None) -> None:
+    """Refuse counts that `Sampler.sample` could not serve, before anything slow has begun; InputError."""
+    for name, value in (("num", num), ("verified", verified), ("max_draws", max_draws)):
+        if value is not None and value < 1:
+            raise InputError(f"`{name}` is {value}; expected at least 1")
+    if max_draws is not None and verified is None:
+        raise InputError(
+            "`max_draws` limits the search for `verified` draws; expected both or neither; use `num` instead"
+        )
+
+
+def _method(method: str | Method) -> Method:
+    return find_method(method) if isinstance(method, str) else method
+
+
+def _call_seed(seed: int, call: int) -> int:
+    """Return the user's own seed for the first call, and one derived from it for each later one."""
+    if call == 0:
+        return seed
+    return int(np.random.SeedSequence([seed, call]).generate_state(1)[0])
+
+
 def _summary(report: ProjectionReport) -> dict[str, float]:
-    """Means over the draws."""
+    """Return means over the draws."""
     return {
         "projection_converged": float(report.converged.float().mean()),
         "projection_iterations": float(report.iterations.float().mean()),
@@ -140,41 +271,3 @@ def _summary(report: ProjectionReport) -> dict[str, float]:
         "force_residual_after": float(report.residual_after.mean()),
         "depth_before_mm": float(report.depth_before.mean()) * 1e3,
     }
-
-
-def load_sampler(
-    hand: Hand,
-    methods: Sequence[str],
-    *,
-    weights: Path | str | None = None,
-    data: Path | str | None = None,
-    device: str = "cpu",
-) -> Sampler:
-    """A sampler that can run all of `methods`; a hand without weights can still run those that need none.
-
-    Args:
-        hand: what is sampled.
-        methods: names in `METHODS`.
-        weights: folder of the model, None for the shipped one.
-        data: dataset folder, for methods that start from stored poses.
-        device: where sampling runs.
-
-    Raises:
-        UnknownNameError: no such method; the message lists those that exist.
-        CheckpointError: weights that are missing, broken or made for another hand.
-        InputError: a method starts from stored poses, and there is no `data`.
-        DatasetError: `data` is damaged or made for another hand.
-    """
-    starts = {method: find_method(method).start for method in methods}
-    poses = None
-    for method, start in starts.items():
-        if start == "nearest":
-            if data is None:
-                raise InputError(
-                    f"method '{method}' starts from stored poses; expected a dataset folder, got none; pass one with "
-                    "--data DIR to `dexnudge evaluate` or `dexnudge reproduce`"
-                )
-            poses = TrainingPoses.load(data, hand)
-    if "prior" not in starts.values():
-        return Sampler(hand, None, device=device, poses=poses)
-    return Sampler.from_pretrained(hand, weights=weights, device=device, poses=poses)

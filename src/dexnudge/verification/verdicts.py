@@ -2,11 +2,15 @@
 
 from __future__ import annotations
 
+import dataclasses
+import itertools
+from collections.abc import Sequence
 from dataclasses import dataclass
+from typing import Any
 
 import numpy as np
 import torch
-from jaxtyping import Bool, Float
+from jaxtyping import Bool, Float, Int
 
 from dexnudge.errors import InputError
 from dexnudge.hands.hand import ROOT_COORDINATES, Hand
@@ -37,7 +41,7 @@ class Verdicts:
     force_margin: largest factor in [0, 3] on friction_environment at which forces balance (see mechanics.balance).
     limits_violation: greatest violation of a joint limit or coupling [rad].
     contacts: with the object, one for each configuration; none for one that is not valid.
-    contact_links: names of the links in contact with the object. reason: the first condition that fails, of
+    contact_links: names of the links in contact with the object. reasons: the first condition that fails, of
     "invalid", "joint limits", "penetration environment", "penetration object", "penetration self", "no contact",
     "motion blocked", "force"; "" for a success.
 
@@ -54,10 +58,29 @@ class Verdicts:
     limits_violation: Float[np.ndarray, " n"]
     contacts: list[HandContacts]
     contact_links: list[list[str]]
-    reason: list[str]
+    reasons: list[str]
+
+    def take(self, rows: Int[np.ndarray, " m"] | Bool[np.ndarray, " n"]) -> Verdicts:
+        """Return the verdicts at the given places, in that order."""
+        places = np.arange(len(self.success))[rows]
+        picked: dict[str, Any] = {}
+        for field in dataclasses.fields(self):
+            value = getattr(self, field.name)
+            picked[field.name] = value[places] if isinstance(value, np.ndarray) else [value[i] for i in places]
+        return Verdicts(**picked)
+
+    @classmethod
+    def concatenate(cls, parts: Sequence[Verdicts]) -> Verdicts:
+        """Return the verdicts of several batches as those of one."""
+        joined: dict[str, Any] = {}
+        for field in dataclasses.fields(cls):
+            values = [getattr(part, field.name) for part in parts]
+            arrays = isinstance(values[0], np.ndarray)
+            joined[field.name] = np.concatenate(values) if arrays else list(itertools.chain.from_iterable(values))
+        return cls(**joined)
 
 
-def verify(hand: Hand, scene: Scene, q: Float[np.ndarray, "n coordinates"]) -> Verdicts:
+def verify(scene: Scene, hand: Hand, q: Float[np.ndarray, "n coordinates"]) -> Verdicts:
     """Return the verdicts on configurations q (n, 9 + d) of the hand in the world.
 
     Success: valid, penetrations <= 1 mm, joints within limits and couplings, force margin >= 1, and the forces balance
@@ -90,8 +113,8 @@ def verify(hand: Hand, scene: Scene, q: Float[np.ndarray, "n coordinates"]) -> V
         "motion blocked": np.full(len(q), bool(np.any(supports.normals @ task.motion < -MOTION_TOLERANCE))),
         "force": ~((margin >= SUCCESS_MARGIN) & balanced),
     }
-    reason = [next((name for name, failed in failures.items() if failed[row]), "") for row in range(len(q))]
-    success = np.array([not name for name in reason], dtype=bool)
+    reasons = [next((name for name, failed in failures.items() if failed[row]), "") for row in range(len(q))]
+    success = np.array([not name for name in reasons], dtype=bool)
     return Verdicts(
         success=success,
         robust=success & (margin >= ROBUST_MARGIN),
@@ -102,11 +125,11 @@ def verify(hand: Hand, scene: Scene, q: Float[np.ndarray, "n coordinates"]) -> V
         limits_violation=measured["limits"],
         contacts=contacts,
         contact_links=links,
-        reason=reason,
+        reasons=reasons,
     )
 
 
-def contacts_of(hand: Hand, scene: Scene, q: Float[np.ndarray, "n coordinates"]) -> list[HandContacts]:
+def contacts_of(scene: Scene, hand: Hand, q: Float[np.ndarray, "n coordinates"]) -> list[HandContacts]:
     """Return each configuration's contacts with the object; none for one that is not valid.
 
     Raises:
@@ -117,9 +140,9 @@ def contacts_of(hand: Hand, scene: Scene, q: Float[np.ndarray, "n coordinates"])
     return _of_all(_touch(hand, scene, q[valid])[1], valid)
 
 
-def contact_points(hand: Hand, scene: Scene, q: Float[np.ndarray, "n coordinates"]) -> list[Float[np.ndarray, "_ 3"]]:
+def contact_points(scene: Scene, hand: Hand, q: Float[np.ndarray, "n coordinates"]) -> list[Float[np.ndarray, "_ 3"]]:
     """Return the points where each configuration touches the object [m, world]."""
-    return [each.points for each in contacts_of(hand, scene, q)]
+    return [each.points for each in contacts_of(scene, hand, q)]
 
 
 def limits_violation(hand: Hand, q: Float[np.ndarray, "n coordinates"]) -> Float[np.ndarray, " n"]:
