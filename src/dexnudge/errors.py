@@ -9,9 +9,9 @@ from collections.abc import Iterable
 
 
 def did_you_mean(name: str, known: Iterable[str]) -> str:
-    """Return "; did you mean 'table'?" for the known name that is most like `name`, or nothing."""
+    """Return " (did you mean 'table'?)" for the known name that is most like `name`, or nothing."""
     close = difflib.get_close_matches(name, list(known), n=1)
-    return f"; did you mean {close[0]!r}?" if close else ""
+    return f" (did you mean {close[0]!r}?)" if close else ""
 
 
 class DexnudgeError(Exception):

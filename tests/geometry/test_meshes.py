@@ -50,11 +50,11 @@ def test_the_wrong_unit_is_named(tmp_path):
     path = written(block(150, 70, 8), tmp_path / "phone.obj")
     assert message_of(path) == (
         "phone.obj: the longest side of the object is 150 m; expected 0.02 to 0.6 m; is the file in another unit? "
-        "Pass --units mm (0.15 m) or --length METRES (sets the longest side)"
+        "Pass `units` mm (0.15 m) or `length` METRES (sets the longest side)"
     )
     assert message_of(written(block(0.012, 0.01, 0.001), tmp_path / "tiny.obj")) == (
         "tiny.obj: the longest side of the object is 0.012 m; expected 0.02 to 0.6 m; is the file in another unit? "
-        "Pass --length METRES (sets the longest side)"
+        "Pass `length` METRES (sets the longest side)"
     )
     assert message_of(path, units="ft") == "unknown unit 'ft'; expected one of m, cm, mm, in"
     expected = "expected the longest side of the object in metres, between 0.02 and 0.6"
@@ -134,7 +134,7 @@ def test_an_environment_may_be_open_and_large_but_not_in_millimetres(tmp_path):
         load_environment(written(block(1200, 800, 40), tmp_path / "slab.stl"))
     assert str(caught.value) == (
         "slab.stl: the longest side of the environment is 1200 m; expected at most 50 m; "
-        "is the file in another unit? Pass --units cm (12 m) or --units mm (1.2 m) or --units in (30.5 m)"
+        "is the file in another unit? Pass `units` cm (12 m) or `units` mm (1.2 m) or `units` in (30.5 m)"
     )
 
 

@@ -189,8 +189,8 @@ def _unit_factor(units: str) -> float:
 def _unit_hint(raw: float, lowest: float, highest: float, *, with_length: bool) -> str:
     """What to pass so that `raw` file units come out in `lowest`..`highest` metres."""
     fitting = [
-        f"--units {unit} ({raw * factor:.3g} m)" for unit, factor in UNITS.items() if lowest <= raw * factor <= highest
+        f"`units` {unit} ({raw * factor:.3g} m)" for unit, factor in UNITS.items() if lowest <= raw * factor <= highest
     ]
     if with_length:
-        fitting.append("--length METRES (sets the longest side)")
+        fitting.append("`length` METRES (sets the longest side)")
     return f"Pass {' or '.join(fitting)}" if fitting else "Scale the mesh to metres"

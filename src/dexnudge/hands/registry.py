@@ -3,7 +3,7 @@
 from collections.abc import Callable
 from pathlib import Path
 
-from dexnudge.errors import HandError, UnknownNameError
+from dexnudge.errors import HandError, UnknownNameError, did_you_mean
 from dexnudge.hands.hand import Hand
 from dexnudge.hands.mjcf import hand_from_mjcf
 from dexnudge.hands.shadow_full import shadow_full
@@ -36,6 +36,6 @@ def load_hand(name_or_urdf: str | Path, *, base: bool = True) -> Hand:
             f"{path}: expected a description that ends in {' or '.join(READERS)}, got '{path.suffix}'; mend the path"
         )
     raise UnknownNameError(
-        f"unknown hand '{name}': expected one of {', '.join(sorted(HANDS))}, "
+        f"unknown hand '{name}'{did_you_mean(name, HANDS)}: expected one of {', '.join(sorted(HANDS))}, "
         f"or the path of a {' or '.join(READERS)} file; mend the name"
     )

@@ -9,10 +9,10 @@ from pathlib import Path
 
 import trimesh
 
-from dexnudge.errors import MeshError, UnknownNameError
+from dexnudge.errors import MeshError, UnknownNameError, did_you_mean
 from dexnudge.geometry.mesh_files import FORMATS
 from dexnudge.geometry.meshes import check_length, load_mesh, load_scaled_mesh
-from dexnudge.objects.builtin import builtin_names, builtin_object, describe_builtin_names, is_builtin
+from dexnudge.objects.builtin import PLAIN, builtin_names, builtin_object, describe_builtin_names, is_builtin
 
 
 @dataclass(frozen=True)
@@ -40,8 +40,9 @@ def resolve_object(text: str, *, units: str = "m", length: float | None = None) 
         return NamedObject(text, scaled_to_length(builtin_object(text), length))
     path = Path(text)
     if path.suffix.lower().lstrip(".") not in FORMATS and not path.exists() and path.name == text:
+        known = [*PLAIN, *builtin_names("train"), *builtin_names("test")]
         raise UnknownNameError(
-            f"unknown object {text!r}; expected a mesh file ({', '.join(FORMATS)}) or a built-in object: "
+            f"unknown object {text!r}{did_you_mean(text, known)}; expected a mesh file ({', '.join(FORMATS)}) or a built-in object: "
             f"{describe_builtin_names()}"
         )
     return NamedObject(path.stem, load_mesh(path, units=units, length=length))

@@ -4,7 +4,7 @@ from collections.abc import Callable, Mapping
 from dataclasses import asdict, dataclass, field, replace
 
 from dexnudge.energies.weights import TermWeights
-from dexnudge.errors import UnknownNameError
+from dexnudge.errors import UnknownNameError, did_you_mean
 from dexnudge.sampling.denoise import DenoisingConfig
 from dexnudge.sampling.guidance.clean import CleanDescent, CleanGradient
 from dexnudge.sampling.guidance.paper import PaperGuidance, unguided
@@ -104,5 +104,7 @@ METHODS: dict[str, Method] = {
 def find_method(name: str) -> Method:
     """The method of that name; UnknownNameError that lists those that exist."""
     if name not in METHODS:
-        raise UnknownNameError(f"unknown method {name!r}; expected one of {', '.join(METHODS)}")
+        raise UnknownNameError(
+            f"unknown method {name!r}{did_you_mean(name, METHODS)}; expected one of {', '.join(METHODS)}"
+        )
     return METHODS[name]

@@ -9,7 +9,7 @@ from typing import Any
 import numpy as np
 import trimesh
 
-from dexnudge.errors import SceneError, UnknownNameError
+from dexnudge.errors import SceneError, UnknownNameError, did_you_mean
 from dexnudge.scenes.clutter import clutter
 from dexnudge.scenes.corner import corner
 from dexnudge.scenes.drawer import drawer
@@ -47,8 +47,8 @@ def build_scene(family: str, mesh: trimesh.Trimesh, *, seed: int, **physics: Any
     """
     if family not in SCENE_FAMILIES:
         raise UnknownNameError(
-            f"unknown scene {family!r}; expected one of {', '.join(SCENE_FAMILIES)}, "
-            "or your own surroundings through --environment"
+            f"unknown scene {family!r}{did_you_mean(family, SCENE_FAMILIES)}; expected one of {', '.join(SCENE_FAMILIES)}, "
+            "or your own surroundings through `environment`"
         )
     unknown = sorted(set(physics) - set(PHYSICS))
     if unknown:

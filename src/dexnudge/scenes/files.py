@@ -47,7 +47,7 @@ def save_scene(scene: Scene, folder: str | Path) -> Path:
     except OSError as error:
         raise OutputError(
             f"{folder}: the scene cannot be written ({error.strerror}); expected a folder that you may write to; "
-            "pass another --out"
+            "choose another `out`"
         ) from error
     return path
 
