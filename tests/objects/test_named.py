@@ -22,8 +22,8 @@ def test_an_unknown_name_lists_the_valid_ones():
     with pytest.raises(UnknownNameError) as caught:
         resolve_object("fone")
     assert str(caught.value) == (
-        "unknown object 'fone' (did you mean 'phone'?); expected a mesh file (obj, stl, ply, glb, off, dae) or a built-in object: "
-        + describe_builtin_names()
+        "unknown object 'fone' (did you mean 'phone'?); expected a mesh file (obj, stl, ply, glb, off, dae) "
+        "or a built-in object: " + describe_builtin_names()
     )
 
 

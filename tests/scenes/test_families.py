@@ -205,7 +205,8 @@ def test_an_unknown_family_lists_the_known_ones(meshes):
     with pytest.raises(UnknownNameError) as caught:
         build_scene("tabel", meshes["phone"], seed=0)
     assert str(caught.value) == (
-        "unknown scene 'tabel' (did you mean 'table'?); expected one of table, layers, shelf, slot, deep, corner, clutter, drawer, ramp, "
+        "unknown scene 'tabel' (did you mean 'table'?); expected one of table, layers, shelf, slot, deep, corner, clutter, "
+        "drawer, ramp, "
         "stack, or your own surroundings through `environment`"
     )
     with pytest.raises(SceneError) as caught:

@@ -42,8 +42,8 @@ def resolve_object(text: str, *, units: str = "m", length: float | None = None) 
     if path.suffix.lower().lstrip(".") not in FORMATS and not path.exists() and path.name == text:
         known = [*PLAIN, *builtin_names("train"), *builtin_names("test")]
         raise UnknownNameError(
-            f"unknown object {text!r}{did_you_mean(text, known)}; expected a mesh file ({', '.join(FORMATS)}) or a built-in object: "
-            f"{describe_builtin_names()}"
+            f"unknown object {text!r}{did_you_mean(text, known)}; expected a mesh file ({', '.join(FORMATS)}) "
+            f"or a built-in object: {describe_builtin_names()}"
         )
     return NamedObject(path.stem, load_mesh(path, units=units, length=length))
 
