@@ -8,8 +8,7 @@ from jaxtyping import Float, Int
 
 from dexnudge.energies.grid_kernel import pack_grids
 from dexnudge.energies.kernel_structs import Clusters, HandModel
-from dexnudge.geometry.distance_grid import DistanceGrid, distance_grid
-from dexnudge.geometry.exact_distance import ExactDistance
+from dexnudge.geometry.distance_grid import DistanceGrid, cached_distance_grid
 from dexnudge.geometry.warp_runtime import WarpStruct, wp
 from dexnudge.hands.hand import Hand
 from dexnudge.hands.kinematics import kinematic_tree
@@ -118,4 +117,4 @@ def _link_grid(hand: Hand, link: int, device: str) -> DistanceGrid:
         return DistanceGrid(np.full((2, 2, 2), FREE, dtype=np.float32), np.zeros(3), 1.0e-6)
     cell = LINK_CELL if hand.digit_of_link[hand.link_names[link]] else LARGE_LINK_CELL
     lower, upper = mesh.bounds
-    return distance_grid(ExactDistance(mesh, device=device), lower - GRID_PADDING, upper + GRID_PADDING, cell=cell)
+    return cached_distance_grid(mesh, lower - GRID_PADDING, upper + GRID_PADDING, cell=cell, device=device)

@@ -1,4 +1,4 @@
-"""The point cloud by which the diffusion model knows an object."""
+"""Evenly spread points on a surface: those of a hand's links, and the cloud by which the model knows an object."""
 
 from dataclasses import dataclass
 
@@ -9,7 +9,10 @@ from jaxtyping import Float
 from scipy.spatial import cKDTree
 from torch import Tensor
 
+from dexnudge.geometry.disk_cache import cached_array
+
 CANDIDATES_PER_POINT = 8  # random candidates offered for each point that will be kept
+FORMAT = "dexnudge surface points 1"  # another number for other points on the same mesh
 DISC_PACKING = 0.7  # points kept by dart throwing per (area / radius^2)
 
 
@@ -38,6 +41,21 @@ def surface_points(mesh: trimesh.Trimesh, *, spacing: float, seed: int = 0) -> S
     normals = np.concatenate([mesh.vertex_normals[used], mesh.face_normals[faces]])
     kept = dart_throwing(candidates, radius)
     return SurfacePoints(np.asarray(candidates[kept]), np.asarray(normals[kept]))
+
+
+def cached_surface_points(mesh: trimesh.Trimesh, *, spacing: float, seed: int = 0) -> SurfacePoints:
+    """`surface_points`, bit by bit, read from the cache if they are there: for meshes that are used again and again."""
+    # NumPy draws the candidates and trimesh places them on the mesh: another version may do it differently.
+    kind = f"{FORMAT} numpy {np.__version__} trimesh {trimesh.__version__}"
+
+    def make() -> Float[np.ndarray, "n 6"]:
+        spread = surface_points(mesh, spacing=spacing, seed=seed)
+        return np.concatenate([spread.points, spread.normals], axis=1)
+
+    # The normals, too: those of a file may differ in the last bits from what its corners say.
+    inputs = [mesh.vertices, mesh.faces, mesh.vertex_normals, mesh.face_normals, np.array([spacing, seed])]
+    points, normals = np.hsplit(cached_array(kind, [np.asarray(each) for each in inputs], make), 2)
+    return SurfacePoints(np.ascontiguousarray(points), np.ascontiguousarray(normals))
 
 
 def dart_throwing(candidates: Float[np.ndarray, "n 3"], radius: float) -> np.ndarray:

@@ -11,7 +11,7 @@ from torch import Tensor
 
 from dexnudge.errors import HandError
 from dexnudge.geometry.exact_distance import ExactDistance
-from dexnudge.geometry.surface_points import surface_points
+from dexnudge.geometry.surface_points import cached_surface_points
 from dexnudge.geometry.transforms import rotation_6d_to_matrix
 
 DENSE_SPACING = 0.002  # [m] between the points that judge
@@ -19,6 +19,7 @@ FINGERTIP_SPACING = 0.004  # [m] between the points that guide, where contact is
 DIGIT_SPACING = 0.006  # [m] on the other links of a digit
 PALM_SPACING = 0.010  # [m] on the palm and the base, which are large and smooth
 ALWAYS_OVERLAPPING = 0.001  # [m] links that overlap by this at zero joint angles are no collision pair
+BOX_MARGIN = 1e-6  # [m] points farther outside a link's bounding box are outside the link, whatever was rounded
 ROOT_COORDINATES = 9  # translation (3) and 6D rotation (6) stand before the joint angles in q
 
 
@@ -229,7 +230,7 @@ class Hand:
         points, normals, links = [], [], []
         for link, mesh in enumerate(self.link_meshes):
             if len(mesh.faces):
-                spread = surface_points(mesh, spacing=self.link_spacing(link, dense=dense), seed=link)
+                spread = cached_surface_points(mesh, spacing=self.link_spacing(link, dense=dense), seed=link)
                 points.append(spread.points)
                 normals.append(spread.normals)
                 links.append(np.full(len(spread.points), link, dtype=np.int32))
@@ -253,7 +254,9 @@ class Hand:
                 if one >= other or self._related(one, other):
                     continue
                 overlap = max(
-                    _depth(dense.points[dense.link == a], transforms[a], distances[b], transforms[b])
+                    _depth(
+                        dense.points[dense.link == a], transforms[a], self.link_meshes[b], distances[b], transforms[b]
+                    )
                     for a, b in ((one, other), (other, one))
                 )
                 if overlap < ALWAYS_OVERLAPPING:
@@ -278,9 +281,12 @@ def _axis_rotation(axis: Float[np.ndarray, " 3"], angle: Float[Tensor, " batch"]
 def _depth(
     points: Float[np.ndarray, "n 3"],
     T_world_a: Float[np.ndarray, "4 4"],
+    mesh_b: trimesh.Trimesh,
     distance_b: ExactDistance,
     T_world_b: Float[np.ndarray, "4 4"],
 ) -> float:
     """Depth [m] of the deepest of link a's points inside link b; 0 if none is inside."""
     in_b = trimesh.transform_points(points, np.linalg.inv(T_world_b) @ T_world_a)
-    return float(max(0.0, -distance_b(in_b).distance.min(initial=0.0)))
+    low, high = mesh_b.bounds
+    near = in_b[((in_b >= low - BOX_MARGIN) & (in_b <= high + BOX_MARGIN)).all(axis=1)]
+    return float(max(0.0, -distance_b(near).distance.min(initial=0.0))) if len(near) else 0.0

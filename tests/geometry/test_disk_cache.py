@@ -1,4 +1,4 @@
-"""Grids on disk: the same values as freshly built, whatever the folder holds and whoever else writes to it."""
+"""Arrays on disk: the same values as freshly built, whatever the folder holds and whoever else writes to it."""
 
 import json
 import os
@@ -11,9 +11,13 @@ import pytest
 import trimesh
 
 from dexnudge.energies.scene_fields import build_scene_fields
-from dexnudge.geometry import distance_grid as grid_cache
-from dexnudge.geometry.distance_grid import DistanceGrid, cache_folder, cached_distance_grid, distance_grid
+from dexnudge.geometry import disk_cache
+from dexnudge.geometry import distance_grid as grids
+from dexnudge.geometry import surface_points as points_module
+from dexnudge.geometry.disk_cache import cache_folder
+from dexnudge.geometry.distance_grid import DistanceGrid, cached_distance_grid, distance_grid
 from dexnudge.geometry.exact_distance import ExactDistance
+from dexnudge.geometry.surface_points import cached_surface_points, surface_points
 
 CELL = 0.004  # [m]
 MESH = trimesh.creation.icosphere(subdivisions=2, radius=0.03)
@@ -56,7 +60,7 @@ def no_building(monkeypatch):
     """From here on a grid must come from the cache."""
 
     def forbid():
-        monkeypatch.setattr(grid_cache, "ExactDistance", lambda *_, **__: pytest.fail("a grid is built again"))
+        monkeypatch.setattr(grids, "ExactDistance", lambda *_, **__: pytest.fail("a grid is built again"))
 
     return forbid
 
@@ -74,6 +78,23 @@ def test_the_fields_of_a_scene_read_the_object_s_grid(folder, no_building):
     no_building()
     again = build_scene_fields(box, None)
     assert first.grids.values.numpy().tobytes() == again.grids.values.numpy().tobytes()
+
+
+def test_surface_points_are_read_and_the_same_to_the_last_bit(folder, monkeypatch):
+    expected = surface_points(MESH, spacing=0.004, seed=3)
+    cached_surface_points(MESH, spacing=0.004, seed=3)
+    monkeypatch.setattr(points_module, "surface_points", lambda *_, **__: pytest.fail("points are made again"))
+    found = cached_surface_points(MESH, spacing=0.004, seed=3)
+    assert found.points.tobytes() == expected.points.tobytes()
+    assert found.normals.tobytes() == expected.normals.tobytes()
+
+
+def test_points_of_a_mesh_with_other_normals_are_others(folder):
+    tilted = trimesh.Trimesh(MESH.vertices, MESH.faces, vertex_normals=-MESH.vertex_normals, process=False)
+    own = cached_surface_points(MESH, spacing=0.004)
+    others = cached_surface_points(tilted, spacing=0.004)
+    assert own.normals.tobytes() != others.normals.tobytes()
+    assert others.normals.tobytes() == surface_points(tilted, spacing=0.004).normals.tobytes()
 
 
 def test_its_file_is_plain_numpy(folder):
@@ -138,7 +159,7 @@ def test_a_full_disk_is_done_without_and_leaves_nothing(folder, monkeypatch):
         os.close(handle)
         return Path("/dev/full").open("wb", buffering=0)
 
-    monkeypatch.setattr(grid_cache.os, "fdopen", full)
+    monkeypatch.setattr(disk_cache.os, "fdopen", full)
     assert_same(ask(), build())
     assert list(folder.iterdir()) == []
 
@@ -167,19 +188,19 @@ def test_beyond_the_limit_what_was_unused_for_longest_goes(folder, monkeypatch):
         os.utime(file, (1000 + age, 1000 + age))
         names.append(file)
     ask(cell=cells[0])  # read: now the youngest
-    monkeypatch.setattr(grid_cache, "LARGEST_CACHE", sum(file.stat().st_size for file in names))
+    monkeypatch.setattr(disk_cache, "LARGEST_CACHE", sum(file.stat().st_size for file in names))
     ask(cell=0.0045)
     left = set(folder.iterdir())
     assert names[0] in left
     assert names[1] not in left
-    assert sum(file.stat().st_size for file in left) <= grid_cache.LARGEST_CACHE
+    assert sum(file.stat().st_size for file in left) <= disk_cache.LARGEST_CACHE
 
 
 WRITER = """
 import json, sys
 from pathlib import Path
 import numpy as np
-from dexnudge.geometry.distance_grid import _read, _write
+from dexnudge.geometry.disk_cache import _read, _write
 file, values = Path(sys.argv[1]), np.arange(300_000, dtype=np.float32).reshape(100, 60, 50)
 print("ready", flush=True)
 sys.stdin.readline()
