@@ -6,9 +6,20 @@ import torch
 from jaxtyping import Float
 from torch import Tensor
 
-from dexnudge.energies.evaluator import HandPose
 from dexnudge.geometry.transforms import matrix_to_rotation_6d, rotation_6d_to_matrix, rotation_vector_to_matrix
 from dexnudge.hands.hand import ROOT_COORDINATES, Hand
+
+
+@dataclass
+class HandPose:
+    """A batch of hand configurations as they descend, in the working frame.
+
+    `translation` [m] and `rotation` of the palm, `joint_angles` [rad].
+    """
+
+    translation: Float[Tensor, "batch 3"]
+    rotation: Float[Tensor, "batch 3 3"]
+    joint_angles: Float[Tensor, "batch joint"]
 
 
 @dataclass(frozen=True)

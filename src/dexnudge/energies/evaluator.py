@@ -1,18 +1,19 @@
-"""Energy and gradient of a batch of hands in one scene, by the fused kernel."""
+"""Energy and gradient of a batch of hands in one scene: the fused kernel's terms, and the user's beside them."""
 
 from collections.abc import Callable
 from concurrent.futures import ThreadPoolExecutor
-from dataclasses import dataclass, field
 from itertools import pairwise
 
 import torch
-from jaxtyping import Float
+from jaxtyping import Float, Int
 from torch import Tensor
 
 from dexnudge.energies import hand_kernel
+from dexnudge.energies.descent import HandPose
 from dexnudge.energies.hand_kernel import contacts, energies, kinematics, reduce_gradient
 from dexnudge.energies.hand_model import build_hand_model
-from dexnudge.energies.kernel_structs import NUM_TERMS, EnergyWeights, State
+from dexnudge.energies.kernel_structs import NUM_TERMS, EnergyWeights, State, state_fields
+from dexnudge.energies.terms import TermEnergy
 from dexnudge.energies.weights import OUTSIDE_KERNEL, TermWeights
 from dexnudge.geometry.warp_runtime import WarpStruct, wp
 from dexnudge.hands.hand import Hand
@@ -20,95 +21,80 @@ from dexnudge.hands.hand import Hand
 SMALLEST_PART = 8  # hands; fewer per thread cost more in launching than they save
 
 
-@dataclass
-class HandPose:
-    """A batch of hand configurations as the optimiser moves them; working frame.
-
-    `translation` [m] and `rotation` of the palm, `joint_angles` [rad].
-    """
-
-    translation: Float[Tensor, "batch 3"]
-    rotation: Float[Tensor, "batch 3 3"]
-    joint_angles: Float[Tensor, "batch joint"]
-
-
-@dataclass
 class HandEnergy:
     """Evaluates all terms for a fixed batch size; its arrays are allocated once.
 
-    Attributes (views into what the kernel writes, overwritten by the next call):
-        energy: (batch, NUM_TERMS), weighted.
-        gradient: (batch, 6 + d) in translation [1/m], rotation vector in the working frame [1/rad], joint angles.
-        contact_distance, contact_point, contact_normal: per link, its point nearest to the object; distance 1e6 where
-            the link is far from the object and no contact is wanted of it.
-        active: (batch,) to be set: a hand with 0 is skipped and keeps the results of its last evaluation.
-        depth: (batch, link, 3) deepest guiding point in environment, object and other links [m]. swept_depth: (batch, link)
-            the same in the environment swept along the motion; 0 where that term is off.
+    Args:
+        hand: what is configured.
+        scene: fields of the scene, see `build_scene_fields`; may be replaced by others between calls.
+        batch: number of hands.
+        weights: of the kernel's terms; the defaults of `TermWeights` if left out.
+        device: of Warp and torch.
+        terms: the user's terms; may be replaced, or switched off by None, between calls.
+
+    Attributes (overwritten by the next call; `active`, `contact_weight`, `target`, `target_weight` and `extra_force` are
+    to be set):
+        energy: of each kernel term, weighted. term_energy: of the user's terms together.
+        gradient: in translation [1/m], rotation vector in the working frame [1/rad], joint angles; of all terms.
+        contact_weight: share of the contact term that each link feels. contact_distance, contact_point, contact_normal: of
+            its point nearest to the object; distance 1e6 where the link is far and no contact is wanted of it.
+        extra_force: gradient that another term puts on the contact points. target, target_weight: see `TermWeights`.
+        active: a hand with 0 is skipped and keeps the results of its last evaluation.
+        depth: deepest guiding point in environment, object and other links [m]. swept_depth: the same in the environment
+            swept along the motion; 0 where that term is off.
     """
 
-    hand: Hand
-    scene: WarpStruct
-    batch: int
-    weights: TermWeights = field(default_factory=TermWeights)
-    device: str = "cpu"
+    active: Int[Tensor, " batch"]
+    root_translation: Float[Tensor, "batch 3"]
+    root_rotation: Float[Tensor, "batch 3 3"]
+    joint_angles: Float[Tensor, "batch joint"]
+    contact_weight: Float[Tensor, "batch link"]
+    target: Float[Tensor, "batch link 3"]
+    target_weight: Float[Tensor, "batch link"]
+    extra_force: Float[Tensor, "batch link 3"]
+    contact_point: Float[Tensor, "batch link 3"]
+    contact_distance: Float[Tensor, "batch link"]
+    contact_normal: Float[Tensor, "batch link 3"]
+    depth: Float[Tensor, "batch link 3"]
+    swept_depth: Float[Tensor, "batch link"]
+    energy: Float[Tensor, "batch term"]
+    gradient: Float[Tensor, "batch tangent"]
 
-    def __post_init__(self) -> None:
-        links, joints = len(self.hand.link_names), self.hand.num_joints
-        self._model = build_hand_model(self.hand, device=self.device)
-        wp.load_module(hand_kernel, device=self.device)  # compiling is not safe from several threads
-        self._tensors = {
-            name: torch.zeros(shape, dtype=torch.float32, device=self.device)
-            for name, shape in {
-                "root_translation": (self.batch, 3),
-                "root_rotation": (self.batch, 3, 3),
-                "joint_angles": (self.batch, joints),
-                "contact_weight": (self.batch, links),
-                "target": (self.batch, links, 3),
-                "target_weight": (self.batch, links),
-                "link_rotation": (self.batch, links, 3, 3),
-                "link_translation": (self.batch, links, 3),
-                "link_centre": (self.batch, links, 3),
-                "force": (self.batch, links, 3),
-                "moment": (self.batch, links, 3),
-                "extra_force": (self.batch, links, 3),
-                "contact_point": (self.batch, links, 3),
-                "contact_distance": (self.batch, links),
-                "contact_normal": (self.batch, links, 3),
-                "depth": (self.batch, links, 3),
-                "swept_depth": (self.batch, links),
-                "link_energy": (self.batch, links, NUM_TERMS),
-                "energy": (self.batch, NUM_TERMS),
-                "gradient": (self.batch, 6 + joints),
-            }.items()
-        }
-        vectors = ["root_translation", "target", "link_translation", "link_centre", "force", "moment", "extra_force"]
-        vectors += ["contact_point", "contact_normal", "depth"]
-        types = dict.fromkeys(vectors, wp.vec3) | {
-            "active": wp.int32,
-            "root_rotation": wp.mat33,
-            "link_rotation": wp.mat33,
-        }
-        self._tensors["active"] = torch.ones(self.batch, dtype=torch.int32, device=self.device)
+    def __init__(
+        self,
+        hand: Hand,
+        scene: WarpStruct,
+        batch: int,
+        weights: TermWeights | None = None,
+        *,
+        device: str = "cpu",
+        terms: TermEnergy | None = None,
+    ) -> None:
+        self.hand, self.scene, self.batch, self.device, self.terms = hand, scene, batch, device, terms
+        self._model = build_hand_model(hand, device=device)
+        wp.load_module(hand_kernel, device=device)  # compiling is not safe from several threads
+        links, joints = len(hand.link_names), hand.num_joints
+        own_shape = {"joint_angles": (joints,), "energy": (NUM_TERMS,), "link_energy": (links, NUM_TERMS)}
+        own_shape |= {"gradient": (6 + joints,), "active": (), "root_translation": (), "root_rotation": ()}
         self._state = State()
-        for name, tensor in self._tensors.items():
-            setattr(self._state, name, wp.from_torch(tensor, dtype=types.get(name, wp.float32)))
-        self.set_weights(self.weights)
-        tips = self.hand.fingertip_indices
-        self._fingertips = wp.array(tips, dtype=wp.int32, device=self.device)
+        for name, kind in state_fields().items():
+            inner = {wp.vec3: (3,), wp.mat33: (3, 3)}.get(kind, ())
+            shape = (batch, *own_shape.get(name, (links,)), *inner)
+            tensor = torch.zeros(shape, dtype=torch.int32 if kind is wp.int32 else torch.float32, device=device)
+            setattr(self, name, tensor)
+            setattr(self._state, name, wp.from_torch(tensor, dtype=kind))
+        self.active.fill_(1)
+        self.term_energy = torch.zeros(batch, device=device)
+        self.set_weights(weights or TermWeights())
+        self._fingertips = wp.array(hand.fingertip_indices, dtype=wp.int32, device=device)
         # A launch on the CPU holds one thread and releases the interpreter.
-        parts = min(torch.get_num_threads(), max(1, self.batch // SMALLEST_PART)) if self.device == "cpu" else 1
-        bounds = [round(self.batch * part / parts) for part in range(parts + 1)]
+        parts = min(torch.get_num_threads(), max(1, batch // SMALLEST_PART)) if device == "cpu" else 1
+        bounds = [round(batch * part / parts) for part in range(parts + 1)]
         self._parts = [(low, high - low) for low, high in pairwise(bounds)]
         self._pool = ThreadPoolExecutor(parts) if parts > 1 else None
 
-    def __getattr__(self, name: str) -> Tensor:
-        tensors = self.__dict__.get("_tensors", {})
-        if name in tensors:
-            return tensors[name]
-        raise AttributeError(name)
-
     def set_weights(self, weights: TermWeights) -> None:
-        """Replaces the weights of all terms."""
+        """Replace the weights of the kernel's terms."""
         self.weights = weights
         self._kernel_weights = EnergyWeights()
         for name, value in vars(weights).items():
@@ -116,20 +102,36 @@ class HandEnergy:
                 setattr(self._kernel_weights, name, float(value))
 
     def __call__(self, pose: HandPose) -> Float[Tensor, " batch"]:
-        """Total energy of each hand; the attributes hold its parts and its gradient."""
+        """Return the total energy of each hand; the attributes hold its parts and its gradient.
+
+        Raises:
+            InputError: a term of the user's that fails, see `TermEnergy`.
+        """
         self._place(pose)
         self._in_parts(self._evaluate)
-        return self._tensors["energy"].sum(dim=1)
+        total = self.energy.sum(dim=1)
+        if self.terms is None:
+            return total
+        self._add_terms(self.terms, pose)
+        return total + self.term_energy
+
+    def _add_terms(self, terms: TermEnergy, pose: HandPose) -> None:
+        """The kernel has just written the gradients of the active hands: only theirs lack the terms'."""
+        rows = self.active.nonzero()[:, 0]
+        if len(rows):
+            poses = HandPose(pose.translation[rows], pose.rotation[rows], pose.joint_angles[rows])
+            self.term_energy[rows], slope = terms(poses)
+            self.gradient[rows] += slope
 
     def find_fingertip_contacts(self, pose: HandPose) -> None:
-        """Sets contact_distance, contact_point and contact_normal of all fingertips, and no energy: a third of the time."""
+        """Set contact_distance, contact_point and contact_normal of all fingertips, and no energy: a third of the time."""
         self._place(pose)
         self._in_parts(self._find_contacts)
 
     def _place(self, pose: HandPose) -> None:
-        self._tensors["root_translation"].copy_(pose.translation)
-        self._tensors["root_rotation"].copy_(pose.rotation)
-        self._tensors["joint_angles"].copy_(pose.joint_angles)
+        self.root_translation.copy_(pose.translation)
+        self.root_rotation.copy_(pose.rotation)
+        self.joint_angles.copy_(pose.joint_angles)
 
     def _in_parts(self, launch: Callable[[tuple[int, int]], None]) -> None:
         if self._pool is None:

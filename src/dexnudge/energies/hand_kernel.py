@@ -6,7 +6,7 @@ hand; (2) energies, one thread per hand and link, which gathers the gradient of 
 translation and rotation vector and in the joint angles, one thread per hand. `contacts` finds what `energies` would find of
 the contacts of some links, and nothing else.
 
-The terms stand in files of their own: `environment_kernel`, `object_kernel`, `fixed_points_kernel`, `self_collision_kernel`.
+The terms of one link stand in `penetration_kernel`.
 All positions are in the working frame of the scene (see `scene_fields`); [m], distances negative inside.
 """
 

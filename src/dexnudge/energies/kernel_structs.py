@@ -1,12 +1,8 @@
-"""The gradient of a link's points, gathered as a wrench: force, and moment about the origin of the working frame."""
+"""What the fused kernel reads and writes: hand, scene, weights, and the state of one evaluation."""
 
 from dexnudge.energies.grid_kernel import PackedGrids
 from dexnudge.geometry.warp_runtime import wp
 from dexnudge.hands.kinematics import KinematicTree
-
-# Warp's own language: its annotations are no Python types.
-# mypy: disable-error-code="misc, valid-type"
-
 
 TERM_ENVIRONMENT = wp.constant(0)
 TERM_OBJECT = wp.constant(1)
@@ -109,8 +105,9 @@ class State:
     gradient: wp.array2d(dtype=float)  # (B, 6 + d)
 
 
-# Warp's own language: its annotations are no Python types.
-# mypy: disable-error-code="misc, no-untyped-def, operator, valid-type"
+def state_fields() -> dict[str, type]:
+    """Return the element type of each array of `State`, by name."""
+    return {name: variable.type.dtype for name, variable in State.vars.items()}
 
 
 @wp.func

@@ -1,4 +1,4 @@
-"""The other way round: points of object and environment, fixed in the working frame, in the grid of a link."""
+"""Penetration and contact of one link: its points in object, environment and other links, and their points in it."""
 
 from dexnudge.energies.grid_kernel import (
     corner_distance,
@@ -24,9 +24,6 @@ from dexnudge.energies.kernel_structs import (
     add_wrench,
 )
 from dexnudge.geometry.warp_runtime import wp
-
-# Warp's own language: its annotations are no Python types.
-# mypy: disable-error-code="misc, no-untyped-def, operator, valid-type"
 
 
 @wp.func
@@ -77,10 +74,6 @@ def points_in_other_link(hand: HandModel, state: State, weights: EnergyWeights, 
         wp.atomic_add(state.force, i, other, -force)
         wp.atomic_add(state.moment, i, other, -moment)
     return wp.vec2(energy, deepest)
-
-
-# Warp's own language: its annotations are no Python types.
-# mypy: disable-error-code="misc, no-untyped-def, operator, valid-type"
 
 
 @wp.func
@@ -145,10 +138,6 @@ def points_on_object(
     wp.atomic_add(state.force, i, l, force)
     wp.atomic_add(state.moment, i, l, moment)
     return wp.vec2(energy, deepest)
-
-
-# Warp's own language: its annotations are no Python types.
-# mypy: disable-error-code="misc, no-untyped-def, operator, valid-type"
 
 
 @wp.func
@@ -251,10 +240,6 @@ def points_in_environment(
     state.link_energy[i, l, TERM_BASE] = energy_base
     state.swept_depth[i, l] = deepest_swept
     return wp.vec2(energy, deepest)
-
-
-# Warp's own language: its annotations are no Python types.
-# mypy: disable-error-code="misc, no-untyped-def, operator, valid-type"
 
 
 @wp.func

@@ -2,6 +2,7 @@
 
 from functools import cached_property
 
+import numpy as np
 import torch
 from jaxtyping import Float, Int
 from torch import Tensor
@@ -49,5 +50,11 @@ class HandBatch:
     def points(self) -> Float[Tensor, "batch point 3"]:
         """Points on the surfaces of all links [m]."""
         own = torch.as_tensor(self._surface.points, dtype=self.q.dtype, device=self.q.device)
-        pose = self.T_world_link[:, self.point_links]
-        return (pose[..., :3, :3] @ own[:, :, None])[..., 0] + pose[..., :3, 3]
+        counts = np.bincount(self._surface.link, minlength=len(self.hand.link_names)).tolist()
+        # Link by link: a gathered pose for each point would take ten times as long to differentiate.
+        placed = [
+            points @ self.T_world_link[:, link, :3, :3].transpose(1, 2) + self.T_world_link[:, link, None, :3, 3]
+            for link, points in enumerate(own.split(counts))
+            if len(points)
+        ]
+        return torch.cat(placed, dim=1)

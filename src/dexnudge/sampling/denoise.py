@@ -10,7 +10,6 @@ from torch import Tensor
 from dexnudge.diffusion.network import Condition
 from dexnudge.diffusion.prior import DiffusionPrior
 from dexnudge.energies.descent import pose_from_configuration
-from dexnudge.energies.evaluator import HandEnergy
 from dexnudge.energies.force_residual import ForceResidual
 from dexnudge.energies.weights import TermWeights
 from dexnudge.hands.hand import Hand
@@ -68,7 +67,7 @@ class _Run:
     ) -> Float[Tensor, "batch dimension"]:
         """x_0 from x at the first of `timesteps`."""
         config = self.config
-        energy = HandEnergy(self.hand, self.problem.guiding_fields, len(x), config.weights)
+        energy = self.problem.hand_energy(self.hand, len(x), config.weights)
         balance = self.problem.balance if config.weights.force > 0 else None
         force = ForceResidual(balance, len(x), len(self.hand.fingertip_links)) if balance is not None else None
         for t, t_previous in zip(timesteps, [*timesteps[1:], -1], strict=True):
@@ -144,7 +143,7 @@ def _chosen_coarse_hands(run: _Run, num: int) -> Float[Tensor, "num dimension"]:
 def _scene_energy(run: _Run, x: Float[Tensor, "particle dimension"]) -> Float[Tensor, " particle"]:
     """Energy of coarse hands in the scene [m^2], their force balance included."""
     q = run.hand.tie(run.prior.denormalise(x))
-    energy = HandEnergy(run.hand, run.problem.guiding_fields, len(x), run.config.weights)
+    energy = run.problem.hand_energy(run.hand, len(x), run.config.weights)
     tips = run.hand.fingertip_indices
     energy.contact_weight[:, tips] = 1.0
     pose = pose_from_configuration(q)

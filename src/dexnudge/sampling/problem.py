@@ -8,12 +8,16 @@ import trimesh
 from jaxtyping import Bool, Float
 from torch import Tensor
 
+from dexnudge.energies.evaluator import HandEnergy
 from dexnudge.energies.force_residual import SlidingBalance, support_wrenches
 from dexnudge.energies.scene_fields import build_guided_fields
+from dexnudge.energies.terms import EnergyTerm, TermEnergy
+from dexnudge.energies.weights import TermWeights
 from dexnudge.geometry.exact_distance import ExactDistance
 from dexnudge.geometry.surface_points import object_cloud
 from dexnudge.geometry.transforms import canonical_frame, transform_configurations
 from dexnudge.geometry.warp_runtime import WarpStruct
+from dexnudge.hands.hand import Hand
 from dexnudge.mechanics.contacts import support_contacts
 from dexnudge.mechanics.sliding_task import sliding_task
 from dexnudge.scenes.scene import Scene
@@ -74,8 +78,9 @@ class SamplingProblem:
         guiding_fields: the same, with what cannot be seen from the object as solid (see `occlusion`).
         balance: the force balance to reach; None when nothing supports the object or its supports block the motion.
         cloud: (1024, 6) points [m] and outward normals of the object.
-        working: where on the object a fingertip can work for the motion.
+        pushable: where on the object a fingertip can push for the motion.
         object_mesh: in frame C.
+        terms: the user's, which every energy of this problem holds beside the kernel's.
     """
 
     scene: Scene
@@ -84,8 +89,14 @@ class SamplingProblem:
     guiding_fields: WarpStruct
     balance: SlidingBalance | None
     cloud: Float[Tensor, "point 6"]
-    working: PushableSurface
+    pushable: PushableSurface
     object_mesh: trimesh.Trimesh
+    terms: tuple[EnergyTerm, ...] = ()
+
+    def hand_energy(self, hand: Hand, batch: int, weights: TermWeights) -> HandEnergy:
+        """Return the energy that guides: what cannot be seen from the object counts as solid."""
+        terms = TermEnergy(self.terms, hand, self.scene, self.T_world_canonical) if self.terms else None
+        return HandEnergy(hand, self.guiding_fields, batch, weights, terms=terms)
 
     def to_world(self, q: Float[Tensor, "n coordinates"]) -> Float[np.ndarray, "n coordinates"]:
         """Configurations of frame C in the world, as they are written to files."""
@@ -112,7 +123,7 @@ def prepare(scene: Scene, *, device: str = "cpu") -> SamplingProblem:
         guiding_fields=guiding_fields,
         balance=_balance(scene, T_canonical_world),
         cloud=cloud,
-        working=pushable_surface(cloud, _tensor(motion), ExactDistance(environment_mesh, device=device)),
+        pushable=pushable_surface(cloud, _tensor(motion), ExactDistance(environment_mesh, device=device)),
         object_mesh=object_mesh,
     )
 

@@ -1,12 +1,13 @@
 """Projection: from a configuration that nearly fits to one that penetrates nothing, touches, and can exert the force.
 
 Paper III-C b: descend the loss with a collision check at each step until nothing penetrates. Here the loss also holds the
-contacts, lowers the residual of the force balance, draws idle fingertips to where they can work and keeps the hand's way
-along the motion free. A hand stops moving when it is clean and touches, its forces balance and its way is free; or, when its
-patience is over, without the last two.
+contacts, lowers the residual of the force balance, draws idle fingertips to where they can push, keeps the hand's path along
+the motion free, and holds the user's terms. A hand stops once it is clean and touches, its forces balance, its path is free
+and the user's terms have settled. When the patience is over, clean and touching is enough, and the user's terms no longer
+pull: penetration comes first.
 """
 
-from dataclasses import dataclass, field
+from dataclasses import dataclass
 
 import torch
 from jaxtyping import Bool, Float, Int
@@ -38,6 +39,10 @@ PROJECTION_WEIGHTS = TermWeights(
 )
 
 
+NEGLIGIBLE_TERMS = 1.0e-6  # [m^2] energy of the user's terms that is not worth a step: one point 1 mm off
+SMALLEST_FALL, STALLED_STEPS = 0.01, 10  # relative fall in so many steps under which the user's terms have settled
+
+
 @dataclass(frozen=True)
 class ProjectionConfig:
     """Budget and tolerances of the projection."""
@@ -52,9 +57,9 @@ class ProjectionConfig:
     force_tolerance: float = 0.05  # residual [weights of the object] that counts as balanced
     force_sweeps: int = 12  # of the balance solver per step, warm-started
     first_force_sweeps: int = 200  # before the first step, from a cold start
-    idle_steps: int = 120  # first steps, in which fingertips that cannot work are drawn to where they can
-    guided_steps: int = 40  # first steps, which still count the environment's shadow as solid
-    patience: int = 120  # steps after which a hand that is clean and touching stops waiting for its forces and its way
+    idle_steps: int = 120  # first steps, in which fingertips that cannot push are drawn to where they can
+    guided_steps: int = 40  # first steps, which still count what the object cannot see as solid
+    patience: int = 120  # steps after which a hand that is clean and touching waits for nothing else
 
 
 @dataclass
@@ -62,10 +67,10 @@ class ProjectionReport:
     """What the projection did, per configuration.
 
     Attributes:
-        iterations: steps until the hand was left alone. converged: clean, touching, balanced and with a free
-            way by its own measure, or out of patience for the last two.
+        iterations: steps until the hand stopped. converged: it stopped by the rule above, not because steps ran out.
         moved: mean distance [m] that the fingertips travelled. contacts_before, contacts_after: fingertips that touch.
         residual_before, residual_after: of the force balance [weights of the object].
+        depth_before: deepest guiding point [m]. terms_before, terms_after: energy of the user's terms [m^2]; 0 without.
     """
 
     iterations: Int[Tensor, " batch"]
@@ -75,64 +80,64 @@ class ProjectionReport:
     contacts_after: Int[Tensor, " batch"]
     residual_before: Float[Tensor, " batch"]
     residual_after: Float[Tensor, " batch"]
-    depth_before: Float[Tensor, " batch"] = field(default_factory=lambda: torch.zeros(0))
+    depth_before: Float[Tensor, " batch"]
+    terms_before: Float[Tensor, " batch"]
+    terms_after: Float[Tensor, " batch"]
 
 
 def project(
     hand: Hand, problem: SamplingProblem, q: Float[Tensor, "batch coordinates"], *, config: ProjectionConfig
 ) -> tuple[Float[Tensor, "batch coordinates"], ProjectionReport]:
-    """Projected configurations (frame C) and the report; a hand that never satisfies all is returned as it ended."""
+    """Return projected configurations (frame C) and the report; a hand that never satisfies all is returned as it ended."""
     batch = len(q)
     q = hand.tie(q)
     tips = hand.fingertip_indices
-    energy = HandEnergy(hand, problem.fields, batch, config.weights)
+    energy = problem.hand_energy(hand, batch, config.weights)
+    terms, settling = energy.terms, Settling(batch)
     balance = problem.balance if config.weights.force > 0 else None
     force = ForceResidual(balance, batch, len(tips)) if balance is not None else None
     descent = HandDescent(hand, batch, steps=config.steps, tied=True)
     pose = pose_from_configuration(q)
     start_keypoints = hand.keypoints(q)
 
+    energy.scene = problem.fields
     energy.contact_weight[:, tips] = 1.0
     energy(pose)
     energy.contact_weight[:, tips] = active_contacts(energy.contact_distance[:, tips], reach=config.contact_reach)
-    depth_before = energy.depth.amax(dim=(1, 2)).clone()
+    depth_before, terms_before = energy.depth.amax(dim=(1, 2)), energy.term_energy.clone()
     contacts_before = touching(energy, tips, config).sum(dim=1)
     moving = torch.ones(batch, dtype=torch.bool)
     iterations = torch.zeros(batch, dtype=torch.long)
     residual = residual_before = torch.zeros(batch)
-    balanced = torch.ones(batch, dtype=torch.bool)
+    balanced = settled = torch.ones(batch, dtype=torch.bool)
     for step in range(config.max_steps):
         energy.scene = problem.guiding_fields if step < config.guided_steps else problem.fields
+        energy.terms = terms if step < config.patience else None
         if step == config.guided_steps:
-            energy.active.fill_(1)  # other fields: a hand that stands still must be looked at once more
+            energy.active.fill_(1)  # the fields change, so a hand that has stopped may have to go on
             if force is not None:
                 force.active.fill_(1)
         energy(pose)
         contact = touching(energy, tips, config)
         if force is not None:
             near = (energy.contact_weight[:, tips] > 0).float()
-            force(
-                energy.contact_point[:, tips],
-                energy.contact_normal[:, tips],
-                near,
-                sweeps=config.force_sweeps if step else config.first_force_sweeps,
-            )
+            points, normals = energy.contact_point[:, tips], energy.contact_normal[:, tips]
+            force(points, normals, near, sweeps=config.force_sweeps if step else config.first_force_sweeps)
             residual = force.residual
             balanced = residual < config.force_tolerance
             if step == 0:
                 residual_before = residual.clone()
             energy.extra_force[:, tips] = config.weights.force * force.gradient
-            idle = problem.working.idle(energy.contact_normal[:, tips]) & (near > 0) & ~balanced[:, None]
-            idle &= step < config.idle_steps
+            idle = problem.pushable.idle(normals) & (near > 0) & ~balanced[:, None] & (step < config.idle_steps)
             energy.target_weight[:, tips] = idle.float()
             if idle.any():
-                energy.target[:, tips] = problem.working.nearest(
-                    energy.contact_point[:, tips], energy.contact_normal[:, tips]
-                )
+                energy.target[:, tips] = problem.pushable.nearest(points, normals)
+        if energy.terms is not None:
+            settled = settling(energy.term_energy)
         clean = energy.depth.amax(dim=(1, 2)) <= config.depth_tolerance
         held = (contact | (energy.contact_weight[:, tips] == 0)).all(dim=1) & contact.any(dim=1)
-        way_free = energy.swept_depth.amax(dim=1) <= config.depth_tolerance
-        moving = ~(clean & held & ((balanced & way_free) | (step >= config.patience)))
+        path_free = energy.swept_depth.amax(dim=1) <= config.depth_tolerance
+        moving = ~(clean & held & ((balanced & path_free & settled) | (step >= config.patience)))
         if not moving.any():
             break
         energy.active.copy_(moving)
@@ -142,6 +147,7 @@ def project(
         scale = config.final_scale ** (step / config.max_steps) * moving[:, None].float()
         pose = descent.step(pose, energy.gradient, scale=scale)
     energy.active.fill_(1)
+    energy.terms = terms
     energy(pose)
     projected = configuration_from_pose(pose)
     report = ProjectionReport(
@@ -153,8 +159,25 @@ def project(
         residual_before=residual_before,
         residual_after=residual,
         depth_before=depth_before,
+        terms_before=terms_before,
+        terms_after=energy.term_energy,
     )
     return projected, report
+
+
+class Settling:
+    """Whether the energy of the user's terms is negligible, or has stopped falling; each hand on its own."""
+
+    def __init__(self, batch: int) -> None:
+        self._least = torch.full((batch,), torch.inf)
+        self._stalled = torch.zeros(batch, dtype=torch.long)
+
+    def __call__(self, energy: Float[Tensor, " batch"]) -> Bool[Tensor, " batch"]:
+        """Return which hands have settled, `energy` [m^2] being that of the next step."""
+        falls = energy < (1.0 - SMALLEST_FALL) * self._least
+        self._least = torch.where(falls, energy, self._least)
+        self._stalled = torch.where(falls, 0, self._stalled + 1)
+        return (energy <= NEGLIGIBLE_TERMS) | (self._stalled >= STALLED_STEPS)
 
 
 def touching(energy: HandEnergy, tips: list[int], config: ProjectionConfig) -> Bool[Tensor, "batch digit"]:

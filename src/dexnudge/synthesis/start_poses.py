@@ -12,7 +12,7 @@ import torch
 from jaxtyping import Bool, Float, Int
 from torch import Tensor
 
-from dexnudge.energies.evaluator import HandPose
+from dexnudge.energies.descent import HandPose
 from dexnudge.geometry.surface_points import SurfacePoints
 from dexnudge.hands.hand import Hand
 

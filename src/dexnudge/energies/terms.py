@@ -1,0 +1,169 @@
+"""Energy terms of one's own, in torch, beside those of the fused kernel.
+
+The kernel holds the terms that every scene needs (`TermWeights`): they are fast because they know the hand's grids and
+points, and fixed because they are compiled. A term of one's own is any object that fits `EnergyTerm`. `HandEnergy` adds
+both: energy and gradient of a hand are those of the kernel plus
+
+    sum over terms of  weight * term(hands, scene)
+
+so that whatever descends a `HandEnergy` feels both alike: every guidance rule, the choice among coarse hands, and the
+projection. The kernel works in the scene's canonical frame; a term is given hands in the world. Its derivative comes from
+torch, through the hand's kinematics. Without terms nothing of this file runs.
+
+Energies are squared lengths [m^2] summed over points: 1 mm of penetration at 100 points is 1e-4. Choose a weight so that
+what a term must not allow costs about as much.
+"""
+
+import math
+from collections.abc import Sequence
+from typing import Any, Protocol, runtime_checkable
+
+import numpy as np
+import torch
+from jaxtyping import Float
+from torch import Tensor
+
+from dexnudge.energies.descent import HandPose, configuration_from_pose
+from dexnudge.errors import InputError
+from dexnudge.hands.batch import HandBatch
+from dexnudge.hands.hand import Hand
+from dexnudge.scenes.scene import Scene
+
+NO_GRADIENT = (
+    "has no gradient in the configuration; expected torch operations on `hands.q`, `hands.T_world_link` or "
+    "`hands.points`, without detach() or numpy"
+)
+FAILURES = (
+    ArithmeticError,
+    AssertionError,
+    AttributeError,
+    ImportError,
+    LookupError,
+    NameError,
+    OSError,
+    RuntimeError,
+    TypeError,
+    ValueError,
+)  # what code of a user may raise; all that Python and torch raise themselves
+
+
+@runtime_checkable
+class EnergyTerm(Protocol):
+    """A term of the energy; the smaller, the better a hand is.
+
+    Attributes:
+        name: what messages call it; no other term of the same sampler has it.
+        weight: factor, above 0.
+    """
+
+    name: str
+    weight: float
+
+    def __call__(self, hands: HandBatch, scene: Scene) -> Float[Tensor, " batch"]:
+        """Return the energy of each hand, by torch operations on `hands.q`, `.T_world_link` or `.points` (world frame).
+
+        The energy of a hand must depend on that hand alone: how many others stand in the batch changes from call to call.
+        """
+
+
+def check_terms(terms: Sequence[Any]) -> tuple[EnergyTerm, ...]:
+    """Return the terms; what is wrong about them is found before anything is drawn.
+
+    Raises:
+        InputError: a name or a weight that makes no sense, no function, or two terms of one name.
+    """
+    names: list[str] = []
+    for place, term in enumerate(terms):
+        kind, name = type(term).__name__, getattr(term, "name", None)
+        if not isinstance(name, str) or not name.strip():
+            raise InputError(
+                f"term {place} of `terms`, a {kind}, has the name {name!r}; expected a text; give it an attribute `name`"
+            )
+        if not callable(term):
+            raise InputError(f"term '{name}', a {kind}, cannot be called; expected a method `__call__(hands, scene)`")
+        weight = getattr(term, "weight", None)
+        if isinstance(weight, bool) or not isinstance(weight, (int, float)) or not 0 < weight < math.inf:
+            raise InputError(
+                f"the weight of term '{name}' is {weight!r}; expected a finite number above 0; leave the term out to "
+                "switch it off"
+            )
+        if name in names:
+            raise InputError(f"two terms are named '{name}'; expected a name of its own for each; rename one")
+        names.append(name)
+    return tuple(terms)
+
+
+class TermEnergy:
+    """The weighted sum of terms, in the frame in which hands descend.
+
+    Args:
+        terms: see `check_terms`.
+        hand: what is configured.
+        scene: handed to the terms.
+        T_world_frame: the descending hands' frame in the world.
+    """
+
+    def __init__(
+        self, terms: Sequence[EnergyTerm], hand: Hand, scene: Scene, T_world_frame: Float[np.ndarray, "4 4"]
+    ) -> None:
+        self.terms, self.hand, self.scene = check_terms(terms), hand, scene
+        self._rotation = torch.as_tensor(T_world_frame[:3, :3], dtype=torch.float32)
+        self._translation = torch.as_tensor(T_world_frame[:3, 3], dtype=torch.float32)
+
+    def __call__(self, pose: HandPose) -> tuple[Float[Tensor, " batch"], Float[Tensor, "batch tangent"]]:
+        """Return (energy, gradient in translation, rotation vector and joint angles), as `HandEnergy` has it.
+
+        Raises:
+            InputError: naming the term that fails, or whose energy or gradient is of no use.
+        """
+        with torch.inference_mode(mode=False), torch.enable_grad():
+            q = configuration_from_pose(pose).detach().clone().requires_grad_()
+            columns = q[:, 3:9].unflatten(1, (2, 3)) @ self._rotation.T
+            position = q[:, :3] @ self._rotation.T + self._translation
+            hands = HandBatch(self.hand, torch.cat([position, columns.flatten(1), q[:, 9:]], dim=1))
+            total, gradient = torch.zeros(len(q)), torch.zeros_like(q)
+            for term in self.terms:
+                value, slope = self._checked(term, hands, q)
+                total += term.weight * value
+                gradient += term.weight * slope
+        # A column c of the rotation moves by w x c, so that g . (w x c) = w . (c x g).
+        own, slopes = (each[:, 3:9].detach().unflatten(1, (2, 3)) for each in (q, gradient))
+        turn = torch.linalg.cross(own, slopes).sum(dim=1)
+        return total, torch.cat([gradient[:, :3], turn, gradient[:, 9:]], dim=1)
+
+    def _checked(
+        self, term: EnergyTerm, hands: HandBatch, q: Float[Tensor, "batch coordinates"]
+    ) -> tuple[Float[Tensor, " batch"], Float[Tensor, "batch coordinates"]]:
+        """(energy, its gradient in q) of one term."""
+        try:
+            value = term(hands, self.scene)
+            found = self._misfit(value, len(hands))
+            slope = None if found else torch.autograd.grad(value.sum(), q, retain_graph=True, allow_unused=True)[0]
+        except FAILURES as error:
+            raise InputError(f"energy term '{term.name}' failed: {type(error).__name__}: {error}") from error
+        if found is None and slope is not None and not torch.isfinite(slope).all():
+            found = (
+                f"has a gradient that is NaN or infinite at {_rows(slope)} of {len(q)} hands; expected a finite one; a norm "
+                "has none at 0, so take its square"
+            )
+        if slope is None or found is not None:
+            raise InputError(f"energy term '{term.name}' {found or NO_GRADIENT}")
+        return value.detach().to(q.dtype), slope
+
+    def _misfit(self, value: object, batch: int) -> str | None:
+        """What is wrong with what a term returned; None where nothing is."""
+        if not isinstance(value, Tensor):
+            return f"returned a {type(value).__name__}; expected a tensor of shape ({batch},)"
+        if value.shape != (batch,):
+            shape = tuple(value.shape)
+            return f"returned shape {shape}; expected ({batch},), one energy for each hand; sum over the other axes"
+        if not value.is_floating_point():
+            return f"returned {value.dtype}; expected floating-point numbers, such as torch.float32"
+        if not torch.isfinite(value).all():
+            return f"is NaN or infinite at {_rows(value[:, None])} of {batch} hands; expected finite energies"
+        return None if value.requires_grad else NO_GRADIENT
+
+
+def _rows(values: Float[Tensor, "batch column"]) -> int:
+    """How many rows hold NaN or infinity."""
+    return int((~torch.isfinite(values)).any(dim=1).sum())
