@@ -48,7 +48,7 @@ class Joint:
     offset: float = 0.0
 
 
-@dataclass(frozen=True)
+@dataclass(frozen=True, repr=False)
 class Hand:
     """A hand with d joint angles and L links, link 0 being the palm, parents before children.
 
@@ -90,6 +90,12 @@ class Hand:
                 f"hand '{self.name}' couples joints that it does not have: {unknown}; "
                 f"expected some of {list(self.joint_names)}; mend 'couplings' in the hand's YAML"
             )
+
+    def __repr__(self) -> str:
+        return (
+            f"Hand '{self.name}': {self.num_joints} joints, {len(self.link_names)} links, "
+            f"digits {', '.join(self.fingertips)}, {len(self.couplings)} couplings"
+        )
 
     @property
     def num_joints(self) -> int:

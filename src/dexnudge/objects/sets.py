@@ -48,6 +48,15 @@ def resolve_object(text: str, *, units: str = "m", length: float | None = None) 
     return NamedObject(path.stem, load_mesh(path, units=units, length=length))
 
 
+def object_mesh(
+    source: str | Path | trimesh.Trimesh, *, units: str = "m", length: float | None = None
+) -> trimesh.Trimesh:
+    """Return the mesh [m] of an object given as a name, a file or a mesh; see `resolve_object`."""
+    if isinstance(source, trimesh.Trimesh):
+        return scaled_to_length(source if length is None else source.copy(), length)
+    return resolve_object(str(source), units=units, length=length).mesh
+
+
 def scaled_to_length(mesh: trimesh.Trimesh, length: float | None) -> trimesh.Trimesh:
     """`mesh` with its longest side `length` metres long, or as it is for None.
 

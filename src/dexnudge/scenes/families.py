@@ -4,12 +4,14 @@ from __future__ import annotations
 
 from collections.abc import Callable
 from dataclasses import replace
+from pathlib import Path
 from typing import Any
 
 import numpy as np
 import trimesh
 
 from dexnudge.errors import SceneError, UnknownNameError, did_you_mean
+from dexnudge.objects.sets import object_mesh
 from dexnudge.scenes.clutter import clutter
 from dexnudge.scenes.corner import corner
 from dexnudge.scenes.drawer import drawer
@@ -31,18 +33,24 @@ SCENE_FAMILIES: dict[str, SceneFamily] = {**MAIN_FAMILIES, **HARD_FAMILIES, **GE
 PHYSICS = ("motion_length", "mass", "friction_hand", "friction_environment", "max_normal_force")
 
 
-def build_scene(family: str, mesh: trimesh.Trimesh, *, seed: int, **physics: Any) -> Scene:
+def scene_families() -> tuple[str, ...]:
+    """Return the names that `build_scene` knows."""
+    return tuple(SCENE_FAMILIES)
+
+
+def build_scene(family: str, object: str | Path | trimesh.Trimesh, *, seed: int = 0, **physics: Any) -> Scene:  # noqa: A002 - the public name
     """Draw a scene of a family for an object.
 
     Args:
-        family: a name in `SCENE_FAMILIES`.
-        mesh: the object, metres, object frame.
+        family: one of `scene_families()`.
+        object: name of a built-in object, a mesh file [m], or a mesh in metres, object frame.
         seed: of the draw. Same family, object and seed: same scene.
         physics: motion_length [m], mass [kg], friction_hand, friction_environment, max_normal_force [N]; defaults
             as in `Scene`.
 
     Raises:
         UnknownNameError: no such family; the message lists those that exist.
+        MeshError: the object's file cannot be used.
         SceneError: the object does not fit, or a physical number is out of its domain.
     """
     if family not in SCENE_FAMILIES:
@@ -53,5 +61,5 @@ def build_scene(family: str, mesh: trimesh.Trimesh, *, seed: int, **physics: Any
     unknown = sorted(set(physics) - set(PHYSICS))
     if unknown:
         raise SceneError(f"unknown physical parameter {unknown[0]!r}; expected {', '.join(PHYSICS)}")
-    scene = SCENE_FAMILIES[family](mesh, np.random.default_rng(seed))
+    scene = SCENE_FAMILIES[family](object_mesh(object), np.random.default_rng(seed))
     return replace(scene, seed=seed, **physics)

@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+from collections.abc import Sequence
 from dataclasses import dataclass, field
 from numbers import Real
 from pathlib import Path
@@ -52,7 +53,7 @@ INITIAL_PENETRATION_LIMIT = 1e-3  # [m] the limit that a configuration must keep
 RIGID_TOLERANCE = 1e-5  # on R^T R - I; poses typed by hand carry six digits
 
 
-@dataclass(frozen=True, eq=False)
+@dataclass(frozen=True, eq=False, repr=False)
 class Scene:
     """An object at rest in its surroundings and the motion that it should make.
 
@@ -117,6 +118,51 @@ class Scene:
         from dexnudge.scenes.files import load_scene
 
         return load_scene(folder)
+
+    @classmethod
+    def from_files(
+        cls,
+        object: str | Path | trimesh.Trimesh,  # noqa: A002 - the public name
+        *,
+        environment: str | Path | trimesh.Trimesh,
+        object_pose: str | Path | Float[np.ndarray, "4 4"],
+        motion: Sequence[float] | Sequence[int] | Float[np.ndarray, "3"],
+        units: str = "m",
+        length: float | None = None,
+        **physics: Any,
+    ) -> Scene:
+        """Return the scene of an object in your own surroundings, checked.
+
+        Args:
+            object: mesh file in `units`, name of a built-in object, or a mesh in metres; object frame.
+            environment: mesh file in `units`, or a mesh in metres; world frame, z up.
+            object_pose: T_world_object, or a JSON file with it; metres, whatever `units` says.
+            motion: direction (3,) in the world that the object should slide in; normalised.
+            units: of the numbers in the mesh files: m, cm, mm or in.
+            length: scale the object so that its longest side has this length [m].
+            physics: motion_length [m], mass [kg], friction_hand, friction_environment, max_normal_force [N]; defaults
+                as above.
+
+        Raises:
+            SceneError: a malformed pose, a zero motion, a number out of its domain, or an environment that already
+                penetrates the object by more than 1 mm.
+            MeshError: a mesh cannot be used.
+            UnknownNameError: the object is neither a file nor a built-in one.
+        """
+        from dexnudge.objects.sets import object_mesh
+        from dexnudge.scenes.user import user_scene
+
+        mesh = object_mesh(object, units=units, length=length)
+        return user_scene(mesh, environment=environment, object_pose=object_pose, motion=motion, units=units, **physics)
+
+    def __repr__(self) -> str:
+        size = " x ".join(f"{1e3 * side:.0f}" for side in self.object_mesh.extents)
+        motion = ", ".join(f"{each:.2f}" for each in self.motion)
+        return (
+            f"Scene '{self.name}': object {size} mm, {1e3 * self.mass:.0f} g, to slide {1e3 * self.motion_length:.0f} mm "
+            f"along ({motion}); friction {self.friction_hand:g} at the hand, {self.friction_environment:g} at the "
+            f"surroundings ({len(self.environment_mesh.faces)} triangles)"
+        )
 
     def validate(self) -> None:
         """Refuse a scene whose surroundings already penetrate the object by more than 1 mm.

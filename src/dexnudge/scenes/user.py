@@ -13,7 +13,7 @@ from jaxtyping import Float
 from dexnudge.errors import SceneError
 from dexnudge.geometry.meshes import load_environment
 from dexnudge.scenes.files import read_json_object
-from dexnudge.scenes.scene import Scene, rigid_transform
+from dexnudge.scenes.scene import Scene, rigid_transform, unit_motion
 
 POSE_KEY, POSITION_KEY, QUATERNION_KEY = "T_world_object", "position", "quaternion_wxyz"
 QUATERNION_TOLERANCE = 1e-3  # on the norm; three decimals are what people type
@@ -24,7 +24,7 @@ def user_scene(
     *,
     environment: str | Path | trimesh.Trimesh,
     object_pose: str | Path | Float[np.ndarray, "4 4"],
-    motion: Sequence[float],
+    motion: Sequence[float] | Sequence[int] | Float[np.ndarray, "3"],
     units: str = "m",
     **physics: Any,
 ) -> Scene:
@@ -48,7 +48,7 @@ def user_scene(
     if not isinstance(surroundings, trimesh.Trimesh):
         surroundings = load_environment(surroundings, units=units)
     pose = load_pose(object_pose) if isinstance(object_pose, str | Path) else rigid_transform(object_pose)
-    scene = Scene(mesh, surroundings, pose, np.asarray(motion), name="user", **physics)
+    scene = Scene(mesh, surroundings, pose, unit_motion(motion), name="user", **physics)
     scene.validate()
     return scene
 

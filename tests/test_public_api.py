@@ -1,0 +1,83 @@
+"""`import dexnudge as dn`: every public name is there, and nothing heavy is loaded before it is used."""
+
+import ast
+import subprocess
+import sys
+from pathlib import Path
+
+import numpy as np
+import pytest
+import trimesh
+
+import dexnudge as dn
+
+HEAVY = ("torch", "warp", "trimesh", "mujoco", "scipy", "numpy")
+
+
+def test_every_public_name_is_there():
+    for name in dn.__all__:
+        assert getattr(dn, name) is not None
+    assert dir(dn) == sorted(dn.__all__)
+    assert len(dn.__all__) == len(set(dn.__all__))
+    with pytest.raises(AttributeError, match="module 'dexnudge' has no attribute 'nothing'"):
+        dn.nothing  # noqa: B018
+
+
+def test_type_checkers_see_the_names_where_they_are_found():
+    assert dn.__file__ is not None
+    tree = ast.parse(Path(dn.__file__).read_text(encoding="utf-8"))
+    seen = {
+        alias.name: node.module
+        for node in ast.walk(tree)
+        if isinstance(node, ast.ImportFrom) and node.module and node.module.startswith("dexnudge.")
+        for alias in node.names
+    }
+    assert set(seen) == set(dn.__all__) - {"__version__"}
+    for name, module in seen.items():
+        assert getattr(dn, name) is getattr(sys.modules[module], name)
+
+
+def test_importing_it_loads_nothing_heavy():
+    code = f"import sys, dexnudge; print([name for name in {HEAVY} if name in sys.modules])"
+    done = subprocess.run([sys.executable, "-c", code], capture_output=True, text=True, check=True)
+    assert done.stdout.strip() == "[]"
+
+
+def test_a_scene_takes_a_name_a_file_or_a_mesh(tmp_path):
+    by_name = dn.build_scene("table", "phone", seed=3)
+    by_name.object_mesh.export(tmp_path / "phone.stl")
+    for given in (dn.builtin_object("phone"), tmp_path / "phone.stl", str(tmp_path / "phone.stl")):
+        other = dn.build_scene("table", given, seed=3)
+        np.testing.assert_allclose(other.T_world_object, by_name.T_world_object, atol=1e-5)
+    assert "table" in dn.scene_families()
+
+
+def test_a_scene_in_surroundings_of_ones_own(tmp_path):
+    trimesh.creation.box((150, 70, 10)).export(tmp_path / "phone.stl")
+    trimesh.creation.box(bounds=[[-500, -500, -20], [500, 500, 0]]).export(tmp_path / "kitchen.ply")
+    pose = np.eye(4)
+    pose[2, 3] = 0.005
+    scene = dn.Scene.from_files(
+        tmp_path / "phone.stl",
+        environment=tmp_path / "kitchen.ply",
+        object_pose=pose,
+        motion=[2, 0, 0],
+        motion_length=0.12,
+        units="mm",
+        mass=0.2,
+    )
+    np.testing.assert_allclose(scene.object_mesh.extents, [0.15, 0.07, 0.01])
+    np.testing.assert_allclose(scene.motion, [1, 0, 0])
+    assert (scene.mass, scene.motion_length) == (0.2, 0.12)
+    assert repr(scene).startswith(
+        "Scene 'user': object 150 x 70 x 10 mm, 200 g, to slide 120 mm along (1.00, 0.00, 0.00)"
+    )
+    pose[2, 3] = 0.0
+    with pytest.raises(dn.SceneError, match="already penetrates the object"):
+        dn.Scene.from_files(
+            tmp_path / "phone.stl", environment=tmp_path / "kitchen.ply", object_pose=pose, motion=[1, 0, 0], units="mm"
+        )
+
+
+def test_what_a_hand_says_of_itself(boxy_hand):
+    assert repr(boxy_hand) == "Hand 'boxy': 4 joints, 5 links, digits a, b, 1 couplings"
