@@ -36,8 +36,7 @@ if TYPE_CHECKING:
     from dexnudge.results.samples import Sample, Samples, load_samples
     from dexnudge.sampling.sampler import Sampler
     from dexnudge.scenes.families import build_scene, scene_families
-    from dexnudge.scenes.files import load_scene
-    from dexnudge.scenes.scene import Scene
+    from dexnudge.scenes.scene import Scene, load_scene
     from dexnudge.verification.verdicts import Verdicts, verify
 
 __version__ = "0.6.0"
@@ -97,8 +96,7 @@ _MODULES = {
     "results.samples": ("Sample", "Samples", "load_samples"),
     "sampling.sampler": ("Sampler",),
     "scenes.families": ("build_scene", "scene_families"),
-    "scenes.files": ("load_scene",),
-    "scenes.scene": ("Scene",),
+    "scenes.scene": ("Scene", "load_scene"),
     "verification.verdicts": ("Verdicts", "verify"),
 }
 

@@ -102,7 +102,7 @@ def test_tie_turns_both_joints_of_a_tendon_to_their_mean_and_no_other():
     angles = lower + (upper - lower) * torch.rand(30, LITE.num_joints, generator=generator)
     q = torch.cat([torch.randn(30, 9, generator=generator), angles], dim=1)
     before = q.clone()
-    found = LITE.tie(q)
+    found = LITE.equalise_tendon_joints(q)
     assert torch.equal(q, before)
     coupled = 9 + LITE.coupled_indices
     assert len(coupled)

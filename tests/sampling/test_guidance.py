@@ -307,7 +307,7 @@ def test_descent_lowers_the_energy_of_the_clean_estimate(make_step, prior, hand,
 
 
 def test_steps_shrink_where_the_energy_is_negligible(make_step, prior, hand, starts):
-    clean = hand.tie(starts[:BATCH])  # descent ties
+    clean = hand.equalise_tendon_joints(starts[:BATCH])  # as descent does
     travelled = []
     for rule in (CleanDescent(negligible=1.0e9), CleanDescent(negligible=1.0e-12)):
         x = rule(make_step(use=Knowing(prior, clean), t=20, t_previous=-1))

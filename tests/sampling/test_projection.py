@@ -40,7 +40,9 @@ def guiding_depth(hand, problem, q):
 def test_it_gets_hands_out_of_what_they_penetrate(hand, problem, starts, projected):
     q, report = projected
     after = guiding_depth(hand, problem, q)
-    torch.testing.assert_close(report.depth_before, guiding_depth(hand, problem, hand.tie(starts)), atol=1e-5, rtol=0)
+    torch.testing.assert_close(
+        report.depth_before, guiding_depth(hand, problem, hand.equalise_tendon_joints(starts)), atol=1e-5, rtol=0
+    )
     assert float(report.depth_before.mean()) > 0.003, "otherwise there is nothing to do"
     assert float(after.mean()) < 0.2 * float(report.depth_before.mean())
     assert (after <= CONFIG.depth_tolerance + 1e-6)[report.converged].all()
@@ -88,7 +90,7 @@ def test_what_is_converged_already_is_left_alone(hand, problem, projected):
 
 def test_the_report_counts_what_happened(hand, projected, starts):
     q, report = projected
-    travelled = (hand.keypoints(q) - hand.keypoints(hand.tie(starts))).norm(dim=2).mean(dim=1)
+    travelled = (hand.keypoints(q) - hand.keypoints(hand.equalise_tendon_joints(starts))).norm(dim=2).mean(dim=1)
     torch.testing.assert_close(report.moved, travelled)
     assert (report.iterations <= CONFIG.max_steps).all()
     assert (report.iterations[~report.converged] == CONFIG.max_steps).all()

@@ -6,9 +6,10 @@ import trimesh
 from scipy.spatial import ConvexHull, cKDTree
 
 from dexnudge.errors import SceneError, UnknownNameError
+from dexnudge.geometry.overlap import deepest_overlap
 from dexnudge.objects.builtin import builtin_object
 from dexnudge.scenes.families import SCENE_FAMILIES, build_scene
-from dexnudge.scenes.scene import Scene, deepest_overlap
+from dexnudge.scenes.scene import Scene
 
 OBJECTS = ["phone", "phone-003", "remote-003", "remote-201", "book-200", "box-004"]
 SEEDS = range(2)

@@ -82,11 +82,12 @@ def test_a_link_out_of_the_folder_is_refused(folder, tmp_path_factory):
         ({"object_mesh": 3}, "object_mesh is 3; expected a path relative to the folder of scene.json"),
         ({"motion": [0, 0, 0]}, "motion is (0, 0, 0); expected a finite direction that is not zero, such as (1, 0, 0)"),
         ({"T_world_object": [[1, 0], [0, 1]]}, "T_world_object has shape (2, 2); expected (4, 4)"),
-        ({"mass": -1}, "mass is -1.0; expected a finite number > 0"),
+        ({"mass": 10**400}, "{path}: mass is above 1e+06; expected a number of an object and a scene"),
+        ({"mass": -1}, "`mass` is -1.0; expected a finite number > 0"),
     ],
 )
 def test_wrong_values(folder, changes, expected):
-    assert rewritten(folder, **changes) == expected
+    assert rewritten(folder, **changes) == expected.replace("{path}", str(folder / "scene.json"))
 
 
 def test_wrong_kinds_of_values(folder):

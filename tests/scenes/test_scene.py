@@ -7,7 +7,8 @@ import pytest
 import trimesh
 
 from dexnudge.errors import SceneError
-from dexnudge.scenes.scene import Scene, rigid_transform, unit_motion
+from dexnudge.scenes.poses import rigid_transform, unit_motion
+from dexnudge.scenes.scene import Scene
 
 
 @pytest.fixture
@@ -55,10 +56,17 @@ def test_poses_that_are_not_rigid():
 
     mirrored, scaled, projective = np.diag([1.0, 1, -1, 1]), np.diag([2.0, 2, 2, 1]), np.eye(4)
     projective[3, 0] = 0.5
-    ending = "expected a rotation (tolerance 1e-05, det 1) and last row [0, 0, 0, 1]; scale the mesh, not the pose"
+    expected = "expected a rotation (tolerance 0.001, det 1) and last row [0, 0, 0, 1]; "
+    ending = expected + "scale the mesh, not the pose"
+    projective[0, 3] = 0.1
+    transposed = np.eye(4)
+    transposed[3, 0] = 0.5
     assert message_of(mirrored) == (
-        "T_world_object is not a rigid transform: |R^T R - I| = 0, det R = -1, last row [0.0, 0.0, 0.0, 1.0]; " + ending
+        "T_world_object is not a rigid transform: |R^T R - I| = 0, det R = -1, last row [0.0, 0.0, 0.0, 1.0]; "
+        + expected
+        + "it mirrors: was it written in a left-handed frame?"
     )
+    assert message_of(transposed).endswith("; transposed? the translation belongs into the last column")
     assert message_of(scaled) == (
         "T_world_object is not a rigid transform: |R^T R - I| = 3, det R = 8, last row [0.0, 0.0, 0.0, 1.0]; " + ending
     )
@@ -73,10 +81,11 @@ def test_poses_that_are_not_rigid():
 @pytest.mark.parametrize(
     ("changes", "expected"),
     [
-        ({"mass": 0.0}, "mass is 0.0; expected a finite number > 0"),
-        ({"friction_hand": -0.1}, "friction_hand is -0.1; expected a finite number >= 0"),
-        ({"friction_environment": float("nan")}, "friction_environment is nan; expected a finite number >= 0"),
-        ({"motion_length": float("inf")}, "motion_length is inf; expected a finite number > 0"),
+        ({"mass": 0.0}, "`mass` is 0.0; expected a finite number > 0"),
+        ({"friction_hand": -0.1}, "`friction_hand` is -0.1; expected a finite number >= 0"),
+        ({"friction_environment": float("nan")}, "`friction_environment` is nan; expected a finite number >= 0"),
+        ({"motion_length": float("inf")}, "`motion_length` is inf; expected a finite number > 0"),
+        ({"friction_hand": 1e300}, "`friction_hand` is 1e+300; expected at most 1e+06"),
         ({"object_mesh": trimesh.Trimesh()}, "the object mesh of the scene is empty; expected at least one triangle"),
     ],
 )
@@ -84,6 +93,32 @@ def test_values_out_of_their_domain(scene, changes, expected):
     with pytest.raises(SceneError) as caught:
         dataclasses.replace(scene, **changes)
     assert str(caught.value) == expected
+
+
+@pytest.mark.parametrize("decimals", [3, 4, 5])
+def test_a_rounded_rotation_becomes_the_nearest_one(decimals):
+    turn = trimesh.transformations.rotation_matrix(0.6, [1, 2, 3])
+    found = rigid_transform(turn.round(decimals))
+    np.testing.assert_allclose(found[:3, :3].T @ found[:3, :3], np.eye(3), atol=2e-5)
+    np.testing.assert_allclose(found, turn.round(decimals), atol=10.0**-decimals)
+
+
+def test_an_object_that_touches_nothing_is_refused(scene):
+    def message_of(*position: float) -> str:
+        pose = scene.T_world_object.copy()
+        pose[:3, 3] = position
+        with pytest.raises(SceneError) as caught:
+            dataclasses.replace(scene, T_world_object=pose).validate()
+        return str(caught.value)
+
+    assert message_of(0, 0, 0.008) == (
+        "the object touches nothing: the nearest surface is 3.0 mm below it; expected at most 1 mm; "
+        "move the object by (0.0000, 0.0000, -0.0030) m"
+    )
+    assert message_of(100, 0, 5.0) == (
+        "the object touches nothing: the nearest surface is 99.6 m beside it; expected at most 1 mm; "
+        "is the pose in millimetres? give its position in metres: it would touch there"
+    )
 
 
 def test_surroundings_that_penetrate_the_object_are_refused(scene):

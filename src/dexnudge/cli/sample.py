@@ -207,12 +207,12 @@ class Sample:
             from dexnudge.scenes.families import build_scene
 
             return found.name, build_scene(self.scene, found.mesh, seed=self.seed, **self.physics.given())
-        from dexnudge.scenes.user import user_scene
+        from dexnudge.scenes.scene import Scene
 
         assert self.environment is not None
         assert self.object_pose is not None
         assert self.motion is not None
-        return found.name, user_scene(
+        return found.name, Scene.from_files(
             found.mesh,
             environment=self.environment,
             object_pose=self.object_pose,

@@ -38,7 +38,8 @@ class HandDescent:
     """Adam with one step size per kind of coordinate; every step ends inside limits and couplings.
 
     The second moment is kept per kind and sample, not per coordinate: a hand then moves along its gradient within a kind,
-    and a sample never feels its neighbours. With `tied` both joints of each tendon turn alike (see `Hand.tie`).
+    and a sample never feels its neighbours.
+    With `tied` both joints of each tendon turn alike (see `Hand.equalise_tendon_joints`).
     """
 
     def __init__(
@@ -79,7 +80,7 @@ def retract(hand: Hand, pose: HandPose, move: Float[Tensor, "batch tangent"], *,
     """
     rotation = rotation_vector_to_matrix(move[:, 3:6]) @ pose.rotation
     q = torch.cat([move.new_zeros(len(move), ROOT_COORDINATES), pose.joint_angles + move[:, 6:]], dim=1)
-    q = hand.tie(q) if tied else hand.clamp(q)
+    q = hand.equalise_tendon_joints(q) if tied else hand.clamp(q)
     return HandPose(pose.translation + move[:, :3], rotation, q[:, ROOT_COORDINATES:])
 
 

@@ -1,4 +1,4 @@
-"""The canonical frame of an object that lies on something: what the diffusion model and the optimiser work in."""
+"""Rotations, and the canonical frame of an object that lies on something."""
 
 import numpy as np
 import torch

@@ -159,7 +159,7 @@ class Hand:
             angles[:, follower] = torch.minimum(angles[:, follower], angles[:, leader])
         return torch.cat([q[:, :ROOT_COORDINATES], angles], dim=1)
 
-    def tie(self, q: Float[Tensor, "batch coordinates"]) -> Float[Tensor, "batch coordinates"]:
+    def equalise_tendon_joints(self, q: Float[Tensor, "batch coordinates"]) -> Float[Tensor, "batch coordinates"]:
         """`clamp`, then both joints of each tendon at their mean, within the limits of both.
 
         One tendon pulls on both with the same torque, but a force at the fingertip asks less of the outer joint, which gives

@@ -16,7 +16,6 @@ from dexnudge.jobs.provenance import machine, peak_memory_mb, versions
 from dexnudge.results.configurations import FILE, Configurations, load_configurations
 from dexnudge.results.samples import Samples
 from dexnudge.results.summary import count_draws, read_summary, write_summary
-from dexnudge.scenes.files import load_scene, save_scene
 from dexnudge.scenes.scene import Scene
 from dexnudge.verification.verdicts import Verdicts, contacts_of, verify
 
@@ -31,7 +30,7 @@ def write_inputs(folder: Path, scene: Scene, hand: Hand) -> tuple[Scene, Hand]:
     What is read back is what draws are verified with: then the verdicts are those of the files, rounding included, and
     `check` finds the same.
     """
-    save_scene(scene, folder)
+    scene.save(folder)
     export_hand(hand, folder / HAND_FOLDER)
     return read_inputs(folder)
 
@@ -42,7 +41,7 @@ def read_inputs(folder: Path) -> tuple[Scene, Hand]:
     Raises:
         InputError: a file is missing, damaged, or points outside the folder.
     """
-    return load_scene(folder), load_hand(str(folder / HAND_FOLDER / URDF_FILE))
+    return Scene.load(folder), load_hand(str(folder / HAND_FOLDER / URDF_FILE))
 
 
 def as_configurations(samples: Samples) -> Configurations:

@@ -142,7 +142,7 @@ def _chosen_coarse_hands(run: _Run, num: int) -> Float[Tensor, "num dimension"]:
 
 def _scene_energy(run: _Run, x: Float[Tensor, "particle dimension"]) -> Float[Tensor, " particle"]:
     """Energy of coarse hands in the scene [m^2], their force balance included."""
-    q = run.hand.tie(run.prior.denormalise(x))
+    q = run.hand.equalise_tendon_joints(run.prior.denormalise(x))
     energy = run.problem.hand_energy(run.hand, len(x), run.config.weights)
     tips = run.hand.fingertip_indices
     energy.contact_weight[:, tips] = 1.0

@@ -90,7 +90,7 @@ def project(
 ) -> tuple[Float[Tensor, "batch coordinates"], ProjectionReport]:
     """Return projected configurations (frame C) and the report; a hand that never satisfies all is returned as it ended."""
     batch = len(q)
-    q = hand.tie(q)
+    q = hand.equalise_tendon_joints(q)
     tips = hand.fingertip_indices
     energy = problem.hand_energy(hand, batch, config.weights)
     terms, settling = energy.terms, Settling(batch)

@@ -1,4 +1,4 @@
-"""Convex outlines in the plane: hulls, sweeps and the distance between two of them."""
+"""What scenes are built of: boxes and poses in space, convex outlines in the plane and the gap between two of them."""
 
 from __future__ import annotations
 
@@ -21,6 +21,9 @@ _FACES = np.array(
         [1, 3, 7], [1, 7, 5],  # x high
     ]
 )  # fmt: skip
+
+
+Outline = Float[np.ndarray, "_ 2"]
 
 
 def box(low: Sequence[float], high: Sequence[float], *, yaw: float = 0.0) -> trimesh.Trimesh:
@@ -54,9 +57,6 @@ def shift(x: float, y: float, z: float = 0.0) -> Float[np.ndarray, "4 4"]:
     pose = np.eye(4)
     pose[:3, 3] = x, y, z
     return pose
-
-
-Outline = Float[np.ndarray, "_ 2"]
 
 
 def outline_of(points: Float[np.ndarray, "_ 2"]) -> Outline:

@@ -12,36 +12,29 @@ import trimesh
 from dexnudge.errors import OutputError, SceneError
 from dexnudge.geometry.meshes import load_environment, load_mesh
 from dexnudge.jobs.provenance import recorded_versions
-from dexnudge.scenes.scene import Scene, rigid_transform, unit_motion
+from dexnudge.scenes.poses import read_json_object, rigid_transform, unit_motion
 
 SCENE_FILE, OBJECT_FILE, ENVIRONMENT_FILE = "scene.json", "object.obj", "environment.obj"
 MESH_DIGITS = 9  # decimals of a coordinate in metres: a nanometre
 NUMBERS = ("motion_length", "mass", "friction_hand", "friction_environment", "max_normal_force")
+LARGEST_NUMBER = 1e6  # of any physical number of a scene, in its SI unit; more overflows in products
 REQUIRED = ("object_mesh", "environment_mesh", "T_world_object", "motion", *NUMBERS)
 
 
-def save_scene(scene: Scene, folder: str | Path) -> Path:
-    """Write the three files into `folder`, made if need be; returns the path of scene.json.
+def write_scene(
+    values: dict[str, Any], folder: Path, *, object_mesh: trimesh.Trimesh, environment_mesh: trimesh.Trimesh
+) -> Path:
+    """Write the three files into `folder`, made if need be; return the path of scene.json.
 
     Raises:
         OutputError: the folder cannot be written.
     """
-    folder = Path(folder)
-    content = {
-        "object_mesh": OBJECT_FILE,
-        "environment_mesh": ENVIRONMENT_FILE,
-        "T_world_object": scene.T_world_object.tolist(),
-        "motion": scene.motion.tolist(),
-        **{key: float(getattr(scene, key)) for key in NUMBERS},
-        "scene": scene.name,
-        "parameters": _plain(scene.parameters),
-        "seed": scene.seed,
-        "versions": recorded_versions(),
-    }
+    content = {"object_mesh": OBJECT_FILE, "environment_mesh": ENVIRONMENT_FILE, **_plain(values)}
+    content["versions"] = recorded_versions()
     try:
         folder.mkdir(parents=True, exist_ok=True)
-        _write_obj(scene.object_mesh, folder / OBJECT_FILE, "object, metres, object frame")
-        _write_obj(scene.environment_mesh, folder / ENVIRONMENT_FILE, "environment, metres, world frame, z up")
+        _write_obj(object_mesh, folder / OBJECT_FILE, "object, metres, object frame")
+        _write_obj(environment_mesh, folder / ENVIRONMENT_FILE, "environment, metres, world frame, z up")
         path = folder / SCENE_FILE
         path.write_text(json.dumps(content, indent=2, allow_nan=False) + "\n", encoding="utf-8")
     except OSError as error:
@@ -52,15 +45,14 @@ def save_scene(scene: Scene, folder: str | Path) -> Path:
     return path
 
 
-def load_scene(folder: str | Path) -> Scene:
-    """Read what `save_scene` wrote, trusting nothing in it.
+def read_scene(folder: Path) -> dict[str, Any]:
+    """Read the fields of `Scene` from what `write_scene` wrote, trusting nothing in it.
 
     Raises:
         SceneError: a file is missing, the JSON is malformed, a key is missing, a path is absolute or leaves the
-            folder, or a value is out of its domain.
+            folder, or a value is of another kind.
         MeshError: a mesh cannot be used.
     """
-    folder = Path(folder)
     path = folder / SCENE_FILE
     content = read_json_object(path)
     missing = [key for key in REQUIRED if key not in content]
@@ -69,38 +61,23 @@ def load_scene(folder: str | Path) -> Scene:
     for key in NUMBERS:
         if isinstance(content[key], bool) or not isinstance(content[key], int | float):
             raise SceneError(f"{path}: {key} is {content[key]!r}; expected a number")
+        if abs(content[key]) > LARGEST_NUMBER:  # also an integer of hundreds of digits
+            raise SceneError(f"{path}: {key} is above {LARGEST_NUMBER:g}; expected a number of an object and a scene")
     parameters, seed = content.get("parameters", {}), content.get("seed")
     if not isinstance(parameters, dict):
         raise SceneError(f"{path}: parameters is {parameters!r}; expected an object of names and values")
     if seed is not None and (isinstance(seed, bool) or not isinstance(seed, int)):
         raise SceneError(f"{path}: seed is {seed!r}; expected an integer or null")
-    return Scene(
-        object_mesh=load_mesh(_inside(folder, content["object_mesh"], "object_mesh")),
-        environment_mesh=load_environment(_inside(folder, content["environment_mesh"], "environment_mesh")),
-        T_world_object=rigid_transform(content["T_world_object"]),
-        motion=unit_motion(content["motion"]),
-        name=str(content.get("scene", "user")),
-        parameters=parameters,
-        seed=seed,
+    return {
+        "object_mesh": load_mesh(_inside(folder, content["object_mesh"], "object_mesh")),
+        "environment_mesh": load_environment(_inside(folder, content["environment_mesh"], "environment_mesh")),
+        "T_world_object": rigid_transform(content["T_world_object"]),
+        "motion": unit_motion(content["motion"]),
+        "name": str(content.get("scene", "user")),
+        "parameters": parameters,
+        "seed": seed,
         **{key: float(content[key]) for key in NUMBERS},
-    )
-
-
-def read_json_object(path: Path) -> dict[str, Any]:
-    """The JSON object in a file.
-
-    Raises:
-        SceneError: missing, unreadable, malformed, not an object, or with NaN or infinity in it.
-    """
-    if not path.is_file():
-        raise SceneError(f"{path}: no such file; expected a JSON file")
-    try:
-        content = json.loads(path.read_text(encoding="utf-8"), parse_constant=_refuse_constant)
-    except (ValueError, OSError, RecursionError) as error:
-        raise SceneError(f"{path}: cannot be read as JSON ({error}); the file is truncated or damaged") from error
-    if not isinstance(content, dict):
-        raise SceneError(f"{path}: holds a JSON {type(content).__name__}; expected an object with named values")
-    return content
+    }
 
 
 def _inside(folder: Path, value: Any, key: str) -> Path:
@@ -133,7 +110,3 @@ def _plain(value: Any) -> Any:
     if isinstance(value, np.ndarray | np.generic):
         return value.tolist()
     return value
-
-
-def _refuse_constant(text: str) -> float:
-    raise ValueError(f"{text} is not a JSON number")

@@ -1,4 +1,4 @@
-"""`slot`: as `layers`, with hardly any room above and little exposed."""
+"""`layers`: between two boards, partly exposed, to be pulled out; `slot`: the same with no room for a finger."""
 
 from __future__ import annotations
 
@@ -15,11 +15,18 @@ BOARD = 0.02  # [m] thickness
 SIDE_ROOM = 0.25  # [m] by which the boards are wider than the object: a shelf, not a plank
 GAP = (0.010, 0.030)  # [m] from the object's top to the upper board
 EXPOSED = (0.20, 0.50)  # of the object's length, in front of the upper board
+SLOT_GAP = (0.003, 0.008)  # [m] from the object's top to the upper board: no finger fits in
+SLOT_EXPOSED = (0.10, 0.20)  # of the object's length
 
 
 def layers(mesh: trimesh.Trimesh, generator: np.random.Generator) -> Scene:
     """Upper board 10 to 30 mm above the object, 20 to 50 % of it exposed; motion +x, out."""
     return between_boards("layers", mesh, generator, gap=GAP, exposed=EXPOSED)
+
+
+def slot(mesh: trimesh.Trimesh, generator: np.random.Generator) -> Scene:
+    """Upper board 3 to 8 mm above the object, 10 to 20 % of it exposed; motion +x, out."""
+    return between_boards("slot", mesh, generator, gap=SLOT_GAP, exposed=SLOT_EXPOSED)
 
 
 def between_boards(
@@ -57,12 +64,3 @@ def between_boards(
     return Scene(
         mesh, environment, lying.at(-length / 2, 0.0), np.array([1.0, 0.0, 0.0]), name=name, parameters=parameters
     )
-
-
-SLOT_GAP = (0.003, 0.008)  # [m] from the object's top to the upper board: no finger fits in
-SLOT_EXPOSED = (0.10, 0.20)  # of the object's length
-
-
-def slot(mesh: trimesh.Trimesh, generator: np.random.Generator) -> Scene:
-    """Upper board 3 to 8 mm above the object, 10 to 20 % of it exposed; motion +x, out."""
-    return between_boards("slot", mesh, generator, gap=SLOT_GAP, exposed=SLOT_EXPOSED)

@@ -13,36 +13,11 @@ import trimesh
 from jaxtyping import Float
 
 from dexnudge.errors import SceneError
-from dexnudge.geometry.exact_distance import ExactDistance
-from dexnudge.geometry.surface_lattice import Boxes, lattice_in_boxes
-
-SPACING = 0.003  # [m] between the points that are tested
-MARGIN = 1e-6  # [m] around the bounds, so that rounding drops no point on them
-
-
-def deepest_overlap(first: trimesh.Trimesh, second: trimesh.Trimesh) -> tuple[float, Float[np.ndarray, "3"]]:
-    """Largest depth [m] of a point of one mesh inside the other, and that point; 0 and a point where they are apart.
-
-    Both ways: evenly spread points of each mesh, its corners and edges among them, against the other's exact distance.
-    """
-    depth, where = 0.0, np.asarray(first.vertices[0], dtype=np.float64)
-    for points_of, inside_of in ((first, second), (second, first)):
-        points = _points_near(points_of, inside_of.bounds)
-        if len(points) == 0:
-            continue
-        distance = ExactDistance(inside_of)(points).distance
-        deepest = int(np.argmin(distance))
-        if -distance[deepest] > depth:
-            depth, where = float(-distance[deepest]), points[deepest]
-    return depth, where
-
-
-def _points_near(mesh: trimesh.Trimesh, bounds: Float[np.ndarray, "2 3"]) -> Float[np.ndarray, "n 3"]:
-    """Points of the mesh within the bounds, corners and edges among them."""
-    centre, half = bounds.mean(axis=0), np.ptp(bounds, axis=0) / 2 + MARGIN
-    box = Boxes(centre=centre[None], axes=np.eye(3)[None], half=half[None])
-    return lattice_in_boxes(np.asarray(mesh.triangles), box, spacing=SPACING)[0]
-
+from dexnudge.geometry.meshes import load_environment
+from dexnudge.geometry.overlap import deepest_overlap, way_to_surface
+from dexnudge.objects.sets import object_mesh
+from dexnudge.scenes.files import LARGEST_NUMBER, NUMBERS, read_scene, write_scene
+from dexnudge.scenes.poses import load_pose, rigid_transform, unit_motion
 
 FRICTION_HAND = 0.8  # rubber fingertip on plastic
 FRICTION_ENVIRONMENT = 0.4  # plastic on painted wood
@@ -50,7 +25,8 @@ MASS = 0.15  # [kg] a phone or a remote
 MAX_NORMAL_FORCE = 5.0  # [N] per digit link; what a tendon-driven finger holds continuously
 MOTION_LENGTH = 0.10  # [m]
 INITIAL_PENETRATION_LIMIT = 1e-3  # [m] the limit that a configuration must keep, applied to the scene itself
-RIGID_TOLERANCE = 1e-5  # on R^T R - I; poses typed by hand carry six digits
+SUPPORT_LIMIT = 1e-3  # [m] farther from the surroundings than this nothing carries the object
+UNITS = {"millimetres": 0.001, "centimetres": 0.01, "inches": 0.0254}  # [m] that a position may be in by mistake
 
 
 @dataclass(frozen=True, eq=False, repr=False)
@@ -106,19 +82,6 @@ class Scene:
         mesh.apply_transform(self.T_world_object)
         return mesh
 
-    def save(self, folder: str | Path) -> Path:
-        """Write scene.json, object.obj and environment.obj into a folder; see `files.save_scene`."""
-        from dexnudge.scenes.files import save_scene
-
-        return save_scene(self, folder)
-
-    @classmethod
-    def load(cls, folder: str | Path) -> Scene:
-        """Read a folder that `save` wrote; see `files.load_scene`."""
-        from dexnudge.scenes.files import load_scene
-
-        return load_scene(folder)
-
     @classmethod
     def from_files(
         cls,
@@ -136,7 +99,8 @@ class Scene:
         Args:
             object: mesh file in `units`, name of a built-in object, or a mesh in metres; object frame.
             environment: mesh file in `units`, or a mesh in metres; world frame, z up.
-            object_pose: T_world_object, or a JSON file with it; metres, whatever `units` says.
+            object_pose: T_world_object, or a JSON file with it or with "position" and "quaternion_wxyz"; metres, whatever
+                `units` says.
             motion: direction (3,) in the world that the object should slide in; normalised.
             units: of the numbers in the mesh files: m, cm, mm or in.
             length: scale the object so that its longest side has this length [m].
@@ -144,16 +108,48 @@ class Scene:
                 as above.
 
         Raises:
-            SceneError: a malformed pose, a zero motion, a number out of its domain, or an environment that already
-                penetrates the object by more than 1 mm.
+            SceneError: a malformed pose, a zero motion, a number out of its domain, or surroundings that penetrate
+                the object by more than 1 mm or do not touch it.
             MeshError: a mesh cannot be used.
             UnknownNameError: the object is neither a file nor a built-in one.
         """
-        from dexnudge.objects.sets import object_mesh
-        from dexnudge.scenes.user import user_scene
-
         mesh = object_mesh(object, units=units, length=length)
-        return user_scene(mesh, environment=environment, object_pose=object_pose, motion=motion, units=units, **physics)
+        if not isinstance(environment, trimesh.Trimesh):
+            environment = load_environment(environment, units=units)
+        pose = load_pose(object_pose) if isinstance(object_pose, str | Path) else rigid_transform(object_pose)
+        scene = cls(mesh, environment, pose, unit_motion(motion), **physics)
+        scene.validate()
+        return scene
+
+    def save(self, folder: str | Path) -> Path:
+        """Write scene.json, object.obj and environment.obj into `folder`, made if need be; return scene.json's path.
+
+        Raises:
+            OutputError: the folder cannot be written.
+        """
+        values: dict[str, Any] = {"T_world_object": self.T_world_object, "motion": self.motion}
+        values |= {key: float(getattr(self, key)) for key in NUMBERS}
+        values |= {"scene": self.name, "parameters": self.parameters, "seed": self.seed}
+        return write_scene(values, Path(folder), object_mesh=self.object_mesh, environment_mesh=self.environment_mesh)
+
+    @classmethod
+    def load(cls, folder: str | Path) -> Scene:
+        """Read a folder that `save` wrote, trusting nothing in it.
+
+        Raises:
+            SceneError: a file is missing or damaged, a path leaves the folder, or a value is out of its domain.
+            MeshError: a mesh cannot be used.
+        """
+        return cls(**read_scene(Path(folder)))
+
+    @property
+    def notes(self) -> list[str]:
+        """What was repaired or assumed when the meshes were read, a sentence each."""
+        return [
+            f"{label}: {note}"
+            for label, mesh in (("object", self.object_mesh), ("environment", self.environment_mesh))
+            for note in mesh.metadata.get("notes", ())
+        ]
 
     def __repr__(self) -> str:
         size = " x ".join(f"{1e3 * side:.0f}" for side in self.object_mesh.extents)
@@ -165,14 +161,15 @@ class Scene:
         )
 
     def validate(self) -> None:
-        """Refuse a scene whose surroundings already penetrate the object by more than 1 mm.
+        """Refuse a scene whose surroundings penetrate the object by more than 1 mm, or do not come within 1 mm of it.
 
         Both ways: points of the object inside the environment and points of the environment inside the object.
 
         Raises:
-            SceneError: naming the depth and where it is.
+            SceneError: naming the depth or the distance, where, and how to mend it.
         """
-        depth, point = deepest_overlap(self.object_in_world(), self.environment_mesh)
+        body = self.object_in_world()
+        depth, point = deepest_overlap(body, self.environment_mesh)
         if depth > INITIAL_PENETRATION_LIMIT:
             raise SceneError(
                 f"the environment already penetrates the object by {1e3 * depth:.1f} mm near "
@@ -180,47 +177,46 @@ class Scene:
                 f"{1e3 * INITIAL_PENETRATION_LIMIT:.0f} mm; move the object out along the surface that it rests on, "
                 "or check that both meshes are in metres"
             )
+        way = way_to_surface(body, self.environment_mesh)
+        distance = float(np.linalg.norm(way))
+        if distance > SUPPORT_LIMIT:
+            raise SceneError(
+                f"the object touches nothing: the nearest surface is {_length(distance)} {_direction(way)}; "
+                f"expected at most {1e3 * SUPPORT_LIMIT:.0f} mm; {self._how_to_touch(way)}"
+            )
+
+    def _how_to_touch(self, way: Float[np.ndarray, "3"]) -> str:
+        """Return what to do about an object that touches nothing: read its position in another unit, or move it."""
+        for unit, metres in UNITS.items():
+            moved = self.object_mesh.copy()
+            pose = self.T_world_object.copy()
+            pose[:3, 3] *= metres
+            moved.apply_transform(pose)
+            touching = np.linalg.norm(way_to_surface(moved, self.environment_mesh)) <= SUPPORT_LIMIT
+            if touching and deepest_overlap(moved, self.environment_mesh)[0] <= INITIAL_PENETRATION_LIMIT:
+                return f"is the pose in {unit}? give its position in metres: it would touch there"
+        way = way.round(4) + 0.0  # no -0.0000
+        return f"move the object by ({way[0]:.4f}, {way[1]:.4f}, {way[2]:.4f}) m"
 
 
-def rigid_transform(value: Any) -> Float[np.ndarray, "4 4"]:
-    """`value` as a float64 rigid transform; SceneError when it is not one."""
-    try:
-        pose = np.array(value, dtype=np.float64)
-    except (TypeError, ValueError) as error:
-        raise SceneError(f"T_world_object is not a matrix of numbers; expected 4 x 4 ({error})") from error
-    if pose.shape != (4, 4):
-        raise SceneError(f"T_world_object has shape {pose.shape}; expected (4, 4)")
-    if not np.isfinite(pose).all():
-        raise SceneError("T_world_object holds NaN or infinity; expected finite numbers")
-    rotation = pose[:3, :3]
-    skew = float(np.abs(rotation.T @ rotation - np.eye(3)).max())
-    if skew > RIGID_TOLERANCE or np.linalg.det(rotation) < 0 or np.abs(pose[3] - [0, 0, 0, 1]).max() > 0:
-        raise SceneError(
-            f"T_world_object is not a rigid transform: |R^T R - I| = {skew:.2g}, det R = {np.linalg.det(rotation):.3g}, "
-            f"last row {pose[3].tolist()}; expected a rotation (tolerance {RIGID_TOLERANCE:g}, det 1) and last row "
-            "[0, 0, 0, 1]; scale the mesh, not the pose"
-        )
-    return pose
+def load_scene(folder: str | Path) -> Scene:
+    """Read a folder that `Scene.save` wrote; see `Scene.load`."""
+    return Scene.load(folder)
 
 
-def unit_motion(value: Any) -> Float[np.ndarray, "3"]:
-    """`value` as a unit vector; SceneError when it is zero, not finite, or not three numbers."""
-    try:
-        motion = np.array(value, dtype=np.float64)
-    except (TypeError, ValueError) as error:
-        raise SceneError(f"motion is not a vector of numbers; expected three ({error})") from error
-    if motion.shape != (3,):
-        raise SceneError(f"motion has shape {motion.shape}; expected three numbers (dx, dy, dz)")
-    length = float(np.linalg.norm(motion))
-    if not np.isfinite(length) or length < 1e-9:
-        raise SceneError(
-            f"motion is ({motion[0]:g}, {motion[1]:g}, {motion[2]:g}); expected a finite direction that is not zero, "
-            "such as (1, 0, 0)"
-        )
-    return motion / length
+def _length(metres: float) -> str:
+    return f"{1e3 * metres:.1f} mm" if metres < 1 else f"{metres:.3g} m"
+
+
+def _direction(way: Float[np.ndarray, "3"]) -> str:
+    """Return "below", "above" or "beside"."""
+    steep = abs(way[2]) > np.linalg.norm(way[:2])
+    return "beside it" if not steep else "below it" if way[2] < 0 else "above it"
 
 
 def _check_number(label: str, value: object, *, minimum_excluded: bool) -> None:
     number = float(value) if isinstance(value, Real) else np.nan
     if not np.isfinite(number) or number < 0 or (minimum_excluded and number == 0):
-        raise SceneError(f"{label} is {value!r}; expected a finite number {'> 0' if minimum_excluded else '>= 0'}")
+        raise SceneError(f"`{label}` is {value!r}; expected a finite number {'> 0' if minimum_excluded else '>= 0'}")
+    if number > LARGEST_NUMBER:
+        raise SceneError(f"`{label}` is {number:g}; expected at most {LARGEST_NUMBER:g}")

@@ -1,4 +1,4 @@
-"""`deep`: as `shelf`, in a low cell and far behind the opening."""
+"""`shelf`: in a cell open in front, to be pulled out; `deep`: in a low cell, far behind the opening."""
 
 from __future__ import annotations
 
@@ -16,6 +16,8 @@ WIDTH = (0.28, 0.40)  # [m] inside
 HEIGHT = (0.16, 0.24)  # [m] inside
 LIP = 0.002  # [m] by which boards stand out over each other: no two boxes share a corner, so each stays closed
 FRONT_GAP = (0.010, 0.060)  # [m] from the opening back to the object's front end
+DEEP_HEIGHT = (0.12, 0.16)  # [m] inside
+DEEP_FRONT_GAP = (0.08, 0.18)  # [m] from the opening back to the object's front end
 YAW = np.radians(30.0)  # largest turn of the long side from the motion
 WALL_GAP = 0.005  # [m] least distance to the side and back walls
 HEAD_ROOM = 0.06  # [m] least height above the object: a finger is 20 mm thick
@@ -25,6 +27,11 @@ DRAWS = 20  # yaws tried before the object is laid straight, then across
 def shelf(mesh: trimesh.Trimesh, generator: np.random.Generator) -> Scene:
     """Cell 0.28-0.40 wide, 0.16-0.24 high; object 10 to 60 mm behind the front edge; motion +x, out."""
     return in_cell("shelf", mesh, generator, height=HEIGHT, front_gap=FRONT_GAP)
+
+
+def deep(mesh: trimesh.Trimesh, generator: np.random.Generator) -> Scene:
+    """Cell 0.12-0.16 high; object 0.08 to 0.18 m behind the front edge, as far as it fits; motion +x, out."""
+    return in_cell("deep", mesh, generator, height=DEEP_HEIGHT, front_gap=DEEP_FRONT_GAP)
 
 
 def in_cell(
@@ -93,12 +100,3 @@ def _first_that_fits(mesh: trimesh.Trimesh, yaws: list[float], width: float, fro
         if lying.size[0] <= DEPTH - front_gap - WALL_GAP and lying.size[1] <= width - 2 * WALL_GAP:
             return lying
     return None
-
-
-DEEP_HEIGHT = (0.12, 0.16)  # [m] inside
-DEEP_FRONT_GAP = (0.08, 0.18)  # [m] from the opening back to the object's front end
-
-
-def deep(mesh: trimesh.Trimesh, generator: np.random.Generator) -> Scene:
-    """Cell 0.12-0.16 high; object 0.08 to 0.18 m behind the front edge, as far as it fits; motion +x, out."""
-    return in_cell("deep", mesh, generator, height=DEEP_HEIGHT, front_gap=DEEP_FRONT_GAP)

@@ -71,7 +71,8 @@ def descend_to_grasp(
 ) -> Float[Tensor, "batch coordinates"]:
     """A batch of grasps q in the frame of the object's mesh, at the end of the descent, checked by nobody yet.
 
-    Joints that share a tendon turn alike: under load a tendon-driven finger comes to rest there, see `Hand.tie`.
+    Joints that share a tendon turn alike: under load a tendon-driven finger comes to rest there,
+    see `Hand.equalise_tendon_joints`.
     """
     targets = opposing_targets(hand, surface, centre_of_mass, config.batch, generator)
     energy = HandEnergy(hand, fields, config.batch, config.weights)
@@ -135,7 +136,7 @@ def opposing_pose(hand: Hand, targets: GraspTargets, generator: np.random.Genera
     count = len(places)
     q = torch.zeros(count, 9 + hand.num_joints)
     q[:, 3], q[:, 7], q[:, 9:] = 1.0, 1.0, random_joint_angles(hand, count, generator)
-    q = hand.tie(q)
+    q = hand.equalise_tendon_joints(q)
     tips = hand.keypoints(q).numpy().astype(np.float64)
     rotation, translation = np.zeros((count, 3, 3)), np.zeros((count, 3))
     for item in range(count):

@@ -8,7 +8,8 @@ import trimesh
 
 from dexnudge.errors import SceneError
 from dexnudge.objects.builtin import builtin_object
-from dexnudge.scenes.user import load_pose, user_scene
+from dexnudge.scenes.poses import load_pose
+from dexnudge.scenes.scene import Scene
 
 
 @pytest.fixture
@@ -29,7 +30,7 @@ def test_files_in_millimetres_and_a_pose_in_metres(slab, tmp_path):
     phone = builtin_object("phone")
     pose = np.eye(4)
     pose[:3, 3] = [0.1, 0.2, 0.005]
-    scene = user_scene(
+    scene = Scene.from_files(
         phone,
         environment=slab,
         object_pose=posed(tmp_path, {"T_world_object": pose.tolist()}),
@@ -77,11 +78,15 @@ def test_malformed_poses_are_named(tmp_path):
 def test_surroundings_inside_the_object_are_refused(slab):
     pose = np.eye(4)
     with pytest.raises(SceneError, match=r"the environment already penetrates the object by \d\.\d mm near"):
-        user_scene(builtin_object("phone"), environment=slab, object_pose=pose, motion=(1.0, 0.0, 0.0), units="mm")
+        Scene.from_files(
+            builtin_object("phone"), environment=slab, object_pose=pose, motion=(1.0, 0.0, 0.0), units="mm"
+        )
 
 
 def test_a_zero_motion_is_refused(slab):
     pose = np.eye(4)
     pose[2, 3] = 0.005
     with pytest.raises(SceneError, match="motion is"):
-        user_scene(builtin_object("phone"), environment=slab, object_pose=pose, motion=(0.0, 0.0, 0.0), units="mm")
+        Scene.from_files(
+            builtin_object("phone"), environment=slab, object_pose=pose, motion=(0.0, 0.0, 0.0), units="mm"
+        )

@@ -4,7 +4,7 @@ import numpy as np
 import pytest
 import trimesh
 
-from dexnudge.scenes.scene import deepest_overlap
+from dexnudge.geometry.overlap import deepest_overlap
 
 
 def block(centre, size) -> trimesh.Trimesh:

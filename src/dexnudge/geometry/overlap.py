@@ -1,0 +1,56 @@
+"""How deep two meshes stand in each other, and how far apart they are."""
+
+from __future__ import annotations
+
+import numpy as np
+import trimesh
+from jaxtyping import Float
+
+from dexnudge.geometry.exact_distance import ExactDistance
+from dexnudge.geometry.surface_lattice import Boxes, lattice_in_boxes
+
+SPACING = 0.003  # [m] between the points that are tested
+MARGIN = 1e-6  # [m] around the bounds, so that rounding drops no point on them
+
+
+def deepest_overlap(first: trimesh.Trimesh, second: trimesh.Trimesh) -> tuple[float, Float[np.ndarray, "3"]]:
+    """Return the largest depth [m] of a point of one mesh inside the other, and that point; 0 where they are apart.
+
+    Both ways: evenly spread points of each mesh, its corners and edges among them, against the other's exact distance.
+    """
+    depth, where = 0.0, np.asarray(first.vertices[0], dtype=np.float64)
+    for points_of, inside_of in ((first, second), (second, first)):
+        points = _points_near(points_of, inside_of.bounds)
+        if len(points) == 0:
+            continue
+        distance = ExactDistance(inside_of)(points).distance
+        deepest = int(np.argmin(distance))
+        if -distance[deepest] > depth:
+            depth, where = float(-distance[deepest]), points[deepest]
+    return depth, where
+
+
+def way_to_surface(body: trimesh.Trimesh, surroundings: trimesh.Trimesh) -> Float[np.ndarray, "3"]:
+    """Return the shortest vector [m] from a point of `body` to the surface of `surroundings`, or the other way round.
+
+    Between points 3 mm apart and the exact surface: too long by less than 1 mm, and exact between parallel faces.
+    """
+    shortest = np.full(3, np.inf)
+    grown = body.bounds + np.array([[-1.0], [1.0]]) * body.extents.max()
+    for points, surface, sign in (
+        (_points_near(body, body.bounds), surroundings, 1.0),
+        (_points_near(surroundings, grown), body, -1.0),
+    ):
+        if len(points):
+            hit = ExactDistance(surface).to_surface(points)
+            nearest = int(np.argmin(hit.distance))
+            way = sign * (hit.closest[nearest] - points[nearest])
+            shortest = min(shortest, way, key=lambda vector: float(np.linalg.norm(vector)))
+    return shortest
+
+
+def _points_near(mesh: trimesh.Trimesh, bounds: Float[np.ndarray, "2 3"]) -> Float[np.ndarray, "n 3"]:
+    """Return points of the mesh within the bounds, corners and edges among them."""
+    centre, half = bounds.mean(axis=0), np.ptp(bounds, axis=0) / 2 + MARGIN
+    box = Boxes(centre=centre[None], axes=np.eye(3)[None], half=half[None])
+    return lattice_in_boxes(np.asarray(mesh.triangles), box, spacing=SPACING)[0]
