@@ -1,15 +1,15 @@
-"""A film whose every number is known."""
+"""A recording whose every number is known."""
 
 import numpy as np
 import pytest
 import trimesh
 
-from dexnudge.viewer.recording import Curve, Film
+from dexnudge.viewer.recording import Curve, Recording
 from dexnudge.viewer.visual_scene import Part, VisualScene
 
 
 @pytest.fixture(scope="session")
-def film() -> Film:
+def recording() -> Recording:
     """A block that rests for 1 s, then slides 100 mm along x in 1 s and turns by 0.1 rad; 41 moments.
 
     A fingertip follows 80 mm behind it; the arrow is there up to 1.5 s.
@@ -36,4 +36,4 @@ def film() -> Film:
         ),
         "force": (Curve("normal", "N", np.where(time < 0.99, np.nan, 3.0 + time)),),
     }
-    return Film(frames, time, ["wait" if now < 0.99 else "push" for now in time], charts, "block", "success")
+    return Recording(frames, time, ["wait" if now < 0.99 else "push" for now in time], charts, "block", "success")

@@ -1,7 +1,8 @@
 import numpy as np
 import trimesh
 
-from dexnudge.viewer.ray_scene import CREASE_ANGLE, corner_normals
+from dexnudge.viewer.ray_scene import corner_normals
+from dexnudge.viewer.visual_scene import CREASE_ANGLE
 
 
 def naive_corner_normals(mesh):

@@ -11,7 +11,7 @@ from dexnudge.errors import InputError, OutputError
 from dexnudge.hands.shadow_lite import shadow_lite
 from dexnudge.scenes.scene import Scene
 from dexnudge.viewer.page import Figures, write_page
-from dexnudge.viewer.visual_scene import Part, VisualScene, drawings
+from dexnudge.viewer.visual_scene import Part, VisualScene, visual_scenes
 
 HOSTILE = "</script><script>alert(1)</script><img src=x onerror=alert(2)> & \"q\" 'r' $title"
 
@@ -59,7 +59,7 @@ def shown():
     scene = Scene(trimesh.creation.box((0.15, 0.07, 0.02)), slab, np.eye(4), np.array([1.0, 0, 0]))
     rng = np.random.default_rng(0)
     q = np.concatenate([rng.normal(size=(32, 9)), rng.uniform(hand.lower, hand.upper, (32, hand.num_joints))], axis=1)
-    return drawings(scene, hand, q, contacts=[np.full((index % 3, 3), 0.01 * index) for index in range(32)])
+    return visual_scenes(scene, hand, q, contacts=[np.full((index % 3, 3), 0.01 * index) for index in range(32)])
 
 
 @pytest.fixture(scope="module")
@@ -114,7 +114,7 @@ def test_table_holds_the_numbers_verified_ones_first(page, figures):
         assert row[6] == ", ".join(own.contact_links)
 
 
-def test_poses_and_contacts_are_those_of_the_drawings(page, shown):
+def test_poses_and_contacts_are_those_of_the_configurations(page, shown):
     data, rows = page.data, page.rows[1:]
     assert len(data["configurations"]) == len(rows) == 32
     for entry, row in zip(data["configurations"], rows, strict=True):
@@ -134,7 +134,7 @@ def test_meshes_are_stored_once_and_the_page_is_small(page, shown, figures, tmp_
 def test_hostile_names_are_shown_and_not_run(shown, figures, tmp_path):
     own = Figures(False, {HOSTILE: 1.0}, (HOSTILE,), HOSTILE)
     parts = (Part(HOSTILE, "object", trimesh.creation.box((0.1, 0.1, 0.1)), np.eye(4)),)
-    hostile = VisualScene(parts, np.zeros((0, 3)), np.array([1.0, 0, 0]), title=HOSTILE)
+    hostile = VisualScene(parts, np.zeros((0, 3)), np.array([1.0, 0, 0]))
     page = Parsed(write_page([hostile], tmp_path / "x.html", title=HOSTILE, figures=[own], subtitle=HOSTILE))
     assert page.texts["title"].strip() == HOSTILE
     assert page.texts["h1"].strip() == HOSTILE
@@ -165,7 +165,7 @@ def test_what_does_not_fit_together_is_refused(shown, figures, tmp_path):
     with pytest.raises(InputError, match="figures of 1 configurations were given for 2"):
         write_page(shown[:2], path, title="", figures=figures[:1])
     other = VisualScene(shown[0].parts[:3], np.zeros((0, 3)), shown[0].motion)
-    with pytest.raises(InputError, match="drawing 1 shows other bodies than drawing 0"):
+    with pytest.raises(InputError, match="visual scene 1 shows other bodies than scene 0"):
         write_page([shown[0], other], path, title="", figures=figures[:2])
     assert not path.exists()
     with pytest.raises(OutputError, match="cannot be written"):

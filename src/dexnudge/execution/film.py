@@ -15,10 +15,10 @@ from dexnudge.simulation.drive import PHASES, SETTLE
 from dexnudge.simulation.episode import Trace
 from dexnudge.simulation.push import PushRun
 from dexnudge.simulation.push_model import PushModel
-from dexnudge.viewer.film_page import write_film_page
-from dexnudge.viewer.film_picture import write_pictures
-from dexnudge.viewer.recording import Curve, Film
-from dexnudge.viewer.visual_scene import VisualScene, drawings
+from dexnudge.viewer.page import write_recording_page
+from dexnudge.viewer.recording import Curve, Recording
+from dexnudge.viewer.recording_picture import write_recording_pictures
+from dexnudge.viewer.visual_scene import VisualScene, visual_scenes
 
 PAGE_FILE, STRIP_FILE, ANIMATION_FILE = "film.html", "film.png", "film.gif"
 FILES = (PAGE_FILE, STRIP_FILE, ANIMATION_FILE)
@@ -69,7 +69,7 @@ def read_trace(path: Path) -> FilmTrace:
     return FilmTrace(phase=phase, **arrays)
 
 
-def film_of_trace(scene: Scene, push: PushModel, trace: FilmTrace, *, title: str = "", subtitle: str = "") -> Film:
+def film_of_trace(scene: Scene, push: PushModel, trace: FilmTrace, *, title: str = "", subtitle: str = "") -> Recording:
     """The film of a run of `push`, with how far the object went and turned since it came to rest at the start.
 
     The arrow of the motion is shown until the first phase that is none of a push.
@@ -93,22 +93,22 @@ def film_of_trace(scene: Scene, push: PushModel, trace: FilmTrace, *, title: str
     frames = [
         _moment(frame, pose, moving=index < pushing)
         for index, (frame, pose) in enumerate(
-            zip(drawings(scene, push.hand, push.configurations(trace.qpos)), poses, strict=True)
+            zip(visual_scenes(scene, push.hand, push.configurations(trace.qpos)), poses, strict=True)
         )
     ]
-    return Film(frames, trace.time, trace.phase, charts, title, subtitle)
+    return Recording(frames, trace.time, trace.phase, charts, title, subtitle)
 
 
-def write_film(film: Film, folder: Path, *, pictures: bool = True) -> None:
+def write_film(film: Recording, folder: Path, *, pictures: bool = True) -> None:
     """Write the page and, unless `pictures` is off, the strip and the animation into a folder, made where it is missing.
 
     Raises:
         OutputError: a file cannot be written.
     """
     folder.mkdir(parents=True, exist_ok=True)
-    write_film_page(film, folder / PAGE_FILE)
+    write_recording_page(film, folder / PAGE_FILE)
     if pictures:
-        write_pictures(film, folder / STRIP_FILE, folder / ANIMATION_FILE)
+        write_recording_pictures(film, folder / STRIP_FILE, folder / ANIMATION_FILE)
 
 
 def _moment(frame: VisualScene, T_world_object: Float[np.ndarray, "4 4"], *, moving: bool) -> VisualScene:

@@ -56,7 +56,7 @@ def picture_rejected(cases: Sequence[WorstCase], folder: Path) -> list[RejectedD
 
 def _picture(case: WorstCase, path: Path) -> RejectedDraw | None:
     from dexnudge.viewer.picture import render_png
-    from dexnudge.viewer.visual_scene import drawing
+    from dexnudge.viewer.visual_scene import visual_scene
 
     row = case.row
     try:
@@ -70,7 +70,7 @@ def _picture(case: WorstCase, path: Path) -> RejectedDraw | None:
     place = verdicts.reasons.index(next(iter(rejections)))
     q = drawn.draws.q[place].astype(np.float64)
     contacts = contact_points(drawn.scene, maker.hand, q[None])[0]
-    render_png(drawing(drawn.scene, maker.hand, q, contacts=contacts), path, size=SIZE)
+    render_png(visual_scene(drawn.scene, maker.hand, q, contacts=contacts), path, size=SIZE)
     return RejectedDraw(
         picture=path,
         reason=verdicts.reasons[place],

@@ -5,6 +5,7 @@ from __future__ import annotations
 from collections import Counter
 from collections.abc import Iterator
 from dataclasses import dataclass, field, replace
+from functools import cached_property
 from pathlib import Path
 from typing import Any, overload
 
@@ -17,6 +18,7 @@ from dexnudge.hands.hand import ROOT_COORDINATES, Hand
 from dexnudge.mechanics.contacts import HandContacts
 from dexnudge.scenes.scene import Scene
 from dexnudge.verification.verdicts import Verdicts
+from dexnudge.viewer.visual_scene import VisualScene, visual_scenes
 
 MOST_ON_PAGE = 500  # what a page can show
 SHOWN_VALUES = ("penetration_object", "penetration_environment", "penetration_self", "force_margin")  # by the page
@@ -161,20 +163,15 @@ class Samples:
 
         return save_samples(self, Path(out), title=title, overwrite=overwrite)
 
-    def picture(self, path: Path | str, *, index: int = 0, title: str = "") -> Path:
+    def picture(self, path: Path | str, *, index: int = 0) -> Path:
         """Write a PNG of one configuration in its scene, the best one unless told otherwise.
 
         Raises:
             OutputError: the file cannot be written.
         """
         from dexnudge.viewer.picture import render_png
-        from dexnudge.viewer.visual_scene import drawing
 
-        sample = self[index]
-        contacts = sample.contacts.points
-        return render_png(
-            drawing(self.scene, self.hand, sample.q.astype(np.float64), contacts=contacts, title=title), path
-        )
+        return render_png(self._visual_scenes[index], path)
 
     def page(self, path: Path | str, *, title: str = "") -> Path:
         """Write a self-contained 3-D page of at most 500 configurations.
@@ -184,9 +181,8 @@ class Samples:
             OutputError: the file cannot be written.
         """
         from dexnudge.viewer.page import Figures, write_page
-        from dexnudge.viewer.visual_scene import drawings
 
-        shown, found = self.q[:MOST_ON_PAGE].astype(np.float64), self.verdicts
+        found, shown = self.verdicts, self._visual_scenes[:MOST_ON_PAGE]
         figures = [
             Figures(
                 success=bool(found.success[i]),
@@ -196,11 +192,14 @@ class Samples:
             )
             for i in range(len(shown))
         ]
-        contacts = [each.points for each in found.contacts[: len(shown)]]
         title = title or f"{self.hand.name}, {self.scene.name}"
-        return write_page(
-            drawings(self.scene, self.hand, shown, contacts=contacts, title=title), path, title=title, figures=figures
-        )
+        return write_page(shown, path, title=title, figures=figures)
+
+    @cached_property
+    def _visual_scenes(self) -> list[VisualScene]:
+        """What page and picture show; made once, and so is the camera that is chosen for each."""
+        contacts = [each.points for each in self.verdicts.contacts]
+        return visual_scenes(self.scene, self.hand, self.q.astype(np.float64), contacts=contacts)
 
 
 def load_samples(folder: Path | str) -> Samples:

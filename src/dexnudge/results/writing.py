@@ -76,7 +76,7 @@ def write_results(
     configurations.save(folder)
     start = time.perf_counter()
     samples.page(folder / PAGE_FILE, title=title)
-    samples.picture(folder / PICTURE_FILE, title=title)
+    samples.picture(folder / PICTURE_FILE)
     seconds = {**seconds, **samples.seconds, "picture": time.perf_counter() - start}
     summary = {
         **count_draws(configurations, samples.rejections()),

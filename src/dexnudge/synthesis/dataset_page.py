@@ -29,7 +29,7 @@ from dexnudge.synthesis.object_task import mesh_hash
 from dexnudge.synthesis.verification import resting_scene
 from dexnudge.viewer.bar_chart import bar_chart, range_chart
 from dexnudge.viewer.picture import arrange, render_array, write_png
-from dexnudge.viewer.visual_scene import VisualScene, drawing
+from dexnudge.viewer.visual_scene import VisualScene, visual_scene
 
 SAMPLES = 5  # of each behaviour: a row of pictures
 TILE = (560, 480)  # pixels of one picture
@@ -122,7 +122,7 @@ def row_drawing(hand: Hand, mesh: trimesh.Trimesh, values: dict) -> VisualScene:
     grasp = values["behaviour"] == "grasp"
     angle = _best_angle(values)
     contacts = np.asarray(values["contact_points"], dtype=np.float64).reshape(-1, 3)
-    shown = drawing(scene, hand, np.asarray(values["q"], dtype=np.float64), contacts=contacts)
+    shown = visual_scene(scene, hand, np.asarray(values["q"], dtype=np.float64), contacts=contacts)
     hidden = ("base", "environment") if grasp else ("base",)
     return replace(
         shown,

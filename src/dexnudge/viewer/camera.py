@@ -23,8 +23,18 @@ class Camera:
     tan_width: float
     tan_height: float
 
+    @property
+    def azimuth(self) -> float:
+        """Direction from what is seen to the camera, from x towards y [rad]."""
+        return float(np.arctan2(-self.forward[1], -self.forward[0]))
+
+    @property
+    def elevation(self) -> float:
+        """The same above the horizon [rad]."""
+        return float(np.arcsin(-self.forward[2]))
+
     def rays(self, size: tuple[int, int]) -> Float[np.ndarray, "pixel 3"]:
-        """Unit directions through the centres of all pixels of a picture (width, height), row by row from the top."""
+        """Return unit directions through the centres of all pixels of a picture (width, height), row by row from the top."""
         width, height = size
         x = (np.arange(width) + 0.5) / width * 2 - 1
         y = 1 - (np.arange(height) + 0.5) / height * 2
@@ -37,7 +47,7 @@ class Camera:
 
 
 def framing_camera(points: Float[np.ndarray, "n 3"], *, azimuth: float, elevation: float, aspect: float) -> Camera:
-    """The nearest camera in a given direction that sees all `points` [m] with a margin.
+    """Return the nearest camera in a given direction that sees all `points` [m] with a margin.
 
     Args:
         points: what must be in view [m].

@@ -1,19 +1,18 @@
-"""Several pictures in one, with their titles."""
+"""Pictures of visual scenes by ray tracing on the CPU: neither GPU nor display is needed."""
 
 from collections.abc import Sequence
 from pathlib import Path
-from typing import Any
 
 import numpy as np
 from jaxtyping import Bool, Float, UInt8
 from PIL import Image, ImageDraw, ImageFont
 
 from dexnudge.errors import InputError, OutputError
-from dexnudge.geometry.warp_runtime import wp
+from dexnudge.geometry.warp_runtime import WarpStruct, wp
 from dexnudge.viewer.camera import Camera
 from dexnudge.viewer.ray_hits import parallel_launch
 from dexnudge.viewer.ray_scene import ray_scene
-from dexnudge.viewer.shading_kernel import shade_picture, trace_picture
+from dexnudge.viewer.shading_kernel import Pixels, shade_picture, trace_picture
 from dexnudge.viewer.trace_kernel import View
 from dexnudge.viewer.viewpoint import choose_camera
 from dexnudge.viewer.visual_scene import VisualScene
@@ -21,19 +20,22 @@ from dexnudge.viewer.visual_scene import VisualScene
 SIZE = (1280, 960)  # pixels, width and height
 LIGHT_TURN = -50.0  # [deg] of the key light to the left of the camera, so that shadows show shape
 LIGHT_ELEVATION = 55.0  # [deg]
+GAP = 6  # pixels of white between pictures that stand side by side
+TITLE_HEIGHT = 0.055  # of a picture's height
+TITLE_COLOUR = (45, 52, 62)  # sRGB
 
 
 def render_array(
-    drawing: VisualScene,
+    scene: VisualScene,
     *,
     size: tuple[int, int] = SIZE,
     camera: Camera | None = None,
     glass: Sequence[Bool[np.ndarray, " face"]] | None = None,
 ) -> UInt8[np.ndarray, "height width 3"]:
-    """The picture as sRGB bytes. The same drawing gives the same bytes on every run and number of cores.
+    """Return the picture as sRGB bytes. The same scene gives the same bytes on every run and number of cores.
 
     Args:
-        drawing: what to show.
+        scene: what to show.
         size: width and height in pixels.
         camera: where to look from; None looks for the best of many directions.
         glass: of each part of the surroundings, the triangles to look through; None for what hides object or hand.
@@ -45,31 +47,28 @@ def render_array(
     if width < 1 or height < 1:
         raise InputError(f"a picture of {width} x {height} pixels was asked for; expected at least 1 x 1")
     aspect = width / height
-    camera = camera or choose_camera(drawing, aspect=aspect)
-    scene = ray_scene(drawing, camera, aspect=aspect, hiding=glass)
-    view = _view(camera, size)
-    count = width * height
-    face, depth, opacity = (wp.empty(count, dtype=kind, device="cpu") for kind in (int, float, float))
-    normal, colour = (wp.empty(count, dtype=wp.vec3, device="cpu") for _ in range(2))
-    light = wp.empty(count, dtype=wp.vec2, device="cpu")
-    parallel_launch(trace_picture, count, [scene.geometry, view, face, depth, normal, opacity, light])
-    parallel_launch(shade_picture, count, [scene.geometry, view, face, depth, normal, opacity, light, colour])
+    camera = camera or choose_camera(scene, aspect=aspect)
+    packed = ray_scene(scene, camera, aspect=aspect, hiding=glass)
+    view, pixels = _view(camera, size), Pixels()
+    for name, kind in (("face", int), ("depth", float), ("opacity", float), ("light", wp.vec2)):
+        setattr(pixels, name, wp.empty(width * height, dtype=kind, device="cpu"))
+    pixels.normal, pixels.cover, colour = (wp.empty(width * height, dtype=wp.vec3, device="cpu") for _ in range(3))
+    parallel_launch(trace_picture, width * height, [packed.geometry, view, pixels])
+    parallel_launch(shade_picture, width * height, [packed.geometry, view, pixels, colour])
     return _to_bytes(colour.numpy().reshape(height, width, 3))
 
 
-def render_png(
-    drawing: VisualScene, path: Path | str, *, size: tuple[int, int] = SIZE, camera: Camera | None = None
-) -> Path:
-    """Writes the picture of a drawing.
+def render_png(scene: VisualScene, path: Path | str, *, size: tuple[int, int] = SIZE) -> Path:
+    """Write the picture of a visual scene.
 
     Raises:
         OutputError: the file cannot be written.
     """
-    return write_png(render_array(drawing, size=size, camera=camera), path)
+    return write_png(render_array(scene, size=size), path)
 
 
 def write_png(picture: UInt8[np.ndarray, "height width 3"], path: Path | str) -> Path:
-    """Writes sRGB bytes as PNG.
+    """Write sRGB bytes as PNG.
 
     Raises:
         OutputError: the file cannot be written.
@@ -84,9 +83,8 @@ def write_png(picture: UInt8[np.ndarray, "height width 3"], path: Path | str) ->
     return path
 
 
-def _view(camera: Camera, size: tuple[int, int]) -> Any:
-    # A Warp struct is no type that a checker knows.
-    azimuth = np.arctan2(-camera.forward[1], -camera.forward[0]) + np.radians(LIGHT_TURN)
+def _view(camera: Camera, size: tuple[int, int]) -> WarpStruct:
+    azimuth = camera.azimuth + np.radians(LIGHT_TURN)
     level, rise = np.cos(np.radians(LIGHT_ELEVATION)), np.sin(np.radians(LIGHT_ELEVATION))
     view = View()
     view.position = wp.vec3(*camera.position)
@@ -99,46 +97,20 @@ def _view(camera: Camera, size: tuple[int, int]) -> Any:
 
 
 def _to_bytes(linear: Float[np.ndarray, "height width 3"]) -> UInt8[np.ndarray, "height width 3"]:
-    """sRGB bytes (IEC 61966-2-1) of linear light."""
+    """Return the sRGB bytes (IEC 61966-2-1) of linear light."""
     value = np.clip(linear, 0.0, 1.0)
-    return np.rint(255 * np.where(value <= 0.0031308, 12.92 * value, 1.055 * value ** (1 / 2.4) - 0.055)).astype(
-        np.uint8
-    )
-
-
-TILE = (640, 480)  # pixels of one picture
-GAP = 6  # pixels of white between pictures
-TITLE_HEIGHT = 0.055  # of a tile's height
-TITLE_COLOUR = (45, 52, 62)  # sRGB
-
-
-def render_sheet(
-    drawings: Sequence[VisualScene], path: Path | str, *, columns: int = 3, tile: tuple[int, int] = TILE
-) -> Path:
-    """Writes the pictures of several drawings side by side, row by row, each with its title in the corner.
-
-    Args:
-        drawings: what to show; their titles are drawn too.
-        path: of the PNG file.
-        columns: pictures in a row.
-        tile: width and height of each picture in pixels.
-
-    Raises:
-        InputError: no drawing, or fewer than one column.
-        OutputError: the file cannot be written.
-    """
-    if not drawings or columns < 1:
-        raise InputError(
-            f"a sheet of {len(drawings)} pictures in {columns} columns was asked for; expected at least one of both"
-        )
-    pictures = [render_array(drawing, size=tile) for drawing in drawings]
-    return write_png(arrange(pictures, [drawing.title for drawing in drawings], columns=columns), path)
+    bright = value ** (1 / 2.4)
+    bright *= 1.055
+    bright -= 0.055
+    np.multiply(value, 12.92, out=bright, where=value <= 0.0031308)
+    bright *= 255
+    return np.rint(bright, out=bright).astype(np.uint8)
 
 
 def arrange(
     pictures: Sequence[UInt8[np.ndarray, "height width 3"]], titles: Sequence[str], *, columns: int
 ) -> UInt8[np.ndarray, "sheet_height sheet_width 3"]:
-    """One or more pictures of one size side by side, row by row, each with its title in the corner; sRGB bytes."""
+    """Return one or more pictures of one size side by side, row by row, each with its title in the corner; sRGB bytes."""
     height, width = pictures[0].shape[:2]
     columns = min(columns, len(pictures))
     rows = -(-len(pictures) // columns)

@@ -1,6 +1,5 @@
 """Where rays first meet a mesh, on Warp's bounding-volume tree."""
 
-import os
 from collections.abc import Sequence
 from concurrent.futures import ThreadPoolExecutor
 from typing import Any
@@ -9,19 +8,15 @@ import numpy as np
 from jaxtyping import Float, Int
 
 from dexnudge.geometry.warp_runtime import wp
+from dexnudge.jobs.processes import available_cores
 from dexnudge.viewer.trace_kernel import first_hits_kernel
 
 BANDS_PER_WORKER = 8  # so that workers that drew cheap rows help with the costly ones
 SMALLEST_BAND = 4096  # below this the threads cost more than they bring
 
 
-def available_cores() -> int:
-    """Cores that this process may use, which in a container are fewer than the machine has."""
-    return len(os.sched_getaffinity(0)) if hasattr(os, "sched_getaffinity") else os.cpu_count() or 1
-
-
 def parallel_launch(kernel: wp.Kernel, count: int, arguments: Sequence[Any]) -> None:
-    """Launches `kernel` over `count` items in bands; its first parameter must be the index of the band's first item.
+    """Launch `kernel` over `count` items in bands; its first parameter must be the index of the band's first item.
 
     Every item must write only its own outputs; then the result does not depend on the number of cores.
     """
@@ -32,15 +27,13 @@ def parallel_launch(kernel: wp.Kernel, count: int, arguments: Sequence[Any]) -> 
         wp.launch(kernel, dim=min(band, count - first), inputs=[first, *arguments], device="cpu")
 
     launch(0)  # alone: the first launch compiles and loads the kernel, which threads must not do at the same time
-    with ThreadPoolExecutor(workers) as pool:
-        list(pool.map(launch, range(band, count, band)))
-
-
-FAR = 100.0  # [m] beyond every scene; the kernel's own constant of this name
+    if count > band:
+        with ThreadPoolExecutor(workers) as pool:
+            list(pool.map(launch, range(band, count, band)))
 
 
 def warp_mesh(triangles: Float[np.ndarray, "face 3 3"]) -> wp.Mesh:
-    """A tree over triangles given by their corners [m]; at least one."""
+    """Return a tree over triangles given by their corners [m]; at least one."""
     points = np.ascontiguousarray(triangles, dtype=np.float32).reshape(-1, 3)
     return wp.Mesh(
         points=wp.array(points, dtype=wp.vec3, device="cpu"),
@@ -49,19 +42,19 @@ def warp_mesh(triangles: Float[np.ndarray, "face 3 3"]) -> wp.Mesh:
 
 
 def first_hits(
-    mesh: wp.Mesh, origins: Float[np.ndarray, "n 3"], directions: Float[np.ndarray, "n 3"]
-) -> tuple[Float[np.ndarray, " n"], Int[np.ndarray, " n"]]:
-    """Distance along each ray [m] to the first triangle, and that triangle; 100 m and -1 where there is none.
+    mesh: wp.Mesh, origins: Float[np.ndarray, "*_origins 3"], directions: Float[np.ndarray, "*rays 3"]
+) -> tuple[Float[np.ndarray, "*rays"], Int[np.ndarray, "*rays"]]:
+    """Return the distance along each ray [m] to the first triangle, and that triangle; 100 m and -1 where there is none.
 
     Args:
         mesh: as `warp_mesh` makes it.
-        origins: where the rays start [m].
+        origins: where the rays start [m]; of the shape of `directions`, or one that NumPy broadcasts to it.
         directions: unit vectors.
     """
-    count = len(origins)
-    distance = wp.empty(count, dtype=float, device="cpu")
-    face = wp.empty(count, dtype=int, device="cpu")
+    shape, count = directions.shape[:-1], directions.size // 3
+    distance, face = wp.empty(count, dtype=float, device="cpu"), wp.empty(count, dtype=int, device="cpu")
     if count:
-        arrays = [wp.array(np.asarray(a, dtype=np.float32), dtype=wp.vec3, device="cpu") for a in (origins, directions)]
+        single = [np.broadcast_to(np.asarray(each, np.float32), directions.shape) for each in (origins, directions)]
+        arrays = [wp.array(np.ascontiguousarray(each).reshape(-1, 3), dtype=wp.vec3, device="cpu") for each in single]
         parallel_launch(first_hits_kernel, count, [mesh.id, *arrays, distance, face])
-    return distance.numpy(), face.numpy()
+    return distance.numpy().reshape(shape), face.numpy().reshape(shape)

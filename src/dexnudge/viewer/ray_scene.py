@@ -1,27 +1,27 @@
-"""A drawing packed for the ray kernels."""
+"""A visual scene packed for the ray kernels."""
 
 from collections.abc import Sequence
 from dataclasses import dataclass, fields, replace
-from typing import Any
 
 import numpy as np
 import trimesh
 from jaxtyping import Bool, Float
 
-from dexnudge.geometry.warp_runtime import wp
+from dexnudge.geometry.warp_runtime import WarpStruct, wp
+from dexnudge.jobs.cached import cached_per_instance
 from dexnudge.viewer.camera import Camera
 from dexnudge.viewer.ray_hits import warp_mesh
 from dexnudge.viewer.trace_kernel import Geometry
 from dexnudge.viewer.viewpoint import hiding_faces
-from dexnudge.viewer.visual_scene import PALETTE, Part, Role, VisualScene
+from dexnudge.viewer.visual_scene import CONTACT_RADIUS, CREASE_ANGLE, PALETTE, Part, Role, VisualScene
 
-CREASE_ANGLE = 35.0  # [deg] two triangles that bend more than this keep their own normals
 LARGEST_FAN = 128  # triangles at one vertex beyond which its corners stay flat: the cost grows with the square
 MERGE_DIGITS = 6  # vertices closer than a micrometre are one
 
 
+@cached_per_instance
 def corner_normals(mesh: trimesh.Trimesh) -> Float[np.ndarray, "face 3 3"]:
-    """Unit normal at each corner of each triangle, mesh frame.
+    """Return the unit normal at each corner of each triangle, mesh frame.
 
     The mean, weighted by area, over the triangles that meet in the corner's vertex and bend less than 35 deg from its own.
     """
@@ -47,7 +47,6 @@ def corner_normals(mesh: trimesh.Trimesh) -> Float[np.ndarray, "face 3 3"]:
 
 
 GLOSS: dict[Role, float] = {"object": 0.10, "link": 0.06, "fingertip": 0.08}  # strength of the highlight
-CONTACT_RADIUS = 0.0035  # [m]
 GLASS_OPACITY = 0.18  # of a wall that hides object or hand
 EDGE_OPACITY = 0.75  # of the lines along the edges of such a wall
 EDGE_WIDTH = 0.0011  # of the distance to the camera: about two pixels of a picture 960 high
@@ -65,7 +64,7 @@ class Triangles:
     opacity: Float[np.ndarray, " face"]
 
     def select(self, which: Bool[np.ndarray, " face"]) -> "Triangles":
-        """Some of the triangles."""
+        """Return some of the triangles."""
         return Triangles(*(getattr(self, field.name)[which] for field in fields(self)))
 
 
@@ -73,29 +72,29 @@ class Triangles:
 class RayScene:
     """The kernels' `Geometry`; keeps alive the trees that it refers to by number."""
 
-    geometry: Any  # a Warp struct is no type that a checker knows
+    geometry: WarpStruct
     trees: tuple[wp.Mesh, ...]
 
 
 def linear_colour(srgb: tuple[float, float, float]) -> Float[np.ndarray, "3"]:
-    """Linear light of an sRGB colour (IEC 61966-2-1)."""
+    """Return the linear light of an sRGB colour (IEC 61966-2-1)."""
     value = np.asarray(srgb)
     return np.where(value <= 0.04045, value / 12.92, ((value + 0.055) / 1.055) ** 2.4)
 
 
 def ray_scene(
-    drawing: VisualScene, camera: Camera, *, aspect: float, hiding: Sequence[Bool[np.ndarray, " face"]] | None = None
+    scene: VisualScene, camera: Camera, *, aspect: float, hiding: Sequence[Bool[np.ndarray, " face"]] | None = None
 ) -> RayScene:
-    """Everything solid, what of the environment hides the subject as glass, and contacts as markers that show through.
+    """Pack everything solid, what of the environment hides the subject as glass, and contacts as markers that show through.
 
     hiding: of each part of the environment, the triangles that are glass; `hiding_faces` unless given.
     """
-    solid = [_triangles(part) for part in (*drawing.with_role("object", "base", "link", "fingertip"), drawing.arrow())]
+    solid = [_triangles(part) for part in (*scene.with_role("object", "base", "link", "fingertip"), scene.arrow())]
     casting = np.concatenate([triangles.corners for triangles in solid])
     glass, blocking = [], [casting]
-    for place, part in enumerate(drawing.with_role("environment")):
+    for place, part in enumerate(scene.with_role("environment")):
         placed, mesh = _triangles(part), part.mesh_in_world()
-        see_through = hiding_faces(mesh, drawing, camera, aspect=aspect) if hiding is None else hiding[place]
+        see_through = hiding_faces(mesh, scene, camera, aspect=aspect) if hiding is None else hiding[place]
         # The back of a closed body cannot be seen, and shows as soon as its front is glass; an open one has two sides.
         towards = np.einsum("ij,ij->i", mesh.face_normals, camera.position - mesh.triangles_center) > 0
         facing = towards if mesh.is_watertight else np.ones_like(towards)
@@ -108,7 +107,7 @@ def ray_scene(
     ball = trimesh.creation.icosphere(subdivisions=2, radius=CONTACT_RADIUS)
     markers = [
         _triangles(Part("contact", "contact", ball, trimesh.transformations.translation_matrix(point)))
-        for point in drawing.contacts
+        for point in scene.contacts
     ]
     return _pack(solid, glass, markers, blocking=np.concatenate(blocking), casting=casting)
 
@@ -130,7 +129,7 @@ def _same_colour(role: Role, count: int) -> Float[np.ndarray, "face 3"]:
 
 
 def _edge_lines(mesh: trimesh.Trimesh, which: Bool[np.ndarray, " face"], camera: Camera) -> Triangles:
-    """Ribbons that face the camera along the creases of some triangles, so that glass keeps its shape."""
+    """Return ribbons that face the camera along the creases of some triangles, so that glass keeps its shape."""
     sharp = mesh.face_adjacency_angles > np.radians(CREASE_ANGLE)
     sharp &= which[mesh.face_adjacency].any(axis=1)
     ends = np.asarray(mesh.vertices)[mesh.face_adjacency_edges[sharp]]

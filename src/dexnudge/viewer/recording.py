@@ -1,4 +1,4 @@
-"""What happened, moment by moment: the same bodies again and again, with what was measured of them."""
+"""A run moment by moment: where its bodies were, and what was measured."""
 
 from collections.abc import Sequence
 from dataclasses import dataclass, replace
@@ -8,8 +8,8 @@ from jaxtyping import Float, Int
 
 from dexnudge.errors import InputError
 from dexnudge.viewer.camera import Camera, framing_camera
-from dexnudge.viewer.viewpoint import choose_camera, world_triangles
-from dexnudge.viewer.visual_scene import VisualScene
+from dexnudge.viewer.viewpoint import choose_camera
+from dexnudge.viewer.visual_scene import VisualScene, check_same_bodies
 
 SAMPLES = 6  # moments that the camera is chosen for
 SURROUNDED = 0.25  # [m] from the object's path; of a hand that comes from farther away the rest may leave the picture
@@ -25,11 +25,11 @@ class Curve:
 
 
 @dataclass(frozen=True, eq=False)
-class Film:
+class Recording:
     """Moments of one run, in order.
 
     Attributes:
-        frames: of the same bodies in the same order, as `drawing.drawings` returns them; a motion of zero has no arrow.
+        frames: of the same bodies in the same order, as `visual_scenes` returns them; a motion of zero has no arrow.
         time: of each [s], ascending.
         phase: name of each, such as "push"; "" where it has none.
         charts: curves by the title of the chart that shows them together.
@@ -37,7 +37,7 @@ class Film:
         subtitle: plain text, such as what came of it.
 
     Raises:
-        InputError: no frames, or times, phases or curves of another number.
+        InputError: no frames, frames of different bodies, or times, phases or curves of another number.
     """
 
     frames: Sequence[VisualScene]
@@ -48,17 +48,18 @@ class Film:
     subtitle: str = ""
 
     def __post_init__(self) -> None:
+        check_same_bodies(self.frames)
         lengths = {"time": len(self.time), "phase": len(self.phase)}
         lengths |= {curve.name: len(curve.values) for curves in self.charts.values() for curve in curves}
         for name, length in lengths.items():
             if length != len(self.frames) or length == 0:
                 raise InputError(
-                    f"a film of {len(self.frames)} frames has {length} entries of {name}; expected one for each frame, "
+                    f"a recording of {len(self.frames)} frames has {length} entries of {name}; expected one for each frame, "
                     "and at least one frame"
                 )
 
-    def part(self, indices: Int[np.ndarray, " chosen"]) -> "Film":
-        """Some of the moments."""
+    def part(self, indices: Int[np.ndarray, " chosen"]) -> "Recording":
+        """Return some of the moments."""
         picked = indices.tolist()
         return replace(
             self,
@@ -72,16 +73,16 @@ class Film:
         )
 
     def caption(self, index: int) -> str:
-        """Time and phase of a moment."""
+        """Return time and phase of a moment."""
         return f"{self.time[index]:.2f} s  {self.phase[index]}".rstrip()
 
     def evenly(self, count: int) -> Int[np.ndarray, " chosen"]:
-        """Up to `count` moments, evenly spaced in time, the first and the last among them; ascending, each once."""
+        """Return up to `count` moments, evenly spaced in time, the first and the last among them; ascending, each once."""
         wanted = np.linspace(self.time[0], self.time[-1], count)
         return np.unique(np.abs(self.time[:, None] - wanted).argmin(axis=0))
 
     def eventful(self, count: int) -> Int[np.ndarray, " chosen"]:
-        """Up to `count` moments between which about equally much moves, the first and the last among them.
+        """Return up to `count` moments between which about equally much moves, the first and the last among them.
 
         What moves: the object's origin and the first link's, each as a share of its whole way.
         """
@@ -96,18 +97,15 @@ class Film:
         return np.unique(np.minimum(found, len(self.frames) - 1))
 
 
-def film_camera(film: Film, *, aspect: float) -> Camera:
-    """One camera for the whole film: the best direction for its middle, as near as shows object and hand throughout."""
-    sampled = film.part(film.eventful(SAMPLES)).frames
+def recording_camera(recording: Recording, *, aspect: float) -> Camera:
+    """Return one camera for all moments: the best direction for the middle, as near as shows object and hand throughout."""
+    sampled = recording.part(recording.eventful(SAMPLES)).frames
     best = choose_camera(sampled[len(sampled) // 2], aspect=aspect)
-    objects = np.concatenate([world_triangles(frame.with_role("object")).reshape(-1, 3) for frame in sampled])
-    hands = np.concatenate([world_triangles(frame.with_role("link", "fingertip")).reshape(-1, 3) for frame in sampled])
+    objects, hands = (
+        np.concatenate([frame.vertices(*roles) for frame in sampled]) for roles in (("object",), ("link", "fingertip"))
+    )
     low, high = objects.min(axis=0) - SURROUNDED, objects.max(axis=0) + SURROUNDED
     near = hands[((hands >= low) & (hands <= high)).all(axis=1)]
-    arrows = [frame.arrow().mesh.vertices for frame in sampled]
-    return framing_camera(
-        np.concatenate([objects, near, *(arrow.reshape(-1, 3) for arrow in arrows)]),
-        azimuth=float(np.arctan2(-best.forward[1], -best.forward[0])),
-        elevation=float(np.arcsin(-best.forward[2])),
-        aspect=aspect,
-    )
+    arrows = [frame.arrow().mesh.vertices.reshape(-1, 3) for frame in sampled]
+    framed = np.concatenate([objects, near, *arrows])
+    return framing_camera(framed, azimuth=best.azimuth, elevation=best.elevation, aspect=aspect)

@@ -77,23 +77,44 @@ def unblocked(mesh: wp.uint64, point: wp.vec3, direction: wp.vec3, reach: float)
     return 1.0
 
 
+@wp.struct
+class Pixels:
+    """Of each pixel's centre: the surface that a ray through it meets, and the light there (key, ambient) if measured."""
+
+    face: wp.array(dtype=int)
+    depth: wp.array(dtype=float)
+    normal: wp.array(dtype=wp.vec3)
+    cover: wp.array(dtype=wp.vec3)
+    opacity: wp.array(dtype=float)
+    light: wp.array(dtype=wp.vec2)
+
+
+@wp.func
+def surface_at(pixels: Pixels, i: int):
+    """What the ray through a pixel's centre met."""
+    s = Surface()
+    s.face = pixels.face[i]
+    s.depth = pixels.depth[i]
+    s.normal = pixels.normal[i]
+    s.cover = pixels.cover[i]
+    s.opacity = pixels.opacity[i]
+    return s
+
+
 @wp.kernel(enable_backward=False)
-def trace_picture(
-    first: int, g: Geometry, view: View,
-    face: wp.array(dtype=int), depth: wp.array(dtype=float), normal: wp.array(dtype=wp.vec3),
-    opacity: wp.array(dtype=float), light: wp.array(dtype=wp.vec2),
-):  # fmt: skip
+def trace_picture(first: int, g: Geometry, view: View, pixels: Pixels):
     """One ray through each pixel's centre, then shadow and ambient rays from where it ends."""
     i = wp.tid() + first
     x = i % view.width
     y = i // view.width
     direction = ray_direction(view, float(x) + 0.5, float(y) + 0.5)
     s = trace(g, view.position, direction)
-    face[i] = s.face
-    depth[i] = s.depth
-    normal[i] = s.normal
-    opacity[i] = s.opacity
-    light[i] = wp.vec2(1.0, 1.0)
+    pixels.face[i] = s.face
+    pixels.depth[i] = s.depth
+    pixels.normal[i] = s.normal
+    pixels.cover[i] = s.cover
+    pixels.opacity[i] = s.opacity
+    pixels.light[i] = wp.vec2(1.0, 1.0)
     if s.face < 0 or s.face >= g.first_marker or x % GRID != 0 or y % GRID != 0:
         return
     point = view.position + direction * s.depth - direction * STEP_ON + s.normal * (2.0 * STEP_ON)
@@ -112,14 +133,11 @@ def trace_picture(
         radius = wp.sqrt(square)
         aim = around(s.normal, radius * wp.cos(angle), radius * wp.sin(angle), wp.sqrt(1.0 - square))
         ambient = ambient + unblocked(g.blocking, point, aim, AMBIENT_REACH) / float(AMBIENT_RAYS)
-    light[i] = wp.vec2(key, ambient)
+    pixels.light[i] = wp.vec2(key, ambient)
 
 
 @wp.func
-def gather_light(
-    view: View, s: Surface, point: wp.vec3, x: int, y: int, reach: int,
-    face: wp.array(dtype=int), depth: wp.array(dtype=float), normal: wp.array(dtype=wp.vec3), light: wp.array(dtype=wp.vec2),
-):  # fmt: skip
+def gather_light(view: View, pixels: Pixels, s: Surface, point: wp.vec3, x: int, y: int, reach: int):
     """Mean light of a window of 2 `reach` measured pixels a side, of those that lie on the surface of `s` at `point`.
 
     The third component is how many these are.
@@ -134,36 +152,33 @@ def gather_light(
             column = grid_column * GRID
             if row >= 0 and row < view.height and column >= 0 and column < view.width:
                 j = row * view.width + column
-                if face[j] >= 0 and wp.dot(normal[j], s.normal) > SAME_NORMAL:
-                    there = view.position + ray_direction(view, float(column) + 0.5, float(row) + 0.5) * depth[j]
+                if pixels.face[j] >= 0 and wp.dot(pixels.normal[j], s.normal) > SAME_NORMAL:
+                    there = view.position + ray_direction(view, float(column) + 0.5, float(row) + 0.5) * pixels.depth[j]
                     if wp.abs(wp.dot(there - point, s.normal)) < SAME_PLANE:
-                        total = total + light[j]
+                        total = total + pixels.light[j]
                         weight = weight + 1.0
     if weight == 0.0:
-        return wp.vec3(light[y * view.width + x][0], light[y * view.width + x][1], 0.0)
+        return wp.vec3(pixels.light[y * view.width + x][0], pixels.light[y * view.width + x][1], 0.0)
     total = total / weight
     return wp.vec3(total[0], total[1], weight)
 
 
 @wp.kernel(enable_backward=False)
-def shade_picture(
-    first: int, g: Geometry, view: View,
-    face: wp.array(dtype=int), depth: wp.array(dtype=float), normal: wp.array(dtype=wp.vec3),
-    opacity: wp.array(dtype=float), light: wp.array(dtype=wp.vec2), colour: wp.array(dtype=wp.vec3),
-):  # fmt: skip
+def shade_picture(first: int, g: Geometry, view: View, pixels: Pixels, colour: wp.array(dtype=wp.vec3)):
     """The colour of each pixel: one ray where all is even, several where there is an edge."""
     i = wp.tid() + first
     x = i % view.width
     y = i // view.width
+    here = surface_at(pixels, i)
     edge = bool(False)
     for k in range(4):
         column = wp.clamp(x + (k % 2) * (2 * (k // 2) - 1), 0, view.width - 1)
         row = wp.clamp(y + ((k + 1) % 2) * (2 * (k // 2) - 1), 0, view.height - 1)
-        j = row * view.width + column
-        differs = (face[i] < 0) != (face[j] < 0) or wp.abs(opacity[i] - opacity[j]) > OTHER_COVER
-        if not differs and face[i] >= 0 and face[i] != face[j]:
-            bends = wp.dot(normal[i], normal[j]) < SAME_NORMAL or wp.abs(depth[i] - depth[j]) > OTHER_DEPTH
-            differs = bends or wp.length(g.colours[face[i]] - g.colours[face[j]]) > OTHER_COLOUR
+        other = surface_at(pixels, row * view.width + column)
+        differs = (here.face < 0) != (other.face < 0) or wp.abs(here.opacity - other.opacity) > OTHER_COVER
+        if not differs and here.face >= 0 and here.face != other.face:
+            bends = wp.dot(here.normal, other.normal) < SAME_NORMAL or wp.abs(here.depth - other.depth) > OTHER_DEPTH
+            differs = bends or wp.length(g.colours[here.face] - g.colours[other.face]) > OTHER_COLOUR
         if differs:
             edge = True
     count = int(1)  # noqa: RUF046 (Warp: this declares a variable)
@@ -178,12 +193,14 @@ def shade_picture(
             px = float(x) + (float(k) + 0.5) / float(SUBSAMPLES)
             py = float(y) + (float((5 * k + 2) % SUBSAMPLES) + 0.5) / float(SUBSAMPLES)
         direction = ray_direction(view, px, py)
-        s = trace(g, view.position, direction)
+        s = here
+        if edge:
+            s = trace(g, view.position, direction)
         shared = wp.vec3(1.0)
         if s.face >= 0 and s.face < g.first_marker:
             point = view.position + direction * s.depth
-            shared = gather_light(view, s, point, x, y, PATTERN // 2, face, depth, normal, light)
+            shared = gather_light(view, pixels, s, point, x, y, PATTERN // 2)
             if shared[2] < FEW:
-                shared = gather_light(view, s, point, x, y, PATTERN + 2, face, depth, normal, light)
+                shared = gather_light(view, pixels, s, point, x, y, PATTERN + 2)
         total = total + wp.min(colour_of(g, view, s, direction, py, shared[0], shared[1]), wp.vec3(1.0))
     colour[i] = total / float(count)

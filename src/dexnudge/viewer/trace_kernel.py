@@ -1,4 +1,4 @@
-"""Warp functions and kernels that follow rays through a drawing on the CPU."""
+"""Warp functions and kernels that follow rays through a visual scene on the CPU."""
 
 # mypy: ignore-errors
 # Warp's declarations are values, not types, and what a kernel computes with is not what Python sees.

@@ -1,15 +1,13 @@
 """From where to look, and which walls to make of glass, so that object, hand and contacts are seen."""
 
-from dataclasses import dataclass
-
 import numpy as np
 import trimesh
 from jaxtyping import Bool, Float
 
-from dexnudge.geometry.warp_runtime import wp
+from dexnudge.jobs.cached import cached_per_instance
 from dexnudge.viewer.camera import Camera, framing_camera
 from dexnudge.viewer.ray_hits import first_hits, warp_mesh
-from dexnudge.viewer.visual_scene import Part, VisualScene
+from dexnudge.viewer.visual_scene import VisualScene
 
 AZIMUTHS = 12  # candidate directions around the object
 ELEVATIONS = (20.0, 38.0, 58.0)  # [deg] above the horizon
@@ -18,98 +16,81 @@ GLASS_HEIGHT = 120  # pixels of the picture that finds what stands in front
 GLASS_SHARE = {"object": 0.01, "hand": 0.06}  # of its pixels: a wall that hides less of both stays solid
 CONTACT_ROOM = 0.006  # [m] a contact lies between two surfaces; this much in front of it does not hide it
 MAX_WALLS = 8  # surfaces of the environment that are looked through
-WEIGHTS = {"contacts": 1.0, "object": 1.0, "hand": 0.5, "sideways": 0.4, "height": 0.25, "base": -0.6}
+WEIGHTS = {"contacts": 1.0, "object": 1.0, "hand": 0.5, "base": -0.6, "sideways": 0.4, "height": -0.25}
 BEHIND_GLASS = 0.4  # worth of what is seen through the environment, against what is seen freely
 PREFERRED_ELEVATION = 32.0  # [deg] where both the top and the side of a flat object show
 
 
-@dataclass(frozen=True, eq=False)
-class Trial:
-    """Trees over the object alone, over object, hand and base in this order, and over the environment, if any."""
+def choose_camera(scene: VisualScene, *, aspect: float) -> Camera:
+    """Return the best of 36 views: contacts and object in free sight, much of the hand, the motion across the picture.
 
-    object_alone: wp.Mesh
-    subject: wp.Mesh
-    object_faces: int
-    hand_faces: int
-    environment: wp.Mesh | None
-
-
-def world_triangles(parts: tuple[Part, ...]) -> Float[np.ndarray, "face 3 3"]:
-    """Corners of all triangles of some parts [m], world frame."""
-    return np.concatenate([np.zeros((0, 3, 3)), *(part.vertices_in_world()[part.mesh.faces] for part in parts)])
+    aspect: width of the picture over its height. Chosen once for each scene and aspect.
+    """
+    chosen = _chosen_cameras(scene)
+    if aspect not in chosen:
+        chosen[aspect] = _best_camera(scene, aspect)
+    return chosen[aspect]
 
 
-def choose_camera(drawing: VisualScene, *, aspect: float) -> Camera:
-    """The best of 36 directions: contacts and object in free sight, much of the hand, the motion across the picture."""
-    triangles = world_triangles(drawing.with_role("object"))
-    hand = world_triangles(drawing.with_role("link", "fingertip"))
-    base = world_triangles(drawing.with_role("base"))
-    walls = world_triangles(drawing.with_role("environment"))
-    trial = Trial(
-        warp_mesh(triangles),
-        warp_mesh(np.concatenate([triangles, hand, base])),
-        len(triangles),
-        len(hand),
-        warp_mesh(walls) if len(walls) else None,
-    )
+@cached_per_instance
+def _chosen_cameras(scene: VisualScene) -> dict[float, Camera]:  # noqa: ARG001 - what is kept is the scene's
+    return {}
+
+
+def _best_camera(scene: VisualScene, aspect: float) -> Camera:
     # The base may leave the picture: it is large, and nothing happens there.
-    framed = np.concatenate(
-        [triangles.reshape(-1, 3), hand.reshape(-1, 3), drawing.arrow().mesh.vertices, drawing.contacts]
-    )
-    first_azimuth = np.arctan2(drawing.motion[1], drawing.motion[0]) + np.pi / AZIMUTHS
-    best, best_score = None, -np.inf
-    for elevation in ELEVATIONS:
-        for azimuth in first_azimuth + np.arange(AZIMUTHS) * 2 * np.pi / AZIMUTHS:
-            camera = framing_camera(framed, azimuth=azimuth, elevation=np.radians(elevation), aspect=aspect)
-            score = _score(drawing, camera, trial, aspect)
-            score -= WEIGHTS["height"] * abs(elevation - PREFERRED_ELEVATION) / PREFERRED_ELEVATION
-            if score > best_score:
-                best, best_score = camera, score
-    assert best is not None
-    return best
+    framed = [scene.vertices("object", "link", "fingertip"), scene.arrow().mesh.vertices.reshape(-1, 3), scene.contacts]
+    first_azimuth = np.arctan2(scene.motion[1], scene.motion[0]) + np.pi / AZIMUTHS
+    directions = [
+        (first_azimuth + turn * 2 * np.pi / AZIMUTHS, np.radians(elevation))
+        for elevation in ELEVATIONS
+        for turn in range(AZIMUTHS)
+    ]
+    points = np.concatenate(framed)
+    cameras = [
+        framing_camera(points, azimuth=azimuth, elevation=elevation, aspect=aspect) for azimuth, elevation in directions
+    ]
+    scores = _scores(scene, cameras, aspect)
+    scores += WEIGHTS["height"] * np.repeat(np.abs(np.array(ELEVATIONS) / PREFERRED_ELEVATION - 1), AZIMUTHS)
+    return cameras[int(scores.argmax())]
 
 
-def _score(drawing: VisualScene, camera: Camera, trial: Trial, aspect: float) -> float:
-    rays = camera.rays((round(COARSE_HEIGHT * aspect), COARSE_HEIGHT))
-    eyes = np.broadcast_to(camera.position, rays.shape)
-    depth, face = first_hits(trial.subject, eyes, rays)
-    alone = first_hits(trial.object_alone, eyes, rays)[1] >= 0
-    worth = np.full(len(rays), 1.0)
-    if trial.environment is not None:
-        worth[first_hits(trial.environment, eyes, rays)[0] < depth] = BEHIND_GLASS
-    object_seen = (worth * ((face >= 0) & (face < trial.object_faces))).sum() / max(1, alone.sum())
-    of_hand = (face >= trial.object_faces) & (face < trial.object_faces + trial.hand_faces)
-    hand_seen = (worth * of_hand).mean()
-    contacts_seen = 0.0
-    if len(drawing.contacts):
-        lines = drawing.contacts - camera.position
-        far = np.linalg.norm(lines, axis=1)
-        lines /= far[:, None]
-        eyes = np.broadcast_to(camera.position, lines.shape)
-        free = first_hits(trial.subject, eyes, lines)[0] > far - CONTACT_ROOM
-        clear = np.ones(len(far))
-        if trial.environment is not None:
-            clear[first_hits(trial.environment, eyes, lines)[0] < far - CONTACT_ROOM] = BEHIND_GLASS
-        contacts_seen = float((free * clear).mean())
-    sideways = float(np.linalg.norm(np.cross(drawing.motion, camera.forward)))
-    base_seen = float((face >= trial.object_faces + trial.hand_faces).mean())
+def _scores(scene: VisualScene, cameras: list[Camera], aspect: float) -> Float[np.ndarray, " camera"]:
+    """Return how well each camera sees what matters, by small pictures of all of them in one go."""
+    solid, hand, base = scene.triangles("object"), scene.triangles("link", "fingertip"), scene.triangles("base")
+    walls = scene.triangles("environment")
+    everything, environment = warp_mesh(np.concatenate([solid, hand, base])), warp_mesh(walls) if len(walls) else None
+    positions = np.stack([camera.position for camera in cameras])
+    rays = np.stack([camera.rays((round(COARSE_HEIGHT * aspect), COARSE_HEIGHT)) for camera in cameras])
+    depth, face = first_hits(everything, positions[:, None], rays)
+    alone = first_hits(warp_mesh(solid), positions[:, None], rays)[1] >= 0
+    to_contacts = scene.contacts - positions[:, None]
+    far = np.linalg.norm(to_contacts, axis=2)
+    to_contacts /= far[:, :, None]
+    contact_seen = first_hits(everything, positions[:, None], to_contacts)[0] > far - CONTACT_ROOM
+    worth, contact_worth = np.ones(face.shape), np.ones(far.shape)
+    if environment is not None:
+        worth[first_hits(environment, positions[:, None], rays)[0] < depth] = BEHIND_GLASS
+        hidden = first_hits(environment, positions[:, None], to_contacts)[0] < far - CONTACT_ROOM
+        contact_worth[hidden] = BEHIND_GLASS
+    of_object, of_base = (face >= 0) & (face < len(solid)), face >= len(solid) + len(hand)
     seen = {
-        "contacts": contacts_seen,
-        "object": object_seen,
-        "hand": hand_seen,
-        "base": base_seen,
-        "sideways": sideways,
+        "contacts": (contact_seen * contact_worth).sum(axis=1) / max(1, len(scene.contacts)),
+        "object": (worth * of_object).sum(axis=1) / np.maximum(1, alone.sum(axis=1)),
+        "hand": (worth * ((face >= len(solid)) & ~of_base)).mean(axis=1),
+        "base": of_base.mean(axis=1),
+        "sideways": np.array([np.linalg.norm(np.cross(scene.motion, camera.forward)) for camera in cameras]),
     }
-    return float(sum(WEIGHTS[name] * value for name, value in seen.items()))
+    return np.sum([WEIGHTS[name] * value for name, value in seen.items()], axis=0)
 
 
 def hiding_faces(
-    environment: trimesh.Trimesh, drawing: VisualScene, camera: Camera, *, aspect: float
+    environment: trimesh.Trimesh, scene: VisualScene, camera: Camera, *, aspect: float
 ) -> Bool[np.ndarray, " face"]:
-    """Which triangles of `environment` (world frame) hide object or hand: whole flat faces, and whole convex bodies."""
+    """Return which triangles of `environment` (world frame) hide object or hand: whole flat faces, whole convex bodies."""
     rays = camera.rays((round(GLASS_HEIGHT * aspect), GLASS_HEIGHT))
     origins = np.broadcast_to(camera.position, rays.shape).copy()
-    bodies = [world_triangles(drawing.with_role(*roles)) for roles in (("object",), ("link", "fingertip"))]
+    bodies = [scene.triangles("object"), scene.triangles("link", "fingertip")]
     goal, met = first_hits(warp_mesh(np.concatenate(bodies)), origins, rays)
     seen = met >= 0
     rays, origins, goal, of_object = rays[seen], origins[seen], goal[seen], met[seen] < len(bodies[0])
@@ -129,12 +110,8 @@ def hiding_faces(
             break
         hidden += np.bincount(flat[face[in_front]], weights=1 / needed[in_front], minlength=len(hidden))
         step = depth[in_front] + 1e-4  # [m] the next ray starts just behind this wall
-        origins, goal, needed = (
-            origins[in_front] + rays[in_front] * step[:, None],
-            goal[in_front] - step,
-            needed[in_front],
-        )
-        rays = rays[in_front]
+        rays, needed = rays[in_front], needed[in_front]
+        origins, goal = origins[in_front] + rays * step[:, None], goal[in_front] - step
     hiding = hidden[flat] >= 1
     for body in trimesh.graph.connected_components(environment.face_adjacency, nodes=np.arange(len(flat)), min_len=2):
         if hiding[body].any() and environment.submesh([body], append=True).is_convex:

@@ -28,48 +28,15 @@ PALETTE: dict[Role, tuple[float, float, float]] = {  # sRGB, 0..1
     "contact": (1.00, 0.87, 0.10),
     "arrow": (0.10, 0.60, 0.38),
 }
+CONTACT_RADIUS = 0.0035  # [m] of the ball that stands for a contact
+CREASE_ANGLE = 35.0  # [deg] two triangles that bend more than this keep their own normals
 
-
-LENGTH_RANGE = (0.05, 0.12)  # [m] short enough to stay in the picture, long enough to read
+LENGTH_RANGE = (0.05, 0.12)  # [m] of the arrow: short enough to stay in the picture, long enough to read
 LENGTH_PER_EXTENT = 0.6  # of the object's longest side
 GAP = 0.004  # [m] between the object's leading edge and the arrow
 THICKNESS = 0.005  # [m] thinner than any object that we handle, so that it does not sink into the table
 SHAFT_WIDTH, HEAD_WIDTH, HEAD_LENGTH = 0.16, 0.42, 0.40  # of the arrow's length
 UPRIGHT = 0.99  # |cosine| from which a motion counts as vertical
-
-
-def motion_arrow(object_points: Float[np.ndarray, "n 3"], motion: Float[np.ndarray, "3"]) -> trimesh.Trimesh:
-    """A flat solid arrow along `motion` from the leading edge of `object_points`, at the height of their middle.
-
-    Args:
-        object_points: vertices of the object [m], world frame.
-        motion: unit direction, world frame.
-    """
-    helper = np.array([1.0, 0.0, 0.0]) if abs(motion[2]) > UPRIGHT else np.array([0.0, 0.0, 1.0])
-    across = np.cross(helper, motion)
-    across /= np.linalg.norm(across)
-    normal = np.cross(motion, across)
-    low, high = object_points.min(axis=0), object_points.max(axis=0)
-    length = float(np.clip(LENGTH_PER_EXTENT * (high - low).max(), *LENGTH_RANGE))
-    middle = (low + high) / 2
-    start = middle + motion * (float(((object_points - middle) @ motion).max()) + GAP)
-
-    shaft, head, neck = SHAFT_WIDTH / 2 * length, HEAD_WIDTH / 2 * length, (1 - HEAD_LENGTH) * length
-    outline = np.array(
-        [[0, -shaft], [neck, -shaft], [neck, -head], [length, 0], [neck, head], [neck, shaft], [0, shaft]]
-    )
-    flat = [[0, 1, 5], [0, 5, 6], [1, 2, 3], [1, 3, 5], [5, 3, 4]]
-    count = len(outline)
-    top = np.column_stack([outline, np.full(count, THICKNESS / 2)])
-    bottom = np.column_stack([outline, np.full(count, -THICKNESS / 2)])
-    sides = []
-    for here in range(count):
-        there = (here + 1) % count
-        sides += [[here + count, there + count, there], [here + count, there, here]]
-    lids = [[a, b, c] for a, b, c in flat] + [[a + count, c + count, b + count] for a, b, c in flat]
-    local = np.concatenate([top, bottom])
-    vertices = start + local @ np.stack([motion, across, normal])
-    return trimesh.Trimesh(vertices, np.array(lids + sides), process=False)
 
 
 @dataclass(frozen=True, eq=False)
@@ -82,11 +49,11 @@ class Part:
     T_world_part: Float[np.ndarray, "4 4"]
 
     def vertices_in_world(self) -> Float[np.ndarray, "n 3"]:
-        """Vertices [m], world frame."""
+        """Return the vertices [m], world frame."""
         return trimesh.transform_points(self.mesh.vertices, self.T_world_part)
 
     def mesh_in_world(self) -> trimesh.Trimesh:
-        """The mesh [m], world frame; as many vertices and triangles in the same order."""
+        """Return the mesh [m], world frame; as many vertices and triangles in the same order."""
         return trimesh.Trimesh(self.vertices_in_world(), self.mesh.faces, process=False)
 
 
@@ -99,52 +66,95 @@ class VisualScene:
         contacts: points where hand and object touch [m], world frame.
         motion: unit direction in which the object shall move, world frame; zero where it shall not, as in a grasp.
         motion_length: how far [m].
-        title: plain text, drawn as given; it may come from a file name.
+
+    Raises:
+        InputError: no part is an object.
     """
 
     parts: tuple[Part, ...]
     contacts: Float[np.ndarray, "n 3"]
     motion: Float[np.ndarray, "3"]
     motion_length: float = 0.10
-    title: str = ""
 
     def __post_init__(self) -> None:
-        if not any(part.role == "object" for part in self.parts):
-            raise InputError("a drawing needs a part with the role 'object'; expected one or more, got none")
+        if not self.with_role("object"):
+            raise InputError("a visual scene needs a part with the role 'object'; expected one or more, got none")
 
     def with_role(self, *roles: Role) -> tuple[Part, ...]:
-        """The parts that have one of these roles."""
+        """Return the parts that have one of these roles."""
         return tuple(part for part in self.parts if part.role in roles)
 
+    def vertices(self, *roles: Role) -> Float[np.ndarray, "n 3"]:
+        """Return the vertices of the parts that have one of these roles [m], world frame."""
+        return np.concatenate([np.zeros((0, 3)), *(part.vertices_in_world() for part in self.with_role(*roles))])
+
+    def triangles(self, *roles: Role) -> Float[np.ndarray, "face 3 3"]:
+        """Return the corners of their triangles [m], world frame."""
+        corners = (part.vertices_in_world()[part.mesh.faces] for part in self.with_role(*roles))
+        return np.concatenate([np.zeros((0, 3, 3)), *corners])
+
     def arrow(self) -> Part:
-        """The motion as a solid arrow that starts at the object's leading edge, in the world frame; empty without one."""
-        if not np.any(self.motion):
-            return Part("motion", "arrow", trimesh.Trimesh(), np.eye(4))
-        points = np.concatenate([part.vertices_in_world() for part in self.with_role("object")])
-        return Part("motion", "arrow", motion_arrow(points, self.motion), np.eye(4))
+        """Return the motion as a solid arrow that starts at the object's leading edge, world frame; empty without one."""
+        moves = bool(np.any(self.motion))
+        mesh = motion_arrow(self.vertices("object"), self.motion) if moves else trimesh.Trimesh()
+        return Part("motion", "arrow", mesh, np.eye(4))
 
 
-def drawing(
+def check_same_bodies(scenes: Sequence[VisualScene]) -> None:
+    """Refuse scenes of different bodies, which can be neither one page nor one recording; InputError."""
+    bodies = [[(id(part.mesh), part.role) for part in scene.parts] for scene in scenes]
+    for index, other in enumerate(bodies):
+        if other != bodies[0]:
+            raise InputError(
+                f"visual scene {index} shows other bodies than scene 0; expected the same meshes in the same order; "
+                "show each scene for itself"
+            )
+
+
+def motion_arrow(object_points: Float[np.ndarray, "n 3"], motion: Float[np.ndarray, "3"]) -> trimesh.Trimesh:
+    """Return a flat solid arrow along `motion` from the leading edge of an object, at the height of its middle.
+
+    Args:
+        object_points: vertices of the object [m], world frame.
+        motion: unit direction, world frame.
+    """
+    helper = np.array([1.0, 0.0, 0.0]) if abs(motion[2]) > UPRIGHT else np.array([0.0, 0.0, 1.0])
+    across = np.cross(helper, motion)
+    across /= np.linalg.norm(across)
+    low, high = object_points.min(axis=0), object_points.max(axis=0)
+    length = float(np.clip(LENGTH_PER_EXTENT * (high - low).max(), *LENGTH_RANGE))
+    middle = (low + high) / 2
+    start = middle + motion * (float(((object_points - middle) @ motion).max()) + GAP)
+
+    shaft, head, neck = SHAFT_WIDTH / 2 * length, HEAD_WIDTH / 2 * length, (1 - HEAD_LENGTH) * length
+    outline = [[0, -shaft], [neck, -shaft], [neck, -head], [length, 0], [neck, head], [neck, shaft], [0, shaft]]
+    flat = [[0, 1, 5], [0, 5, 6], [1, 2, 3], [1, 3, 5], [5, 3, 4]]
+    arrow = trimesh.creation.extrude_triangulation(np.array(outline), np.array(flat), THICKNESS, validate=False)
+    pose = np.eye(4)
+    pose[:3, :3] = np.column_stack([motion, across, np.cross(motion, across)])
+    pose[:3, 3] = start - pose[:3, 2] * THICKNESS / 2
+    return arrow.apply_transform(pose)
+
+
+def visual_scene(
     scene: Scene,
     hand: Hand,
     q: Float[np.ndarray, " coordinates"],
     *,
     contacts: Float[np.ndarray, "n 3"] | None = None,
-    title: str = "",
 ) -> VisualScene:
-    """The drawing of one configuration q (9 + d,); `contacts` are world points [m]."""
-    return drawings(scene, hand, np.asarray(q)[None], contacts=None if contacts is None else [contacts], title=title)[0]
+    """Return what is to be seen of one configuration q (9 + d,); `contacts` are world points [m]."""
+    return visual_scenes(scene, hand, np.asarray(q)[None], contacts=None if contacts is None else [contacts])[0]
 
 
-def drawings(
+def visual_scenes(
     scene: Scene,
     hand: Hand,
     q: Float[np.ndarray, "batch coordinates"],
     *,
     contacts: Sequence[Float[np.ndarray, "_ 3"]] | None = None,
-    title: str = "",
 ) -> list[VisualScene]:
-    """The drawings of many configurations q (n, 9 + d) in one scene; they share their meshes.
+    """Return what is to be seen of many configurations q (n, 9 + d) in one scene; they share their meshes.
 
     Raises:
         InputError: q and contacts are not of the same length.
@@ -153,6 +163,7 @@ def drawings(
         raise InputError(
             f"contacts of {len(contacts)} configurations were given for {len(q)}; expected one entry for each"
         )
+    roles: list[Role] = [_link_role(hand, name) for name in hand.link_names]
     fixed = [
         Part("object", "object", scene.object_mesh, np.asarray(scene.T_world_object)),
         Part("environment", "environment", scene.environment_mesh, np.eye(4)),
@@ -160,13 +171,10 @@ def drawings(
     poses = hand.forward_kinematics(torch.as_tensor(np.asarray(q), dtype=torch.float64)).detach().cpu().numpy()
     result = []
     for index, T_world_links in enumerate(poses):
-        links = [
-            Part(name, _link_role(hand, name), mesh, pose)
-            for name, mesh, pose in zip(hand.link_names, hand.link_meshes, T_world_links, strict=True)
-        ]
+        links = map(Part, hand.link_names, roles, hand.link_meshes, T_world_links)
         points = np.zeros((0, 3)) if contacts is None else np.asarray(contacts[index], dtype=np.float64).reshape(-1, 3)
         parts = tuple(part for part in (*fixed, *links) if len(part.mesh.faces))
-        result.append(VisualScene(parts, points, np.asarray(scene.motion), float(scene.motion_length), title))
+        result.append(VisualScene(parts, points, np.asarray(scene.motion), float(scene.motion_length)))
     return result
 
 

@@ -6,7 +6,7 @@ import trimesh
 from dexnudge.errors import InputError
 from dexnudge.hands.shadow_lite import shadow_lite
 from dexnudge.scenes.scene import Scene
-from dexnudge.viewer.visual_scene import Part, VisualScene, drawing, drawings
+from dexnudge.viewer.visual_scene import Part, VisualScene, visual_scene, visual_scenes
 
 T_OBJECT = trimesh.transformations.translation_matrix([0.3, -0.2, 0.01])
 
@@ -31,7 +31,7 @@ def random_q(hand, count):
 def test_links_stand_where_forward_kinematics_puts_them(hand, scene):
     q = random_q(hand, 3)
     poses = hand.forward_kinematics(torch.as_tensor(q)).numpy()
-    for shown, T_world_links in zip(drawings(scene, hand, q), poses, strict=True):
+    for shown, T_world_links in zip(visual_scenes(scene, hand, q), poses, strict=True):
         links = {part.name: part for part in shown.with_role("link", "fingertip", "base")}
         expected = {name for name, mesh in zip(hand.link_names, hand.link_meshes, strict=True) if len(mesh.faces)}
         assert set(links) == expected
@@ -42,7 +42,7 @@ def test_links_stand_where_forward_kinematics_puts_them(hand, scene):
 
 def test_roles_object_and_contacts(hand, scene):
     points = np.array([[0.1, 0.2, 0.3]])
-    shown = drawing(scene, hand, random_q(hand, 1)[0], contacts=points, title="a")
+    shown = visual_scene(scene, hand, random_q(hand, 1)[0], contacts=points)
     assert {part.name for part in shown.with_role("fingertip")} == set(hand.fingertip_links)
     assert [part.name for part in shown.with_role("base")] == ["base"]
     np.testing.assert_allclose(
@@ -53,7 +53,7 @@ def test_roles_object_and_contacts(hand, scene):
 
 
 def test_configurations_share_their_meshes(hand, scene):
-    one, two = drawings(scene, hand, random_q(hand, 2))
+    one, two = visual_scenes(scene, hand, random_q(hand, 2))
     assert all(a.mesh is b.mesh for a, b in zip(one.parts, two.parts, strict=True))
 
 
@@ -74,9 +74,9 @@ def test_arrow_is_a_closed_body_that_starts_at_the_leading_edge(motion):
 
 def test_contacts_must_be_given_for_each_configuration(hand, scene):
     with pytest.raises(InputError, match=r"contacts of 1 configurations were given for 2; expected one entry for each"):
-        drawings(scene, hand, random_q(hand, 2), contacts=[np.zeros((0, 3))])
+        visual_scenes(scene, hand, random_q(hand, 2), contacts=[np.zeros((0, 3))])
 
 
-def test_a_drawing_needs_an_object():
+def test_a_visual_scene_needs_an_object():
     with pytest.raises(InputError, match="needs a part with the role 'object'"):
         VisualScene((), np.zeros((0, 3)), np.array([1.0, 0, 0]))

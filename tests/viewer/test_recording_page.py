@@ -8,7 +8,7 @@ import numpy as np
 import pytest
 
 from dexnudge.errors import InputError, OutputError
-from dexnudge.viewer.film_page import write_film_page
+from dexnudge.viewer.page import write_recording_page
 
 HOSTILE = "</script><script>alert(1)</script><img src=x onerror=alert(2)> & \"q\" 'r' $title"
 
@@ -18,8 +18,8 @@ def data_of(path):
 
 
 @pytest.fixture(scope="module")
-def page(film, tmp_path_factory):
-    return write_film_page(film, tmp_path_factory.mktemp("film") / "film.html")
+def page(recording, tmp_path_factory):
+    return write_recording_page(recording, tmp_path_factory.mktemp("recording") / "film.html")
 
 
 def test_the_page_loads_nothing_from_anywhere(page):
@@ -28,24 +28,24 @@ def test_the_page_loads_nothing_from_anywhere(page):
     assert "default-src 'none'" in text
 
 
-def test_frames_are_those_of_the_film(page, film):
+def test_frames_are_those_of_the_recording(page, recording):
     data = data_of(page)
     assert len(data["configurations"]) == len(data["time"]) == len(data["phase"]) == len(data["arrows"]) == 41
-    for entry, frame in zip(data["configurations"], film.frames, strict=True):
+    for entry, frame in zip(data["configurations"], recording.frames, strict=True):
         poses = np.frombuffer(base64.b64decode(entry["poses"]), dtype="<f4").reshape(-1, 3, 4)
         np.testing.assert_allclose(poses, [part.T_world_part[:3] for part in frame.parts], atol=1e-7)
-    np.testing.assert_allclose(data["time"], film.time, atol=1e-4)
+    np.testing.assert_allclose(data["time"], recording.time, atol=1e-4)
 
 
-def test_the_arrow_goes_with_the_object_as_long_as_it_shall_move(page, film):
+def test_the_arrow_goes_with_the_object_as_long_as_it_shall_move(page, recording):
     arrows = data_of(page)["arrows"]
     assert arrows[30] == pytest.approx([0.05, 0.0, 0.0])
     assert arrows[31:] == [None] * 10
 
 
-def test_numbers_beside_are_those_of_the_curves(page, film):
+def test_numbers_beside_are_those_of_the_curves(page, recording):
     along, up, normal = data_of(page)["curves"]
-    np.testing.assert_allclose(along["values"], film.charts["way"][0].values, atol=1e-4)
+    np.testing.assert_allclose(along["values"], recording.charts["way"][0].values, atol=1e-4)
     assert normal["values"][:20] == [None] * 20
     assert normal["values"][20] == pytest.approx(4.0)
     assert (along["unit"], normal["unit"]) == ("mm", "N")
@@ -68,24 +68,26 @@ def test_lines_are_drawn_where_the_axis_says(page):
     assert len(force.find("polyline").get("points").split()) == 21
 
 
-def test_hostile_names_are_shown_and_not_run(film, tmp_path):
-    hostile = replace(film, title=HOSTILE, subtitle=HOSTILE, phase=[HOSTILE] * 41, charts={HOSTILE: film.charts["way"]})
-    text = write_film_page(hostile, tmp_path / "film.html").read_text(encoding="utf-8")
+def test_hostile_names_are_shown_and_not_run(recording, tmp_path):
+    hostile = replace(
+        recording, title=HOSTILE, subtitle=HOSTILE, phase=[HOSTILE] * 41, charts={HOSTILE: recording.charts["way"]}
+    )
+    text = write_recording_page(hostile, tmp_path / "film.html").read_text(encoding="utf-8")
     assert text.count("<script") == 2
     assert "<img" not in text
 
 
-def test_a_long_film_is_thinned(film, tmp_path):
-    many = film.part(np.arange(41).repeat(50))
+def test_a_long_recording_is_thinned(recording, tmp_path):
+    many = recording.part(np.arange(41).repeat(50))
     many = replace(many, time=np.linspace(0.0, 41.0, 2050))
-    data = data_of(write_film_page(many, tmp_path / "film.html"))
+    data = data_of(write_recording_page(many, tmp_path / "film.html"))
     assert len(data["time"]) == len(data["configurations"]) == 1000
     assert (data["time"][0], data["time"][-1]) == (0.0, 41.0)
 
 
-def test_what_cannot_be_shown_or_written_is_refused(film, tmp_path):
-    fewer = replace(film.frames[1], parts=film.frames[1].parts[:2])
-    with pytest.raises(InputError, match="drawing 1 shows other bodies"):
-        write_film_page(replace(film, frames=[film.frames[0], fewer, *film.frames[2:]]), tmp_path / "film.html")
+def test_what_cannot_be_shown_or_written_is_refused(recording, tmp_path):
+    fewer = replace(recording.frames[1], parts=recording.frames[1].parts[:2])
+    with pytest.raises(InputError, match="visual scene 1 shows other bodies"):
+        replace(recording, frames=[recording.frames[0], fewer, *recording.frames[2:]])
     with pytest.raises(OutputError, match="cannot be written"):
-        write_film_page(film, tmp_path / "missing" / "film.html")
+        write_recording_page(recording, tmp_path / "missing" / "film.html")

@@ -3,15 +3,15 @@ import pytest
 from PIL import Image
 
 from dexnudge.errors import InputError, OutputError
-from dexnudge.viewer.film_picture import write_pictures
+from dexnudge.viewer.recording_picture import write_recording_pictures
 
 TILE = (120, 90)
 
 
 @pytest.fixture(scope="module")
-def written(film, tmp_path_factory):
+def written(recording, tmp_path_factory):
     folder = tmp_path_factory.mktemp("pictures")
-    write_pictures(film, folder / "film.png", folder / "film.gif", pictures=21, tile=TILE)
+    write_recording_pictures(recording, folder / "film.png", folder / "film.gif", pictures=21, tile=TILE)
     return folder
 
 
@@ -27,7 +27,7 @@ def orange(picture):
     return (picture[..., 0] > 150) & (picture[..., 2] < 90)
 
 
-def test_the_animation_has_as_many_pictures_as_asked_for_and_runs_at_the_films_pace(written):
+def test_the_animation_has_as_many_pictures_as_asked_for_and_runs_at_the_pace_of_the_recording(written):
     pictures, shown = zip(*frames_of(written / "film.gif"), strict=True)
     assert len(pictures) == 21
     assert pictures[0].shape == (90, 120, 3)
@@ -35,7 +35,7 @@ def test_the_animation_has_as_many_pictures_as_asked_for_and_runs_at_the_films_p
     assert shown[-1] == 1500
 
 
-def test_the_object_moves_in_the_animation_when_it_moves_in_the_film(written):
+def test_the_object_moves_in_the_animation_when_it_moves_in_the_recording(written):
     places = [np.argwhere(orange(picture)).mean(axis=0) for picture, _ in frames_of(written / "film.gif")]
     steps = np.linalg.norm(np.diff(places, axis=0), axis=1)
     assert steps[:10].max() < 0.2  # pixels, until 1 s
@@ -52,9 +52,9 @@ def test_the_strip_shows_six_moments_side_by_side(written):
     assert np.linalg.norm(np.diff(places, axis=0), axis=1).min() > 0.5
 
 
-def test_what_cannot_be_shown_or_written_is_refused(film, tmp_path):
+def test_what_cannot_be_shown_or_written_is_refused(recording, tmp_path):
     with pytest.raises(InputError, match="an animation of 1 pictures"):
-        write_pictures(film, tmp_path / "film.png", tmp_path / "film.gif", pictures=1)
-    short = film.part(np.array([0, 40]))
+        write_recording_pictures(recording, tmp_path / "film.png", tmp_path / "film.gif", pictures=1)
+    short = recording.part(np.array([0, 40]))
     with pytest.raises(OutputError, match=r"the animation .* cannot be written"):
-        write_pictures(short, tmp_path / "film.png", tmp_path / "missing" / "film.gif", tile=(16, 12))
+        write_recording_pictures(short, tmp_path / "film.png", tmp_path / "missing" / "film.gif", tile=(16, 12))

@@ -1,4 +1,4 @@
-"""A film as pictures, without GPU or display: a strip of moments side by side, and an animation."""
+"""A recording as pictures, without GPU or display: a strip of moments side by side, and an animation."""
 
 from pathlib import Path
 
@@ -9,7 +9,7 @@ from PIL import Image
 from dexnudge.errors import InputError, OutputError
 from dexnudge.viewer.camera import Camera
 from dexnudge.viewer.picture import arrange, render_array, write_png
-from dexnudge.viewer.recording import SAMPLES, Film, film_camera
+from dexnudge.viewer.recording import SAMPLES, Recording, recording_camera
 from dexnudge.viewer.viewpoint import hiding_faces
 from dexnudge.viewer.visual_scene import VisualScene
 
@@ -17,14 +17,14 @@ TILE = (400, 300)  # pixels of each picture, width and height
 STRIP_PICTURES = 6
 PICTURES_PER_SECOND = 10.0  # of the animation, as far as that makes no more than
 MOST_PICTURES = 60
-PICTURE_TIME = (0.06, 0.2)  # [s] that the animation shows each picture: a long film runs faster than it was
+PICTURE_TIME = (0.06, 0.2)  # [s] that the animation shows each picture: a long recording runs faster than it was
 LAST_PICTURE_TIME = 1.5  # [s] that it shows the last one, before it begins again
 COLOURS = 255  # of an animation's pictures together; one more is left for what did not change
 PALETTE_PICTURES = 4  # of which the colours are taken
 
 
-def write_pictures(
-    film: Film,
+def write_recording_pictures(
+    recording: Recording,
     strip: Path | str,
     animation: Path | str,
     *,
@@ -34,10 +34,10 @@ def write_pictures(
     """Write the strip (PNG) and the animation (GIF); every picture says its time and phase.
 
     Args:
-        film: what is shown.
+        recording: what is shown.
         strip: up to six of the animation's moments, between which about equally much moves.
-        animation: evenly spaced moments, in real time where the film is not too long for that.
-        pictures: of the animation, at most as many as the film has moments; ten a second, up to 60, unless given.
+        animation: evenly spaced moments, in real time where the recording is not too long for that.
+        pictures: of the animation, at most as many as the recording has moments; ten a second, up to 60, unless given.
         tile: width and height of a picture in pixels.
 
     Raises:
@@ -47,15 +47,16 @@ def write_pictures(
     if pictures is not None and pictures < 2:
         raise InputError(f"an animation of {pictures} pictures was asked for; expected at least 2")
     aspect = tile[0] / tile[1]
-    camera = film_camera(film, aspect=aspect)
-    glass = _glass(film, camera, aspect)
-    length = float(film.time[-1] - film.time[0])
-    animated = film.evenly(pictures or int(np.clip(round(PICTURES_PER_SECOND * length), 2, MOST_PICTURES)))
-    shown = _nearest(film, animated, film.eventful(STRIP_PICTURES))
+    camera = recording_camera(recording, aspect=aspect)
+    glass = _glass(recording, camera, aspect)
+    length = float(recording.time[-1] - recording.time[0])
+    animated = recording.evenly(pictures or int(np.clip(round(PICTURES_PER_SECOND * length), 2, MOST_PICTURES)))
+    shown = _nearest(recording, animated, recording.eventful(STRIP_PICTURES))
     drawn = {
-        index: render_array(film.frames[index], size=tile, camera=camera, glass=glass) for index in animated.tolist()
+        index: render_array(recording.frames[index], size=tile, camera=camera, glass=glass)
+        for index in animated.tolist()
     }
-    captions = {index: film.caption(index) for index in drawn}
+    captions = {index: recording.caption(index) for index in drawn}
     chosen = shown.tolist()
     sheet = arrange([drawn[index] for index in chosen], [captions[index] for index in chosen], columns=len(chosen))
     write_png(sheet, strip)
@@ -64,16 +65,16 @@ def write_pictures(
 
 
 def _nearest(
-    film: Film, among: Int[np.ndarray, " drawn"], wanted: Int[np.ndarray, " chosen"]
+    recording: Recording, among: Int[np.ndarray, " drawn"], wanted: Int[np.ndarray, " chosen"]
 ) -> Int[np.ndarray, " found"]:
-    """Of the moments `among`, the nearest in time to each wanted one; each once."""
-    return among[np.unique(np.abs(film.time[among][:, None] - film.time[wanted]).argmin(axis=0))]
+    """Return, of the moments `among`, the nearest in time to each wanted one; each once."""
+    return among[np.unique(np.abs(recording.time[among][:, None] - recording.time[wanted]).argmin(axis=0))]
 
 
-def _glass(film: Film, camera: Camera, aspect: float) -> list[Bool[np.ndarray, " face"]]:
-    """Which triangles of each part of the surroundings hide something at some moment: so none flickers."""
-    sampled = film.part(film.eventful(SAMPLES)).frames
-    parts = film.frames[0].with_role("environment")
+def _glass(recording: Recording, camera: Camera, aspect: float) -> list[Bool[np.ndarray, " face"]]:
+    """Return which triangles of each part of the surroundings hide something at some moment: so none flickers."""
+    sampled = recording.part(recording.eventful(SAMPLES)).frames
+    parts = recording.frames[0].with_role("environment")
     return [np.any([_hiding(frame, place, camera, aspect) for frame in sampled], axis=0) for place in range(len(parts))]
 
 

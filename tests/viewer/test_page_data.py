@@ -4,7 +4,7 @@ import numpy as np
 import pytest
 import trimesh
 
-from dexnudge.viewer.page import LARGEST_MESH, page_geometry, thinned
+from dexnudge.viewer.page_data import LARGEST_MESH, page_geometry, thinned
 from dexnudge.viewer.ray_scene import corner_normals
 
 

@@ -1,4 +1,4 @@
-"""Curves over time as SVG text for a page that loads nothing: phases as bands, and a cursor that the page's script moves."""
+"""Curves over time as SVG for a page: phases as bands, and a cursor that the page's script moves."""
 
 import math
 from collections.abc import Callable, Sequence
@@ -8,7 +8,7 @@ from itertools import groupby
 import numpy as np
 from jaxtyping import Float
 
-from dexnudge.viewer.recording import Curve, Film
+from dexnudge.viewer.recording import Curve, Recording
 
 COLOURS = ("#3b6fb6", "#e07b39", "#2a8f6a", "#8e5ea2")  # of a chart's curves, in turn
 BANDS = ("#f4f6f8", "#e9edf2")  # of phases, alternating
@@ -20,23 +20,25 @@ NOISE = 0.03  # of a chart's range: what lies less beyond 0 gets no room of its 
 LEAST_RANGE = 1.0  # in a curve's own unit, so that a quantity that stays does not fill its chart with noise
 
 
-def film_charts(film: Film) -> list[str]:
-    """One SVG for each chart of the film; `data-left` and `data-width` tell where its time axis lies."""
-    return [_chart(title, curves, film) for title, curves in film.charts.items()]
+def recording_charts(recording: Recording) -> list[str]:
+    """Return one SVG for each chart of the recording; `data-left` and `data-width` tell where its time axis lies."""
+    return [_chart(title, curves, recording) for title, curves in recording.charts.items()]
 
 
-def phase_spans(film: Film) -> list[tuple[str, float, float]]:
-    """Name, beginning and end [s] of each phase in order; a phase ends where the next one begins."""
+def phase_spans(recording: Recording) -> list[tuple[str, float, float]]:
+    """Return name, beginning and end [s] of each phase in order; a phase ends where the next one begins."""
     begins: list[tuple[str, float]] = []
-    for name, members in groupby(zip(film.phase, film.time.tolist(), strict=True), key=lambda moment: moment[0]):
+    for name, members in groupby(
+        zip(recording.phase, recording.time.tolist(), strict=True), key=lambda moment: moment[0]
+    ):
         begins.append((name, next(members)[1]))
-    ends = [begin for _, begin in begins[1:]] + [float(film.time[-1])]
+    ends = [begin for _, begin in begins[1:]] + [float(recording.time[-1])]
     return [(name, begin, end) for (name, begin), end in zip(begins, ends, strict=True)]
 
 
-def _chart(title: str, curves: Sequence[Curve], film: Film) -> str:
+def _chart(title: str, curves: Sequence[Curve], recording: Recording) -> str:
     low, high, step = _scale(np.concatenate([curve.values for curve in curves]))
-    first, last = float(film.time[0]), float(film.time[-1])
+    first, last = float(recording.time[0]), float(recording.time[-1])
     width, height = WIDTH - LEFT - RIGHT, HEIGHT - TOP - BOTTOM
     across = width / max(last - first, 1e-9)
     up = height / (high - low)
@@ -45,7 +47,7 @@ def _chart(title: str, curves: Sequence[Curve], film: Film) -> str:
         return LEFT + (time - first) * across, TOP + (high - value) * up
 
     parts = []
-    for index, (name, begin, end) in enumerate(phase_spans(film)):
+    for index, (name, begin, end) in enumerate(phase_spans(recording)):
         x, wide = place(begin, low)[0], (end - begin) * across
         parts.append(f'<rect x="{x:.1f}" y="{TOP}" width="{wide:.1f}" height="{height}" fill="{BANDS[index % 2]}"/>')
         if wide > NAME_WIDTH * len(name):
@@ -58,7 +60,7 @@ def _chart(title: str, curves: Sequence[Curve], film: Film) -> str:
     parts.append(f'<text x="{x}" y="14" class="title">{escape(title)}</text>')
     x += 7.0 * len(title) + 12
     for curve, colour in zip(curves, COLOURS, strict=False):
-        points = _points(film.time, curve.values, place)
+        points = _points(recording.time, curve.values, place)
         parts += [f'<polyline points="{run}" stroke="{colour}" class="curve"/>' for run in points]
         parts.append(
             f'<text x="{x:.0f}" y="14" fill="{colour}">{escape(curve.name)} <tspan data-value=""></tspan></text>'
@@ -76,7 +78,7 @@ def _points(
     values: Float[np.ndarray, " frame"],
     place: Callable[[float, float], tuple[float, float]],
 ) -> list[str]:
-    """Corners of a polyline for each stretch of finite values."""
+    """Return the corners of a polyline for each stretch of finite values."""
     runs: list[list[str]] = [[]]
     for moment, value in zip(time.tolist(), values.tolist(), strict=True):
         if math.isfinite(value):
@@ -88,7 +90,7 @@ def _points(
 
 
 def _scale(values: Float[np.ndarray, " value"]) -> tuple[float, float, float]:
-    """Ends of an axis that holds 0 and the finite values, and its step, which divides both: 1, 2 or 5 and a power of ten."""
+    """Return low and high end of an axis that holds 0 and the finite values, and its step: 1, 2 or 5 by a power of ten."""
     finite = values[np.isfinite(values)]
     low, high = min(0.0, float(finite.min(initial=0.0))), max(0.0, float(finite.max(initial=0.0)))
     low, high = (end if abs(end) > NOISE * (high - low) else 0.0 for end in (low, high))
