@@ -7,9 +7,8 @@ from pathlib import Path
 
 import tyro
 
+import dexnudge as dn
 from dexnudge.cli.arguments import stdout, table
-from dexnudge.cli.sample import Sample
-from dexnudge.errors import DexnudgeError
 
 
 @dataclass(frozen=True)
@@ -30,19 +29,19 @@ class Demo:
     def run(self) -> None:
         """Write the folders, then print the table."""
         shown = table("scene", "drawn", "verified", "robust", "best margin", "seconds", "picture and 3-D page")
-        for scene in self.scenes:
+        sampler = dn.Sampler(dn.load_hand("shadow_lite"))
+        for family in self.scenes:
             start = time.perf_counter()
-            out = self.out / scene
-            summary = Sample(
-                object=self.object, scene=scene, out=str(out), num=self.num, seed=self.seed, overwrite=True
-            ).write()
-            best = summary["best_force_margin"]
+            scene = dn.build_scene(family, self.object, seed=self.seed)
+            samples = sampler.sample(scene, num=self.num, seed=self.seed)
+            out = self.out / family
+            samples = samples.save(out, title=f"{self.object}, {family}", overwrite=True)
             shown.add_row(
-                scene,
-                str(summary["drawn"]),
-                str(summary["verified"]),
-                str(summary["robust"]),
-                "-" if best is None else f"{best:.2f}",
+                family,
+                str(len(samples)),
+                str(samples.num_verified),
+                str(int(samples.verdicts.robust.sum())),
+                f"{samples[0].force_margin:.2f}" if samples.num_verified else "-",
                 f"{time.perf_counter() - start:.1f}",
                 f"{out}/view.png, view.html",
             )
@@ -54,5 +53,5 @@ class Demo:
 if __name__ == "__main__":
     try:
         tyro.cli(Demo).run()
-    except DexnudgeError as error:
+    except dn.DexnudgeError as error:
         sys.exit(f"demo: {error}")

@@ -83,10 +83,6 @@ def test_a_missing_mesh(refused, tmp_path):
 
 
 def test_unknown_names_list_the_valid_ones(refused):
-    refused("sample", "phon", "--scene", "table", message="unknown object 'phon'; expected a mesh file .*phone")
-    refused(
-        "sample", "phone", "--scene", "tabel", message="unknown scene 'tabel'; expected one of table, layers, shelf"
-    )
     refused("sample", "phone", "--scene", "table", "--hand", "shado", message="shadow_full, shadow_lite")
     refused("evaluate", "--objects", "builtin:tset", message="builtin:t|train, test|test, train")
     refused("evaluate", "--objects", "builtin:test", "--scenes", "tabel", message="expected some of table")
@@ -109,10 +105,10 @@ def test_an_object_that_does_not_fit_its_scene(refused, tmp_path):
         (["--environment", "e.obj"], "--environment needs --object-pose and --motion too"),
         (["--scene", "table", "--num", "0"], "--num is 0; expected at least 1"),
         (["--scene", "table", "--verified", "0"], "--verified is 0; expected at least 1"),
-        (["--scene", "table", "--max-draws", "5"], "--max-draws limits the search of --verified"),
-        (["--scene", "table", "--seed", "-1"], "--seed is -1; expected 0 or more"),
-        (["--scene", "table", "--mass", "-1"], "mass is -1"),
-        (["--scene", "table", "--friction-hand", "nan"], "friction_hand is nan"),
+        (["--scene", "table", "--max-draws", "5"], "--max-draws limits the search for --verified draws"),
+        (["--scene", "table", "--seed", "-1"], "--seed is -1; expected at least 0"),
+        (["--scene", "table", "--mass", "-1"], "--mass is -1"),
+        (["--scene", "table", "--friction-hand", "nan"], "--friction-hand is nan"),
         (["--scene", "table", "--length", "70"], "length is 70"),
     ],
 )
@@ -123,13 +119,13 @@ def test_options_that_contradict_or_make_no_sense(refused, options, message):
 @pytest.mark.parametrize(
     ("command", "option", "message"),
     [
-        (["evaluate", "--objects", "builtin:test"], ["--seed", -1], "--seed is -1; expected 0 or more"),
-        (["evaluate", "--objects", "builtin:test"], ["--workers", 0], "--workers is 0; expected 1 or more"),
-        (["evaluate", "--objects", "builtin:test"], ["--num", 0], "--num is 0; expected 1 or more"),
-        (["dataset", "generate", "--objects", "builtin:test"], ["--seed", -1], "--seed is -1; expected 0 or more"),
-        (["dataset", "generate", "--objects", "builtin:test"], ["--grasps", -1], "--grasps is -1; expected 0 or more"),
+        (["evaluate", "--objects", "builtin:test"], ["--seed", -1], "--seed is -1; expected at least 0"),
+        (["evaluate", "--objects", "builtin:test"], ["--workers", 0], "--workers is 0; expected at least 1"),
+        (["evaluate", "--objects", "builtin:test"], ["--num", 0], "--num is 0; expected at least 1"),
+        (["dataset", "generate", "--objects", "builtin:test"], ["--seed", -1], "--seed is -1; expected at least 0"),
+        (["dataset", "generate", "--objects", "builtin:test"], ["--grasps", -1], "--grasps is -1; expected at least 0"),
         (["dataset", "generate", "--objects", "nothing"], [], "nothing: no such set of objects"),
-        (["train", "--data", "nothing"], ["--seed", -1], "--seed is -1; expected 0 or more"),
+        (["train", "--data", "nothing"], ["--seed", -1], "--seed is -1; expected at least 0"),
         (["train", "--data", "nothing"], [], "expected a dataset folder"),
     ],
 )

@@ -42,5 +42,5 @@ def test_a_number_of_executions_below_one_is_refused(dexnudge, tmp_path):
         "evaluate", "--objects", "builtin:test", "--out", tmp_path / "out", "--execute", "--execute-num", 0
     )
     assert outcome.code == 2
-    assert outcome.err == "dexnudge: --execute-num is 0; expected 1 or more\n"
+    assert outcome.err == "dexnudge: --execute-num is 0; expected at least 1\n"
     assert not (tmp_path / "out").exists()

@@ -40,7 +40,7 @@ def test_an_experiment_is_lifted_and_goes_on_where_it_was_stopped(dexnudge, tmp_
 @pytest.mark.parametrize(
     ("options", "message"),
     [
-        (["--then-grasp", "--tries", 0], "--tries is 0; expected 1 or more"),
+        (["--then-grasp", "--tries", 0], "--tries is 0; expected at least 1"),
         (["--tries", 2], "--tries is 2 without --then-grasp; expected both; add --then-grasp"),
     ],
 )

@@ -79,4 +79,4 @@ def test_a_folder_that_is_not_there_is_refused(dexnudge, tmp_path):
 def test_counts_below_one_are_refused(dexnudge, tmp_path):
     outcome = dexnudge("execute", tmp_path, "--top", "0")
     assert outcome.code == 2
-    assert outcome.err == "dexnudge: --top is 0; expected 1 or more\n"
+    assert outcome.err == "dexnudge: --top is 0; expected at least 1\n"

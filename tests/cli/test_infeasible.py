@@ -1,4 +1,4 @@
-"""Scenes in which nothing can succeed: exit 0, every draw written and counted, and the reason said."""
+"""Scenes in which nothing can succeed: exit 3, every draw written and counted, and the reason said."""
 
 import json
 
@@ -26,7 +26,7 @@ def sample(dexnudge, tmp_path):
             *("sample", tmp_path / "object.obj", *own, "--motion", 1, 0, 0, "--num", NUM),
             *("--method", "random_start_projection", *options, "--out", tmp_path / "out"),
         )
-        assert outcome.code == 0, outcome.err
+        assert outcome.code == 3, outcome.err
         with np.load(tmp_path / "out" / "configurations.npz") as archive:
             success = archive["success"]
         return outcome.out, json.loads((tmp_path / "out" / "summary.json").read_text()), success

@@ -25,7 +25,7 @@ def rows(out: Path) -> list[bytes]:
     [
         (["--num", 0], "--num is 0; expected at least 1"),
         (["--max-objects", 0], "--max-objects is 0; expected at least 1"),
-        (["--workers", 0], "--workers is 0; expected 1 or more"),
+        (["--workers", 0], "--workers is 0; expected at least 1"),
         (["--objects", "nowhere"], "nowhere: no such set of objects; expected builtin:train"),
         (["--scenes", "tabel"], "unknown scene 'tabel'; expected some of table, layers"),
         (["--parts", "harder"], "unknown part 'harder'; expected some of with_base, without_base"),

@@ -77,4 +77,4 @@ def test_top_is_refused_with_then_grasp(dexnudge, tmp_path):
 def test_tries_below_one_are_refused(dexnudge, tmp_path):
     outcome = dexnudge("execute", tmp_path, "--then-grasp", "--tries", "0")
     assert outcome.code == 2
-    assert outcome.err == "dexnudge: --tries is 0; expected 1 or more\n"
+    assert outcome.err == "dexnudge: --tries is 0; expected at least 1\n"

@@ -10,7 +10,7 @@ import pyarrow.parquet as pq
 import pytest
 import trimesh
 
-from dexnudge.cli.dataset import LISTED_DIFFERENCES
+from dexnudge.cli.arguments import MOST_LISTED
 from dexnudge.cli.main import main
 from dexnudge.dataset.loading import load_dataset
 from dexnudge.dataset.manifest import read_manifest, write_manifest
@@ -108,12 +108,12 @@ def test_the_command_lists_twenty_lies_and_says_how_many_more(copy, objects, nam
         + tamper(copy, name, "penetration_object", lambda row: row["penetration_object"] + 0.001)
         for name in names
     )
-    assert lies > LISTED_DIFFERENCES
+    assert lies > MOST_LISTED
     command = ["dataset", "check", str(copy), "--objects", str(objects), "--workers", "1"]
     assert main(command) == 2
     message = capsys.readouterr().err
     listed = [line for line in message.splitlines() if re.match(rf"  ({'|'.join(names)}), row \d+: ", line)]
-    assert len(listed) == LISTED_DIFFERENCES == 20
+    assert len(listed) == MOST_LISTED == 20
     assert f"does not hold what it says, {lies} differences:" in message
     assert f"  and {lies - 20} more\n" in message
     assert len(message.strip().splitlines()) <= 20 + 3

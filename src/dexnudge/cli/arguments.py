@@ -1,34 +1,87 @@
-"""Options for the weights and clearances of the losses that guide and project."""
+"""Options that several commands share, and how commands print."""
 
-from dataclasses import dataclass
-from typing import Annotated, Any, Literal
+from __future__ import annotations
+
+from collections.abc import Sequence
+from dataclasses import dataclass, fields
+from typing import TYPE_CHECKING, Annotated, Any, Literal, TypeVar
 
 import tyro
-from rich.console import Console
-from rich.table import Table
 
 from dexnudge.errors import InputError
 
+if TYPE_CHECKING:
+    from rich.console import Console
+    from rich.table import Table
+
+TABLE_WIDTH = 100  # columns when the output is a file or a pipe, so that tables do not depend on where they were made
+MOST_LISTED = 20  # differences in one message: as many as fit on a screen
+NOTHING_SUCCEEDED = 3  # exit code of what is done and written without a single success
+
 
 def metavar(name: str) -> Any:
-    """What the help text shows for the value of an option."""
+    """Return what the help shows for the value of an option."""
     return tyro.conf.arg(metavar=name)
 
 
-def check_at_least(minimum: int, **options: int) -> None:
-    """Refuse an option below `minimum`; InputError that names it as it is typed."""
-    for name, value in options.items():
-        if value < minimum:
-            raise InputError(f"--{name.replace('_', '-')} is {value}; expected {minimum} or more")
-
-
 Units = Literal["m", "cm", "mm", "in"]
+Device = Literal["cpu"]
 Count = Annotated[int, metavar("N")]
 Text = Annotated[str, metavar("NAME")]
+Set = Annotated[str, metavar("SET")]
 Folder = Annotated[str, metavar("DIR")]
+Scenes = Annotated[tuple[str, ...], metavar("FAMILY...")]
 OptionalCount = Annotated[int | None, metavar("N")]
 OptionalFolder = Annotated[str | None, metavar("DIR")]
 OptionalNumber = Annotated[float | None, metavar("X")]
+OptionalSet = Annotated[str | None, metavar("SET")]
+ResultFolder = tyro.conf.Positional[Annotated[str, metavar("DIR")]]
+
+
+def check_at_least(minimum: int, **options: int | None) -> None:
+    """Refuse an option below `minimum`.
+
+    Raises:
+        InputError: names it as an argument.
+    """
+    for name, value in options.items():
+        if value is not None and value < minimum:
+            raise InputError(f"`{name}` is {value}; expected at least {minimum}")
+
+
+Settings = TypeVar("Settings")
+
+
+def settings(kind: type[Settings], options: object, **others: Any) -> Settings:
+    """Return a configuration of the library: its fields are the options of the same names, and `others`."""
+    known = {field.name for field in fields(kind)}  # type: ignore[arg-type]  # a dataclass
+    return kind(**{name: value for name, value in {**vars(options), **others}.items() if name in known})
+
+
+@dataclass(frozen=True, kw_only=True)
+class MeshOptions:
+    """Size of objects from files."""
+
+    units: Units = "m"
+    """Unit of the numbers in mesh files."""
+    length: OptionalNumber = None
+    """Scale each object so that its longest side has this length [m]."""
+
+
+@dataclass(frozen=True, kw_only=True)
+class SetOptions(MeshOptions):
+    """What every command that goes through a set of objects takes."""
+
+    objects: Set
+    """Folder of meshes, text file of paths, builtin:train, builtin:test, or a DexGraspNet meshdata folder (scale 0.08)."""
+    out: Folder
+    """Folder of the run; one that was stopped goes on when the same command is given again."""
+    hand: Text = "shadow_lite"
+    """Built-in hand or URDF file."""
+    seed: Count = 0
+    """Objects and scenes get seeds derived from it."""
+    workers: Count = 2
+    """Processes; one core each."""
 
 
 @dataclass(frozen=True)
@@ -45,25 +98,8 @@ class Physics:
     """Largest normal force of one finger link [N]; 5 unless given."""
 
     def given(self) -> dict[str, float]:
-        """Those that the user gave, by the names that scenes use."""
+        """Return those that the user gave, by the names that scenes use."""
         return {name: value for name, value in vars(self).items() if value is not None}
-
-
-TABLE_WIDTH = 100  # columns when the output is a file or a pipe, so that tables do not depend on where they were made
-
-
-def stdout() -> Console:
-    """Console for results."""
-    console = Console(highlight=False, markup=False)  # names of files and objects may hold brackets
-    return console if console.is_terminal else Console(highlight=False, markup=False, width=TABLE_WIDTH)
-
-
-def table(*columns: str) -> Table:
-    """A table whose first column is text and whose others are numbers."""
-    made = Table(header_style="bold")
-    for index, column in enumerate(columns):
-        made.add_column(column, justify="right" if index else "left", no_wrap=index == 0)
-    return made
 
 
 @dataclass(frozen=True)
@@ -79,7 +115,7 @@ class Losses:
     weight_contact: OptionalNumber = None
     """Fingertips at the object's surface."""
     weight_limits: OptionalNumber = None
-    """Joint limits and couplings, for the guidance rules that go through the network; the others never leave them."""
+    """Joint limits and couplings, for guidance through the network; other rules never leave them."""
     weight_force: OptionalNumber = None
     """Balance of the forces during the desired motion [m^2 per squared object weight]."""
     weight_target: OptionalNumber = None
@@ -94,5 +130,35 @@ class Losses:
     """The same for the forearm [m]."""
 
     def given(self) -> dict[str, float]:
-        """Those that the user gave, by their names in `TermWeights`."""
+        """Return those that the user gave, by their names in `TermWeights`."""
         return {name.removeprefix("weight_"): value for name, value in vars(self).items() if value is not None}
+
+
+def stdout() -> Console:
+    """Return the console for results."""
+    from rich.console import Console
+
+    console = Console(highlight=False, markup=False)  # names of files and objects may hold brackets
+    return console if console.is_terminal else Console(highlight=False, markup=False, width=TABLE_WIDTH)
+
+
+def say(*texts: str) -> None:
+    """Print lines to stdout; no line is broken, so that paths can be copied."""
+    for text in texts:
+        stdout().print(text, soft_wrap=True)
+
+
+def table(*columns: str) -> Table:
+    """Return a table whose first column is text and whose others are numbers."""
+    from rich.table import Table
+
+    made = Table(header_style="bold")
+    for index, column in enumerate(columns):
+        made.add_column(column, justify="right" if index else "left", no_wrap=index == 0)
+    return made
+
+
+def listed(what: Sequence[str], *, most: int = MOST_LISTED) -> str:
+    """Return the first lines, indented, and how many more there are."""
+    more = [f"and {len(what) - most} more"] if len(what) > most else []
+    return "\n".join(f"  {each}" for each in [*what[:most], *more])

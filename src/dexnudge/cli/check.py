@@ -5,14 +5,10 @@ from __future__ import annotations
 import math
 from collections.abc import Iterable
 from dataclasses import dataclass
-from typing import Annotated
 
-import tyro
-
-from dexnudge.cli.arguments import metavar
+from dexnudge.cli.arguments import ResultFolder, listed, say, stdout, table
 from dexnudge.errors import InputError
 
-MOST_DIFFERENCES = 20  # in one message; the rest is counted
 # Name of a figure in the file, factor to the unit shown, and that unit.
 FIGURES = (
     ("penetration_object", 1e3, " [mm]"),
@@ -29,12 +25,11 @@ class Check:
     Exit code 0: all agree. 2: something differs, or a file is missing or damaged.
     """
 
-    folder: tyro.conf.Positional[Annotated[str, metavar("DIR")]]
+    folder: ResultFolder
     """Folder that `sample` wrote."""
 
     def run(self) -> int:
         """Check, print, and raise InputError with the differences, if any."""
-        from dexnudge.cli.arguments import stdout, table
         from dexnudge.results.checking import check
 
         result = check(self.folder)
@@ -47,14 +42,11 @@ class Check:
             shown.add_row(f"{key}{unit}, largest", *(f"{_largest(x):.3f}" for x in (one, other, abs(one - other))))
         stdout().print(shown)
         if not result.agrees:
-            listed = "\n".join(f"  {difference}" for difference in result.differences[:MOST_DIFFERENCES])
-            more = len(result.differences) - MOST_DIFFERENCES
             raise InputError(
-                f"{self.folder}: {len(result.differences)} figures differ from what the files give:\n{listed}"
-                + (f"\n  and {more} more" if more > 0 else "")
-                + "\nexpected all to agree; sample again"
+                f"{self.folder}: {len(result.differences)} figures differ from what the files give:\n"
+                f"{listed(result.differences)}\nexpected all to agree; sample again"
             )
-        stdout().print("every figure agrees")
+        say("every figure agrees")
         return 0
 
 

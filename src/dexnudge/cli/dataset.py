@@ -4,42 +4,25 @@ from dataclasses import dataclass
 from pathlib import Path
 from typing import Annotated, Literal
 
-import tyro
-
 from dexnudge.cli.arguments import (
     Count,
-    Folder,
     OptionalCount,
     OptionalFolder,
-    OptionalNumber,
-    Text,
-    Units,
+    OptionalSet,
+    ResultFolder,
+    SetOptions,
     check_at_least,
+    listed,
     metavar,
+    settings,
 )
 from dexnudge.errors import InputError
 
-LISTED_DIFFERENCES = 20  # of a check; as many as fit on a screen
 
-
-@dataclass(frozen=True)
-class Generate:
+@dataclass(frozen=True, kw_only=True)
+class Generate(SetOptions):
     """Generate verified configurations for a set of objects; a stopped run goes on where it was."""
 
-    objects: Annotated[str, metavar("SET")]
-    """builtin:train, folder of meshes, text file of paths, or a DexGraspNet meshdata folder (scale 0.08)."""
-    out: Folder
-    """Folder of the dataset."""
-    seed: Count = 0
-    """Each object gets a seed derived from it."""
-    workers: Count = 2
-    """Processes; one core each."""
-    units: Units = "m"
-    """Unit of the numbers in mesh files."""
-    length: OptionalNumber = None
-    """Scale every object so that its longest side has this length [m]."""
-    hand: Text = "shadow_lite"
-    """Built-in hand or URDF file."""
     non_prehensile: Count = 256
     """Attempts at pushing, pressing and hooking for each object."""
     grasps: Count = 256
@@ -60,18 +43,11 @@ class Generate:
         from dexnudge.synthesis.generate import generate_dataset
         from dexnudge.synthesis.object_task import GenerationConfig
 
-        config = GenerationConfig(
-            hand=self.hand,
-            units=self.units,
-            length=self.length,
-            non_prehensile=self.non_prehensile,
-            grasps=self.grasps,
-        )
         with owned_folder(self.out) as out:
             generate_dataset(
                 self.objects,
                 out,
-                config,
+                settings(GenerationConfig, self),
                 seed=self.seed,
                 workers=self.workers,
                 engine=self.engine,
@@ -86,11 +62,11 @@ class Generate:
 class Info:
     """Count what a dataset holds and how it is spread; with --out also draw it as a page."""
 
-    folder: tyro.conf.Positional[Annotated[str, metavar("DIR")]]
+    folder: ResultFolder
     """Folder that `dataset generate` wrote."""
     out: OptionalFolder = None
     """Folder for dataset.html (tables, charts, pictures of random samples) and samples-BEHAVIOUR.png."""
-    objects: Annotated[str | None, metavar("SET")] = None
+    objects: OptionalSet = None
     """The set of objects that it was generated from, for the pictures; not needed for built-in objects."""
     seed: Count = 0
     """Which samples are drawn."""
@@ -117,9 +93,9 @@ class Info:
 class CheckDataset:
     """Read every shard of a dataset and, with --objects, verify its configurations again from the meshes."""
 
-    folder: tyro.conf.Positional[Annotated[str, metavar("DIR")]]
+    folder: ResultFolder
     """Folder that `dataset generate` wrote."""
-    objects: Annotated[str | None, metavar("SET")] = None
+    objects: OptionalSet = None
     """The set of objects that it was generated from."""
     num: OptionalCount = None
     """Verify only so many configurations, drawn at random; all unless given."""
@@ -130,40 +106,19 @@ class CheckDataset:
 
     def run(self) -> int:
         """Print what was checked; InputError when something does not hold."""
-        check_at_least(0, seed=self.seed)
+        check_at_least(0, seed=self.seed, num=self.num)
         check_at_least(1, workers=self.workers)
-        if self.num is not None:
-            check_at_least(0, num=self.num)
         from dexnudge.synthesis.checking import check_dataset
 
         report = check_dataset(
             Path(self.folder), objects=self.objects, num=self.num, seed=self.seed, workers=self.workers
         )
         if report.differences:
-            listed = [f"  {difference}" for difference in report.differences[:LISTED_DIFFERENCES]]
-            if len(report.differences) > LISTED_DIFFERENCES:
-                listed.append(f"  and {len(report.differences) - LISTED_DIFFERENCES} more")
             raise InputError(
                 f"{self.folder}: does not hold what it says, {len(report.differences)} differences:\n"
-                + "\n".join(listed)
-                + "\nexpected all to agree; generate again"
+                f"{listed(report.differences)}\nexpected all to agree; generate again"
             )
         print(
             f"{report.rows} configurations of {report.objects} objects read, {report.verified} verified again: all agree"
         )
         return 0
-
-
-@dataclass(frozen=True)
-class Dataset:
-    """Generate, count and check configurations to learn from."""
-
-    action: (
-        Annotated[Generate, tyro.conf.subcommand("generate")]
-        | Annotated[Info, tyro.conf.subcommand("info")]
-        | Annotated[CheckDataset, tyro.conf.subcommand("check")]
-    )
-
-    def run(self) -> int:
-        """Run the chosen one."""
-        return self.action.run()

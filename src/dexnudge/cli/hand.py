@@ -8,7 +8,7 @@ from typing import TYPE_CHECKING, Annotated
 
 import tyro
 
-from dexnudge.cli.arguments import OptionalFolder, metavar
+from dexnudge.cli.arguments import OptionalFolder, metavar, say, stdout, table
 
 if TYPE_CHECKING:
     from rich.table import Table
@@ -38,7 +38,6 @@ class HandCommand:
         if self.export is None:
             _print(load_hand(self.hand, base=self.base))
             return 0
-        from dexnudge.cli.arguments import stdout
         from dexnudge.hands.export import export_hand
         from dexnudge.jobs.folders import new_folder
 
@@ -46,26 +45,21 @@ class HandCommand:
             hand = load_hand(self.hand, base=self.base)
             export_hand(hand, folder)
         _print(hand)
-        stdout().print(f"written: {self.export}", soft_wrap=True)
+        say(f"written: {self.export}")
         return 0
 
 
 def _print(hand: Hand) -> None:
-    from dexnudge.cli.arguments import stdout
-
     console = stdout()
     console.print(f"{hand.name}: {len(hand.link_names)} links, {hand.num_joints} joints in the order of q")
     console.print(_joint_table(hand))
     console.print(_link_table(hand))
     couplings = ", ".join(f"{follower} <= {leader}" for follower, leader in hand.couplings)
     console.print(f"palm: {hand.link_names[0]}, facing ({', '.join(f'{x:g}' for x in hand.palm_normal)})")
-    console.print(f"couplings: {couplings or 'none'}", soft_wrap=True)
-    console.print(f"collision pairs: {len(hand.self_collision_pairs)}")
+    say(f"couplings: {couplings or 'none'}", f"collision pairs: {len(hand.self_collision_pairs)}")
 
 
 def _joint_table(hand: Hand) -> Table:
-    from dexnudge.cli.arguments import table
-
     shown = table("joint", "lower [deg]", "upper [deg]")
     for name, lower, upper in zip(hand.joint_names, hand.lower, hand.upper, strict=True):
         shown.add_row(name, f"{math.degrees(lower):.1f}", f"{math.degrees(upper):.1f}")
@@ -73,8 +67,6 @@ def _joint_table(hand: Hand) -> Table:
 
 
 def _link_table(hand: Hand) -> Table:
-    from dexnudge.cli.arguments import table
-
     pairs = hand.self_collision_pairs
     shown = table("link", "parent", "digit", "triangles", "collision pairs")
     for index, name in enumerate(hand.link_names):

@@ -1,15 +1,19 @@
 """Entry point: reads the arguments, runs one subcommand, turns its outcome into an exit code."""
 
-import importlib
+import itertools
 import re
 import signal
 import sys
 from collections.abc import Sequence
+from contextlib import redirect_stderr
 from dataclasses import fields, is_dataclass
+from importlib import import_module
+from io import StringIO
 from typing import Any
 
 from dexnudge import __version__
-from dexnudge.errors import DexnudgeError, did_you_mean
+from dexnudge.errors import DexnudgeError, InputError, UnknownNameError, did_you_mean
+from dexnudge.jobs.processes import limit_threads
 
 DONE = 0
 BAD_INPUT = 2  # also what argument errors exit with
@@ -23,17 +27,14 @@ COMMANDS = {
     "execute": ("execute", "Execute", "play configurations out in MuJoCo: push, or slide, grasp and lift"),
     "evaluate": ("evaluate", "Evaluate", "success over many objects and scenes, with intervals"),
     "reproduce": ("reproduce", "Reproduce", "the paper's tables and our ablations, as one report"),
-    "dataset": ("dataset", "Dataset", "generate, count and check configurations to learn from"),
+    "dataset generate": ("dataset", "Generate", "grasps and non-prehensile configurations to learn from"),
+    "dataset info": ("dataset", "Info", "what a dataset holds, in tables and as a page"),
+    "dataset check": ("dataset", "CheckDataset", "read a dataset again, and verify it from the meshes"),
     "train": ("train", "Train", "train the diffusion model on a dataset"),
     "hand": ("hand", "HandCommand", "show what a hand consists of, and export it"),
 }
-USAGE = f"usage: dexnudge [-h] [--version] {{{','.join(COMMANDS)}}} ...\n"
-HELP = f"""\
-{USAGE}
-Hand configurations that push, press or hook thin objects that a robot hand cannot grasp.
-
-commands:
-""" + "".join(f"  {name:<11}{what}\n" for name, (_, _, what) in COMMANDS.items())
+WHAT = "Hand configurations that push, press or hook thin objects that a robot hand cannot grasp."
+VECTORS = {"--motion": "DX DY DZ"}
 ARGUMENT = re.compile(r"`(\w+)`")
 
 
@@ -47,63 +48,120 @@ def main(argv: Sequence[str] | None = None) -> int:
         SystemExit: 2 on arguments that do not parse, 0 after the --help of a command.
     """
     arguments = list(sys.argv[1:] if argv is None else argv)
-    if arguments and arguments[0] in ("-h", "--help"):
-        print(HELP, end="")
-        return DONE
-    if arguments and arguments[0] == "--version":
-        print(f"dexnudge {__version__}")
-        return DONE
-    if not arguments or arguments[0] not in COMMANDS:
-        what = f"unknown command {arguments[0]!r}{did_you_mean(arguments[0], COMMANDS)}" if arguments else "no command"
-        print(f"dexnudge: {what}; expected one of {', '.join(COMMANDS)}\n{USAGE}", end="", file=sys.stderr)
-        return BAD_INPUT
-    name, *options = arguments
-    command = parse(name, options)
+    kind = None
     try:
-        return command.run()
+        if arguments[:1] == ["--version"]:
+            print(f"dexnudge {__version__}")
+            return DONE
+        if help_text := _help(arguments):
+            print(help_text, end="")
+            return DONE
+        name = find_command(arguments)
+        kind = command_class(name)
+        return parse(name, kind, arguments[len(name.split()) :]).run()
     except DexnudgeError as error:
-        print(f"dexnudge: {with_flags(str(error), command)}", file=sys.stderr)
+        print(f"dexnudge: {with_flags(str(error), kind)}", file=sys.stderr)
         return BAD_INPUT
     except KeyboardInterrupt:
         print("dexnudge: interrupted", file=sys.stderr)
         return INTERRUPTED
 
 
-def parse(name: str, options: Sequence[str]) -> Any:
-    """The command of this name with these options.
-
-    Raises:
-        SystemExit: 2 on options that do not parse, 0 after --help.
-    """
-    import tyro
-
-    module, kind, _ = COMMANDS[name]
-    return tyro.cli(
-        getattr(importlib.import_module(f"dexnudge.cli.{module}"), kind),
-        args=options,
-        prog=f"dexnudge {name}",
-        config=(tyro.conf.OmitArgPrefixes, tyro.conf.OmitSubcommandPrefixes),
+def _help(arguments: Sequence[str]) -> str:
+    """Return the help that lists commands, where it is asked for: that of `dexnudge`, or of `dexnudge dataset`."""
+    if not arguments or arguments[-1] not in ("-h", "--help"):
+        return ""
+    names = [name for name in COMMANDS if name.split()[: len(arguments) - 1] == list(arguments[:-1])]
+    if not names or names == [" ".join(arguments[:-1])]:
+        return ""
+    listed = "".join(f"  {name:<18}{COMMANDS[name][2]}\n" for name in names)
+    return (
+        f"usage: {' '.join(['dexnudge', *arguments[:-1]])} [-h] [--version] COMMAND ...\n\n{WHAT}\n\ncommands:\n{listed}\n"
+        "dexnudge COMMAND --help tells the options of a command.\n"
     )
 
 
-def with_flags(message: str, command: Any) -> str:
-    """A message of the library, which names arguments as `num_draws`, with the command's options: --num-draws."""
-    flags = _flags(command)
+def find_command(arguments: Sequence[str]) -> str:
+    """Return the name of the command that the arguments begin with.
+
+    Raises:
+        UnknownNameError: no such command, or none.
+    """
+    for name in COMMANDS:
+        if list(arguments[: len(name.split())]) == name.split():
+            return name
+    actions = [known for known in COMMANDS if arguments and known.startswith(f"{arguments[0]} ")]
+    given, known = " ".join(arguments[: 2 if actions else 1]), actions or list(COMMANDS)
+    what = f"unknown command {given!r}{did_you_mean(given, known)}" if given else "no command"
+    raise UnknownNameError(f"{what}; expected one of {', '.join(known)}; dexnudge --help tells what they do")
+
+
+def command_class(name: str) -> Any:
+    """Return the dataclass of a command, whose fields are its options."""
+    module, kind, _ = COMMANDS[name]
+    return getattr(import_module(f"dexnudge.cli.{module}"), kind)
+
+
+def parse(name: str, kind: Any, options: Sequence[str]) -> Any:
+    """Return the command with its options.
+
+    Raises:
+        InputError: a vector without its three numbers, or values that a configuration of the library refuses.
+        SystemExit: 2 on other options that do not parse, 0 after --help.
+    """
+    import tyro
+
+    _check_vectors(options)
+    try:
+        with redirect_stderr(StringIO()) as said:
+            return tyro.cli(kind, args=options, prog=f"dexnudge {name}", config=(tyro.conf.OmitArgPrefixes,))
+    except SystemExit as exit_:
+        refused: BaseException | None = exit_
+        while refused and not isinstance(refused, DexnudgeError):
+            refused = refused.__context__
+        if refused:
+            raise refused from None
+        sys.stderr.write(said.getvalue())
+        raise
+
+
+def _check_vectors(options: Sequence[str]) -> None:
+    for place, option in enumerate(options):
+        flag, _, value = option.partition("=")
+        if flag in VECTORS:
+            given = [value] if value else list(options[place + 1 : place + 4])
+            if len(given) < 3 or not all(map(_is_number, given)):
+                got = " ".join(itertools.takewhile(lambda text: not text.startswith("--"), given)) or "nothing"
+                raise InputError(f"{flag} got {got}; expected three numbers: {flag} {VECTORS[flag]}")
+
+
+def _is_number(text: str) -> bool:
+    try:
+        float(text)
+    except ValueError:
+        return False
+    return True
+
+
+def with_flags(message: str, kind: Any) -> str:
+    """Return a message of the library, which names arguments as `num_draws`, with a command's options: --num-draws."""
+    flags = _flags(kind) if kind else {}
     return ARGUMENT.sub(lambda found: flags.get(found[1], found[0]), message)
 
 
-def _flags(options: Any) -> dict[str, str]:
-    """How the arguments that are options of a command are typed, by name."""
+def _flags(kind: Any) -> dict[str, str]:
+    """Return how the arguments that are options of a command are typed, by name."""
     flags: dict[str, str] = {}
-    for field in fields(options):
-        value = getattr(options, field.name)
-        flags |= _flags(value) if is_dataclass(value) else {field.name: f"--{field.name.replace('_', '-')}"}
+    for field in fields(kind):
+        group = field.default_factory
+        flags |= _flags(group) if is_dataclass(group) else {field.name: f"--{field.name.replace('_', '-')}"}
     return flags
 
 
 def run() -> None:
     """Console script: `main` with the process's arguments, clean-up on SIGTERM as on Ctrl-C."""
     signal.signal(signal.SIGTERM, lambda *_: sys.exit(TERMINATED))
+    limit_threads()
     sys.exit(main())
 
 

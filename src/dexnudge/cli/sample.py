@@ -10,17 +10,18 @@ from typing import TYPE_CHECKING, Annotated, Any
 import tyro
 
 from dexnudge.cli.arguments import (
+    NOTHING_SUCCEEDED,
     Count,
-    Folder,
+    Device,
     Losses,
+    MeshOptions,
     OptionalCount,
     OptionalFolder,
-    OptionalNumber,
     Physics,
     Text,
-    Units,
     check_at_least,
     metavar,
+    say,
 )
 from dexnudge.errors import InputError
 
@@ -58,27 +59,31 @@ def nothing_verified(summary: dict[str, Any]) -> str:
 
 
 MARKER = "configurations.npz"
+DEFAULT_OUT = Path("runs")
 
 
-@dataclass(frozen=True)
-class Sample:
+@dataclass(frozen=True, kw_only=True)
+class Sample(MeshOptions):
     """Draw hand configurations that can make an object move, verify and rank them.
 
-    The scene is either drawn from a family (--scene) or your own (--environment, --object-pose, --motion).
+    The scene is either drawn from a family (--scene) or your own (--environment, --object-pose, --motion). Exit code 3:
+    everything is written, but no draw is verified.
     """
 
     object: tyro.conf.Positional[Annotated[str, metavar("OBJECT")]]
     """Mesh file (obj, stl, ply, glb, off, dae) or name of a built-in object; an unknown name lists them."""
-    out: Folder
-    """Folder to write; must not exist."""
     scene: Annotated[str | None, metavar("FAMILY")] = None
     """Scene family, such as table, layers or shelf; an unknown name lists them."""
     environment: Annotated[str | None, metavar("MESH")] = None
     """Mesh file of your own surroundings, world frame, z up."""
     object_pose: Annotated[str | None, metavar("JSON")] = None
     """File with T_world_object, the 4x4 pose of the object in those surroundings."""
-    motion: Annotated[tuple[float, float, float] | None, tyro.conf.arg(metavar="DX DY DZ")] = None
+    motion: Annotated[tuple[float, float, float] | None, metavar("DX DY DZ")] = None
     """Direction in which the object should slide, world frame; with --environment."""
+    out: OptionalFolder = None
+    """Folder to write; unless given runs/OBJECT-SCENE, numbered where that is taken."""
+    overwrite: bool = False
+    """Replace an existing result folder."""
     num: Count = 32
     """Number of draws; all of them are written, verified ones first."""
     verified: Annotated[int | None, metavar("K")] = None
@@ -87,10 +92,6 @@ class Sample:
     """With --verified: give up after this many draws; 32 K unless given."""
     seed: Count = 0
     """Same machine, seed and versions: same output."""
-    units: Units = "m"
-    """Unit of the numbers in the mesh files."""
-    length: OptionalNumber = None
-    """Scale the object so that its longest side has this length [m]."""
     hand: Text = "shadow_lite"
     """Built-in hand or URDF file; an unknown name lists them."""
     base: bool = True
@@ -103,38 +104,40 @@ class Sample:
     losses: Losses = field(default_factory=Losses)
     projection_report: bool = False
     """Also judge the draws as they were before the projection, for the summary; takes about twice as long."""
-    device: Text = "cpu"
-    """torch device to sample on, such as cpu or cuda."""
-    overwrite: bool = False
-    """Replace an existing result folder."""
+    device: Device = "cpu"
+    """torch device; this version samples on the CPU only."""
 
     def run(self) -> int:
         """Sample, verify, write, print."""
-        self._print(self.write())
-        return 0
-
-    def write(self) -> dict[str, Any]:
-        """Sample, verify, write; return the summary."""
         self._check_options()
-        from dexnudge.jobs.folders import new_folder
+        from dexnudge.jobs.folders import free_folder, new_folder
 
-        with new_folder(self.out, overwrite=self.overwrite, marker=MARKER) as folder:
-            return self._sample_into(folder)
+        out = Path(self.out) if self.out is not None else self._default_out()
+        if self.out is None and not self.overwrite:
+            out = free_folder(out)
+        with new_folder(out, overwrite=self.overwrite, marker=MARKER) as folder:
+            summary = self._sample_into(folder)
+        _print(summary)
+        say(f"written: {out}")
+        return 0 if summary["verified"] else NOTHING_SUCCEEDED
+
+    def _default_out(self) -> Path:
+        return DEFAULT_OUT / f"{Path(self.object).stem}-{self.scene or Path(self.environment or '').stem}"
 
     def _check_options(self) -> None:
         if (self.scene is None) == (self.environment is None):
             got = "neither" if self.scene is None else "both"
             raise InputError(
-                f"{got} of --scene and --environment given; expected one: --scene table, or --environment MESH with "
-                "--object-pose JSON and --motion DX DY DZ"
+                f"{got} of `scene` and `environment` given; expected one: `scene` table, or `environment` MESH with "
+                "`object_pose` JSON and `motion` DX DY DZ"
             )
-        own = {"--object-pose": self.object_pose, "--motion": self.motion}
+        own = {"`object_pose`": self.object_pose, "`motion`": self.motion}
         wrong = [name for name, value in own.items() if (value is None) == (self.scene is None)]
         if wrong and self.scene is None:
-            raise InputError(f"--environment needs {' and '.join(wrong)} too; add what is missing")
+            raise InputError(f"`environment` needs {' and '.join(wrong)} too; add what is missing")
         if wrong:
             raise InputError(
-                f"{' and '.join(wrong)} given with --scene, which draws its own; use --environment, or leave it out"
+                f"{' and '.join(wrong)} given with `scene`, which draws its own; use `environment`, or leave it out"
             )
         check_at_least(0, seed=self.seed)
 
@@ -191,13 +194,8 @@ class Sample:
             details["projection"] = projection_effect(
                 sampler, written_hand, written_scene, num=self.num, seed=self.seed, method=method
             )
-        return write_results(
-            folder,
-            samples,
-            title=f"{name}, {scene.name}",
-            seconds=seconds,
-            details=details,
-        )
+        title = f"{name}, {scene.name}"
+        return write_results(folder, samples, title=title, seconds=seconds, details=details)
 
     def _scene(self) -> tuple[str, Scene]:
         from dexnudge.objects.sets import resolve_object
@@ -221,22 +219,19 @@ class Sample:
             **self.physics.given(),
         )
 
-    def _print(self, summary: dict[str, Any]) -> None:
 
-        from dexnudge.cli.arguments import stdout, table
+def _print(summary: dict[str, Any]) -> None:
+    from dexnudge.cli.arguments import stdout, table
 
-        counts = table("draws", "number", "share")
-        drawn = summary["drawn"]
-        rows = [("drawn", drawn), ("verified", summary["verified"]), ("  robust", summary["robust"])]
-        rows += [(f"rejected: {reason}", number) for reason, number in summary["rejected"].items()]
-        for label, number in rows:
-            counts.add_row(label, str(number), f"{number / drawn:.0%}")
-        stages = ", ".join(f"{stage} {value:.1f}" for stage, value in summary["seconds"].items())
-        best = summary["best_force_margin"]
-        console = stdout()
-        console.print(f"{summary['object']}, {summary['scene']}, {summary['hand']}", soft_wrap=True)
-        console.print(counts)
-        console.print(nothing_verified(summary) if best is None else f"best force margin: {best:.2f}", soft_wrap=True)
-        used = f"total {summary['seconds_total']:.1f}; memory {summary['peak_memory_mb']:.0f} MB"
-        console.print(f"seconds: {stages}; {used}", soft_wrap=True)
-        console.print(f"written: {self.out}", soft_wrap=True)
+    counts = table("draws", "number", "share")
+    drawn = summary["drawn"]
+    rows = [("drawn", drawn), ("verified", summary["verified"]), ("  robust", summary["robust"])]
+    rows += [(f"rejected: {reason}", number) for reason, number in summary["rejected"].items()]
+    for label, number in rows:
+        counts.add_row(label, str(number), f"{number / drawn:.0%}")
+    stages = ", ".join(f"{stage} {value:.1f}" for stage, value in summary["seconds"].items())
+    best = summary["best_force_margin"]
+    say(f"{summary['object']}, {summary['scene']}, {summary['hand']}")
+    stdout().print(counts)
+    say(nothing_verified(summary) if best is None else f"best force margin: {best:.2f}")
+    say(f"seconds: {stages}; total {summary['seconds_total']:.1f}; memory {summary['peak_memory_mb']:.0f} MB")

@@ -1,0 +1,107 @@
+"""What every user of a command line expects: version, suggestions, messages that name options, exit codes."""
+
+import re
+
+import pytest
+
+import dexnudge as package
+from dexnudge.cli.evaluate import Evaluate
+from dexnudge.cli.main import COMMANDS, parse, with_flags
+from dexnudge.cli.sample import Sample
+
+
+def test_the_version(dexnudge):
+    assert dexnudge("--version").out == f"dexnudge {package.__version__}\n"
+
+
+@pytest.mark.parametrize(
+    ("arguments", "message"),
+    [
+        (["smaple", "phone"], "unknown command 'smaple' (did you mean 'sample'?); expected one of sample, check, "),
+        (
+            ["dataset", "genrate"],
+            "unknown command 'dataset genrate' (did you mean 'dataset generate'?); expected one of dataset ",
+        ),
+        (["dataset"], "unknown command 'dataset' (did you mean 'dataset info'?); expected one of dataset generate, "),
+        ([], "no command; expected one of sample, "),
+        (["sample", "phon", "--scene", "table"], "unknown object 'phon' (did you mean 'phone'?); expected a mesh file"),
+        (
+            ["sample", "phone", "--scene", "tabel"],
+            "unknown scene 'tabel' (did you mean 'table'?); expected one of table",
+        ),
+        (["hand", "shado_lite"], "unknown hand 'shado_lite' (did you mean 'shadow_lite'?): expected one of"),
+        (
+            ["sample", "phone", "--scene", "table", "--method", "steered"],
+            "unknown method 'steered' (did you mean 'steered_noise'?); expected one of",
+        ),
+    ],
+)
+def test_a_wrong_name_comes_with_the_nearest_right_one(dexnudge, tmp_path, monkeypatch, arguments, message):
+    monkeypatch.chdir(tmp_path)
+    outcome = dexnudge(*arguments)
+    assert outcome.code == 2
+    assert outcome.err.startswith(f"dexnudge: {message}")
+    assert outcome.err.count("\n") == 1
+    assert not list(tmp_path.iterdir())
+
+
+def test_an_unknown_option_comes_with_the_nearest_known_one(dexnudge):
+    outcome = dexnudge("sample", "phone", "--scnee", "table")
+    assert outcome.code == 2
+    assert "Unrecognized options: --scnee" in outcome.err
+    assert "--scene FAMILY" in outcome.err.partition("Perhaps you meant")[2]
+
+
+@pytest.mark.parametrize(
+    ("given", "got"),
+    [
+        (["1", "0"], "1 0"),
+        (["1", "0", "--num", "3"], "1 0"),
+        (["1", "0", "up"], "1 0 up"),
+        ([], "nothing"),
+        (["--num", "3", "4"], "nothing"),
+    ],
+)
+def test_a_vector_takes_three_numbers(dexnudge, given, got):
+    outcome = dexnudge("sample", "phone", "--environment", "e.obj", "--motion", *given)
+    assert (outcome.code, outcome.out) == (2, "")
+    assert outcome.err == f"dexnudge: --motion got {got}; expected three numbers: --motion DX DY DZ\n"
+    assert dexnudge("sample", "phone", "--motion=1,0,0").err == (
+        "dexnudge: --motion got 1,0,0; expected three numbers: --motion DX DY DZ\n"
+    )
+
+
+def test_a_vector_may_stand_before_the_object_and_hold_negative_numbers():
+    command = parse("sample", Sample, ["--motion", "-1", "0", "-.5", "phone"])
+    assert (command.object, command.motion) == ("phone", (-1.0, 0.0, -0.5))
+
+
+def test_messages_of_the_library_name_options():
+    message = "`max_objects` is 0 with `mass` 1; `start` stays, and so does `dexnudge train --out`"
+    assert with_flags(message, Evaluate) == (
+        "--max-objects is 0 with --mass 1; `start` stays, and so does `dexnudge train --out`"
+    )
+
+
+def test_a_device_that_this_version_does_not_support_is_not_offered(dexnudge):
+    outcome = dexnudge("sample", "phone", "--scene", "table", "--device", "cuda")
+    assert outcome.code == 2
+    assert "invalid choice 'cuda'" in outcome.err
+    assert "{cpu}" in dexnudge("sample", "--help").out
+
+
+@pytest.mark.parametrize("arguments", [["--help"], ["-h"], ["dataset", "--help"]])
+def test_the_help_lists_the_commands(dexnudge, arguments):
+    outcome = dexnudge(*arguments)
+    assert (outcome.code, outcome.err) == (0, "")
+    names = [name for name in COMMANDS if arguments[0] != "dataset" or name.startswith("dataset ")]
+    assert re.findall(r"^  (\S+(?: \S+)?)  +\S", outcome.out, re.MULTILINE) == names
+
+
+def test_a_folder_that_is_left_out_is_numbered(dexnudge, tmp_path, monkeypatch):
+    monkeypatch.chdir(tmp_path)
+    (tmp_path / "runs" / "phone-table").mkdir(parents=True)
+    outcome = dexnudge("sample", "phone", "--scene", "table", "--method", "random_start_projection", "--num", 1)
+    assert outcome.code in (0, 3), outcome.err
+    assert outcome.out.endswith("written: runs/phone-table-2\n")
+    assert sorted(path.name for path in (tmp_path / "runs").iterdir()) == ["phone-table", "phone-table-2"]
