@@ -5,13 +5,24 @@ from pathlib import Path
 
 from dexnudge.errors import HandError, UnknownNameError, did_you_mean
 from dexnudge.hands.hand import Hand
-from dexnudge.hands.mjcf import hand_from_mjcf
-from dexnudge.hands.shadow_full import shadow_full
 from dexnudge.hands.shadow_lite import shadow_lite
 from dexnudge.hands.urdf import hand_from_urdf
 
-HANDS: dict[str, Callable[..., Hand]] = {"shadow_full": shadow_full, "shadow_lite": shadow_lite}
-READERS: dict[str, Callable[..., Hand]] = {".urdf": hand_from_urdf, ".xml": hand_from_mjcf}
+
+def _shadow_full(*, base: bool) -> Hand:
+    from dexnudge.hands.shadow_full import shadow_full  # imports MuJoCo, which most commands can do without
+
+    return shadow_full(base=base)
+
+
+def _hand_from_mjcf(path: Path, *, base: bool) -> Hand:
+    from dexnudge.hands.mjcf import hand_from_mjcf  # likewise
+
+    return hand_from_mjcf(path, base=base)
+
+
+HANDS: dict[str, Callable[..., Hand]] = {"shadow_full": _shadow_full, "shadow_lite": shadow_lite}
+READERS: dict[str, Callable[..., Hand]] = {".urdf": hand_from_urdf, ".xml": _hand_from_mjcf}
 
 
 def load_hand(name_or_urdf: str | Path, *, base: bool = True) -> Hand:
