@@ -133,3 +133,155 @@ def test_a_glb_with_an_external_buffer_is_refused(tmp_path):
     path = tmp_path / "in" / "part.glb"
     path.write_bytes(header + text)
     assert DAMAGED in message_of(path)
+
+
+def written(path: Path, data: bytes) -> Path:
+    path.write_bytes(data)
+    return path
+
+
+def test_names_in_latin_1_are_no_reason_to_refuse(ball, tmp_path):
+    text = ball.export(file_type="obj")
+    path = written(tmp_path / "ball.obj", "mtllib Körper.mtl\no Körper\n".encode("latin-1") + text.encode())
+    np.testing.assert_allclose(read_triangles(path).bounds, ball.bounds, atol=1e-7)
+    data = ball.export(file_type="ply").replace(
+        b"element vertex", "comment Körper\nelement vertex".encode("latin-1"), 1
+    )
+    np.testing.assert_allclose(read_triangles(written(tmp_path / "ball.ply", data)).bounds, ball.bounds, atol=1e-7)
+
+
+def test_an_stl_is_read_as_far_as_it_announces(ball, tmp_path):
+    data = ball.export(file_type="stl")
+    assert len(read_triangles(written(tmp_path / "a.stl", data + b"COLOR=\xff\xe4 trailing")).faces) == len(ball.faces)
+    capitals = ball.export(file_type="stl_ascii").upper().encode()
+    assert len(read_triangles(written(tmp_path / "b.stl", capitals)).faces) == len(ball.faces)
+
+
+def test_an_obj_may_be_open_unended_and_hold_an_unused_vertex(ball, tmp_path):
+    ball.update_faces(np.arange(len(ball.faces)) > 2)
+    text = "v 0 0 0\n" + "".join(f"v {x} {y} {z}\n" for x, y, z in ball.vertices)
+    text += "".join(f"f {a} {b} {c}\n" for a, b, c in ball.faces + 2)
+    mesh = read_triangles(written(tmp_path / "loose.obj", text.rstrip("\n").encode()))
+    assert len(mesh.faces) == len(ball.faces)
+    assert mesh.metadata["notes"] == [
+        "1 vertices belong to no face and the last line is not ended: is the file complete?"
+    ]
+
+
+def test_an_obj_counts_backwards_too(ball, tmp_path):
+    count = len(ball.vertices)
+    text = "".join(f"v {x!r} {y!r} {z!r}\n" for x, y, z in ball.vertices.tolist())
+    text += "".join(f"f {a} {b} {c}\n" for a, b, c in ball.faces - count)
+    mesh = read_triangles(written(tmp_path / "back.obj", text.encode()))
+    np.testing.assert_array_equal(mesh.triangles, ball.triangles)
+
+
+@pytest.mark.parametrize(
+    ("line", "fault"),
+    [
+        ("v 0 1", "fewer than three numbers"),
+        ("f 1 2", "fewer than three numbers"),
+        ("f 0 1 2", "an index 0, though the first vertex has 1"),
+        ("f 1/1/1 2/2/2 0/1/1", "an index 0, though the first vertex has 1"),
+    ],
+)
+def test_a_line_of_an_obj_that_says_too_little_is_named(line, fault, tmp_path):
+    path = written(tmp_path / "part.obj", f"v 0 0 0\nv 1 0 0\nv 0 1 0\nf 1 2 3\n{line}\n".encode())
+    assert message_of(path) == f"part.obj: cannot be read as obj (the line '{line}' has {fault}){DAMAGED}"
+
+
+def test_a_long_ply_header_hides_no_count(tmp_path):
+    header = b"ply\nformat ascii 1.0\n" + b"comment long\n" * 500 + b"element vertex 3\nelement face 1000000\n"
+    assert "the mesh has 1,000,000 faces" in message_of(written(tmp_path / "long.ply", header + b"3 0 1 2\n" * 9))
+
+
+def glb(content: dict, binary: bytes = b"") -> bytes:
+    text = json.dumps(content).encode()
+    text += b" " * (-len(text) % 4)
+    chunks = struct.pack("<II", len(text), 0x4E4F534A) + text + struct.pack("<II", len(binary), 0x004E4942) + binary
+    return struct.pack("<III", 0x46546C67, 2, 12 + len(chunks)) + chunks
+
+
+TRIANGLE = {
+    "asset": {"version": "2.0"},
+    "buffers": [{"byteLength": 36}],
+    "bufferViews": [{"buffer": 0, "byteLength": 36}],
+    "accessors": [{"bufferView": 0, "componentType": 5126, "count": 3, "type": "VEC3"}],
+    "meshes": [{"primitives": [{"attributes": {"POSITION": 0}}]}],
+    "nodes": [{"mesh": 0}],
+    "scenes": [{"nodes": [0]}],
+}
+
+
+def test_a_gltf_has_y_up(tmp_path):
+    mesh = read_triangles(written(tmp_path / "a.glb", glb(TRIANGLE, np.eye(3, dtype=np.float32).tobytes())))
+    np.testing.assert_array_equal(mesh.triangles[0], [[1, 0, 0], [0, 0, 1], [0, -1, 0]])
+    assert mesh.metadata["notes"] == ["glTF has y up: turned so that z is up"]
+
+
+@pytest.mark.parametrize(
+    ("changes", "expected"),
+    [
+        ({"extensionsRequired": ["KHR_draco_mesh_compression"]}, "export it without Draco"),
+        ({"extensionsRequired": ["EXT_meshopt_compression"]}, "export it without meshopt"),
+        ({"accessors": [{"componentType": 5126, "count": 10**9, "type": "VEC3"}]}, "announces 1,000,000,000 values"),
+        ({"nodes": [{"mesh": 0}] * 20_000, "scenes": [{"nodes": list(range(20_000))}]}, "20,000 copies"),
+        ({"nodes": [{"children": [k + 1, k + 1]} for k in range(40)] + [{"mesh": 0}]}, "copies of meshes"),
+        ({"nodes": [{"children": [0]}]}, "below themselves"),
+    ],
+)
+def test_a_small_gltf_cannot_ask_for_much(changes, expected, tmp_path):
+    path = written(tmp_path / "a.glb", glb(TRIANGLE | changes, np.eye(3, dtype=np.float32).tobytes()))
+    start = time.perf_counter()
+    assert expected in message_of(path)
+    assert time.perf_counter() - start < 5.0
+
+
+def collada(
+    nodes: str, *, unit: str = "1", up: str = "Z_UP", corners: str = "0 0 0 1 0 0 0 1 0", library: str = ""
+) -> str:
+    return f"""<?xml version="1.0" encoding="utf-8"?>
+<COLLADA xmlns="http://www.collada.org/2005/11/COLLADASchema" version="1.4.1">
+<asset><unit name="unit" meter="{unit}"/><up_axis>{up}</up_axis></asset>
+<library_geometries><geometry id="g"><mesh>
+<source id="p"><float_array id="pa" count="9">{corners}</float_array><technique_common>
+<accessor source="#pa" count="3" stride="3"><param name="X" type="float"/><param name="Y" type="float"/>
+<param name="Z" type="float"/></accessor></technique_common></source>
+<vertices id="v"><input semantic="POSITION" source="#p"/></vertices>
+<triangles count="1"><input semantic="VERTEX" source="#v" offset="0"/><p>0 1 2</p></triangles>
+</mesh></geometry></library_geometries>
+{library}<library_visual_scenes><visual_scene id="s"><node id="n">{nodes}</node></visual_scene></library_visual_scenes>
+<scene><instance_visual_scene url="#s"/></scene></COLLADA>"""
+
+
+PLAIN = '<instance_geometry url="#g"/>'
+
+
+def test_a_collada_says_which_way_is_up_and_what_its_unit_is(tmp_path):
+    mesh = read_triangles(written(tmp_path / "a.dae", collada(PLAIN, unit="0.01", up="Y_UP").encode()))
+    np.testing.assert_allclose(mesh.bounds, [[0, 0, 0], [1, 0, 1]], atol=1e-12)
+    assert mesh.metadata == {"notes": ["the file says y up: turned so that z is up"], "unit": 0.01}
+
+
+def test_a_small_collada_cannot_ask_for_much(tmp_path):
+    nodes = '<node id="n0"><instance_geometry url="#g"/></node>' + "".join(
+        f'<node id="n{k}"><instance_node url="#n{k - 1}"/><instance_node url="#n{k - 1}"/></node>' for k in range(1, 25)
+    )
+    text = collada('<instance_node url="#n24"/>', library=f"<library_nodes>{nodes}</library_nodes>")
+    path = written(tmp_path / "bomb.dae", text.encode())
+    start = time.perf_counter()
+    assert message_of(path) == (
+        "bomb.dae: the file places 16,777,216 copies of meshes; expected at most 10,000; join them"
+    )
+    assert time.perf_counter() - start < 5.0
+
+
+def test_what_a_collada_may_not_hold(tmp_path):
+    path = written(tmp_path / "a.dae", collada(PLAIN, corners="0 0 0 1 0 0 0 1 nan").encode())
+    assert message_of(path).endswith("a float_array holds NaN or infinity; expected numbers; export the mesh again")
+    entity = '<?xml version="1.0" encoding="UTF-16"?><!DOCTYPE a [<!ENTITY b "c">]><COLLADA>&b;</COLLADA>'
+    assert "(it is in UTF-16; expected XML in UTF-8)" in message_of(written(path, entity.encode("utf-16")))
+    assert "(it is in utf-7; expected XML in UTF-8)" in message_of(
+        written(path, entity.replace("UTF-16", "UTF-7").encode("utf-7"))
+    )
+    assert "(it is compressed; expected XML in UTF-8)" in message_of(written(path, b"PK\x03\x04" + b"x" * 99))

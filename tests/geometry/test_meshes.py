@@ -94,7 +94,7 @@ def test_an_inside_out_mesh_is_turned_and_noted(tmp_path):
     box.invert()
     mesh = load_mesh(written(box, tmp_path / "box.stl"))
     assert mesh.volume == pytest.approx(0.15 * 0.07 * 0.01, rel=1e-5)
-    assert mesh.metadata["inside_out"]
+    assert mesh.metadata["notes"] == ["the mesh was inside out and was turned round"]
     assert mesh.metadata["watertight"]
 
 
@@ -104,7 +104,9 @@ def test_single_faces_turned_round_are_turned_back(tmp_path):
     faces[::7] = faces[::7, ::-1]
     mesh = load_mesh(written(trimesh.Trimesh(ball.vertices, faces, process=False), tmp_path / "ball.off"))
     assert mesh.volume == pytest.approx(ball.volume, rel=1e-6)
-    assert mesh.metadata["winding_repaired"]
+    assert mesh.metadata["notes"] == [
+        f"{len(faces[::7])} faces were wound against their neighbours and were turned round"
+    ]
 
 
 def test_a_mesh_with_a_hole_is_accepted_and_noted(tmp_path):

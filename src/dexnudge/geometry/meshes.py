@@ -1,20 +1,21 @@
-"""Reading meshes from files, and refusing what later steps could not handle.
+"""Objects and surroundings from mesh files: in metres, checked, repaired where that is safe.
 
-A mesh leaves here in metres, finite, with at least one triangle, wound outward where it is closed. `metadata` says
-what was found and done: `watertight`, `inside_out` (flipped), `winding_repaired`, `scale` (file units to metres).
+A mesh leaves here finite, z up, with at least one triangle, wound outward where it is closed. `metadata` says what was
+found and done: `watertight`, `scale` (file units to metres), and `notes`, a sentence for each repair or assumption.
 """
 
 from __future__ import annotations
 
 from pathlib import Path
-from typing import Any
 
 import numpy as np
 import trimesh
 from scipy.spatial import ConvexHull, QhullError
 
 from dexnudge.errors import MeshError
-from dexnudge.geometry.mesh_files import MAX_FACES, read_triangles, too_many_faces
+from dexnudge.geometry.mesh_files import read_triangles
+from dexnudge.geometry.mesh_guards import MAX_FACES, too_many_faces
+from dexnudge.geometry.mesh_repair import drop_doubled_faces, drop_specks, parts, wind_outward
 
 UNITS = {"m": 1.0, "cm": 0.01, "mm": 0.001, "in": 0.0254}  # metres per unit
 SHORTEST_OBJECT = 0.02  # [m] longest side; smaller is another tool's work or another unit
@@ -22,6 +23,7 @@ LONGEST_OBJECT = 0.6  # [m] longest side; larger does not fit the scenes or is i
 LONGEST_ENVIRONMENT = 50.0  # [m] a room; more is another unit
 THINNEST_VOLUME = 1e-9  # hull volume / longest side^3; below it a mesh is a sheet, not a body
 DEGENERATE_HEIGHT = 1e-9  # of the longest side; a lower triangle has no direction
+FARTHEST_PART = 1e6  # times the largest part: farther away single precision loses the shape of a part
 SMALLEST_AREA = 1e-12  # surface / longest side^2
 
 
@@ -39,23 +41,22 @@ def load_mesh(path: str | Path, *, units: str = "m", length: float | None = None
             200,000 triangles; no area; a sheet without volume; a longest side outside 0.02..0.6 m.
     """
     path = Path(path)
+    factor = _unit_factor(units)
     mesh = _checked(read_triangles(path), path.name)
-    scale = _unit_factor(units)
-    if length is not None:
+    if length is None:
+        _scale_to_metres(mesh, factor)
+    else:
         check_length(length)
-        scale = length / float(mesh.extents.max())
-    mesh.apply_scale(scale)
-    mesh.metadata["scale"] = scale
+        _scale(mesh, length / float(mesh.extents.max()))
     check_object_size(mesh, path.name, units=units)
     return mesh
 
 
 def load_scaled_mesh(path: str | Path, scale: float) -> trimesh.Trimesh:
-    """The object in a mesh file whose unit is `scale` metres; otherwise as `load_mesh`, raising as it does."""
+    """Return the object in a mesh file whose unit is `scale` metres; otherwise as `load_mesh`, raising as it does."""
     path = Path(path)
     mesh = _checked(read_triangles(path), path.name)
-    mesh.apply_scale(scale)
-    mesh.metadata["scale"] = scale
+    _scale(mesh, scale)
     check_object_size(mesh, path.name)
     return mesh
 
@@ -70,16 +71,15 @@ def load_environment(path: str | Path, *, units: str = "m") -> trimesh.Trimesh:
         MeshError: as `load_mesh`; or a longest side above 50 m.
     """
     path = Path(path)
-    mesh = _checked(read_triangles(path), path.name)
-    scale = _unit_factor(units)
-    mesh.apply_scale(scale)
-    mesh.metadata["scale"] = scale
+    factor = _unit_factor(units)
+    mesh = _checked(read_triangles(path), path.name, surroundings=True)
+    _scale_to_metres(mesh, factor)
     longest = float(mesh.extents.max())
     if longest > LONGEST_ENVIRONMENT:
         raise MeshError(
             f"{path.name}: the longest side of the environment is {longest:.4g} m; expected at most "
             f"{LONGEST_ENVIRONMENT:g} m; is the file in another unit? "
-            + _unit_hint(longest / scale, 0.0, LONGEST_ENVIRONMENT, with_length=False)
+            + _unit_hint(longest / mesh.metadata["scale"], 0.0, LONGEST_ENVIRONMENT, with_length=False)
         )
     return mesh
 
@@ -133,8 +133,38 @@ def centre_of_mass(mesh: trimesh.Trimesh) -> np.ndarray:
     return np.asarray(hull.center_mass)
 
 
-def _checked(mesh: trimesh.Trimesh, name: str) -> trimesh.Trimesh:
-    """`mesh` with one vertex per place and outward winding; MeshError when it is not usable."""
+def _scale(mesh: trimesh.Trimesh, scale: float) -> None:
+    mesh.apply_scale(scale)
+    mesh.metadata["scale"] = scale
+
+
+def _scale_to_metres(mesh: trimesh.Trimesh, factor: float) -> None:
+    """Scale by the unit that the caller gave, or, if that is the metre, by the one that the file states."""
+    stated = mesh.metadata["unit"]
+    if factor == 1.0 and stated not in (None, 1.0):
+        mesh.metadata["notes"].append(f"the file says that its unit is {stated:g} m: scaled so")
+        factor = stated
+    _scale(mesh, factor)
+
+
+def _refuse_stray_parts(mesh: trimesh.Trimesh, name: str) -> None:
+    """Refuse parts so far from the others that no precision is left; a wrong coordinate is the common cause."""
+    triangles = np.asarray(mesh.triangles)
+    part = parts(np.asarray(mesh.faces))
+    low, high = np.full((part.max() + 1, 3), np.inf), np.full((part.max() + 1, 3), -np.inf)
+    np.minimum.at(low, part, triangles.min(axis=1))
+    np.maximum.at(high, part, triangles.max(axis=1))
+    longest = float((high - low).max())
+    if float(mesh.extents.max()) > FARTHEST_PART * longest:
+        x, y, z = triangles.reshape(-1, 3)[np.abs(triangles).max(axis=2).argmax()]
+        raise MeshError(
+            f"{name}: a part of the mesh lies at ({x:.4g}, {y:.4g}, {z:.4g}), the largest part is only {longest:.4g} long; "
+            "expected parts that lie together; remove the stray one"
+        )
+
+
+def _checked(mesh: trimesh.Trimesh, name: str, *, surroundings: bool = False) -> trimesh.Trimesh:
+    """Return `mesh` with one vertex per place and outward winding, repaired; MeshError when it is not usable."""
     if len(mesh.faces) == 0:
         raise MeshError(
             f"{name}: the mesh has {len(mesh.vertices)} vertices and no faces; expected triangles; "
@@ -154,7 +184,10 @@ def _checked(mesh: trimesh.Trimesh, name: str) -> trimesh.Trimesh:
             f"{name}: {bad} of {len(vertices)} vertices are NaN or infinite; expected finite numbers; "
             "export the mesh again"
         )
+    metadata = mesh.metadata
     mesh = trimesh.Trimesh(vertices, faces, process=False)
+    _refuse_stray_parts(mesh, name)
+    done = [drop_doubled_faces(mesh), None if surroundings else drop_specks(mesh)]
     mesh.update_faces(mesh.nondegenerate_faces(height=DEGENERATE_HEIGHT * float(mesh.extents.max())))
     if not mesh.is_watertight:
         # Closed pieces that touch stay apart: joined at a common edge they would no longer be closed.
@@ -162,21 +195,8 @@ def _checked(mesh: trimesh.Trimesh, name: str) -> trimesh.Trimesh:
     mesh.remove_unreferenced_vertices()
     if len(mesh.faces) == 0 or not mesh.area > SMALLEST_AREA * float(mesh.extents.max()) ** 2:
         raise MeshError(f"{name}: the surface has no area; expected triangles that span a surface")
-    return _outward(mesh)
-
-
-def _outward(mesh: trimesh.Trimesh) -> trimesh.Trimesh:
-    """`mesh` wound outward; metadata says what had to be done."""
-    notes: dict[str, Any] = {"winding_repaired": False, "inside_out": False}
-    if not mesh.is_winding_consistent and mesh.is_watertight:
-        trimesh.repair.fix_winding(mesh)
-        notes["winding_repaired"] = True
-    # An open mesh has a volume only relative to a point: its centre is the one that treats all sides alike.
-    centred = mesh.triangles - mesh.bounds.mean(axis=0)
-    if np.einsum("ij,ij->", centred[:, 0], np.cross(centred[:, 1], centred[:, 2])) < 0:
-        mesh.invert()
-        notes["inside_out"] = True
-    mesh.metadata.update(notes, watertight=bool(mesh.is_watertight))
+    notes = [*metadata["notes"], *filter(None, done), *wind_outward(mesh, surroundings=surroundings)]
+    mesh.metadata.update(notes=notes, unit=metadata["unit"], watertight=bool(mesh.is_watertight))
     return mesh
 
 

@@ -1,0 +1,218 @@
+"""What a mesh file announces, read before a parser sees it: too much, what is not supported, up axis and unit.
+
+Parsers believe what a file says: a glTF of 200 bytes can ask for gigabytes, a COLLADA of 6 kB for a million copies.
+"""
+
+from __future__ import annotations
+
+import json
+import re
+import struct
+import xml.etree.ElementTree as ElementTree
+from collections.abc import Callable
+from dataclasses import dataclass
+from typing import Any
+
+import numpy as np
+
+from dexnudge.errors import MeshError
+
+MAX_FACES = 200_000  # a BVH over so many is built in under a second and queried at 10^5 points a second
+MAX_PARTS = 10_000  # copies of meshes that a scene graph may place
+MAX_DEPTH = 100  # nodes above one another in a scene graph
+STL_HEADER, STL_FACE = 84, 50  # bytes of a binary STL: comment and count; one triangle
+PLY_HEADER = 1_000_000  # bytes in which a PLY's header must end
+COMPRESSIONS = {"KHR_draco_mesh_compression": "Draco", "EXT_meshopt_compression": "meshopt"}
+ASCII_COMPATIBLE = ("utf-8", "us-ascii", "ascii", "iso-8859-1", "latin-1", "windows-1252")
+
+
+@dataclass(frozen=True)
+class Announced:
+    """A file's bytes as the parser shall read them, how many faces they announce, the axis that is up, metres a unit."""
+
+    data: bytes
+    faces: int | None = None
+    y_up: bool = False
+    unit: float | None = None
+
+
+def damaged(name: str, kind: str, detail: str) -> MeshError:
+    """Return the error for a file that is not what its name says."""
+    return MeshError(
+        f"{name}: cannot be read as {kind} ({detail}); the file is truncated, damaged or not a mesh; export it again"
+    )
+
+
+def too_many_faces(name: str, count: int) -> MeshError:
+    """Return the error for a mesh above the limit."""
+    return MeshError(
+        f"{name}: the mesh has {count:,} faces; expected at most {MAX_FACES:,}, so that exact distances stay fast; "
+        "decimate it first (in MeshLab: Simplification: Quadric Edge Collapse Decimation)"
+    )
+
+
+def announced(data: bytes, kind: str, name: str) -> Announced:
+    """Look at a file before it is parsed.
+
+    Raises:
+        MeshError: more faces or parts than the limits, a compression or an encoding that is not read, XML entities, or
+            numbers that cannot be meant.
+    """
+    found = _GUARDS[kind](data, name)
+    if found.faces is not None and found.faces > MAX_FACES:
+        raise too_many_faces(name, found.faces)
+    return found
+
+
+def _ascii(data: bytes) -> bytes:
+    """Return text in which only names and comments can hold other characters, without them."""
+    return data if data.isascii() else data.decode("latin-1").encode("ascii", "replace")
+
+
+def _obj(data: bytes, name: str) -> Announced:
+    text = _ascii(data)
+    if b"\\\n" in text or b"\\\r\n" in text:  # a line that goes on in the next one
+        text = text.replace(b"\\\r\n", b" ").replace(b"\\\n", b" ")
+    for line, fault in (
+        (rb"^[ \t]*[vf](?:[ \t]+[^\s#]+){0,2}[ \t]*(?:#.*)?\r?$", "fewer than three numbers"),
+        (rb"^[ \t]*f[ \t](?:[^\n#]*[ \t])?[+-]?0+(?:[/\s][^\n]*)?$", "an index 0, though the first vertex has 1"),
+    ):
+        if match := re.search(line, text, re.MULTILINE):
+            raise damaged(name, "obj", f"the line '{match[0].decode().strip()[:60]}' has {fault}")
+    if re.search(rb"^f[ \t][^\n]*-", text, re.MULTILINE):
+        text = _absolute_indices(text)
+    return Announced(text, text.count(b"\nf ") + text.startswith(b"f "))
+
+
+def _absolute_indices(text: bytes) -> bytes:
+    """Return an OBJ whose faces count vertices from the first one, where some counted backwards from the last."""
+    counts, lines = {b"v": 0, b"vt": 0, b"vn": 0}, []
+
+    def absolute(corner: bytes) -> bytes:
+        parts = zip(corner.split(b"/"), counts.values(), strict=False)
+        return b"/".join(b"%d" % (count + 1 + int(part)) if part[:1] == b"-" else part for part, count in parts)
+
+    for line in text.split(b"\n"):
+        words = line.split()
+        if words and words[0] in counts:
+            counts[words[0]] += 1
+        lines.append(b"f " + b" ".join(map(absolute, words[1:])) if words[:1] == [b"f"] and b"-" in line else line)
+    return b"\n".join(lines)
+
+
+def _stl(data: bytes, name: str) -> Announced:
+    count = int(struct.unpack("<I", data[STL_HEADER - 4 : STL_HEADER])[0]) if len(data) >= STL_HEADER else 0
+    end = STL_HEADER + STL_FACE * count
+    if len(data) < STL_HEADER or (end != len(data) and b"facet" in data[:4096].lower()):
+        return Announced(_ascii(data), data.lower().count(b"endfacet"))
+    if end > len(data):
+        room = (len(data) - STL_HEADER) // STL_FACE
+        raise damaged(name, "stl", f"{count} faces announced, room for {room}")
+    return Announced(data[:end], count)  # some programs write a colour table or a signature behind the last triangle
+
+
+def _ply(data: bytes, name: str) -> Announced:  # noqa: ARG001 - as the others
+    end = data.find(b"end_header", 0, PLY_HEADER)
+    header = data[: end if end >= 0 else PLY_HEADER]
+    text = re.search(rb"format\s+ascii", header)
+    count = re.search(rb"element\s+face\s+(\d{1,18})", header)
+    return Announced(_ascii(data) if text else _ascii(header) + data[len(header) :], int(count[1]) if count else None)
+
+
+def _off(data: bytes, name: str) -> Announced:  # noqa: ARG001 - as the others
+    count = re.match(rb"OFF\s+(?:#[^\n]*\s+)*(\d{1,18})\s+(\d{1,18})", data[:4096])
+    return Announced(_ascii(data), int(count[2]) if count else None)
+
+
+def _glb(data: bytes, name: str) -> Announced:
+    try:
+        content = json.loads(data[20 : 20 + struct.unpack("<I", data[12:16])[0]])
+        for extension in content.get("extensionsRequired", ()):
+            raise MeshError(
+                f"{name}: the file needs the glTF extension {extension}, which is not read; "
+                f"expected plain triangles; export it without {COMPRESSIONS.get(extension, extension)}"
+            )
+        counts = [accessor["count"] for accessor in content.get("accessors", ())]
+        if max(counts, default=0) > len(data):
+            raise damaged(
+                name, "glb", f"an accessor announces {max(counts):,} values, the file has {len(data):,} bytes"
+            )
+        nodes, children = content.get("nodes", []), {}
+        for number, node in enumerate(nodes):
+            children[number] = [*node.get("children", ()), *([("mesh", node["mesh"])] if "mesh" in node else [])]
+        for number, mesh in enumerate(content.get("meshes", ())):
+            used = [each.get("indices", each["attributes"].get("POSITION")) for each in mesh["primitives"]]
+            children["mesh", number] = sum(counts[accessor] // 3 for accessor in used if accessor is not None)
+        roots = [node for scene in content.get("scenes", ()) for node in scene.get("nodes", ())]
+        return Announced(data, _faces_of_graph(roots, children, name, "glb"), y_up=True)
+    except (ValueError, LookupError, TypeError, AttributeError, RecursionError, struct.error) as error:
+        if isinstance(error, MeshError):
+            raise
+        raise damaged(name, "glb", f"{type(error).__name__}: {str(error)[:120]}") from error
+
+
+def _dae(data: bytes, name: str) -> Announced:
+    declared = re.search(rb"<\?xml[^>]*encoding\s*=\s*[\"']([^\"']+)", data[:200])
+    encoding = declared[1].decode("ascii", "replace").lower() if declared else "utf-8"
+    if b"\0" in data[:1000] or data[:2] in (b"PK", b"\x1f\x8b") or encoding not in ASCII_COMPATIBLE:
+        kind = "compressed" if data[:2] in (b"PK", b"\x1f\x8b") else f"in {encoding if declared else 'UTF-16'}"
+        raise damaged(name, "dae", f"it is {kind}; expected XML in UTF-8")
+    if re.search(rb"<!\s*(DOCTYPE|ENTITY)", data, re.IGNORECASE):
+        raise MeshError(f"{name}: the file declares XML entities (DOCTYPE); expected plain COLLADA; remove them")
+    try:
+        root = ElementTree.fromstring(data)  # noqa: S314 - entities were refused
+        for element in root.iter():
+            element.tag = str(element.tag).rpartition("}")[2]
+        for array in root.iter("float_array"):
+            if not np.isfinite(np.array((array.text or "").split(), dtype=np.float64)).all():
+                raise MeshError(f"{name}: a float_array holds NaN or infinity; expected numbers; export the mesh again")
+        children: dict[Any, Any] = {}
+        for geometry in root.iter("geometry"):
+            primitives = [each for kind in ("triangles", "polylist", "polygons") for each in geometry.iter(kind)]
+            children["#" + geometry.get("id", "")] = sum(int(each.get("count", 0)) for each in primitives)
+        for node in [*root.iter("node"), *root.iter("visual_scene")]:
+            below = [child for child in node if child.tag == "node"]
+            urls = [child.get("url") for child in node if child.tag in ("instance_geometry", "instance_node")]
+            children[node] = [*below, *urls]
+            children.setdefault("#" + node.get("id", ""), [node])
+        faces = _faces_of_graph(list(root.iter("visual_scene")), children, name, "dae")
+        unit, up = root.find("asset/unit"), root.findtext("asset/up_axis", "Z_UP").strip()
+        metres = float(unit.get("meter", 1)) if unit is not None else None
+    except (ElementTree.ParseError, ValueError, LookupError, RecursionError) as error:
+        if isinstance(error, MeshError):
+            raise
+        raise damaged(name, "dae", f"{type(error).__name__}: {str(error)[:120]}") from error
+    if metres is not None and not 0 < metres < np.inf:
+        raise MeshError(f"{name}: its unit is {metres} m; expected a length; mend <unit meter=...>")
+    return Announced(data, faces, y_up=up == "Y_UP", unit=metres)
+
+
+def _faces_of_graph(roots: list[Any], children: dict[Any, Any], name: str, kind: str) -> int:
+    """Return the number of faces when every reference in a scene graph is followed; a leaf is its number of faces."""
+    sizes: dict[Any, tuple[int, int]] = {}
+
+    def size(node: Any, depth: int) -> tuple[int, int]:
+        if depth > MAX_DEPTH:
+            raise damaged(name, kind, f"nodes more than {MAX_DEPTH} deep, or below themselves")
+        below = children.get(node, ())
+        if node not in sizes:
+            parts = [(below, 1)] if isinstance(below, int) else [size(child, depth + 1) for child in below]
+            sizes[node] = sum(part[0] for part in parts), sum(part[1] for part in parts)
+        return sizes[node]
+
+    faces, parts = (sum(values) for values in zip((0, 0), *(size(root, 0) for root in roots), strict=True))
+    if parts > MAX_PARTS:
+        raise MeshError(
+            f"{name}: the file places {parts:,} copies of meshes; expected at most {MAX_PARTS:,}; join them"
+        )
+    return faces
+
+
+_GUARDS: dict[str, Callable[[bytes, str], Announced]] = {
+    "obj": _obj,
+    "stl": _stl,
+    "ply": _ply,
+    "glb": _glb,
+    "off": _off,
+    "dae": _dae,
+}
