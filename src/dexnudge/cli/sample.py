@@ -153,6 +153,7 @@ class Sample(MeshOptions):
         start = time.perf_counter()
         name, scene = self._scene()
         scene.validate()
+        say(*(f"note: {note}" for note in scene.notes))
         hand = load_hand(self.hand, base=self.base)
         sampler = Sampler(hand, weights=self.weights, device=self.device)
         sampler.load(method)
