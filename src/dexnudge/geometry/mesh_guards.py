@@ -137,8 +137,8 @@ def _glb(data: bytes, name: str) -> Announced:
             raise damaged(
                 name, "glb", f"an accessor announces {max(counts):,} values, the file has {len(data):,} bytes"
             )
-        nodes, children = content.get("nodes", []), {}
-        for number, node in enumerate(nodes):
+        children: dict[Any, Any] = {}
+        for number, node in enumerate(content.get("nodes", ())):
             children[number] = [*node.get("children", ()), *([("mesh", node["mesh"])] if "mesh" in node else [])]
         for number, mesh in enumerate(content.get("meshes", ())):
             used = [each.get("indices", each["attributes"].get("POSITION")) for each in mesh["primitives"]]
