@@ -7,6 +7,8 @@ import mujoco
 import numpy as np
 import torch
 import tyro
+from dexnudge.simulation.model import TIMESTEP, SimulationModel, scene_model
+from dexnudge.simulation.rollout import Trace
 
 from dexnudge.cli.arguments import stdout, table
 from dexnudge.execution.executor import Executor
@@ -15,8 +17,6 @@ from dexnudge.jobs.provenance import machine, versions
 from dexnudge.objects.sets import resolve_object_set
 from dexnudge.sampling.sampler import Sampler
 from dexnudge.scenes.families import build_scene
-from dexnudge.simulation.push import PushRun
-from dexnudge.simulation.push_model import TIMESTEP, PushModel, load_push_model, push_model_xml
 
 
 @dataclass(frozen=True)
@@ -61,28 +61,27 @@ class Benchmark:
         scene = build_scene(family, resolve_object_set(self.objects)[0].load(), seed=self.seed)
         draws = Sampler(hand).sample(scene, seed=self.seed, verified=self.num + 1)
         chosen = np.asarray(draws.q, dtype=float)[: min(self.num + 1, draws.num_verified)]
-        xml = push_model_xml(hand, scene)
-        executor = Executor(hand, scene, xml)
+        simulation = scene_model(hand, scene)
+        executor = Executor(scene, simulation)
         done = [executor(q) for q in chosen][1:]
         seconds = {stage: np.median([one.seconds[stage] for one in done]) for stage in done[0].seconds}
         simulated = wall = bare = 0.0
-        push = load_push_model(xml, hand, scene)
         for one in done:
-            wall += one.run.seconds
-            simulated += float(one.run.time[-1])
-            bare += _bare_steps(push, one.run)
+            wall += one.seconds["simulation"]
+            simulated += float(one.trace.time[-1])
+            bare += _bare_steps(simulation, one.trace)
         cells = [f"{seconds[stage]:.3f}" for stage in ("approach", "forces", "simulation", "exact distance")]
         return [str(len(done)), *cells, f"{simulated / wall:.1f}", f"{wall / bare:.2f}"]
 
 
-def _bare_steps(push: PushModel, run: PushRun) -> float:
-    """Seconds of MuJoCo's steps alone, told at each record of the run what its hand was told then."""
-    model, data = push.model, push.data
+def _bare_steps(simulation: SimulationModel, trace: Trace) -> float:
+    """Seconds of MuJoCo's steps alone, told at each record of the trace what its hand was told then."""
+    model, data = simulation.model, simulation.data
     mujoco.mj_resetData(model, data)
-    data.qpos[:] = run.qpos[0]
-    steps = np.diff(np.round(run.time / TIMESTEP).astype(int))
+    data.qpos[:] = trace.qpos[0]
+    steps = np.diff(np.round(trace.time / TIMESTEP).astype(int))
     start = time.perf_counter()
-    for count, ctrl, mocap in zip(steps, run.ctrl[1:], run.mocap[1:], strict=True):
+    for count, ctrl, mocap in zip(steps, trace.ctrl[1:], trace.mocap[1:], strict=True):
         data.ctrl[:], data.mocap_pos[0], data.mocap_quat[0] = ctrl, mocap[:3], mocap[3:]
         mujoco.mj_step(model, data, count)
     return time.perf_counter() - start

@@ -18,15 +18,15 @@ def sampled(tmp_path_factory):
 
 @pytest.mark.slow
 def test_a_phone_is_slid_grasped_and_lifted_in_one_simulation(dexnudge, sampled, tmp_path):
-    out = tmp_path / "story"
+    out = tmp_path / "lift"
     outcome = dexnudge("execute", sampled, "--then-grasp", "--films", "0", "--out", out)
     assert outcome.code == 0
     assert "success: yes" in outcome.out
     summary = json.loads((out / "summary.json").read_text(encoding="utf-8"))
-    last = summary["tries"][-1]
+    last = summary["attempts"][-1]
     assert summary["success"]
-    assert (last["phase"], last["reason"]) == ("", "")
-    assert len(summary["tries"]) <= 3
+    assert (last["phase"], last["outcome"]) == ("", "success")
+    assert len(summary["attempts"]) <= 3
     model = mujoco.MjModel.from_xml_path(str(out / "scene.xml"))
     data = mujoco.MjData(model)
     body = model.body("pushed object").id
@@ -46,6 +46,8 @@ def test_a_phone_is_slid_grasped_and_lifted_in_one_simulation(dexnudge, sampled,
     np.testing.assert_allclose(np.diff(time), np.clip(np.diff(time), 0.001, 0.0201))
     slid = (places[np.flatnonzero(phase == "release")[0]] - places[0]) @ scene["motion"]
     assert slid > 0.05
+    assert slid == pytest.approx(last["length_reached"], abs=0.01)
+    assert last["length_reached"] == pytest.approx(last["length_asked"], abs=0.01)
     held = np.flatnonzero(phase == "hold")
     assert time[held[-1]] - time[held[0]] == pytest.approx(2.0, abs=0.05)
     assert (places[held, 2] - places[0, 2]).min() >= 0.08
@@ -70,11 +72,11 @@ def test_top_is_refused_with_then_grasp(dexnudge, tmp_path):
     assert outcome.code == 2
     assert outcome.err == (
         "dexnudge: --top is 2 with --then-grasp, which goes through the configurations by itself, best first; "
-        "expected no --top; use --tries\n"
+        "expected no --top; use --attempts\n"
     )
 
 
-def test_tries_below_one_are_refused(dexnudge, tmp_path):
-    outcome = dexnudge("execute", tmp_path, "--then-grasp", "--tries", "0")
+def test_attempts_below_one_are_refused(dexnudge, tmp_path):
+    outcome = dexnudge("execute", tmp_path, "--then-grasp", "--attempts", "0")
     assert outcome.code == 2
-    assert outcome.err == "dexnudge: --tries is 0; expected at least 1\n"
+    assert outcome.err == "dexnudge: --attempts is 0; expected at least 1\n"

@@ -13,7 +13,6 @@ from dexnudge.dataset.loading import load_dataset
 from dexnudge.dataset.manifest import Manifest, read_manifest, write_manifest
 from dexnudge.objects.builtin import builtin_names
 from dexnudge.simulation import hold
-from dexnudge.simulation import hold as object_motion
 from dexnudge.synthesis import verification
 from dexnudge.synthesis.data_card import builtin_set, write_card
 
@@ -58,7 +57,7 @@ def test_criteria_are_those_of_the_code(toy_folder, text, monkeypatch):
 
 def test_held_grasps_are_counted_with_the_limits_of_the_test(toy_folder, text):
     assert f"18 of 18 grasps were held in MuJoCo against a pull of {hold.PULL:g} N in 6 directions" in text
-    assert f"less than {1e3 * object_motion.FARTHEST:g} mm and 15 degrees" in text
+    assert f"less than {1e3 * hold.FARTHEST:g} mm and 15 degrees" in text
     for shard in toy_folder.glob("shard-*"):
         shard.unlink()
     assert "No row was held in simulation" in write_card(toy_folder).read_text(encoding="utf-8")

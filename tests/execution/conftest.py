@@ -1,12 +1,9 @@
-"""A hand of a palm and one finger, enough to be in the way of something; and executed configurations."""
-
-from collections.abc import Callable
+"""A hand of a palm and one finger, enough to be in the way of something."""
 
 import numpy as np
 import pytest
 import trimesh
 
-from dexnudge.experiments.experiment_rows import Executed
 from dexnudge.hands.hand import Hand, Joint
 
 
@@ -30,27 +27,3 @@ def small_hand() -> Hand:
         couplings=(),
         palm_normal=np.array([0.0, 1.0, 0.0]),
     )
-
-
-@pytest.fixture(scope="session")
-def executed() -> Callable[..., Executed]:
-    """Makes an executed configuration: a success unless it is given a reason."""
-
-    def make(rank=0, margin=2.0, reason="", *, links=2, behaviour="push", changed=None) -> Executed:
-        return Executed(
-            rank=rank,
-            force_margin=margin,
-            links=links,
-            behaviour=behaviour,
-            success=not reason,
-            reason=reason,
-            advanced=0.09,
-            turned_deg=1.0,
-            sunk=0.0,
-            hand_environment=0.0,
-            cone_share=0.5,
-            approach="straight",
-            changed=changed or {},
-        )
-
-    return make

@@ -5,7 +5,6 @@ import pytest
 import trimesh
 
 from dexnudge.execution.retreat import DISTANCES, opening_path, retreat
-from dexnudge.hands.registry import load_hand
 from dexnudge.planning.hand_clearance import HandClearance, SelfPenetration
 from dexnudge.scenes.boxes import box
 from dexnudge.scenes.scene import Scene
@@ -59,8 +58,8 @@ def test_a_hand_in_a_closed_box_has_no_way(small_hand):
     assert retreat(small_hand, scene_of(*walls), bent_hand()) is None
 
 
-def test_fingers_that_would_cross_open_one_after_the_other():
-    hand = load_hand("shadow_lite")
+def test_fingers_that_would_cross_open_one_after_the_other(shadow_hand):
+    hand = shadow_hand
     angles = np.array([0.10, 0.23, 0.05, 0.05, 0.22, 1.41, 1.05, 1.05, 0.03, 1.45, 0.64, 0.64, 0.75, 0.04, 0.32, 0.06])
     depth = SelfPenetration(hand)
     opened = np.clip(0.0, hand.lower, hand.upper)

@@ -1,9 +1,12 @@
 """What every depth of is known by hand: the hand of five boxes and a block on a floor; and rows of that kind."""
 
+from collections.abc import Callable
+
 import numpy as np
 import pytest
 import trimesh
 
+from dexnudge.experiments.experiment_rows import Executed
 from dexnudge.experiments.rows import Row
 from dexnudge.scenes.scene import Scene
 
@@ -60,3 +63,27 @@ def made_up_rows() -> list[Row]:
         row("c", [False] * 4, [0.5] * 4, [0, 1, 2, 3], [1.5, 4.0, 0.1, None]),
         Row(object="d", scene="table", method="steered_noise", status="failed", reason="MeshError: no", num=4, seed=0),
     ]
+
+
+@pytest.fixture(scope="session")
+def executed() -> Callable[..., Executed]:
+    """Makes an executed configuration: a success unless it is given a reason."""
+
+    def make(rank=0, margin=2.0, reason="", *, links=2, behaviour="push", changed=None) -> Executed:
+        return Executed(
+            rank=rank,
+            force_margin=margin,
+            links=links,
+            behaviour=behaviour,
+            success=not reason,
+            reason=reason,
+            advanced=0.09,
+            turned_deg=1.0,
+            sunk=0.0,
+            hand_environment=0.0,
+            cone_share=0.5,
+            approach="straight",
+            changed=changed or {},
+        )
+
+    return make

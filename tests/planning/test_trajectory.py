@@ -1,4 +1,3 @@
-import re
 from dataclasses import replace
 
 import numpy as np
@@ -7,7 +6,7 @@ from scipy.spatial.transform import Rotation
 
 from dexnudge.errors import InputError, OutputError
 from dexnudge.planning.hand_states import palm_pose, state, state_space
-from dexnudge.planning.trajectory import SpeedLimits, Trajectory, load_trajectory, timed
+from dexnudge.planning.trajectory import SpeedLimits, Trajectory, timed
 
 NAMES = ("one", "two", "three", "four")
 
@@ -54,33 +53,26 @@ def test_speeds_stay_within_the_limits(boxy_hand):
     assert fastest[before].min() > 0.99  # and none is slower than it has to be
 
 
-def test_what_is_saved_is_loaded(tmp_path):
+def test_what_is_saved_can_be_read(tmp_path):
     given = Trajectory(np.array([0.0, 0.5]), np.random.default_rng(0).normal(size=(2, 11)), ("a", "b"))
     given.save(tmp_path / "way.npz")
-    with np.load(tmp_path / "way.npz", allow_pickle=False) as archive:
-        assert sorted(archive) == ["joint_names", "q", "times"]
-    found = load_trajectory(tmp_path / "way.npz")
-    np.testing.assert_array_equal(found.times, given.times)
-    np.testing.assert_array_equal(found.q, given.q)
-    assert found.joint_names == ("a", "b")
+    with np.load(tmp_path / "way.npz", allow_pickle=False) as found:
+        np.testing.assert_array_equal(found["times"], given.times)
+        np.testing.assert_array_equal(found["q"], given.q)
+        assert found["joint_names"].tolist() == ["a", "b"]
 
 
-def test_bad_files_are_refused(tmp_path):
-    good = {"times": np.array([0.0, 1.0]), "q": np.zeros((2, 10)), "joint_names": np.array(["a"])}
-    path = tmp_path / "way.npz"
-    with pytest.raises(InputError, match="cannot be read"):
-        load_trajectory(path)
-    for change, message in (
-        ({"q": None}, "lacks q"),
-        ({"times": np.array([0.0, 0.0])}, "do not increase"),
-        ({"q": np.zeros((2, 11))}, re.escape("shape (2, 11); expected (2, 10)")),
-        ({"q": np.full((2, 10), np.nan)}, "NaN"),
-        ({"times": np.array(["x", "y"])}, "times is <U1"),
-        ({"joint_names": np.array([{}], dtype=object)}, "cannot be read"),
-    ):
-        np.savez(path, **{key: value for key, value in (good | change).items() if value is not None})
-        with pytest.raises(InputError, match=message):
-            load_trajectory(path)
+@pytest.mark.parametrize(
+    ("times", "q", "message"),
+    [
+        ([0.0, 0.0], np.zeros((2, 10)), "do not increase"),
+        ([0.0, 1.0], np.zeros((2, 11)), r"shape \(2, 11\); expected \(2, 10\)"),
+        ([0.0, 1.0], np.full((2, 10), np.nan), "NaN"),
+    ],
+)
+def test_arrays_that_do_not_fit_are_refused(times, q, message):
+    with pytest.raises(InputError, match=message):
+        Trajectory(np.array(times), q, ("a",))
 
 
 def test_an_unwritable_place_is_named(tmp_path):

@@ -1,25 +1,28 @@
-"""Pieces against the mesh itself: they cover it, and do not reach far outside it."""
+"""Pieces against the mesh itself: they cover it, and do not reach far outside it; sheets are refused."""
 
 import numpy as np
 import pytest
 import trimesh
 from scipy.spatial import ConvexHull
 
+from dexnudge.errors import MeshError
 from dexnudge.geometry.exact_distance import ExactDistance
 from dexnudge.geometry.surface_points import surface_points
 from dexnudge.objects.builtin import builtin_object
-from dexnudge.simulation.convex_pieces import TOLERANCE, bodies_of, convex_pieces, simple_hull
+from dexnudge.scenes.boxes import box, joined
+from dexnudge.scenes.shelf import cell
+from dexnudge.simulation.convex_pieces import TOLERANCE, bodies_of, environment_pieces, object_pieces, simple_hull
 
 
 def test_a_convex_object_is_one_piece():
     mesh = builtin_object("box")
-    (piece,) = convex_pieces(mesh)
+    (piece,) = object_pieces(mesh)
     assert ConvexHull(piece).volume == pytest.approx(mesh.volume, rel=0.01)
 
 
 def test_pieces_cover_a_camera_phone_and_stay_close_to_it():
     mesh = builtin_object("phone-063")  # the hull of this one is half as large again
-    pieces = convex_pieces(mesh)
+    pieces = object_pieces(mesh)
     assert len(pieces) > 1
     points = surface_points(mesh, spacing=0.004).points
     equations = [ConvexHull(piece).equations for piece in pieces]
@@ -31,19 +34,12 @@ def test_pieces_cover_a_camera_phone_and_stay_close_to_it():
     assert sum(ConvexHull(piece).volume for piece in pieces) == pytest.approx(mesh.volume, rel=0.02)
 
 
-@pytest.mark.slow
-def test_the_same_mesh_gives_the_same_pieces():
-    mesh = builtin_object("phone-063")
-    for one, two in zip(convex_pieces(mesh), convex_pieces(mesh), strict=True):
-        np.testing.assert_array_equal(one, two)
-
-
 def test_bodies_that_are_convex_are_taken_as_they_are():
     left, right = trimesh.creation.box((0.03, 0.02, 0.01)), trimesh.creation.box((0.02, 0.05, 0.01))
     right.apply_translation((0.03, 0.0, 0.0))
     both = trimesh.util.concatenate([left, right])
     assert len(bodies_of(both)) == 2
-    volumes = sorted(ConvexHull(piece).volume for piece in convex_pieces(both))
+    volumes = sorted(ConvexHull(piece).volume for piece in object_pieces(both))
     assert volumes == pytest.approx([0.6e-5, 1.0e-5])
 
 
@@ -53,3 +49,28 @@ def test_simple_hull_leaves_out_at_most_the_tolerance():
     equations = ConvexHull(kept).equations
     assert (ball.vertices @ equations[:, :3].T + equations[:, 3]).max() <= 2.0e-4
     assert len(kept) < len(ball.vertices) / 10
+
+
+def test_the_walls_of_a_shelf_are_five_boxes():
+    mesh = cell(0.3, 0.2)
+    pieces = environment_pieces(mesh)
+    assert [len(piece) for piece in pieces] == [8] * 5
+    assert sum(ConvexHull(piece).volume for piece in pieces) == pytest.approx(mesh.volume)
+
+
+def test_a_part_that_is_not_convex_is_cut():
+    outline = np.array([[0.0, 0.0], [0.3, 0.0], [0.3, 0.02], [0.02, 0.02], [0.02, 0.2], [0.0, 0.2]])
+    angle = trimesh.creation.extrude_polygon(trimesh.path.polygons.Polygon(outline), 0.2)
+    pieces = environment_pieces(angle)
+    assert len(pieces) >= 2
+    assert sum(ConvexHull(piece).volume for piece in pieces) == pytest.approx(angle.volume, rel=0.03)
+
+
+def test_a_sheet_is_refused_by_name():
+    sheet = trimesh.Trimesh([[0.0, 0, 0], [1, 0, 0], [1, 1, 0], [0, 1, 0]], [[0, 1, 2], [0, 2, 3]])
+    with pytest.raises(MeshError) as raised:
+        environment_pieces(joined([box((0.0, 0.0, -0.1), (1.0, 1.0, -0.05)), sheet]))
+    assert str(raised.value) == (
+        "part 2 of 2 of the environment (2 triangles around (0.500, 0.500, 0.000)) is a flat sheet; MuJoCo's contacts "
+        "expect bodies with a thickness; make a box of it, or leave it out"
+    )

@@ -5,7 +5,7 @@ import pytest
 from scipy.spatial.transform import Rotation
 
 from dexnudge.simulation.hand_path import along_line, along_way, bending, palm_velocity, rotations, waiting
-from dexnudge.simulation.push_model import TIMESTEP
+from dexnudge.simulation.model import TIMESTEP
 
 
 def configuration(translation, rotation_vector, angles) -> np.ndarray:

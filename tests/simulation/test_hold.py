@@ -1,6 +1,7 @@
 """Whether grasps hold: Coulomb's law for two pads, and a grasp of the Shadow Hand."""
 
 import json
+from dataclasses import replace
 from pathlib import Path
 
 import mujoco
@@ -9,14 +10,13 @@ import pytest
 import trimesh
 
 from dexnudge.geometry.transforms import resting_origin
-from dexnudge.hands.shadow_lite import shadow_lite
 from dexnudge.mechanics.contacts import HandContacts
 from dexnudge.objects.builtin import builtin_object
 from dexnudge.scenes.resting import resting_pose
 from dexnudge.simulation import hold
 from dexnudge.simulation import squeeze as squeezing
-from dexnudge.simulation.grasp_model import FRICTION, build_grasp_model
 from dexnudge.simulation.hold import HoldTest
+from dexnudge.simulation.model import GRASP_FRICTION, OBJECT, grasp_model
 
 HALF_WIDTH = 0.02  # [m] of the block, along y
 
@@ -29,7 +29,7 @@ def pads(pad_hand, block) -> HoldTest:
 @pytest.mark.parametrize(("share", "held"), [(1.1, True), (0.9, False)])
 def test_two_pads_hold_exactly_what_coulomb_allows(pads, pad_grasp, monkeypatch, share, held):
     # Both pads press with N: along x and z the block holds while 2 * friction * N > F.
-    normal = share * hold.PULL / (2 * FRICTION)
+    normal = share * hold.PULL / (2 * GRASP_FRICTION)
     monkeypatch.setattr(squeezing, "SQUEEZE", 2 * normal)
     monkeypatch.setattr(squeezing, "EVENNESS", 1e-3)  # so that the sum is what is asked for
     q, contacts = pad_grasp
@@ -40,32 +40,36 @@ def test_two_pads_hold_exactly_what_coulomb_allows(pads, pad_grasp, monkeypatch,
         assert result.translation > 0.05
 
 
-@pytest.mark.parametrize(("share", "slips"), [(0.95, False), (1.05, True)])
-def test_a_block_on_an_incline_slips_above_the_friction_angle(pad_hand, block, share, slips):
-    # Gravity turned by theta against the top of one fixed slab: the block slides iff tan(theta) > friction. A pair of
-    # pieces makes one contact, so the block stands on four feet.
+@pytest.fixture(scope="module")
+def standing(pad_hand, block):
+    """The block on four feet, since a pair of pieces makes one contact, on a slab that is all there is of the hand."""
     feet = []
     for x in (-0.025, 0.025):
         for z in (-0.015, 0.015):
             foot = trimesh.creation.box((0.01, 2 * HALF_WIDTH, 0.01))
             foot.apply_translation((x, 0.0, z))
             feet.append(np.asarray(foot.vertices))
-    slab = np.asarray(trimesh.creation.box((0.4, 0.1, 0.4)).vertices)
-    grasp = build_grasp_model(pad_hand, [[slab], [], []], block, feet)
-    model, data = grasp.model, grasp.data
-    theta = np.arctan(share * FRICTION)
+    slab, nothing = trimesh.creation.box((0.4, 0.1, 0.4)), trimesh.Trimesh()
+    return grasp_model(replace(pad_hand, link_meshes=(slab, nothing, nothing)), block, feet)
+
+
+@pytest.mark.parametrize(("share", "slips"), [(0.95, False), (1.05, True)])
+def test_a_block_on_an_incline_slips_above_the_friction_angle(standing, share, slips):
+    # Gravity turned by theta against the top of the slab: the block slides iff tan(theta) > friction.
+    model, data = standing.model, standing.data
+    velocity_of = int(model.joint(OBJECT).dofadr[0])
+    theta = np.arctan(share * GRASP_FRICTION)
     model.opt.gravity[:] = 9.81 * np.array([np.sin(theta), -np.cos(theta), 0.0])
-    q = np.array([0.0, -HALF_WIDTH - 0.05, 0.0, 1.0, 0.0, 0.0, 0.0, 1.0, 0.0, 0.0, 0.0])
-    grasp.place(q)
+    standing.place(np.array([0.0, -HALF_WIDTH - 0.05, 0.0, 1.0, 0.0, 0.0, 0.0, 1.0, 0.0, 0.0, 0.0]))
     mujoco.mj_step(model, data, nstep=50)
-    place, velocity = np.array(data.xipos[grasp.object_body]), float(data.qvel[grasp.object_velocity])
+    place, velocity = np.array(data.xipos[standing.object_body]), float(data.qvel[velocity_of])
     mujoco.mj_step(model, data, nstep=100)
     if slips:
-        acceleration = (float(data.qvel[grasp.object_velocity]) - velocity) / (100 * model.opt.timestep)
+        acceleration = (float(data.qvel[velocity_of]) - velocity) / (100 * model.opt.timestep)
         friction = np.tan(theta) - acceleration / (9.81 * np.cos(theta))  # Coulomb
-        assert friction == pytest.approx(FRICTION, rel=0.05)
+        assert friction == pytest.approx(GRASP_FRICTION, rel=0.05)
     else:
-        assert np.linalg.norm(data.xipos[grasp.object_body] - place) < 1e-4
+        assert np.linalg.norm(data.xipos[standing.object_body] - place) < 1e-4
 
 
 # q and contacts of a grasp that the generator made of the built-in box, rounded to 0.1 mm.
@@ -73,8 +77,8 @@ GRASP = json.loads(Path(__file__).with_name("shadow_grasp.json").read_text(encod
 
 
 @pytest.mark.slow
-def test_a_shadow_hand_holds_a_box_until_it_opens_its_fingers():
-    hand, mesh = shadow_lite(), builtin_object("box")
+def test_a_shadow_hand_holds_a_box_until_it_opens_its_fingers(shadow_hand):
+    hand, mesh = shadow_hand, builtin_object("box")
     mesh.apply_transform(resting_pose(mesh))
     mesh.apply_translation(-resting_origin(mesh))
     contacts = HandContacts(

@@ -14,8 +14,8 @@ from dexnudge.mechanics.sliding_task import sliding_task
 from dexnudge.planning.object_path import supports_along, supports_of_way
 from dexnudge.scenes.boxes import box
 from dexnudge.scenes.scene import Scene
+from dexnudge.simulation.model import scene_model
 from dexnudge.simulation.push_forces import SURPLUS, push_forces
-from dexnudge.simulation.push_model import load_push_model, push_model_xml
 
 LENGTH, HEIGHT = 0.15, 0.02  # [m] of the block, whose front end is flush with the table's edge at x = 0
 WAY = 0.06  # [m]
@@ -43,9 +43,9 @@ def forces(pad_hand, scene, contacts):
 
 
 def forces_in(pad_hand, scene, contacts):
-    push = load_push_model(push_model_xml(pad_hand, scene), pad_hand, scene)
+    simulation = scene_model(pad_hand, scene)
     q = np.array([-LENGTH / 2, 0.0, 0.2, 1.0, 0.0, 0.0, 0.0, 1.0, 0.0, 0.0, 0.0])
-    return push_forces(push, q, contacts, supports_of_way(scene, WAY), sliding_task(scene))
+    return push_forces(simulation, q, contacts, supports_of_way(scene, WAY), sliding_task(scene))
 
 
 def unbalanced(scene: Scene, contacts: HandContacts, force: np.ndarray, way: float) -> float:

@@ -6,13 +6,15 @@ import pytest
 import trimesh
 
 from dexnudge.mechanics.sliding_task import GRAVITY
+from dexnudge.planning.outcomes import Outcome
 from dexnudge.scenes.boxes import box
 from dexnudge.scenes.scene import Scene
 from dexnudge.simulation.convex_pieces import link_pieces
-from dexnudge.simulation.drive import PUSH, SETTLE, Drive, push_drive
-from dexnudge.simulation.push import PushRun, judge_push, run_push
+from dexnudge.simulation.hand_path import PUSH, SETTLE, PushPath, push_path
+from dexnudge.simulation.model import SimulationModel, scene_model
 from dexnudge.simulation.push_forces import PushForces
-from dexnudge.simulation.push_model import PushModel, load_push_model, push_model_xml
+from dexnudge.simulation.rollout import Rollout, Trace
+from dexnudge.simulation.success import judge_push
 
 HEIGHT = 0.02  # [m] of the block
 FRICTION_HAND, FRICTION_ENVIRONMENT, MASS = 0.8, 0.4, 0.15
@@ -28,11 +30,11 @@ def scene() -> Scene:
 
 
 @pytest.fixture(scope="module")
-def push(pad_hand, scene) -> PushModel:
+def simulation(pad_hand, scene) -> SimulationModel:
     for (corners,), mesh in zip(link_pieces(pad_hand), pad_hand.link_meshes, strict=True):
         # The closed forms below hold for the boxes themselves, and not for bodies that are cut off by some tolerance.
         np.testing.assert_allclose(np.unique(corners, axis=0), np.unique(mesh.vertices, axis=0), atol=1e-12)
-    return load_push_model(push_model_xml(pad_hand, scene), pad_hand, scene)
+    return scene_model(pad_hand, scene)
 
 
 def palm_at(height: float) -> np.ndarray:
@@ -40,39 +42,39 @@ def palm_at(height: float) -> np.ndarray:
     return np.array([0.0, 0.0, height + PALM_BOTTOM, 1.0, 0.0, 0.0, 0.0, 1.0, 0.0, 0.0, 0.0])
 
 
-def pressing(push: PushModel, *forces: tuple[float, float, float]) -> PushForces:
+def pressing(simulation: SimulationModel, *forces: tuple[float, float, float]) -> PushForces:
     """The base presses with these forces [N] at the palm's lower face, one a place of the way; the fingers idle."""
     lever = np.array([0.0, 0.0, -PALM_BOTTOM])
     force = np.array(forces)
     return PushForces(
         force=force[:, None],
-        motor_torque=np.zeros((len(force), push.model.nu)),
+        motor_torque=np.zeros((len(force), simulation.model.nu)),
         base_wrench=np.concatenate([force, np.cross(lever, force)], axis=1),
         cone_share=np.ones(len(force)),
         surplus=np.ones(len(force)),
-        closing=np.zeros(push.model.nu),
+        closing=np.zeros(simulation.model.nu),
         base_closing=np.zeros(3),
     )
 
 
-def slide(push: PushModel, steps: int) -> np.ndarray:
+def slide(simulation: SimulationModel, steps: int) -> np.ndarray:
     """Positions of the block's centre along x [m] after each step."""
     moved = []
     for _ in range(steps):
-        mujoco.mj_step(push.model, push.data)
-        moved.append(float(push.data.xipos[push.object_body, 0]))
+        mujoco.mj_step(simulation.model, simulation.data)
+        moved.append(float(simulation.data.xipos[simulation.object_body, 0]))
     return np.array(moved)
 
 
 @pytest.mark.parametrize(("share", "slips"), [(0.97, False), (1.03, True)])
-def test_a_block_on_an_incline_slips_exactly_above_the_friction_angle(push, share, slips):
+def test_a_block_on_an_incline_slips_exactly_above_the_friction_angle(simulation, share, slips):
     theta = np.arctan(share * FRICTION_ENVIRONMENT)
-    push.place(palm_at(0.3))
+    simulation.place(palm_at(0.3))
     try:
-        push.model.opt.gravity[:] = GRAVITY * np.array([np.sin(theta), 0.0, -np.cos(theta)])
-        moved = slide(push, 500)
+        simulation.model.opt.gravity[:] = GRAVITY * np.array([np.sin(theta), 0.0, -np.cos(theta)])
+        moved = slide(simulation, 500)
     finally:
-        push.model.opt.gravity[:] = (0.0, 0.0, -GRAVITY)
+        simulation.model.opt.gravity[:] = (0.0, 0.0, -GRAVITY)
     if slips:
         acceleration = GRAVITY * (np.sin(theta) - FRICTION_ENVIRONMENT * np.cos(theta))
         # s = a t^2 / 2 from rest; the first 0.2 s are left to the landing of the block on its contacts
@@ -82,98 +84,106 @@ def test_a_block_on_an_incline_slips_exactly_above_the_friction_angle(push, shar
         assert abs(moved[-1] - moved[100]) < 1e-4
 
 
-def test_a_sliding_block_stops_after_the_distance_of_coulombs_law(push):
-    push.place(palm_at(0.3))
-    slide(push, 50)
-    start, speed = float(push.data.xipos[push.object_body, 0]), 0.5
-    free = push.model.joint("pushed object").dofadr[0]
-    push.data.qvel[free] = speed
-    moved = slide(push, 250)
+def test_a_sliding_block_stops_after_the_distance_of_coulombs_law(simulation):
+    simulation.place(palm_at(0.3))
+    slide(simulation, 50)
+    start, speed = float(simulation.data.xipos[simulation.object_body, 0]), 0.5
+    free = simulation.model.joint("pushed object").dofadr[0]
+    simulation.data.qvel[free] = speed
+    moved = slide(simulation, 250)
     assert moved[-1] - start == pytest.approx(speed**2 / (2 * FRICTION_ENVIRONMENT * GRAVITY), rel=0.05)
-    assert abs(float(push.data.qvel[free])) < 1e-3
+    assert abs(float(simulation.data.qvel[free])) < 1e-3
 
 
-def drag(push: PushModel, normal: float) -> tuple[PushRun, Drive]:
+def pushed(simulation: SimulationModel, q: np.ndarray, path: PushPath, forces: PushForces) -> Rollout:
+    rollout = Rollout(simulation, q)
+    rollout.push(path, forces)
+    return rollout
+
+
+def drag(simulation: SimulationModel, normal: float) -> tuple[Trace, PushPath]:
     """Press from above with this force [N] and carry along by 5 cm."""
     pull = FRICTION_ENVIRONMENT * (MASS * GRAVITY + normal)
     q = palm_at(HEIGHT)
-    drive = push_drive(np.zeros(1), q[None], motion=X, length=0.05)
-    return run_push(push, q, drive, pressing(push, (min(pull, FRICTION_HAND * normal), 0.0, -normal))), drive
+    path = push_path(np.zeros(1), q[None], motion=X, length=0.05)
+    force = (min(pull, FRICTION_HAND * normal), 0.0, -normal)
+    return pushed(simulation, q, path, pressing(simulation, force)).trace, path
 
 
 @pytest.mark.parametrize(("share", "follows"), [(0.9, False), (1.2, True)])
-def test_a_pressed_slab_follows_from_the_force_of_the_closed_form(push, share, follows):
+def test_a_pressed_slab_follows_from_the_force_of_the_closed_form(simulation, share, follows):
     # N >= mu_e m g / (mu_h - mu_e): 1.47 N here
     least = FRICTION_ENVIRONMENT * MASS * GRAVITY / (FRICTION_HAND - FRICTION_ENVIRONMENT)
-    run, _ = drag(push, share * least)
-    verdict = judge_push(run, motion=X, length=0.05)
+    run, _ = drag(simulation, share * least)
+    verdict = judge_push(run, motion=X, length=0.05, diverged=False)
     assert verdict.success is follows
     moving = run.phase == PUSH
     assert np.mean(run.hand_object_force[moving, 0]) == pytest.approx(share * least, rel=0.03)
     if not follows:
-        assert verdict.reason == f"advanced {1e3 * verdict.advanced:.0f} of 50 mm"
-        assert verdict.advanced < 0.005
+        assert verdict.outcome is Outcome.FELL_SHORT
+        assert verdict.length_reached < 0.005
+        assert verdict.length_asked == 0.05
 
 
-def test_a_dragged_slab_takes_the_force_that_the_balance_predicts(push):
-    run, _ = drag(push, 4.0)
+def test_a_dragged_slab_takes_the_force_that_the_balance_predicts(simulation):
+    run, _ = drag(simulation, 4.0)
     steady = (run.phase == PUSH) & (np.abs(run.object_pose[:, 0] - 0.025) < 0.015)
     expected = FRICTION_ENVIRONMENT * (MASS * GRAVITY + 4.0)
     assert np.mean(run.hand_object_force[steady, 1]) == pytest.approx(expected, rel=0.1)
 
 
-def test_the_press_follows_the_forces_of_the_way(push):
-    drive = push_drive(np.zeros(1), palm_at(HEIGHT)[None], motion=X, length=0.05)
+def test_the_press_follows_the_forces_of_the_way(simulation):
+    path = push_path(np.zeros(1), palm_at(HEIGHT)[None], motion=X, length=0.05)
     wanted = [(FRICTION_ENVIRONMENT * (MASS * GRAVITY + normal), 0.0, -normal) for normal in (4.0, 3.0, 5.0)]
-    run = run_push(push, palm_at(HEIGHT), drive, pressing(push, *wanted))
+    run = pushed(simulation, palm_at(HEIGHT), path, pressing(simulation, *wanted)).trace
     for way, expected in ((0.0125, 3.5), (0.025, 3.0), (0.0375, 4.0), (0.045, 4.6)):
         near = (run.phase == PUSH) & (np.abs(run.mocap[:, 0] - way) < 0.0015)
         assert np.mean(run.hand_object_force[near, 0]) == pytest.approx(expected, rel=0.1)
 
 
-def test_a_dragged_slab_does_not_hop(push):
-    run, _ = drag(push, 4.0)
+def test_a_dragged_slab_does_not_hop(simulation):
+    run, _ = drag(simulation, 4.0)
     steady = (run.phase == PUSH) & (np.abs(run.object_pose[:, 0] - 0.025) < 0.015)
     assert np.std(run.hand_object_force[steady, 0]) < 1e-3 * np.mean(run.hand_object_force[steady, 0])
     assert np.ptp(run.object_pose[steady, 2]) < 2e-6
 
 
-def test_the_base_goes_where_it_is_told(push):
-    run, drive = drag(push, 4.0)
+def test_the_base_goes_where_it_is_told(simulation):
+    run, path = drag(simulation, 4.0)
     moving = (run.phase == PUSH) & (run.time > 0.9)
     lag = run.base_pose[moving, 0] - run.mocap[moving, 0]
     assert np.abs(lag).max() < 1e-3
     assert np.ptp(np.diff(run.base_pose[moving, 0])[3:-8]) < 1e-4  # 20 ms apart: 1 mm each, without jitter
-    assert drive.position[-1, 0] == pytest.approx(0.05)
-    assert drive.velocity[:, 0].max() == pytest.approx(0.05, rel=1e-6)
+    assert path.position[-1, 0] == pytest.approx(0.05)
+    assert path.velocity[:, 0].max() == pytest.approx(0.05, rel=1e-6)
 
 
-def test_the_same_push_gives_the_same_numbers_whatever_ran_before(push):
-    first, _ = drag(push, 2.0)
-    drag(push, 4.0)
-    again, _ = drag(push, 2.0)
+def test_the_same_push_gives_the_same_numbers_whatever_ran_before(simulation):
+    first, _ = drag(simulation, 2.0)
+    drag(simulation, 4.0)
+    again, _ = drag(simulation, 2.0)
     for name in ("qpos", "hand_object_force", "hand_environment_clearance"):
         np.testing.assert_array_equal(getattr(first, name), getattr(again, name))
 
 
-def test_a_run_out_of_hand_is_stopped_and_can_be_replayed(push):
+def test_a_run_out_of_hand_is_stopped_and_can_be_replayed(simulation):
     q = palm_at(0.2)
-    drive = push_drive(np.zeros(1), q[None], motion=X, length=0.05)
-    run = run_push(push, q, drive, pressing(push, (0.0, 0.0, 1e6)))
-    verdict = judge_push(run, motion=X, length=0.05)
-    assert run.diverged_at > run.last_step >= 0
-    assert (verdict.success, verdict.reason) == (False, f"diverged at step {run.diverged_at}")
-    mujoco.mj_setState(push.model, push.data, run.last_state, mujoco.mjtState.mjSTATE_INTEGRATION)
-    np.testing.assert_array_equal(push.data.qpos, run.qpos[-1])
+    path = push_path(np.zeros(1), q[None], motion=X, length=0.05)
+    rollout = pushed(simulation, q, path, pressing(simulation, (0.0, 0.0, 1e6)))
+    trace, divergence = rollout.trace, rollout.divergence
+    assert divergence.step >= divergence.last_step > 0
+    assert judge_push(trace, motion=X, length=0.05, diverged=True).outcome is Outcome.DIVERGED
+    mujoco.mj_setState(simulation.model, simulation.data, divergence.state, mujoco.mjtState.mjSTATE_INTEGRATION)
+    np.testing.assert_array_equal(simulation.data.qpos, trace.qpos[-1])
 
 
-def test_a_hand_pressed_into_the_table_fails(push):
+def test_a_hand_pressed_into_the_table_fails(simulation):
     q = palm_at(0.0)
     q[0] = 0.2  # beside the block
-    drive = push_drive(np.zeros(1), q[None], motion=X, length=0.05)
-    lowered = Drive(drive.position - [0.0, 0.0, 0.01], drive.quaternion, drive.angles, drive.phase, drive.done)
+    path = push_path(np.zeros(1), q[None], motion=X, length=0.05)
+    lowered = PushPath(path.position - [0.0, 0.0, 0.01], path.quaternion, path.angles, path.phase, path.done)
     q[2] -= 0.004
-    run = run_push(push, q, lowered, pressing(push, (0.0, 0.0, 0.0)))
+    run = pushed(simulation, q, lowered, pressing(simulation, (0.0, 0.0, 0.0))).trace
     assert run.phase[0] == SETTLE
     assert run.hand_environment_depth[1] > 0.002
     assert run.hand_environment_clearance[0] == pytest.approx(-0.004, abs=2e-4)

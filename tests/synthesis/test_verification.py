@@ -9,7 +9,7 @@ from scipy.optimize import linprog
 from dexnudge.dataset.schema import INFEASIBLE, NUM_DIRECTIONS, best_direction, direction_angles
 from dexnudge.mechanics.contacts import HandContacts
 from dexnudge.mechanics.friction_cone import friction_cone_edges, wrenches
-from dexnudge.simulation.grasp_model import FRICTION
+from dexnudge.simulation.model import GRASP_FRICTION
 from dexnudge.synthesis.verification import (
     GraspVerifier,
     NonPrehensileVerifier,
@@ -64,7 +64,7 @@ def patches(*places: tuple[list[float], list[float]], size: float = 0.006) -> Ha
 
 def can_squeeze(contacts: HandContacts, centre: np.ndarray) -> bool:
     """Whether any forces within the friction pyramids add up to nothing without being nothing, by HiGHS."""
-    edges = friction_cone_edges(contacts.normals, np.asarray([0.0, 0.0, 1.0]), friction=FRICTION)
+    edges = friction_cone_edges(contacts.normals, np.asarray([0.0, 0.0, 1.0]), friction=GRASP_FRICTION)
     columns = wrenches(contacts.points[:, None], edges, centre=centre, half_length=0.1).reshape(-1, 6).T
     count = columns.shape[1]
     found = linprog(-np.ones(count), A_ub=np.ones((1, count)), b_ub=[1.0], A_eq=columns, b_eq=np.zeros(6))

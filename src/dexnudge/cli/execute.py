@@ -29,8 +29,8 @@ class Execute:
     """Processes; one core each."""
     then_grasp: bool = False
     """Slide, grasp and lift."""
-    tries: Count = 3
-    """With --then-grasp: most tries; each goes on from where the one before has left hand and object."""
+    attempts: Count = 3
+    """With --then-grasp: most attempts; each goes on from where the one before left hand and object."""
     seed: Count = 0
     """With --then-grasp: of the grasps."""
     weights: OptionalFolder = None
@@ -44,18 +44,18 @@ class Execute:
 
     def run(self) -> int:
         """Execute, write, print."""
-        check_at_least(1, top=self.top, workers=self.workers, tries=self.tries)
+        check_at_least(1, top=self.top, workers=self.workers, attempts=self.attempts)
         check_at_least(0, seed=self.seed, films=self.films)
         if self.then_grasp:
-            return self._slide_grasp_lift()
-        from dexnudge.execution.files import FOLDER, execute_folder
+            return self._then_grasp()
+        from dexnudge.execution.folder import PUSH_FOLDER, push_folder
         from dexnudge.jobs.progress import progress
 
         folder = Path(self.folder)
-        out = folder / FOLDER if self.out is None else Path(self.out)
+        out = folder / PUSH_FOLDER if self.out is None else Path(self.out)
         with progress() as bars:
             bar = bars.add_task("executing", total=None)
-            summary = execute_folder(
+            summary = push_folder(
                 folder,
                 top=self.top,
                 workers=self.workers,
@@ -67,71 +67,82 @@ class Execute:
         _print_pushes(summary, out)
         return 0
 
-    def _slide_grasp_lift(self) -> int:
+    def _then_grasp(self) -> int:
         if self.top != 1:
             raise InputError(
                 f"--top is {self.top} with --then-grasp, which goes through the configurations by itself, best first; "
-                "expected no --top; use --tries"
+                "expected no --top; use --attempts"
             )
-        from dexnudge.execution.story_folder import FOLDER, slide_grasp_lift_folder
+        from dexnudge.execution.folder import LIFT_FOLDER, lift_folder
         from dexnudge.jobs.progress import progress
 
         folder = Path(self.folder)
-        out = folder / FOLDER if self.out is None else Path(self.out)
+        out = folder / LIFT_FOLDER if self.out is None else Path(self.out)
         with progress() as bars:
             bars.add_task("slide, grasp, lift", total=None)
-            summary = slide_grasp_lift_folder(
+            summary = lift_folder(
                 folder,
-                tries=self.tries,
+                attempts=self.attempts,
                 seed=self.seed,
                 weights=self.weights,
                 out=out,
                 overwrite=self.overwrite,
                 films=self.films > 0,
             )
-        _print_story(summary, out)
+        _print_attempts(summary, out)
         return 0
 
 
 def _print_pushes(summary: dict[str, Any], out: Path) -> None:
     from dexnudge.cli.arguments import stdout, table
 
-    shown = table("configuration", "outcome", "advanced [mm]", "turned [deg]", "hand in surroundings [mm]")
+    shown = table("configuration", "outcome", "moved [mm]", "turned [deg]", "hand in surroundings [mm]")
     for row in summary["configurations"]:
         figures = ["", "", ""]
-        if "advanced" in row:
+        if "length_reached" in row:
             figures = [
-                f"{1e3 * row['advanced']:.1f}",
+                f"{1e3 * row['length_reached']:.1f} of {1e3 * row['length_asked']:.0f}",
                 f"{row['turned_deg']:.1f}",
                 f"{1e3 * row['hand_environment']:.2f}",
             ]
-        shown.add_row(str(row["configuration"]), row["reason"] or "success", *figures)
+        shown.add_row(str(row["configuration"]), _outcome(row), *figures)
     console = stdout()
     console.print(shown)
     console.print(f"{summary['succeeded']} of {summary['attempted']} succeed")
     _print_where(out)
 
 
-def _print_story(summary: dict[str, Any], out: Path) -> None:
+def _print_attempts(summary: dict[str, Any], out: Path) -> None:
     from dexnudge.cli.arguments import stdout, table
 
-    shown = table("try", "slid by", "overhang", "grasps", "raised [mm]", "outcome")
-    for row in summary["tries"]:
+    shown = table("attempt", "slid by", "moved [mm]", "overhang", "grasps", "raised [mm]", "outcome")
+    for row in summary["attempts"]:
+        moved = row["length_reached"]
         shown.add_row(
             str(row["number"]),
             "" if row["configuration"] < 0 else str(row["configuration"]),
+            "" if moved is None else f"{1e3 * moved:.0f} of {1e3 * row['length_asked']:.0f}",
             "" if row["overhang"] is None else f"{row['overhang']:.0%}",
             "" if row["grasps"] < 0 else f"{row['grasps']} of {row['drawn']}",
             "" if row["raised"] is None else f"{1e3 * row['raised']:.0f}",
-            f"{row['phase']}: {row['reason']}" if row["phase"] else "lifted and held",
+            f"{row['phase']}: {_outcome(row)}" if row["phase"] else "lifted and held",
         )
     console = stdout()
     console.print(shown)
-    first = "yes" if summary["success_first_try"] else "no"
-    console.print(f"success: {'yes' if summary['success'] else 'no'}; without retries: {first}")
+    first = "yes" if summary["success_first_attempt"] else "no"
+    console.print(f"success: {'yes' if summary['success'] else 'no'}; at the first attempt: {first}")
     if summary["ended"]:
-        console.print(f"no further try: {summary['ended']}", soft_wrap=True)
+        from dexnudge.planning.outcomes import Outcome
+
+        console.print(f"no further attempt: {Outcome(summary['ended']).sentence}", soft_wrap=True)
     _print_where(out)
+
+
+def _outcome(row: dict[str, Any]) -> str:
+    from dexnudge.planning.outcomes import Outcome
+
+    detail = f" ({row['detail']})" if row["detail"] else ""
+    return Outcome(row["outcome"]).sentence + detail
 
 
 def _print_where(out: Path) -> None:

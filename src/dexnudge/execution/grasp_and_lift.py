@@ -1,12 +1,12 @@
-"""The second act: the object is grasped where it lies, lifted and held."""
+"""The second act: grasp the object where it lies, lift it and hold it."""
 
 from dataclasses import dataclass
 
 import numpy as np
 from jaxtyping import Float
 
-from dexnudge.execution.grasping import Grasp, GraspFinder
-from dexnudge.execution.stage import Stage, stretches
+from dexnudge.execution.grasp_finder import Grasp, GraspFinder
+from dexnudge.execution.scene_rollout import SceneRollout
 from dexnudge.geometry.exact_distance import ExactDistance
 from dexnudge.geometry.surface_points import surface_points
 from dexnudge.hands.hand import ROOT_COORDINATES, Hand
@@ -14,8 +14,8 @@ from dexnudge.mechanics.sliding_task import sliding_task
 from dexnudge.planning.approach import Approach, ApproachPlanner
 from dexnudge.planning.hand_clearance import HandClearance
 from dexnudge.planning.hand_states import palm_pose
+from dexnudge.planning.outcomes import Outcome
 from dexnudge.scenes.scene import Scene
-from dexnudge.simulation.episode import CLOSE_RAMP, CLOSE_TIME, SETTLE_TIME
 from dexnudge.simulation.hand_path import along_line, along_way, waiting
 from dexnudge.simulation.squeeze import squeeze
 
@@ -28,7 +28,7 @@ ALLOWANCE = 0.0005  # [m] less than at the start: rounding and what contacts yie
 
 
 class LiftWay:
-    """Ways up for one hand that holds the object of one scene."""
+    """Finds ways up for one hand that holds the object of one scene."""
 
     def __init__(self, hand: Hand, scene: Scene, *, height: float) -> None:
         self._scene, self._height = scene, height
@@ -37,7 +37,7 @@ class LiftWay:
         self._points = surface_points(scene.object_in_world(), spacing=SPACING).points
 
     def __call__(self, q: Float[np.ndarray, " coordinates"]) -> list[Float[np.ndarray, " 3"]] | None:
-        """Translations one after another [m, world], by `height` up in all, no farther out than need be; None if blocked."""
+        """Return translations [m, world] one after another, `height` up in all, outward as little as need be, or None."""
         up = np.array([0.0, 0.0, 1.0])
         for outward in OUTWARD:
             ways = [self._height * up]
@@ -78,7 +78,7 @@ GRASP_BATCHES = 3  # of draws until one holds
 
 @dataclass(frozen=True)
 class ChosenGrasp:
-    """A grasp with the way there, and the translations up [m, world] from it."""
+    """A grasp with the way there and the translations [m, world] by which it is lifted."""
 
     grasp: Grasp
     approach: Approach
@@ -87,26 +87,28 @@ class ChosenGrasp:
 
 @dataclass(frozen=True)
 class NoGrasp:
-    """phase: "grasp search" or "approach"; reason: what stood against it."""
+    """No grasp could be tried; phase: "grasp search" or "approach". detail: what `outcome` leaves open, for people."""
 
     phase: str
-    reason: str
+    outcome: Outcome
+    detail: str
 
 
 class GraspAndLift:
     """Grasps and lifts the object of a stage; no grasp is tried twice.
 
     Attributes:
-        found: grasps that are known to hold and have not been tried. drawn: draws so far.
+        found: grasps that are known to hold and have not been tried.
+        drawn: draws so far.
     """
 
-    def __init__(self, stage: Stage, finder: GraspFinder, *, draws: int, seed: int) -> None:
+    def __init__(self, stage: SceneRollout, finder: GraspFinder, *, draws: int, seed: int) -> None:
         self._stage, self._finder, self._draws, self._seed = stage, finder, draws, seed
         self.found: list[Grasp] = []
         self.drawn = 0
 
     def choose(self, scene: Scene) -> ChosenGrasp | NoGrasp:
-        """The best grasp that the hand can reach from where it is, and lift; draws some where none is known."""
+        """Return the best grasp that the hand can reach from where it is, and lift; draw some where none is known."""
         self.found = self._finder.still_clean(scene, self.found)
         rejected: dict[str, int] = {}
         for _ in range(GRASP_BATCHES):
@@ -119,7 +121,9 @@ class GraspAndLift:
             text = ", ".join(
                 f"{reason} {count}" for reason, count in sorted(rejected.items(), key=lambda item: -item[1])
             )
-            return NoGrasp("grasp search", f"no grasp found in {self.drawn} draws; of the last {self._draws}: {text}")
+            return NoGrasp(
+                "grasp search", Outcome.NO_GRASP, f"in {self.drawn} draws; of the last {self._draws}: {text}"
+            )
         planner, up = ApproachPlanner(self._stage.hand, scene), LiftWay(self._stage.hand, scene, height=LIFT)
         reasons = []
         for grasp in self.found[:MOST_PLANNED]:
@@ -132,31 +136,30 @@ class GraspAndLift:
             if approach.blocked is None:
                 return ChosenGrasp(grasp, approach, ways)
             reasons.append(f"{approach.blocked.stage}: {approach.blocked.reason}")
-        return NoGrasp("approach", f"approach blocked for {len(reasons)} grasps; the best: {reasons[0]}")
+        return NoGrasp("approach", Outcome.APPROACH_BLOCKED, f"for {len(reasons)} grasps; the best: {reasons[0]}")
 
     def lift(self, scene: Scene, chosen: ChosenGrasp) -> None:
         """Go there, close, lift, hold."""
         self.found = [other for other in self.found if other is not chosen.grasp]
-        episode, way = self._stage.go_to(chosen.approach, all_the_way=True), stretches(chosen.approach)
-        episode.play(along_way(way.times, way.q), "reach")
+        rollout = self._stage.go_to_pre_contact(chosen.approach, from_outside=True)
+        times, q = chosen.approach.last_stretch
+        rollout.follow(along_way(times, q), "reach")
         contacts = chosen.grasp.contacts_in_world(scene.T_world_object)
         half_length = sliding_task(scene).half_length
-        with episode.elsewhere():
+        with rollout.elsewhere():
             model = self._stage.model_at(scene)
-            model.place(way.q[-1])
+            model.place(q[-1])
             friction = SQUEEZE_SHARE * scene.friction_hand
             torque = squeeze(model, contacts, half_length=half_length, friction=friction).motor_torque
-        episode.close(torque, "close", ramp=CLOSE_RAMP, seconds=CLOSE_TIME)
-        episode.play(waiting(episode.told, seconds=SETTLE_TIME), "close")
-        for one in chosen.ways:
-            episode.play(along_line(episode.told, one, speed=LIFT_SPEED), "lift")
-        episode.play(waiting(episode.told, seconds=HOLD_TIME), "hold")
+        rollout.close(torque, "close")
+        for way in chosen.ways:
+            rollout.follow(along_line(rollout.commanded, way, speed=LIFT_SPEED), "lift")
+        rollout.follow(waiting(rollout.commanded, seconds=HOLD_TIME), "hold")
 
     def put_back(self, chosen: ChosenGrasp) -> None:
-        """Down again, let go, and back off."""
-        episode = self._stage.episode
-        assert episode is not None
-        for one in reversed(chosen.ways):
-            episode.play(along_line(episode.told, -one, speed=LIFT_SPEED), "lower")
-        episode.let_go()
+        """Lower the object, let go, and back off."""
+        rollout = self._stage.rollout
+        for way in reversed(chosen.ways):
+            rollout.follow(along_line(rollout.commanded, -way, speed=LIFT_SPEED), "lower")
+        rollout.let_go()
         self._stage.back_off(chosen.approach)

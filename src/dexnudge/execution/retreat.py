@@ -1,4 +1,4 @@
-"""How a hand that has let go frees itself: straight away from what is around it, then its fingers open."""
+"""How a hand that has let go withdraws: straight away from what is around it, then its fingers open."""
 
 from dataclasses import dataclass
 from itertools import combinations, pairwise
@@ -14,9 +14,9 @@ from dexnudge.planning.hand_states import palm_pose, state_space
 from dexnudge.planning.motion_check import CLEARANCE
 from dexnudge.scenes.scene import Scene
 
-DISTANCES = (0.0, 0.03, 0.06, 0.10, 0.15, 0.20, 0.30)  # [m] the least that will do is taken
-STEP = 0.002  # [m] between the places that are looked at
-OPENING_STEPS = 17  # openings that are looked at between two sets of joint angles
+DISTANCES = (0.0, 0.03, 0.06, 0.10, 0.15, 0.20, 0.30)  # [m] the first that is free is taken
+STEP = 0.002  # [m] between the places that are checked
+OPENING_STEPS = 17  # openings that are checked between two sets of joint angles
 LEAST_CLEARANCE = 0.0015  # [m] kept while it moves away, or what it has where it stands
 
 
@@ -29,7 +29,7 @@ class Retreat:
 
 
 def retreat(hand: Hand, scene: Scene, q: Float[np.ndarray, " coordinates"]) -> Retreat | None:
-    """The shortest way after which the fingers can open without touching anything, themselves included; None if none is.
+    """Return the shortest way after which the fingers can open without touching anything or each other; None if none.
 
     Tried are up, back along the fingers, back of the hand first, along the scene's motion and against it, and the sums of
     two of them.
@@ -60,11 +60,11 @@ def retreat(hand: Hand, scene: Scene, q: Float[np.ndarray, " coordinates"]) -> R
 
 
 def opening_path(hand: Hand, angles: Float[np.ndarray, " joint"]) -> list[Float[np.ndarray, " joint"]] | None:
-    """Joint angles from these to the open hand; None if no order is found that is clean.
+    """Return joint angles from these to the open hand; None if no clean order is found.
 
     The links are never more than 1 mm in one another, nor deeper than they are now: fingers that have pressed may have
     been pushed into each other a little, since the simulation knows no contacts between links.
-    All digits at once if that will do, else one of them before the others, or after them.
+    All digits open at once if that is clean, else one of them before the others, or after them.
     """
     opened = state_space(hand, angles).opened
     depth = _self_penetration(hand)
@@ -85,7 +85,7 @@ def _self_penetration(hand: Hand) -> SelfPenetration:
 
 
 def _between(path: list[Float[np.ndarray, " joint"]]) -> Float[np.ndarray, "n joint"]:
-    """Joint angles along a path."""
+    """Return joint angles along a path."""
     fractions = np.linspace(0.0, 1.0, OPENING_STEPS)[:, None]
     return np.concatenate([start + fractions * (end - start) for start, end in pairwise(path)])
 

@@ -1,42 +1,49 @@
 """Slide, grasp, lift: an object that cannot be grasped where it lies is pushed to where it can, grasped, and lifted.
 
-One continuous simulation. When something fails, the next try goes on from where hand and object are then, as a robot
-would: with the next configuration of the folder where the object still has to slide, else with the next grasp.
+One continuous simulation. When something fails, the next attempt goes on from where hand and object are then, as a robot
+would: with the next configuration where the object still has to slide, else with the next grasp.
 """
 
 from dataclasses import dataclass, replace
+from typing import Any
 
 import numpy as np
 from jaxtyping import Float, Int
 
 from dexnudge.execution.grasp_and_lift import LIFT, GraspAndLift, NoGrasp
-from dexnudge.execution.grasping import GraspFinder
-from dexnudge.execution.slide import Slide, overhang, why_not_graspable
-from dexnudge.execution.stage import Stage
-from dexnudge.hands.hand import Hand
+from dexnudge.execution.grasp_finder import GraspFinder
+from dexnudge.execution.scene_rollout import SceneRollout
+from dexnudge.execution.slide import Slide, overhang
+from dexnudge.planning.outcomes import Outcome
 from dexnudge.sampling.sampler import Sampler
 from dexnudge.scenes.scene import Scene
-from dexnudge.simulation.episode import Trace
-from dexnudge.simulation.lift_verdict import judge_lift
-from dexnudge.simulation.push_model import load_push_model
-from dexnudge.simulation.rehearsal import lift_rehearsal
+from dexnudge.simulation.hold import LiftRehearsal
+from dexnudge.simulation.model import SimulationModel
+from dexnudge.simulation.rollout import Divergence, Trace
+from dexnudge.simulation.success import judge_lift
+
+GRASP_DRAWS = 32  # of grasps at a time, unless told otherwise
 
 
 @dataclass(frozen=True)
-class Try:
-    """One try.
+class Attempt:
+    """One attempt; None or -1 stands for what it did not come to.
 
-    phase: where it failed, of "slide", "grasp search", "approach", "lift", "hold"; "" where the object was lifted and held.
-    configuration: of the folder, that slid the object; -1 where it lay graspable already. overhang: free part of the
-    object's length after the slide. grasps: found, of `drawn` draws so far. drift: of the grasp taken. raised, least_held
-    [m], turned_deg, hand_environment [m]: see `LiftVerdict`. None or -1 where it did not come to that.
+    phase: in which it failed, of "slide", "grasp search", "approach", "lift", "hold"; "" where the object was lifted and
+    held. outcome: how it ended. detail: what `outcome` leaves open, for people. configuration: number of the one that slid
+    the object; -1 where it lay graspable already. overhang: free share of the object's length after the slide. grasps:
+    found, of `drawn` draws so far. drift: of the grasp taken. length_asked, length_reached [m]: of the slide. raised,
+    least_held [m], turned_deg, hand_environment [m]: see `LiftVerdict`.
     """
 
     number: int
     phase: str
-    reason: str
+    outcome: Outcome
+    detail: str = ""
     configuration: int = -1
     overhang: float | None = None
+    length_asked: float | None = None
+    length_reached: float | None = None
     grasps: int = -1
     drawn: int = -1
     drift: float | None = None
@@ -45,94 +52,98 @@ class Try:
     turned_deg: float | None = None
     hand_environment: float | None = None
 
+    @classmethod
+    def from_json(cls, content: dict[str, Any]) -> "Attempt":
+        """Make an attempt of what `dataclasses.asdict` and JSON made of it."""
+        return cls(**{**content, "outcome": Outcome(content["outcome"])})
+
     @property
     def success(self) -> bool:
         """Lifted and held."""
-        return not self.phase
+        return self.outcome is Outcome.SUCCESS
 
 
 @dataclass(frozen=True)
-class Story:
-    """All tries, at least one, and the trace of the whole simulation; None where nothing could be played.
+class SlideGraspLiftResult:
+    """All attempts, at least one, and the trace of the whole simulation; None where nothing could be played.
 
-    ended: why there were no more tries, "" for success or because their number was reached. last_state: MuJoCo's
-    integration state at the last record before a divergence, None without one.
+    ended: why there were no more attempts; None for success or because their number was reached.
     """
 
-    tries: list[Try]
+    attempts: list[Attempt]
     trace: Trace | None
-    ended: str
-    last_state: Float[np.ndarray, " state"] | None
-
-
-GRASP_DRAWS = 32  # of grasps at a time, unless told otherwise
+    ended: Outcome | None
+    divergence: Divergence | None
 
 
 class SlideGraspLift:
-    """Runs one story.
+    """Slides, grasps and lifts the object of one scene.
 
     Args:
-        hand, scene: as read from the same files as the model.
-        xml: what `push_model_xml(hand, scene)` made.
+        scene: the scene.
+        simulation: its model, which holds the hand.
         q: configurations that were sampled for the scene's motion, in the order in which they are to be tried.
         indices: their numbers in the folder.
         sampler: of the same hand, with a prior that knows grasps.
-        draws: of grasps at a time. seed: of those.
+        draws: of grasps at a time.
+        seed: of those.
     """
 
     def __init__(
         self,
-        hand: Hand,
         scene: Scene,
-        xml: str,
+        simulation: SimulationModel,
         q: Float[np.ndarray, "n coordinates"],
         indices: Int[np.ndarray, " n"],
         sampler: Sampler,
         *,
-        draws: int,
+        draws: int = GRASP_DRAWS,
         seed: int,
     ) -> None:
-        self._stage = Stage(hand, scene, load_push_model(xml, hand, scene))
-        finder = GraspFinder(hand, sampler, scene, lift_rehearsal(xml, hand, scene))
+        self._stage = SceneRollout(scene, simulation)
+        finder = GraspFinder(simulation.hand, sampler, scene, LiftRehearsal(simulation, scene))
         self._slide = Slide(self._stage, dict(zip(indices.tolist(), np.asarray(q, dtype=np.float64), strict=True)))
         self._grasp = GraspAndLift(self._stage, finder, draws=draws, seed=seed)
 
-    def run(self, tries: int) -> Story:
-        """Try until the object is lifted and held, or cannot be reached any more, or `tries` are spent."""
-        done: list[Try] = []
-        over = ""
-        while len(done) < tries and not over and not (done and done[-1].success):
-            if self._stage.episode is not None:
-                self._stage.episode.attempt = len(done) + 1
-            done.append(self._try(len(done) + 1))
+    def run(self, most_attempts: int) -> SlideGraspLiftResult:
+        """Try until the object is lifted and held, or cannot be reached any more, or `most_attempts` are spent."""
+        done: list[Attempt] = []
+        over: Outcome | None = None
+        while len(done) < most_attempts and not over and not (done and done[-1].success):
+            if self._stage.begun:
+                self._stage.rollout.attempt = len(done) + 1
+            done.append(self._attempt(len(done) + 1))
             over = self._stage.why_over()
-        episode = self._stage.episode
-        return Story(
-            tries=done,
-            trace=None if episode is None else episode.trace,
-            ended="" if done[-1].success else over,
-            last_state=episode.last_state if episode is not None and episode.diverged else None,
+        rollout = self._stage.rollout if self._stage.begun else None
+        return SlideGraspLiftResult(
+            attempts=done,
+            trace=rollout.trace if rollout else None,
+            ended=None if done[-1].success else over,
+            divergence=rollout.divergence if rollout else None,
         )
 
-    def _try(self, number: int) -> Try:
-        scene, index = self._stage.scene_now(), -1
-        free = overhang(scene)
+    def _attempt(self, number: int) -> Attempt:
+        scene = self._stage.scene_now()
+        attempt = Attempt(number, "", Outcome.SUCCESS)
+        free, outcome, detail = overhang(scene)
         if free is None:
-            index, reason = self._slide(scene)
+            slid = self._slide(scene)
             scene = self._stage.scene_now()
-            free = None if reason else overhang(scene)
-            if free is None:
-                return Try(number, "slide", reason or why_not_graspable(scene), index)
+            attempt = replace(attempt, **vars(slid))
+            outcome, detail = slid.outcome, slid.detail
+            if outcome is Outcome.SUCCESS:
+                free, outcome, detail = overhang(scene)
+        if free is None:
+            return replace(attempt, phase="slide", outcome=outcome, detail=detail)
         chosen = self._grasp.choose(scene)
-        found = Try(number, "", "", index, free, len(self._grasp.found), self._grasp.drawn)
+        attempt = replace(attempt, overhang=free, grasps=len(self._grasp.found), drawn=self._grasp.drawn)
         if isinstance(chosen, NoGrasp):
-            return replace(found, phase=chosen.phase, reason=chosen.reason)
+            return replace(attempt, **vars(chosen))
         self._grasp.lift(scene, chosen)
-        assert self._stage.episode is not None
-        verdict = judge_lift(self._stage.episode.trace, attempt=number, height=LIFT)
-        found = replace(found, drift=chosen.grasp.drift, **vars(verdict))
-        if self._stage.episode.diverged:
-            return replace(found, phase=found.phase or "hold", reason="the simulation diverged")
-        if not found.success and not self._stage.why_over():
+        verdict = judge_lift(self._stage.rollout.trace, attempt=number, height=LIFT)
+        attempt = replace(attempt, drift=chosen.grasp.drift, **vars(verdict))
+        if self._stage.rollout.divergence:
+            return replace(attempt, phase=attempt.phase or "hold", outcome=Outcome.DIVERGED)
+        if not attempt.success and not self._stage.why_over():
             self._grasp.put_back(chosen)
-        return found
+        return attempt

@@ -11,11 +11,10 @@ from dexnudge.experiments.config import ExperimentConfig, Task, row_seed
 from dexnudge.experiments.experiment_rows import Executed, ExecutionRow
 from dexnudge.experiments.row_maker import RowMaker
 from dexnudge.experiments.sweeps import setting_name
-from dexnudge.hands.hand import Hand
 from dexnudge.mechanics.contacts import HandContacts
 from dexnudge.results.samples import Samples
 from dexnudge.scenes.scene import Scene
-from dexnudge.simulation.push_model import changed_physics, load_push_model, push_model_xml
+from dexnudge.simulation.model import SimulationModel, changed_physics, scene_model
 from dexnudge.synthesis.verification import PRESSING
 
 ERRORS: dict[str, tuple[float, ...]] = {
@@ -66,22 +65,21 @@ class ExecutionRowMaker:
         if not chosen:
             return []
         hand = self._rows.hand
-        xml = push_model_xml(hand, scene)
-        executor = Executor(hand, scene, xml)
-        return [self._executed(rank, executor, draws, index, hand, scene, xml) for rank, index in enumerate(chosen)]
+        simulation = scene_model(hand, scene)
+        executor = Executor(scene, simulation)
+        return [self._executed(rank, executor, draws, index, scene, simulation) for rank, index in enumerate(chosen)]
 
     def _executed(
-        self, rank: int, executor: Executor, draws: Samples, index: int, hand: Hand, scene: Scene, xml: str
+        self, rank: int, executor: Executor, draws: Samples, index: int, scene: Scene, simulation: SimulationModel
     ) -> Executed:
         q = draws.q[index].astype(np.float64)
         found = executor(q)
         verdict = found.verdict
         changed = {}
         if self._errors and rank == 0:
-            push = load_push_model(xml, hand, scene)
             changed = {
                 setting_name(quantity, factor): executor.again(
-                    q, found, changed_physics(push, quantity, factor)
+                    q, found, changed_physics(simulation, **{quantity: factor})
                 ).success
                 for quantity, factors in ERRORS.items()
                 for factor in factors
@@ -94,8 +92,8 @@ class ExecutionRowMaker:
                 draws.verdicts.contacts[index], scene.motion, q[:3] - scene.object_in_world().center_mass
             ),
             success=verdict.success,
-            reason=verdict.reason,
-            advanced=round(verdict.advanced, 5),
+            reason="" if verdict.success else verdict.outcome.value.replace("_", " "),
+            advanced=round(verdict.length_reached, 5),
             turned_deg=round(verdict.turned_deg, 3),
             sunk=round(verdict.sunk, 5),
             hand_environment=round(verdict.hand_environment, 6),

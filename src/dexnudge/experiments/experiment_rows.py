@@ -5,8 +5,6 @@ from typing import Any, Literal
 
 from dexnudge.experiments.rows import RowKey
 
-REASONS = {"advanced": "fell short", "hand": "hand in surroundings"}  # by the first word of a verdict's reason
-
 
 @dataclass(frozen=True, kw_only=True)
 class Executed:
@@ -15,7 +13,7 @@ class Executed:
     Attributes:
         rank: place among the verified draws, 0 the best.
         force_margin: at most 3. links: number of hand links that touch. behaviour: push, press or hook.
-        success, reason, advanced [m], turned_deg, sunk [m], hand_environment [m]: see `simulation.push_verdict`.
+        success, reason, advanced [m], turned_deg, sunk [m], hand_environment [m]: see `simulation.success`.
         cone_share: of the hand's friction that the forces use.
         approach: name of the planner that found a way to contact, "" where there was none.
         changed: success where a friction or the mass is other than was planned for, by setting; empty where not played.
@@ -37,9 +35,8 @@ class Executed:
 
     @property
     def kind_of_failure(self) -> str:
-        """The reason without its numbers; "" for a success."""
-        first = self.reason.split(" ")[0]
-        return REASONS.get(first, first)
+        """Name of the outcome in words; "" for a success."""
+        return self.reason
 
 
 @dataclass(frozen=True, kw_only=True)

@@ -7,13 +7,13 @@ from typing import Any
 import numpy as np
 
 from dexnudge.errors import DexnudgeError
-from dexnudge.execution.slide_grasp_lift import GRASP_DRAWS, SlideGraspLift, Story, Try
+from dexnudge.execution.slide_grasp_lift import Attempt, SlideGraspLift, SlideGraspLiftResult
 from dexnudge.experiments.config import ExperimentConfig, Task, row_seed
 from dexnudge.experiments.experiment_lines import UNVERIFIED
 from dexnudge.experiments.lift_experiment_rows import LiftRow
 from dexnudge.experiments.row_maker import DrawnTask, RowMaker
 from dexnudge.sampling.sampler import Sampler
-from dexnudge.simulation.push_model import push_model_xml
+from dexnudge.simulation.model import scene_model
 
 
 class LiftRowMaker:
@@ -52,22 +52,21 @@ class LiftRowMaker:
             row,
             status="played",
             reason="",
-            tries=[_rounded(one) for one in story.tries],
-            ended=story.ended,
+            tries=[_rounded(one) for one in story.attempts],
+            ended=story.ended or "",
             simulated=0.0 if story.trace is None else round(float(story.trace.time[-1]), 3),
             seconds={**seconds, "play": round(time.perf_counter() - clock, 4)},
         )
 
-    def _play(self, drawn: DrawnTask, *, seed: int) -> Story:
+    def _play(self, drawn: DrawnTask, *, seed: int) -> SlideGraspLiftResult:
         hand, scene = self._rows.hand, drawn.scene
         indices = np.flatnonzero(drawn.draws.verdicts.success)
         q = drawn.draws.q[indices].astype(np.float64)
-        xml = push_model_xml(hand, scene)
-        runner = SlideGraspLift(hand, scene, xml, q, indices, self._grasps, draws=GRASP_DRAWS, seed=seed)
+        runner = SlideGraspLift(scene, scene_model(hand, scene), q, indices, self._grasps, seed=seed)
         return runner.run(self._tries)
 
 
-def _rounded(one: Try) -> Try:
+def _rounded(one: Attempt) -> Attempt:
     figures: dict[str, Any] = {name: value for name, value in vars(one).items() if isinstance(value, float)}
     return replace(one, **{name: round(value, 6) for name, value in figures.items()})
 

@@ -4,7 +4,7 @@ import time
 from dataclasses import dataclass, replace
 
 import numpy as np
-from jaxtyping import Float
+from jaxtyping import Bool, Float
 
 from dexnudge.errors import InputError
 from dexnudge.hands.hand import ROOT_COORDINATES, Hand
@@ -44,6 +44,25 @@ class Approach:
     planner: str
     states_checked: int
     seconds: float
+
+    @property
+    def transit(self) -> tuple[Float[np.ndarray, " sample"], Float[np.ndarray, "sample coordinates"]]:
+        """Times [s] and q up to pre-contact, of an approach that is not blocked."""
+        assert self.trajectory is not None
+        early = self.trajectory.times <= self.trajectory.times[self._late][0]
+        return self.trajectory.times[early], self.trajectory.q[early]
+
+    @property
+    def last_stretch(self) -> tuple[Float[np.ndarray, " sample"], Float[np.ndarray, "sample coordinates"]]:
+        """Times [s, from 0] and q from pre-contact to contact, of an approach that is not blocked."""
+        assert self.trajectory is not None
+        times = self.trajectory.times[self._late]
+        return times - times[0], self.trajectory.q[self._late]
+
+    @property
+    def _late(self) -> Bool[np.ndarray, " whole"]:
+        assert self.trajectory is not None
+        return self.trajectory.times >= self.pre_contact_time - 1e-9
 
 
 class ApproachPlanner:

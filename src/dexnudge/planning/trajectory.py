@@ -1,7 +1,5 @@
-"""A hand's motion over time, and its file."""
+"""A hand's motion over time, as fast as its limits allow."""
 
-import zipfile
-import zlib
 from dataclasses import dataclass
 from itertools import pairwise
 from pathlib import Path
@@ -37,7 +35,6 @@ class SpeedLimits:
 
 
 SAMPLE_INTERVAL = 0.02  # [s] most between two samples: 5 mm at the base's default speed
-KEYS = ("times", "q", "joint_names")
 
 
 @dataclass(frozen=True)
@@ -88,29 +85,6 @@ class Trajectory:
                 f"{path}: the trajectory cannot be written ({error.strerror}); expected a file in a folder that you may "
                 "write to"
             ) from error
-
-
-def load_trajectory(path: Path) -> Trajectory:
-    """Read what `Trajectory.save` wrote.
-
-    Raises:
-        InputError: the file is missing, damaged, or its arrays do not fit together.
-    """
-    try:
-        with path.open("rb") as file, np.lib.npyio.NpzFile(file, allow_pickle=False) as archive:
-            arrays = {key: archive[key] for key in archive.files}
-    except (OSError, ValueError, EOFError, zipfile.BadZipFile, zlib.error) as error:
-        raise InputError(f"{path} cannot be read ({error}); expected an npz archive without pickles") from error
-    missing = [key for key in KEYS if key not in arrays]
-    if missing:
-        raise InputError(f"{path} lacks {', '.join(missing)}; expected the arrays {', '.join(KEYS)}")
-    for key, kind, axes in (("times", "f", 1), ("q", "f", 2), ("joint_names", "U", 1)):
-        if arrays[key].dtype.kind != kind or arrays[key].ndim != axes:
-            raise InputError(
-                f"{path}: {key} is {arrays[key].dtype} with {arrays[key].ndim} axes; expected "
-                f"{'float' if kind == 'f' else 'text'} with {axes}"
-            )
-    return Trajectory(arrays["times"], arrays["q"], tuple(arrays["joint_names"].tolist()))
 
 
 def timed(

@@ -1,7 +1,7 @@
-"""The hand's links as convex bodies with few vertices: MuJoCo's contacts are between convex bodies, and small ones are fast.
+"""Links, objects and surroundings as convex pieces with few vertices, which is what MuJoCo's contacts are made of.
 
-A link counts as its convex hull, as in most simulations of hands; only a link whose hull reaches far outside it, as the
-hull over the hollow of a palm does, is cut into several.
+A link counts as its convex hull, as in most simulations of hands, unless the hull fills a hollow such as the palm's. Of the
+surroundings, convex parts are taken as they stand; the others are cut by CoACD, and the result is measured against the part.
 """
 
 from dataclasses import dataclass
@@ -13,12 +13,26 @@ from jaxtyping import Float
 from scipy.spatial import ConvexHull, QhullError
 
 from dexnudge.errors import MeshError
+from dexnudge.geometry.exact_distance import ExactDistance
+from dexnudge.geometry.surface_points import surface_points
 from dexnudge.hands.hand import Hand
 from dexnudge.jobs.cached import cached_per_instance
 
+CONVEX_ENOUGH = 0.99  # volume / volume of the hull: an edge may be hollow, a camera's bump may not be ramped
+MOST_BODIES = 64  # a mesh of more closed bodies than this is a soup of parts, and is decomposed as a whole
+THINNEST_PIECE = 1.0e-9  # of the longest side cubed; a thinner piece is flat
+TOLERANCE = 1.0e-4  # [m] that a piece may leave out of its hull: rounded edges need no more vertices than that
+LINK_TOLERANCE = 2.0e-4  # [m] the same for links; a fifth of the penetration that is allowed
+HOLLOW = 0.7  # volume / volume of the hull below which a link is cut: the palm's hull fills the hollow of the hand
+THINNEST_PART = 1.0e-4  # [m] mean thickness of a part of the surroundings; a thinner one is a sheet
+MOST_ADDED = 0.002  # [m] that pieces may reach out of their part: as deep as a hand may be in the surroundings
+CHECK_SPACING = 0.005  # [m] between the points at which that is measured
+SURFACE_SAMPLES = 1000  # on which CoACD measures concavity
+VOXELS_OF_OPEN_MESH = 100  # along the longest side: an open mesh is first closed on a grid
+
 
 def simple_hull(points: Float[np.ndarray, "point 3"], *, tolerance: float) -> Float[np.ndarray, "vertex 3"]:
-    """Some of the points, whose hull leaves out at most `tolerance` [m] of the hull of all.
+    """Return some of the points, whose hull leaves out at most `tolerance` [m] of the hull of all.
 
     Points are added one by one where they lie farthest outside the hull of those before (quickhull's rule, Barber et
     al., 1996, stopped early).
@@ -34,7 +48,7 @@ def simple_hull(points: Float[np.ndarray, "point 3"], *, tolerance: float) -> Fl
 
 
 def _first_body(vertices: Float[np.ndarray, "vertex 3"]) -> list[int]:
-    """Indices of four vertices that span a volume: each is farthest from the point, line or plane of those before."""
+    """Return indices of four vertices that span a volume: each is farthest from the point, line or plane before it."""
     chosen = [int(vertices[:, 0].argmin())]
     offset = vertices - vertices[chosen[0]]
     for _ in range(3):
@@ -42,14 +56,6 @@ def _first_body(vertices: Float[np.ndarray, "vertex 3"]) -> list[int]:
         direction = offset[chosen[-1]] / np.linalg.norm(offset[chosen[-1]])
         offset = offset - np.outer(offset @ direction, direction)
     return chosen
-
-
-CONVEX_ENOUGH = 0.99  # volume / volume of the hull: an edge may be hollow, a camera's bump may not be ramped
-MOST_BODIES = 64  # a mesh of more closed bodies than this is a soup of parts, and is decomposed as a whole
-THINNEST_PIECE = 1.0e-9  # of the longest side cubed; a thinner piece is flat
-TOLERANCE = 1.0e-4  # [m] that a piece may leave out of its hull: rounded edges need no more vertices than that
-SURFACE_SAMPLES = 1000  # on which CoACD measures concavity
-VOXELS_OF_OPEN_MESH = 100  # along the longest side: an open mesh is first closed on a grid
 
 
 @dataclass(frozen=True)
@@ -68,15 +74,19 @@ class Decomposition:
 
 DECOMPOSE_OBJECT = Decomposition(concavity=0.02, pieces=12, iterations=60, nodes=10, depth=3)  # 1.5 mm on a phone
 DECOMPOSE_LINK = Decomposition(concavity=0.06, pieces=-1, iterations=20, nodes=6, depth=2)  # 3 mm on a palm
+DECOMPOSE_ENVIRONMENT = Decomposition(concavity=0.01, pieces=-1, iterations=60, nodes=10, depth=3)  # the finest cuts
+
+Vertices: TypeAlias = Float[np.ndarray, "_ 3"]
 
 
-def convex_pieces(mesh: trimesh.Trimesh) -> list[Float[np.ndarray, "_ 3"]]:
-    """Vertices [m, mesh frame] of convex bodies that together are the object.
+@cached_per_instance
+def object_pieces(mesh: trimesh.Trimesh) -> list[Vertices]:
+    """Return the vertices [m, mesh frame] of convex pieces that together are the object; remembered per mesh.
 
     Raises:
-        MeshError: when the mesh cannot be decomposed.
+        MeshError: the mesh cannot be decomposed.
     """
-    pieces: list[Float[np.ndarray, "_ 3"]] = []
+    pieces: list[Vertices] = []
     for body in bodies_of(mesh):
         convex = body.is_watertight and body.volume > CONVEX_ENOUGH * body.convex_hull.volume
         pieces.extend([np.asarray(body.convex_hull.vertices)] if convex else decomposed(body, DECOMPOSE_OBJECT))
@@ -84,18 +94,18 @@ def convex_pieces(mesh: trimesh.Trimesh) -> list[Float[np.ndarray, "_ 3"]]:
 
 
 def bodies_of(mesh: trimesh.Trimesh) -> list[trimesh.Trimesh]:
-    """The closed bodies of a mesh, or the whole mesh where they are too many or not all closed."""
+    """Return the closed bodies of a mesh, or the whole mesh where they are too many or not all closed."""
     if not 1 < mesh.body_count <= MOST_BODIES:
         return [mesh]
     bodies = list(mesh.split(only_watertight=False))
     return bodies if all(body.is_watertight and body.volume > 0 for body in bodies) else [mesh]
 
 
-def decomposed(mesh: trimesh.Trimesh, settings: Decomposition) -> list[Float[np.ndarray, "_ 3"]]:
-    """Vertices [m, mesh frame] of CoACD's pieces.
+def decomposed(mesh: trimesh.Trimesh, settings: Decomposition) -> list[Vertices]:
+    """Return the vertices [m, mesh frame] of CoACD's pieces.
 
     Raises:
-        MeshError: when there are none.
+        MeshError: there are none.
     """
     import coacd
 
@@ -113,7 +123,7 @@ def decomposed(mesh: trimesh.Trimesh, settings: Decomposition) -> list[Float[np.
         seed=0,
     )
     thinnest = THINNEST_PIECE * float(mesh.extents.max()) ** 3
-    pieces = [np.asarray(vertices) for vertices, _ in found if _volume(vertices) > thinnest]
+    pieces = [np.asarray(vertices) for vertices, _ in found if _hull_volume(vertices) > thinnest]
     if not pieces:
         raise MeshError(
             f"the object with {len(mesh.faces)} triangles could not be cut into convex pieces: CoACD returned "
@@ -122,34 +132,74 @@ def decomposed(mesh: trimesh.Trimesh, settings: Decomposition) -> list[Float[np.
     return pieces
 
 
-def _volume(vertices: Float[np.ndarray, "_ 3"]) -> float:
+def _hull_volume(vertices: Vertices) -> float:
     try:
         return float(ConvexHull(vertices).volume)
     except QhullError:
         return 0.0
 
 
-LinkPieces: TypeAlias = list[list[Float[np.ndarray, "_ 3"]]]
-"""Vertices of each link's convex pieces [m, link frame], links in the hand's order."""
-
-LINK_HULLS_TOLERANCE = 2.0e-4  # [m] that a piece may leave out of its hull; a fifth of the penetration that is allowed
-HOLLOW = 0.7  # volume / volume of the hull below which a link is cut: the palm's hull fills the hollow of the hand
-
-
 @cached_per_instance
-def link_pieces(hand: Hand) -> LinkPieces:
-    """Convex pieces of every link, remembered per hand: a hollow palm takes some seconds."""
-    pieces: LinkPieces = []
+def link_pieces(hand: Hand) -> list[list[Vertices]]:
+    """Return the convex pieces of every link [m, link frame]; remembered per hand, since a hollow palm takes seconds."""
+    pieces: list[list[Vertices]] = []
     for mesh in hand.link_meshes:
-        mine: list[Float[np.ndarray, "_ 3"]] = []
+        found: list[Vertices] = []
         if len(mesh.faces):
             hull = mesh.convex_hull
-            hollow = [body for body in bodies_of(mesh) if body.is_watertight]
-            if mesh.volume < HOLLOW * hull.volume and hollow:
-                for body in hollow:
+            bodies = [body for body in bodies_of(mesh) if body.is_watertight]
+            if mesh.volume < HOLLOW * hull.volume and bodies:
+                for body in bodies:
                     full = body.volume > HOLLOW * body.convex_hull.volume
-                    mine.extend([np.asarray(body.vertices)] if full else decomposed(body, DECOMPOSE_LINK))
+                    found.extend([np.asarray(body.vertices)] if full else decomposed(body, DECOMPOSE_LINK))
             else:
-                mine.append(np.asarray(hull.vertices))
-        pieces.append([simple_hull(vertices, tolerance=LINK_HULLS_TOLERANCE) for vertices in mine])
+                found.append(np.asarray(hull.vertices))
+        pieces.append([simple_hull(vertices, tolerance=LINK_TOLERANCE) for vertices in found])
     return pieces
+
+
+def environment_pieces(mesh: trimesh.Trimesh) -> list[Vertices]:
+    """Return the vertices [m, world] of convex pieces that together are the surroundings.
+
+    Raises:
+        MeshError: naming the part that is a sheet, or that convex pieces do not describe to 2 mm.
+    """
+    parts = list(mesh.split(only_watertight=False))
+    pieces: list[Vertices] = []
+    for index, part in enumerate(parts):
+        pieces.extend(_pieces_of_part(part, f"part {index + 1} of {len(parts)} of the environment"))
+    return pieces
+
+
+def _pieces_of_part(part: trimesh.Trimesh, name: str) -> list[Vertices]:
+    x, y, z = part.bounds.mean(axis=0)
+    name = f"{name} ({len(part.faces)} triangles around ({x:.3f}, {y:.3f}, {z:.3f}))"
+    hull_volume = _hull_volume(part.vertices)
+    if hull_volume < THINNEST_PART * float(np.sort(part.extents)[1:].prod()):
+        raise MeshError(
+            f"{name} is a flat sheet; MuJoCo's contacts expect bodies with a thickness; make a box of it, or leave it out"
+        )
+    if part.is_watertight and part.volume > CONVEX_ENOUGH * hull_volume:
+        return [simple_hull(np.asarray(part.vertices), tolerance=TOLERANCE)]
+    try:
+        found = [simple_hull(piece, tolerance=TOLERANCE) for piece in decomposed(part, DECOMPOSE_ENVIRONMENT)]
+    except (MeshError, QhullError) as error:
+        raise MeshError(
+            f"{name} cannot be cut into the convex bodies that MuJoCo needs ({str(error).splitlines()[0]}); expected a "
+            "closed body; close its holes or build it of boxes"
+        ) from error
+    added = _reach_out(part, found)
+    if added > MOST_ADDED:
+        raise MeshError(
+            f"{name} is not convex, and the {len(found)} convex bodies that MuJoCo would take for it reach "
+            f"{1e3 * added:.1f} mm out of it; expected at most {1e3 * MOST_ADDED:.0f} mm; build it of convex bodies that "
+            "are not connected, such as boxes" + ("" if part.is_watertight else ", or close its holes")
+        )
+    return found
+
+
+def _reach_out(part: trimesh.Trimesh, pieces: list[Vertices]) -> float:
+    """Return how far the pieces reach out of the part [m], measured at points of their surfaces."""
+    hulls = [trimesh.convex.convex_hull(piece) for piece in pieces]
+    points = np.concatenate([surface_points(hull, spacing=CHECK_SPACING).points for hull in hulls])
+    return float(ExactDistance(part)(points).distance.max())

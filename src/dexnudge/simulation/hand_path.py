@@ -1,17 +1,27 @@
-"""Where a hand's base and fingers are told to be at every step: along a planned way, along a line, or where they are."""
+"""Where a hand's base and fingers should be at every step: along a planned way, along a line, at rest, or for a push."""
+
+from dataclasses import dataclass
 
 import numpy as np
 from jaxtyping import Float
 from scipy.spatial.transform import Rotation, Slerp
 
 from dexnudge.hands.hand import ROOT_COORDINATES
-from dexnudge.simulation.push_model import TIMESTEP
+from dexnudge.simulation.model import TIMESTEP
 
-Configurations = Float[np.ndarray, "step coordinates"]  # q (world) at every step
+Path = Float[np.ndarray, "step coordinates"]  # q (world) at every step
+
+SPEED = 0.05  # [m/s] of the base along the motion
+PHASES = ("settle", "approach", "squeeze", "push", "stop")  # of a push
+SETTLE, APPROACH, SQUEEZE, PUSH, STOP = PHASES
+SETTLE_TIME = 0.1  # [s] in which the object comes to rest on its supports, untouched
+SQUEEZE_TIME = 0.4  # [s] in which the fingers close the last 2 mm and the forces build up
+RAMP_TIME = 0.1  # [s] in which the base gets to its speed, and stops
+STOP_TIME = 0.1  # [s] in which the object comes to rest with the hand
 
 
-def along_way(times: Float[np.ndarray, " sample"], q: Float[np.ndarray, "sample coordinates"]) -> Configurations:
-    """q (world) at `times` [s, increasing], one row per step; empty for a single sample.
+def along_way(times: Float[np.ndarray, " sample"], q: Float[np.ndarray, "sample coordinates"]) -> Path:
+    """Follow q (world) given at increasing `times` [s]; empty for a single sample.
 
     Between samples everything but the rotation is linear; the rotation turns about one axis.
     """
@@ -19,56 +29,121 @@ def along_way(times: Float[np.ndarray, " sample"], q: Float[np.ndarray, "sample 
         return np.zeros((0, q.shape[1]))
     clock = times[0] + TIMESTEP * np.arange(1, round((times[-1] - times[0]) / TIMESTEP) + 1)
     clock = np.minimum(clock, times[-1])
-    steps = np.stack([np.interp(clock, times, column) for column in q.T], axis=1)
-    steps[:, 3:ROOT_COORDINATES] = _six(Slerp(times, rotations(q))(clock))
-    return steps
+    path = interpolated(clock, times, q)
+    matrices = Slerp(times, rotations(q))(clock).as_matrix()
+    path[:, 3:6], path[:, 6:ROOT_COORDINATES] = matrices[:, :, 0], matrices[:, :, 1]
+    return path
 
 
-def along_line(q: Float[np.ndarray, " coordinates"], way: Float[np.ndarray, " 3"], *, speed: float) -> Configurations:
-    """The base moves by `way` [m, world] as (1 - cos) / 2, at `speed` [m/s] in the middle; the fingers are told to stay."""
-    length = float(np.linalg.norm(way))
+def along_line(q: Float[np.ndarray, " coordinates"], shift: Float[np.ndarray, " 3"], *, speed: float) -> Path:
+    """Move the base by `shift` [m, world] as (1 - cos) / 2, at `speed` [m/s] in the middle; the fingers stay."""
+    length = float(np.linalg.norm(shift))
     count = int(np.ceil(np.pi / 2 * length / speed / TIMESTEP))
-    steps = np.tile(q, (count, 1))
-    steps[:, :3] += 0.5 * (1 - np.cos(np.pi * np.arange(1, count + 1) / max(count, 1)))[:, None] * way
-    return steps
+    path = np.tile(q, (count, 1))
+    path[:, :3] += 0.5 * (1 - np.cos(np.pi * np.arange(1, count + 1) / max(count, 1)))[:, None] * shift
+    return path
 
 
-def bending(
-    q: Float[np.ndarray, " coordinates"], angles: Float[np.ndarray, " joint"], *, speed: float
-) -> Configurations:
-    """The joints go evenly to `angles` [rad], the fastest at `speed` [rad/s]; the base is told to stay."""
+def bending(q: Float[np.ndarray, " coordinates"], angles: Float[np.ndarray, " joint"], *, speed: float) -> Path:
+    """Move the joints evenly to `angles` [rad], the fastest at `speed` [rad/s]; the base stays."""
     change = angles - q[ROOT_COORDINATES:]
     count = int(np.ceil(np.abs(change).max() / speed / TIMESTEP))
-    steps = np.tile(q, (count, 1))
-    steps[:, ROOT_COORDINATES:] += np.arange(1, count + 1)[:, None] / max(count, 1) * change
-    return steps
+    path = np.tile(q, (count, 1))
+    path[:, ROOT_COORDINATES:] += np.arange(1, count + 1)[:, None] / max(count, 1) * change
+    return path
 
 
-def waiting(q: Float[np.ndarray, " coordinates"], *, seconds: float) -> Configurations:
-    """The hand is told to stay."""
+def waiting(q: Float[np.ndarray, " coordinates"], *, seconds: float) -> Path:
+    """Stay at q."""
     return np.tile(q, (round(seconds / TIMESTEP), 1))
 
 
-def palm_velocity(q: Configurations, before: Float[np.ndarray, " coordinates"]) -> Float[np.ndarray, "step 6"]:
-    """Of the palm's target, linear [m/s] then angular [rad/s], in the axes of the palm's target.
+def palm_velocity(path: Path, before: Float[np.ndarray, " coordinates"]) -> Float[np.ndarray, "step 6"]:
+    """Return the velocity of the palm's target, linear [m/s] then angular [rad/s], in the axes of that target.
 
     before: q of the step before the first.
     """
-    rotation = rotations(np.concatenate([before[None], q]))
+    rotation = rotations(np.concatenate([before[None], path]))
     turned = (rotation[1:] * rotation[:-1].inv()).as_rotvec()
-    linear = np.diff(np.concatenate([before[None], q])[:, :3], axis=0)
-    own = rotation[1:].inv()
-    return np.concatenate([own.apply(linear), own.apply(turned)], axis=1) / TIMESTEP
+    linear = np.diff(np.concatenate([before[None], path])[:, :3], axis=0)
+    to_palm = rotation[1:].inv()
+    return np.concatenate([to_palm.apply(linear), to_palm.apply(turned)], axis=1) / TIMESTEP
 
 
-def rotations(q: Configurations) -> Rotation:
-    """Rotation of each row's palm; the two stored columns are made orthonormal."""
+@dataclass(frozen=True)
+class PushPath:
+    """Targets of a push per step.
+
+    position [m] and quaternion (wxyz) of the palm, world. angles: joint angles [rad]. phase: one of PHASES. done: share of
+    the push's length that is behind the hand.
+    """
+
+    position: Float[np.ndarray, "step 3"]
+    quaternion: Float[np.ndarray, "step 4"]
+    angles: Float[np.ndarray, "step angle"]
+    phase: np.ndarray
+    done: Float[np.ndarray, " step"]
+
+    @property
+    def velocity(self) -> Float[np.ndarray, "step 6"]:
+        """Of the palm's target, linear [m/s] then angular [rad/s], world; zero at the first step."""
+        rotation = Rotation.from_quat(self.quaternion, scalar_first=True)
+        turned = (rotation[1:] * rotation[:-1].inv()).as_rotvec()
+        linear = np.diff(self.position, axis=0)
+        return np.concatenate([np.zeros((1, 6)), np.concatenate([linear, turned], axis=1) / TIMESTEP])
+
+
+def push_path(
+    times: Float[np.ndarray, " sample"],
+    q: Float[np.ndarray, "sample coordinates"],
+    *,
+    motion: Float[np.ndarray, " 3"],
+    length: float,
+) -> PushPath:
+    """Follow q (world) at `times` [s, from 0] to contact, squeeze, and move `length` [m] along `motion`.
+
+    With a single sample the hand starts at contact. The push takes length / SPEED + RAMP_TIME: the base speeds up and slows
+    down evenly, and goes at 0.05 m/s in between.
+    """
+    approach = float(times[-1]) if len(times) > 1 else 0.0
+    seconds = (SETTLE_TIME, approach, SQUEEZE_TIME, length / SPEED + RAMP_TIME, STOP_TIME)
+    steps = [round(each / TIMESTEP) for each in seconds]
+    phase = np.repeat(PHASES, steps)
+    began = steps[0] * TIMESTEP
+    clock = (np.arange(len(phase)) + 1) * TIMESTEP
+    along = np.clip(clock - began, times[0], times[-1])
+    rotation = rotations(q)
+    turned = Slerp(times, rotation)(along) if len(times) > 1 else rotation[np.zeros(len(phase), dtype=int)]
+    travelled = _travelled(clock - began - (steps[1] + steps[2]) * TIMESTEP, length)
+    return PushPath(
+        position=interpolated(along, times, q[:, :3]) + travelled[:, None] * motion,
+        quaternion=turned.as_quat(scalar_first=True),
+        angles=interpolated(along, times, q[:, ROOT_COORDINATES:]),
+        phase=phase,
+        done=travelled / length,
+    )
+
+
+def _travelled(time: Float[np.ndarray, " step"], length: float) -> Float[np.ndarray, " step"]:
+    """Return the distance [m] since the push began: even acceleration, constant speed, even deceleration."""
+    ramp = min(RAMP_TIME, length / SPEED)
+    whole = length / SPEED + ramp
+    time = np.clip(time, 0.0, whole)
+    left = whole - time
+    speeding, slowing = np.minimum(time, ramp), np.minimum(left, ramp)
+    return SPEED * (speeding**2 / (2 * ramp) + (time - speeding) - (ramp - slowing) ** 2 / (2 * ramp))
+
+
+def interpolated(
+    at: Float[np.ndarray, " sample"], places: Float[np.ndarray, " place"], values: Float[np.ndarray, "place column"]
+) -> Float[np.ndarray, "sample column"]:
+    """Interpolate each column of `values`, given at increasing `places`, linearly."""
+    return np.stack([np.interp(at, places, column) for column in values.T], axis=1)
+
+
+def rotations(q: Path) -> Rotation:
+    """Return the rotation of each row's palm; the two stored columns are made orthonormal."""
     x = q[:, 3:6] / np.linalg.norm(q[:, 3:6], axis=1, keepdims=True)
     y = q[:, 6:9] - (q[:, 6:9] * x).sum(axis=1, keepdims=True) * x
     y /= np.linalg.norm(y, axis=1, keepdims=True)
     return Rotation.from_matrix(np.stack([x, y, np.cross(x, y)], axis=2))
-
-
-def _six(rotation: Rotation) -> Float[np.ndarray, "step 6"]:
-    matrices = rotation.as_matrix()
-    return np.concatenate([matrices[:, :, 0], matrices[:, :, 1]], axis=1)

@@ -1,11 +1,11 @@
-"""Whether a grasp holds its object in MuJoCo: DexGraspBench's force test (Chen et al., 2025).
+"""Whether a grasp holds its object in MuJoCo: DexGraspBench's force test (Chen et al., 2025), and a rehearsal of a lift.
 
-The hand squeezes; then a force of 10 * mass newtons pulls at the object's centre of mass for two seconds along each of six
-axes. A grasp holds if the object never gets 5 cm or 15 degrees away from where it was before the squeeze.
+In the force test the hand squeezes; then a force of 10 * mass newtons pulls at the object's centre of mass for two seconds
+along each of six axes. A grasp holds if the object never gets 5 cm or 15 degrees away from where it was before.
 """
 
 from collections.abc import Sequence
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 
 import mujoco
 import numpy as np
@@ -15,15 +15,18 @@ from jaxtyping import Float
 from dexnudge.hands.hand import Hand
 from dexnudge.hands.physical import POSITION_GAIN
 from dexnudge.mechanics.contacts import HandContacts
-from dexnudge.simulation.convex_pieces import convex_pieces, link_pieces
-from dexnudge.simulation.grasp_model import MASS, build_grasp_model
+from dexnudge.mechanics.sliding_task import GRAVITY
+from dexnudge.scenes.scene import Scene
+from dexnudge.simulation.hand_path import waiting
+from dexnudge.simulation.model import ENVIRONMENT_SIDE, GRASP_MASS, SimulationModel, changed_physics, grasp_model
+from dexnudge.simulation.rollout import IDLE_TORQUE, Rollout
 from dexnudge.simulation.squeeze import Squeeze, squeeze
 
 FARTHEST = 0.05  # [m] this and the next are DexGraspBench's limits of a grasp that holds
 MOST_TURNED = float(np.radians(15.0))
 
-FIRST_STOP = 8  # looks before an object can be called at rest: 0.3 s, many time constants of the motors
-WINDOW = 2  # looks over which its speed is taken
+FIRST_STOP = 8  # checks before an object can be called at rest: 0.3 s, many time constants of the motors
+WINDOW = 2  # checks over which its speed is taken
 REST_SHARE = 0.1  # of a limit that it would still cover at that speed
 SPEED_UP = 4.0  # it must stay within the limits even at this many times that speed
 
@@ -36,59 +39,61 @@ class ObjectPose:
     quaternion: Float[np.ndarray, " 4"]
 
     def distance(self, other: "ObjectPose") -> tuple[float, float]:
-        """(translation of the centre of mass [m], angle of rotation [rad]) between two poses."""
+        """Return (translation of the centre of mass [m], angle of rotation [rad]) between two poses."""
         cosine = min(1.0, abs(float(self.quaternion @ other.quaternion)))
         return float(np.linalg.norm(self.centre - other.centre)), 2.0 * float(np.arccos(cosine))
 
     def share(self, other: "ObjectPose") -> float:
-        """The distance in units of the limits, of translation or rotation whichever is the larger: above 1 it drops."""
+        """Return the distance in units of the limits, the larger of translation and rotation: above 1 the object drops."""
         translation, rotation = self.distance(other)
         return max(translation / FARTHEST, rotation / MOST_TURNED)
 
 
-def at_rest(start: ObjectPose, poses: Sequence[ObjectPose], looks_left: int) -> bool:
-    """Whether the looks that are left cannot change that the object holds.
+def object_pose(simulation: SimulationModel) -> ObjectPose:
+    """Return where the object is now."""
+    data, free = simulation.data, simulation.object_position
+    return ObjectPose(np.array(data.xipos[simulation.object_body]), np.array(data.qpos[free + 3 : free + 7]))
+
+
+def at_rest(start: ObjectPose, poses: Sequence[ObjectPose], checks_left: int) -> bool:
+    """Return whether the rest of a pull cannot change that the object is held.
 
     It is no faster now than in the window before; at its present speed it would cover less than a tenth of the limits in
-    what is left; and even at four times that speed it would stay within nine tenths of them.
+    the time that is left; and even at four times that speed it would stay within nine tenths of them.
 
     Args:
-        start: where the limits are measured from.
-        poses: one per look since the pull began.
-        looks_left: until the pull ends.
+        start: from which the limits are measured.
+        poses: one per check since the pull began.
+        checks_left: checks until the pull ends.
     """
     if len(poses) < max(FIRST_STOP, 2 * WINDOW + 1):
         return False
     now, before, long_before = poses[-1], poses[-1 - WINDOW], poses[-1 - 2 * WINDOW]
-    windows = looks_left / WINDOW
+    windows = checks_left / WINDOW
     ahead = now.share(before) * windows
     slowing = now.share(before) <= before.share(long_before)
     return slowing and ahead < REST_SHARE and start.share(now) + SPEED_UP * ahead < 1.0 - REST_SHARE
 
 
-PULL = 10.0 * MASS  # [N]
+PULL = 10.0 * GRASP_MASS  # [N]
 PULL_STEPS = 500  # 2 s, as in DexGraspBench
 DIRECTIONS = np.concatenate([np.eye(3), -np.eye(3)])
 NAMES = ("+x", "+y", "+z", "-x", "-y", "-z")
 
-CLOSING_UPDATES, CLOSING_STEPS, RAMP = (
-    10,
-    5,
-    5,
-)  # the squeeze grows over 5 updates of 5 steps, then 5 more bring it home
+CLOSING_UPDATES, CLOSING_STEPS, RAMP = 10, 5, 5  # the squeeze grows over 5 updates of 5 steps, then 5 more hold it
 LEAST_SQUEEZE = 1.0  # [N] sum of the contact forces; as strong as the pull
 SETTLING_STEPS = 25  # 0.1 s with fixed targets
-IDLE_TORQUE = 1.0e-3  # [N m] below which a motor has no part in the squeeze and keeps its place
-CHECK_STEPS = 10  # between two looks at the object
+CHECK_STEPS = 10  # between two checks of the object
 
 
 @dataclass(frozen=True)
 class Held:
-    """What one grasp did.
+    """The result for one grasp.
 
     reason: "" if it held, else "no contact", "no squeeze" (forces of its contacts cannot balance), "drops" (the object
     moved too far) or "diverges" (the simulation did). during: "squeeze" or the direction of the pull that ended the
-    test, "" if it held. translation [m] and rotation [rad]: farthest from the start at any look. steps: of simulation.
+    test, "" if it held. translation [m] and rotation [rad]: greatest distance from the start at any check. steps: of
+    simulation.
     """
 
     held: bool
@@ -100,7 +105,7 @@ class Held:
 
 
 class HoldTest:
-    """Tests grasps of one hand on one object; each result depends on its grasp alone, not on what was tested before.
+    """Tests grasps of one hand on one object; a result depends on its grasp alone, not on what was tested before.
 
     Args:
         hand: a description from `dexnudge.hands`.
@@ -108,23 +113,23 @@ class HoldTest:
         full_length: whether pulls go on for their two seconds even when the object has come to rest.
 
     Raises:
-        MeshError: when the object cannot be cut into convex pieces.
+        MeshError: the object cannot be cut into convex pieces.
     """
 
     def __init__(self, hand: Hand, object_mesh: trimesh.Trimesh, *, full_length: bool = False) -> None:
-        self._grasp = build_grasp_model(hand, link_pieces(hand), object_mesh, convex_pieces(object_mesh))
+        self._grasp = grasp_model(hand, object_mesh)
         self._half_length = float(np.max(object_mesh.extents)) / 2
         self._full_length = full_length
         model = self._grasp.model
         self._state = np.zeros(mujoco.mj_stateSize(model, mujoco.mjtState.mjSTATE_INTEGRATION))
 
     def __call__(self, q: Float[np.ndarray, "n coordinates"], contacts: Sequence[HandContacts]) -> list[Held]:
-        """One verdict per grasp q, whose contacts come from the check of its geometry."""
+        """Test each grasp q, whose contacts come from the check of its geometry."""
         return [self._test(row, contact) for row, contact in zip(q, contacts, strict=True)]
 
     def _test(self, q: Float[np.ndarray, " coordinates"], contacts: HandContacts) -> Held:
         self._grasp.place(np.asarray(q, dtype=np.float64))
-        run = _Run(self._pose())
+        run = _Run(object_pose(self._grasp))
         if len(contacts.points) == 0:
             return run.verdict("no contact", "squeeze")
         wanted = squeeze(self._grasp, contacts, half_length=self._half_length)
@@ -132,7 +137,7 @@ class HoldTest:
         if float(np.linalg.norm(wanted.force, axis=1).sum()) < LEAST_SQUEEZE:
             return run.verdict("no squeeze", "squeeze")
         self._close(wanted, run)
-        reason = run.look(self._pose())
+        reason = run.check(object_pose(self._grasp))
         if reason:
             return run.verdict(reason, "squeeze")
         kind = mujoco.mjtState.mjSTATE_INTEGRATION
@@ -145,7 +150,7 @@ class HoldTest:
         return run.verdict("", "")
 
     def _close(self, wanted: Squeeze, run: "_Run") -> None:
-        """Bring the motors to the wanted torques, whatever gaps they close on the way, and leave their targets there."""
+        """Bring the motors to the wanted torques, whatever gaps they close on the way, and keep their targets there."""
         model, data = self._grasp.model, self._grasp.data
         idle = np.abs(wanted.motor_torque) < IDLE_TORQUE
         place = np.array(data.ctrl)
@@ -162,8 +167,8 @@ class HoldTest:
         poses: list[ObjectPose] = []
         for done in range(CHECK_STEPS, PULL_STEPS + 1, CHECK_STEPS):
             self._step(CHECK_STEPS, run)
-            poses.append(self._pose())
-            reason = run.look(poses[-1])
+            poses.append(object_pose(self._grasp))
+            reason = run.check(poses[-1])
             if reason:
                 return reason
             if not self._full_length and at_rest(run.start, poses, (PULL_STEPS - done) // CHECK_STEPS):
@@ -174,22 +179,18 @@ class HoldTest:
         mujoco.mj_step(self._grasp.model, self._grasp.data, nstep=steps)
         run.steps += steps
 
-    def _pose(self) -> ObjectPose:
-        data, free = self._grasp.data, self._grasp.object_position
-        return ObjectPose(np.array(data.xipos[self._grasp.object_body]), np.array(data.qpos[free + 3 : free + 7]))
-
 
 @dataclass
 class _Run:
-    """What has been seen of one grasp so far."""
+    """What has been measured of one grasp so far."""
 
     start: ObjectPose
     translation: float = 0.0
     rotation: float = 0.0
     steps: int = 0
 
-    def look(self, pose: ObjectPose) -> str:
-        """Note a pose; the reason why the test ends here, if it does."""
+    def check(self, pose: ObjectPose) -> str:
+        """Note a pose, and return the reason why the test ends here, or "" if it goes on."""
         translation, rotation = self.start.distance(pose)
         if not np.isfinite(translation + rotation):
             return "diverges"
@@ -197,5 +198,47 @@ class _Run:
         return "drops" if self.start.share(pose) > 1.0 else ""
 
     def verdict(self, reason: str, during: str) -> Held:
-        """The outcome so far; no reason means that the grasp holds."""
+        """Return the result so far; no reason means that the grasp holds."""
         return Held(not reason, reason, during, self.translation, self.rotation, self.steps)
+
+
+HEAVIER = 1.25  # times the mass: what a scale or a guess may be wrong by
+SLIPPERIER = 0.75  # times the friction of the hand
+HELD_TIME = 1.0  # [s]
+
+
+class LiftRehearsal:
+    """Rehearses lifts of a scene's object in free space, the object heavier and more slippery than it should be.
+
+    Args:
+        simulation: the model of hand and scene; the surroundings are left out.
+        scene: gives the hand's friction and the object's size.
+    """
+
+    def __init__(self, simulation: SimulationModel, scene: Scene) -> None:
+        self._simulation = changed_physics(simulation, friction_hand=SLIPPERIER, mass=HEAVIER)
+        model, surroundings = self._simulation.model, self._simulation.side == ENVIRONMENT_SIDE
+        model.geom_contype[surroundings] = model.geom_conaffinity[surroundings] = 0
+        self._friction = SLIPPERIER * scene.friction_hand
+        self._half_length = 0.5 * float(np.max(scene.object_mesh.extents))
+
+    def __call__(
+        self,
+        q: Float[np.ndarray, " coordinates"],
+        contacts: HandContacts,
+        T_world_object: Float[np.ndarray, "4 4"],
+    ) -> float:
+        """Return how far the object moves under its weight, as a share of the hold test's limits; infinite if it diverges.
+
+        The grasp is given by q and contacts (world) with the object at `T_world_object`: gravity acts as it will then.
+        """
+        simulation = replace(self._simulation, T_world_object=T_world_object)
+        simulation.model.opt.gravity[:] = 0.0
+        rollout = Rollout(simulation, q, recorded=False)
+        start = object_pose(simulation)
+        rollout.close(
+            squeeze(simulation, contacts, half_length=self._half_length, friction=self._friction).motor_torque, "close"
+        )
+        simulation.model.opt.gravity[:] = 0.0, 0.0, -GRAVITY
+        rollout.follow(waiting(q, seconds=HELD_TIME), "hold")
+        return float("inf") if rollout.divergence else start.share(object_pose(simulation))

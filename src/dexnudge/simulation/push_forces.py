@@ -1,9 +1,9 @@
-"""The forces with which a hand slides an object, chosen so that its motors can make them, and the motor torques for them.
+"""Forces with which a hand slides an object, chosen so that its motors can make them, and the torques for them.
 
-Many forces balance a sliding object. Wanted are ones that keep away from the edges of the friction cones, with which every
-link that touches presses a little, and which fingers with a shared tendon can hold: such a tendon pulls on both of its
-joints alike, and what differs only a joint's end stop, or the order of the two joints, can carry. What carries the object
-changes on its way, over an edge above all, so the forces are chosen anew at places along it.
+Many forces balance a sliding object. Chosen are ones that keep away from the edges of the friction cones, with which every
+link that touches presses a little, and which fingers with a shared tendon can hold: such a tendon pulls alike on both of its
+joints, and only a joint's end stop, or the order of the two joints, can carry a difference. The supports change on the way,
+over an edge above all, so the forces are chosen anew at places along it.
 """
 
 from collections.abc import Iterable, Sequence
@@ -15,14 +15,14 @@ import torch
 from jaxtyping import Float
 from scipy.optimize import nnls
 
-from dexnudge.hands.hand import ROOT_COORDINATES
+from dexnudge.hands.hand import ROOT_COORDINATES, Hand
 from dexnudge.mechanics.balance import balance_problem, contact_forces
 from dexnudge.mechanics.contacts import HandContacts, SupportContacts
 from dexnudge.mechanics.friction_cone import EDGE_COUNT, friction_cone_edges, pressing, some_contacts
 from dexnudge.mechanics.sliding_task import SlidingTask
-from dexnudge.simulation.push_model import OBJECT_SIDE, PushModel
+from dexnudge.simulation.model import OBJECT_SIDE, SimulationModel
 
-LOOK = 0.02  # [m] from the object within which a link is looked at
+NEAR = 0.02  # [m] from the object within which a link may be asked to touch it
 ITERATIONS = 20
 CLOSE_ENOUGH = 5.0e-5  # [m] of every gap
 DAMPING = 5.0e-3  # [m] of lever: two segments of one finger may not both reach, and must not tear away a third
@@ -30,23 +30,23 @@ BASE_LEVER = 0.02  # [m] the base does what fingers would need more than that ma
 
 
 def closed_configuration(
-    push: PushModel, q: Float[np.ndarray, " coordinates"], pressing: Iterable[int]
+    simulation: SimulationModel, q: Float[np.ndarray, " coordinates"], pressing: Iterable[int]
 ) -> Float[np.ndarray, " coordinates"]:
-    """q moved until the `pressing` links touch the object; damped Gauss-Newton steps of the motors and of the base.
+    """Move q until the `pressing` links touch the object, by damped Gauss-Newton steps of the motors and of the base.
 
     A motor that two joints share moves both alike. The base keeps its rotation, and moves for the links that the fingers
     would have to turn far for.
     """
     wanted = set(pressing)
-    angle_of_motor = push.indices.angle_of_motor
+    angle_of_motor = simulation.angle_of_motor
     closed = np.array(q, dtype=np.float64)
     for _ in range(ITERATIONS):
-        push.place(closed)
+        simulation.place(closed)
         rows, gaps = [], []
-        for link in range(len(push.hand.link_names)):
-            gap, towards, point = _gap(push, link)
-            if gap < 0 or (link in wanted and gap < LOOK):
-                jacobian = push.indices.point_jacobian(push.model, push.data, point, link)
+        for link in range(len(simulation.hand.link_names)):
+            gap, towards, point = _gap(simulation, link)
+            if gap < 0 or (link in wanted and gap < NEAR):
+                jacobian = simulation.point_jacobian(point, link)
                 fingers = towards @ jacobian @ angle_of_motor
                 rows.append(np.concatenate([fingers, BASE_LEVER * towards]))
                 gaps.append(gap)
@@ -56,22 +56,22 @@ def closed_configuration(
         step = np.linalg.solve(A.T @ A + DAMPING**2 * np.eye(A.shape[1]), A.T @ b)
         closed[ROOT_COORDINATES:] += angle_of_motor @ step[:-3]
         closed[:3] += BASE_LEVER * step[-3:]
-        closed = push.hand.clamp(torch.as_tensor(closed)[None])[0].numpy()
+        closed = simulation.hand.clamp(torch.as_tensor(closed)[None])[0].numpy()
     return closed
 
 
-def _gap(push: PushModel, link: int) -> tuple[float, Float[np.ndarray, " 3"], Float[np.ndarray, " 3"]]:
-    """Distance from a link to the object [m, negative inside, at most LOOK], direction to it, nearest point of the link."""
-    mine = np.flatnonzero(push.model.geom_bodyid == push.indices.link_body[link])
-    least, ends = LOOK, np.zeros(6)
+def _gap(simulation: SimulationModel, link: int) -> tuple[float, Float[np.ndarray, " 3"], Float[np.ndarray, " 3"]]:
+    """Return a link's distance to the object [m, at most NEAR], the direction to it, and the nearest point of the link."""
+    mine = np.flatnonzero(simulation.model.geom_bodyid == simulation.link_body[link])
+    least, ends = NEAR, np.zeros(6)
     for one in mine:
-        for other in np.flatnonzero(push.side == OBJECT_SIDE):
+        for other in np.flatnonzero(simulation.side == OBJECT_SIDE):
             found = np.zeros(6)
-            distance = mujoco.mj_geomDistance(push.model, push.data, int(one), int(other), LOOK, found)
+            distance = mujoco.mj_geomDistance(simulation.model, simulation.data, int(one), int(other), NEAR, found)
             if distance < least:
                 least, ends = float(distance), found
-    if least == 0.0 or least >= LOOK:
-        return LOOK, np.zeros(3), np.zeros(3)
+    if least == 0.0 or least >= NEAR:
+        return NEAR, np.zeros(3), np.zeros(3)
     return least, (ends[3:] - ends[:3]) / least, ends[:3]
 
 
@@ -90,7 +90,7 @@ AT_STOP = 0.02  # [rad] from an end stop at which it carries load
 
 @dataclass(frozen=True)
 class PushForces:
-    """What the hand is to press with, at places evenly spread over the way of the push, its beginning and end included.
+    """Forces of the hand at places evenly spread over the length of the push, its beginning and end included.
 
     force: on the object per contact [N, world]. motor_torque: [N m] per motor. base_wrench: force [N] and torque about the
     palm's origin [N m] that the base is to press with, world. cone_share: of the hand's friction that the forces use; 0
@@ -109,13 +109,15 @@ class PushForces:
 
 
 def push_forces(
-    push: PushModel,
+    simulation: SimulationModel,
     q: Float[np.ndarray, " coordinates"],
     contacts: HandContacts,
     supports: Sequence[SupportContacts],
     task: SlidingTask,
 ) -> PushForces:
-    """Forces of the configuration q, which places the model; `supports` at each place, as the carried object sees them.
+    """Return the forces of the configuration q; `supports` are those at each place, as the carried object sees them.
+
+    Places the model at q.
 
     Non-negative least squares over the edges of narrowed friction cones and the supports' normal forces: no net wrench
     while the object slides, little load that tendons cannot hold, a preload on every link, small and even forces; no link
@@ -123,44 +125,44 @@ def push_forces(
     are none either, those of the place before. The hand makes more than these, all in proportion, where no link exceeds its
     limit: what it pulls too much its base holds back.
     """
-    push.place(q)
-    jacobians = push.indices.contact_jacobians(push.model, push.data, contacts)
+    simulation.place(q)
+    jacobians = simulation.contact_jacobians(contacts)
     found: list[tuple[np.ndarray, float]] = [(np.zeros((len(contacts.points), 3)), 0.0)]
     for carrying in supports:
-        found.append(_chosen(push, q, contacts, carrying, task, jacobians) or found[-1])
+        found.append(_chosen(simulation, q, contacts, carrying, task, jacobians) or found[-1])
     share = np.array([share for _, share in found[1:]])
     surplus = np.array([_surplus(each, contacts, task) for each, _ in found[1:]])
     force = surplus[:, None, None] * np.stack([each for each, _ in found[1:]])
     load = np.linalg.norm(force, axis=2).max(axis=0)
     pressing = np.flatnonzero(np.bincount(contacts.link, weights=load, minlength=1) > LEAST_FORCE)
-    closed = closed_configuration(push, q, pressing.tolist())
+    closed = closed_configuration(simulation, q, pressing.tolist())
     return PushForces(
         force=force,
-        motor_torque=np.stack([_motor_torque(push, q, jacobians, each) for each in force]),
+        motor_torque=np.stack([_motor_torque(simulation, q, jacobians, each) for each in force]),
         base_wrench=np.concatenate([force, np.cross(contacts.points - q[:3], force)], axis=2).sum(axis=1),
         cone_share=share,
         surplus=surplus,
-        closing=push.indices.motor_of_angle @ (closed - q)[ROOT_COORDINATES:],
+        closing=simulation.motor_of_angle @ (closed - q)[ROOT_COORDINATES:],
         base_closing=(closed - q)[:3],
     )
 
 
 def _surplus(force: Float[np.ndarray, "contact 3"], contacts: HandContacts, task: SlidingTask) -> float:
-    """`SURPLUS`, or less where a link would press harder than it may."""
+    """Return `SURPLUS`, or less where a link would press harder than it may."""
     normal = -np.einsum("cx,cx->c", force, contacts.normals)
     hardest = float(np.bincount(contacts.link, weights=normal, minlength=1).max())
     return max(1.0, min(SURPLUS, task.max_normal_force / hardest)) if hardest > 0 else 1.0
 
 
 def _chosen(
-    push: PushModel,
+    simulation: SimulationModel,
     q: np.ndarray,
     contacts: HandContacts,
     supports: SupportContacts,
     task: SlidingTask,
     jacobians: np.ndarray,
 ) -> tuple[Float[np.ndarray, "contact 3"], float] | None:
-    """Forces at one place, and the share of the cone that they use; None if nothing balances.
+    """Return forces at one place, and the share of the cone that they use; None if nothing balances.
 
     Of the contacts that press or push alone, if they can do it well inside their cones: a squeeze that is a little off
     turns the object.
@@ -169,7 +171,7 @@ def _chosen(
     tries = [(kept, share) for share in CONE_SHARES[:-1]] + [(np.ones_like(kept), share) for share in CONE_SHARES]
     for used, share in tries:
         narrowed = replace(task, friction_hand=share * task.friction_hand)
-        found = _balanced(push, q, some_contacts(contacts, used), supports, narrowed, jacobians[used])
+        found = _balanced(simulation, q, some_contacts(contacts, used), supports, narrowed, jacobians[used])
         if found is not None:
             force = np.zeros_like(contacts.points)
             force[used] = found
@@ -179,7 +181,7 @@ def _chosen(
 
 
 def _balanced(
-    push: PushModel,
+    simulation: SimulationModel,
     q: np.ndarray,
     contacts: HandContacts,
     supports: SupportContacts,
@@ -192,7 +194,7 @@ def _balanced(
     edges = friction_cone_edges(contacts.normals, task.motion, friction=task.friction_hand)
     hand = problem.hand.reshape(-1, 6)
     support = problem.support_normal + problem.support_friction
-    mismatch, slack = _tendon_rows(push, q, np.einsum("cxa,ckx->cka", jacobians, edges).reshape(len(hand), -1))
+    mismatch, slack = _tendon_rows(simulation, q, np.einsum("cxa,ckx->cka", jacobians, edges).reshape(len(hand), -1))
     count, others = len(hand), len(support) + slack.shape[1]
     links = np.repeat(problem.link, EDGE_COUNT)
     of_link = (links == np.arange(problem.link.max() + 1)[:, None]).astype(float)
@@ -223,29 +225,31 @@ def _balanced(
 
 
 def _tendon_rows(
-    push: PushModel, q: np.ndarray, torque: Float[np.ndarray, "edge angle"]
+    simulation: SimulationModel, q: np.ndarray, torque: Float[np.ndarray, "edge angle"]
 ) -> tuple[Float[np.ndarray, "pair edge"], Float[np.ndarray, "pair slack"]]:
-    """Follower's minus leader's torque per edge [N m per unit force], and what the joints' stops take of it."""
-    pairs = push.hand.coupled_indices
+    """Return the follower's minus the leader's torque per edge [N m per unit force], and what joint stops take."""
+    pairs = simulation.hand.coupled_indices
     mismatch = (torque[:, pairs[:, 0]] - torque[:, pairs[:, 1]]).T
-    straight, together = _stops(push, q)
+    straight, together = _stops(simulation.hand, q)
     slack = np.concatenate([-np.diag(straight.astype(float)), np.diag(together.astype(float))], axis=1)
     return mismatch, slack[:, np.abs(slack).sum(axis=0) > 0] * LEVER
 
 
-def _stops(push: PushModel, q: np.ndarray) -> tuple[np.ndarray, np.ndarray]:
-    """Per coupled pair: whether the follower is at its lower stop, and whether it is as far as its leader."""
-    angles, pairs = q[ROOT_COORDINATES:], push.hand.coupled_indices
+def _stops(hand: Hand, q: np.ndarray) -> tuple[np.ndarray, np.ndarray]:
+    """Return per coupled pair whether the follower is at its lower stop, and whether it is as far as its leader."""
+    angles, pairs = q[ROOT_COORDINATES:], hand.coupled_indices
     follower, leader = angles[pairs[:, 0]], angles[pairs[:, 1]]
-    return follower < push.hand.lower[pairs[:, 0]] + AT_STOP, follower > leader - AT_STOP
+    return follower < hand.lower[pairs[:, 0]] + AT_STOP, follower > leader - AT_STOP
 
 
-def _motor_torque(push: PushModel, q: np.ndarray, jacobians: np.ndarray, force: np.ndarray) -> np.ndarray:
-    """J^T f per motor; of a shared tendon the mean of its joints', or the leader's where a stop carries the follower."""
+def _motor_torque(simulation: SimulationModel, q: np.ndarray, jacobians: np.ndarray, force: np.ndarray) -> np.ndarray:
+    """Return J^T f per motor; of a shared tendon the joints' mean, or the leader's where a stop carries its follower."""
     torque = np.einsum("cxa,cx->a", jacobians, force)
-    motors = push.indices.motor_of_angle
-    found = torque @ push.indices.angle_of_motor
-    for (follower, leader), straight in zip(push.hand.coupled_indices, _stops(push, q)[0], strict=True):
+    motors = simulation.motor_of_angle
+    found = torque @ simulation.angle_of_motor
+    for (follower, leader), straight in zip(
+        simulation.hand.coupled_indices, _stops(simulation.hand, q)[0], strict=True
+    ):
         if straight and torque[follower] > torque[leader]:
             found[motors[:, leader] > 0] = torque[leader]
     return np.asarray(found)

@@ -25,8 +25,7 @@ from dexnudge.mechanics.balance import MAX_FACTOR
 from dexnudge.mechanics.contacts import HAND_CONTACT_DISTANCE
 from dexnudge.objects.builtin import builtin_names
 from dexnudge.scenes.scene import FRICTION_ENVIRONMENT, FRICTION_HAND, MASS, MAX_NORMAL_FORCE
-from dexnudge.simulation import grasp_model, hold
-from dexnudge.simulation import hold as object_motion
+from dexnudge.simulation import hold, model
 from dexnudge.synthesis.verification import PENETRATION_LIMIT, PRESSING
 from dexnudge.verification.penetration import SURFACE_SPACING
 
@@ -161,9 +160,9 @@ def _holding(info: DatasetInfo) -> str:
         return "\nNo row was held in simulation: `hold_translation` and `hold_rotation` are null throughout.\n"
     return (
         f"\n{held} of {info.counts['grasp'].kept} grasps were held in MuJoCo against a pull of {hold.PULL:g} N in "
-        f"{len(hold.DIRECTIONS)} directions, one after the other, on an object of {grasp_model.MASS:g} kg with friction "
-        f"{grasp_model.FRICTION:g}; it moved by less than "
-        f"{1e3 * object_motion.FARTHEST:g} mm and {np.degrees(object_motion.MOST_TURNED):g} degrees.\n"
+        f"{len(hold.DIRECTIONS)} directions, one after the other, on an object of {model.GRASP_MASS:g} kg with friction "
+        f"{model.GRASP_FRICTION:g}; it moved by less than "
+        f"{1e3 * hold.FARTHEST:g} mm and {np.degrees(hold.MOST_TURNED):g} degrees.\n"
     )
 
 

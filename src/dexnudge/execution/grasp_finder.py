@@ -1,9 +1,9 @@
 """Grasps of an object where it lies now: drawn by the same model, clean by exact distance, holding in the hold test.
 
 The surroundings come in as for pushes: the model knows the object alone, guidance and projection keep the hand out of the
-rest. What they ask of the forces is to hold the object's weight tilted by 60 degrees: farther than friction lets it lie on
-fingers that only carry it, so digits have to oppose each other. What holds is for the hold test to say, as in the dataset,
-and for a rehearsal of the lift.
+rest. The forces are asked to hold the object's weight tilted by 60 degrees: at that angle an object would slide off fingers
+that only carry it, so digits have to oppose each other. The hold test, as in the dataset, and a rehearsal of the lift decide
+what holds.
 """
 
 from collections import Counter
@@ -24,8 +24,7 @@ from dexnudge.sampling.methods import GUIDING_WEIGHTS, METHODS
 from dexnudge.sampling.problem import SamplingProblem, prepare
 from dexnudge.sampling.sampler import Sampler
 from dexnudge.scenes.scene import Scene
-from dexnudge.simulation.hold import FARTHEST, MOST_TURNED, HoldTest
-from dexnudge.simulation.rehearsal import LiftRehearsal
+from dexnudge.simulation.hold import FARTHEST, MOST_TURNED, HoldTest, LiftRehearsal
 from dexnudge.synthesis.verification import contacts_per_configuration
 from dexnudge.verification.penetration import PenetrationCheck
 from dexnudge.verification.verdicts import PENETRATION_LIMIT
@@ -54,11 +53,11 @@ class Grasp:
     drift: float
 
     def in_world(self, T_world_object: Float[np.ndarray, "4 4"]) -> Float[np.ndarray, " coordinates"]:
-        """Its q with the object at this pose."""
+        """Return its q with the object at this pose."""
         return np.asarray(transform_configurations(T_world_object, self.q[None])[0])
 
     def contacts_in_world(self, T_world_object: Float[np.ndarray, "4 4"]) -> HandContacts:
-        """Its contacts with the object at this pose."""
+        """Return its contacts with the object at this pose."""
         return contacts_in_world(self.contacts, T_world_object)
 
 
@@ -86,7 +85,7 @@ class GraspFinder:
         self._hold = HoldTest(hand, scene.object_mesh)
 
     def find(self, scene: Scene, *, num: int, seed: int) -> FoundGrasps:
-        """What is left of `num` draws in this scene, in which the object lies where it is now."""
+        """Return the grasps among `num` draws in this scene that hold."""
         problem = prepare(scene)
         problem = replace(problem, balance=holding_balance(problem))
         drawn = self._sampler.draw(problem, num=num, seed=seed, method=GRASPS).q.astype(np.float64)
@@ -111,14 +110,14 @@ class GraspFinder:
         return FoundGrasps(grasps, num, dict(Counter(reason for reason in reasons if reason)))
 
     def still_clean(self, scene: Scene, grasps: list[Grasp]) -> list[Grasp]:
-        """Those that are clean in this scene too, in which the object may lie elsewhere."""
+        """Return those that are clean in this scene too, in which the object may lie elsewhere."""
         if not grasps:
             return []
         reasons, _ = self._touch(scene, np.array([grasp.q for grasp in grasps]))
         return [grasp for grasp, reason in zip(grasps, reasons, strict=True) if not reason]
 
     def _touch(self, scene: Scene, q: Float[np.ndarray, "n coordinates"]) -> tuple[list[str], list[HandContacts]]:
-        """Why each q (object frame) is not clean, "" if it is, and where it touches the object."""
+        """Return why each q (object frame) is not clean, "" if it is, and its contacts with the object."""
         environment = scene.environment_mesh.copy()
         environment.apply_transform(np.linalg.inv(scene.T_world_object))
         own = replace(scene, environment_mesh=environment, T_world_object=np.eye(4))
@@ -134,13 +133,13 @@ class GraspFinder:
 
 
 def contacts_in_world(contacts: HandContacts, T_world_object: Float[np.ndarray, "4 4"]) -> HandContacts:
-    """Contacts in the object's frame with the object at this pose."""
+    """Return contacts given in the object's frame with the object at this pose."""
     rotation, translation = T_world_object[:3, :3], T_world_object[:3, 3]
     return replace(contacts, points=contacts.points @ rotation.T + translation, normals=contacts.normals @ rotation.T)
 
 
 def holding_balance(problem: SamplingProblem) -> SlidingBalance:
-    """The object in the air, its weight tilted by 60 degrees against the motion, held by the hand alone; frame C."""
+    """Return the balance of the object held in the air, its weight tilted by 60 degrees against the motion; frame C."""
     task = sliding_task(problem.scene)
     T_canonical_world = np.linalg.inv(problem.T_world_canonical)
     centre = T_canonical_world[:3, :3] @ task.centre + T_canonical_world[:3, 3]

@@ -1,0 +1,317 @@
+"""What came of playing configurations out in physics: watched, saved, and judged by its outcome."""
+
+import shutil
+from collections.abc import Sequence
+from dataclasses import asdict, dataclass
+from functools import cached_property
+from pathlib import Path
+from tempfile import TemporaryDirectory
+from typing import Any, Protocol, runtime_checkable
+from xml.etree import ElementTree
+
+import numpy as np
+from jaxtyping import Float
+
+from dexnudge.errors import InputError
+from dexnudge.execution.executor import Execution, Executor
+from dexnudge.execution.film import ANIMATION_FILE, PAGE_FILE, STRIP_FILE, film_of_trace, write_film
+from dexnudge.execution.grasp_and_lift import HOLD_TIME, LIFT
+from dexnudge.execution.slide_grasp_lift import GRASP_DRAWS, SlideGraspLift, SlideGraspLiftResult
+from dexnudge.hands.hand import Hand
+from dexnudge.jobs.folders import new_folder
+from dexnudge.jobs.provenance import machine, versions
+from dexnudge.planning.outcomes import Outcome
+from dexnudge.results.summary import write_summary
+from dexnudge.sampling.sampler import Sampler
+from dexnudge.scenes.scene import Scene
+from dexnudge.simulation.model import TIMESTEP, SimulationModel, scene_model
+from dexnudge.simulation.rollout import Divergence, Trace
+from dexnudge.viewer.recording import Recording
+
+MODEL_FILE = "scene.xml"
+KEY_INTERVAL = 0.25  # [s] between two key frames
+FILM_FILES = {".gif": ANIMATION_FILE, ".png": STRIP_FILE, ".html": PAGE_FILE}
+
+
+@runtime_checkable
+class Sample(Protocol):
+    """A configuration q (9 + d,) in its scene, with its hand."""
+
+    scene: Scene
+    hand: Hand
+    q: Any
+
+
+@dataclass(frozen=True, eq=False, repr=False)
+class Episode:
+    """A configuration played out in physics: a push, or slide, grasp and lift.
+
+    Attributes:
+        scene: in which it was played.
+        simulation: its model in MuJoCo.
+        result: of the push, or of all attempts to slide, grasp and lift.
+        configuration: number of the configuration that pushed.
+    """
+
+    scene: Scene
+    simulation: SimulationModel
+    result: Execution | SlideGraspLiftResult
+    configuration: int = 0
+
+    @property
+    def outcome(self) -> Outcome:
+        """How it ended; its `sentence` says it in words."""
+        result = self.result
+        return result.verdict.outcome if isinstance(result, Execution) else result.attempts[-1].outcome
+
+    @property
+    def detail(self) -> str:
+        """What the outcome leaves open, for people; often empty."""
+        return "" if isinstance(self.result, Execution) else self.result.attempts[-1].detail
+
+    @property
+    def success(self) -> bool:
+        """Whether the object was pushed to where it should be, or lifted and held."""
+        return self.outcome is Outcome.SUCCESS
+
+    @property
+    def length_asked(self) -> float:
+        """Length of the push or of the last slide [m]; 0 where the object was grasped where it lay."""
+        return self._lengths[0]
+
+    @property
+    def length_reached(self) -> float:
+        """Way of the object's centre of mass along the motion in that push or slide [m]."""
+        return self._lengths[1]
+
+    @cached_property
+    def _lengths(self) -> tuple[float, float]:
+        if isinstance(self.result, Execution):
+            return self.result.verdict.length_asked, self.result.verdict.length_reached
+        for attempt in reversed(self.result.attempts):
+            if attempt.length_asked is not None and attempt.length_reached is not None:
+                return attempt.length_asked, attempt.length_reached
+        return 0.0, 0.0
+
+    @property
+    def trace(self) -> Trace | None:
+        """Records 20 ms apart; None where nothing could be played."""
+        return self.result.trace
+
+    @property
+    def divergence(self) -> Divergence | None:
+        """Where the simulation got out of hand; None where it did not."""
+        return self.result.divergence
+
+    def __repr__(self) -> str:
+        kind = "Push" if isinstance(self.result, Execution) else "Slide, grasp and lift"
+        attempts = "" if isinstance(self.result, Execution) else f", {len(self.result.attempts)} attempts"
+        detail = f" ({self.detail})" if self.detail else ""
+        return (
+            f"{kind} of {self.simulation.hand.name} in '{self.scene.name}': {self.outcome.sentence}{detail}; "
+            f"{1e3 * self.length_reached:.0f} of {1e3 * self.length_asked:.0f} mm{attempts}"
+        )
+
+    def recording(self, title: str = "") -> Recording:
+        """Return the film of the episode.
+
+        Raises:
+            InputError: nothing could be played.
+        """
+        if self.trace is None:
+            raise InputError(
+                f"there is no film where nothing was played: {self.outcome.sentence} {self.detail}".strip()
+            )
+        subtitle = repr(self).partition(": ")[2]
+        return film_of_trace(self.scene, self.simulation, self.trace, title=title, subtitle=subtitle)
+
+    def film(self, path: Path | str, *, title: str = "") -> Path:
+        """Write the episode as an animation (.gif), a strip of pictures (.png), or a 3-D page to play (.html).
+
+        Raises:
+            InputError: another suffix, or nothing could be played.
+            OutputError: the file cannot be written.
+        """
+        path = Path(path)
+        if path.suffix not in FILM_FILES:
+            raise InputError(f"`path` is {path}; expected a name that ends in {', '.join(FILM_FILES)}")
+        with TemporaryDirectory() as folder:
+            write_film(self.recording(title), Path(folder), pictures=path.suffix != ".html")
+            shutil.copyfile(Path(folder) / FILM_FILES[path.suffix], path)
+        return path
+
+    def save(self, folder: Path | str, *, overwrite: bool = False, pictures: bool = True) -> Path:
+        """Write scene.xml, the trace, the film and summary.json into a new folder, as `dexnudge execute` does.
+
+        Raises:
+            OutputError: the folder exists without `overwrite`, or cannot be written.
+        """
+        folder = Path(folder)
+        with new_folder(folder, overwrite=overwrite, marker=MODEL_FILE) as written:
+            self.write(written, pictures=pictures)
+            write_model([self], written, xml=self.simulation.xml)
+            write_summary(written, self.summary() | provenance())
+        return folder
+
+    def write(self, folder: Path, *, title: str = "", pictures: bool = True) -> None:
+        """Write trace and film into a folder that exists; the trace is an npz archive without pickles.
+
+        `configuration_000.npz`: the arrays of `Trace`; of a push also those of PushForces by place of the way,
+        `contact_force`, `motor_torque` and `base_wrench`. `..._approach.npz`: a `planning.trajectory.Trajectory`.
+        `..._diverged.npz`: `state`, MuJoCo's mjSTATE_INTEGRATION after `last_step` steps, and the step `diverged_at`.
+        `configuration_000/`: the film.
+        """
+        stem = trace_file(self.configuration).removesuffix(".npz")
+        if self.trace is None:
+            return
+        arrays = dict(vars(self.trace))
+        if isinstance(self.result, Execution):
+            forces = self.result.forces
+            arrays |= {"contact_force": forces.force, "motor_torque": forces.motor_torque}
+            arrays["base_wrench"] = forces.base_wrench
+            if self.result.approach.trajectory is not None:
+                self.result.approach.trajectory.save(folder / f"{stem}_approach.npz")
+        np.savez_compressed(folder / trace_file(self.configuration), **arrays)
+        if self.divergence is not None:
+            found = self.divergence
+            np.savez_compressed(
+                folder / f"{stem}_diverged.npz", state=found.state, last_step=found.last_step, diverged_at=found.step
+            )
+        write_film(self.recording(title), folder / stem, pictures=pictures)
+
+    def summary(self) -> dict[str, Any]:
+        """Return outcome and figures as a JSON object; lengths in metres."""
+        result, trace = self.result, self.trace
+        shared = {
+            "success": self.success,
+            "outcome": self.outcome.value,
+            "sentence": self.outcome.sentence,
+            "detail": self.detail,
+            "length_asked": self.length_asked,
+            "length_reached": self.length_reached,
+            "trace": None if trace is None else trace_file(self.configuration),
+            "simulated_seconds": 0.0 if trace is None else float(trace.time[-1]),
+        }
+        if isinstance(result, SlideGraspLiftResult):
+            return shared | {
+                "success_first_attempt": result.attempts[0].success,
+                "ended": None if result.ended is None else result.ended.value,
+                "attempts": [{"success": one.success, **asdict(one)} for one in result.attempts],
+                "lift": LIFT,
+                "hold_seconds": HOLD_TIME,
+            }
+        blocked, verdict = result.approach.blocked, result.verdict
+        return (
+            {"configuration": self.configuration}
+            | shared
+            | {
+                "turned_deg": verdict.turned_deg,
+                "sunk": verdict.sunk,
+                "hand_environment": verdict.hand_environment,
+                "hand_environment_exact": result.exact_environment,
+                "approach": result.approach.planner
+                if blocked is None
+                else f"none, starts at contact: {blocked.reason}",
+                "cone_share": float(result.forces.cone_share[0]),
+                "diverged_at": -1 if result.divergence is None else result.divergence.step,
+                "seconds": {stage: round(value, 4) for stage, value in result.seconds.items()},
+            }
+        )
+
+
+def execute(
+    sample: Sample,
+    *,
+    then_grasp: bool = False,
+    alternatives: Sequence[Sample] = (),
+    attempts: int = 3,
+    draws: int = GRASP_DRAWS,
+    seed: int = 0,
+    weights: Path | str | None = None,
+) -> Episode:
+    """Play a configuration out in MuJoCo: close in, squeeze, and push the object by the length of the scene's motion.
+
+    Args:
+        sample: a verified configuration in its scene, such as `samples[0]`.
+        then_grasp: slide the object until it can be grasped, grasp it, lift it by 10 cm and hold it for 2 s.
+        alternatives: with `then_grasp`, configurations of the same scene with which further attempts push.
+        attempts: with `then_grasp`, at most so many; each goes on from where the one before left hand and object.
+        draws: of grasps at a time.
+        seed: of the grasps.
+        weights: folder of the model that draws them; None for the one that ships for this hand.
+
+    Raises:
+        InputError: `attempts` or `draws` is below 1.
+        CheckpointError: no weights for this hand, or weights that are broken or made for another.
+        MeshError: MuJoCo cannot take the object or the surroundings.
+    """
+    for name, value in (("attempts", attempts), ("draws", draws)):
+        if value < 1:
+            raise InputError(f"`{name}` is {value}; expected at least 1")
+    if not then_grasp:
+        simulation = scene_model(sample.hand, sample.scene)
+        q = np.asarray(sample.q, dtype=np.float64)
+        return Episode(sample.scene, simulation, Executor(sample.scene, simulation)(q))
+    q = np.stack([np.asarray(each.q, dtype=np.float64) for each in (sample, *alternatives)])
+    numbers = np.arange(len(q))
+    return slide_grasp_lift(
+        sample.scene, sample.hand, q, numbers, attempts=attempts, draws=draws, seed=seed, weights=weights
+    )
+
+
+def slide_grasp_lift(
+    scene: Scene,
+    hand: Hand,
+    q: Float[np.ndarray, "n coordinates"],
+    numbers: np.ndarray,
+    *,
+    attempts: int,
+    draws: int,
+    seed: int,
+    weights: Path | str | None,
+) -> Episode:
+    """Return the episode of slide, grasp and lift with configurations q, which have these `numbers`; see `execute`."""
+    sampler = Sampler.from_pretrained(hand, weights=weights)
+    simulation = scene_model(hand, scene)
+    result = SlideGraspLift(scene, simulation, q, numbers, sampler, draws=draws, seed=seed).run(attempts)
+    used = next((one.configuration for one in result.attempts if one.configuration >= 0), int(numbers[0]))
+    return Episode(scene, simulation, result, used)
+
+
+def trace_file(configuration: int) -> str:
+    """Return the name of the file with a configuration's trace."""
+    return f"configuration_{configuration:03d}.npz"
+
+
+def provenance() -> dict[str, Any]:
+    """Return the entries that every summary ends with."""
+    return {"timestep": TIMESTEP, "machine": machine(), "versions": versions()}
+
+
+def write_model(episodes: Sequence[Episode], folder: Path, *, xml: str) -> None:
+    """Write the model that was simulated, with key frames every 0.25 s of the episodes and at the end of each.
+
+    `python -m mujoco.viewer --mjcf=scene.xml` opens it; its key frames step through what happened.
+    """
+    root = ElementTree.fromstring(xml)  # noqa: S314 - the text is our own
+    keys = ElementTree.SubElement(root, "keyframe")
+    for episode in sorted(episodes, key=lambda one: one.configuration):
+        trace = episode.trace
+        if trace is None:
+            continue
+        shown = np.searchsorted(trace.time, np.arange(0.0, trace.time[-1], KEY_INTERVAL) - 1e-9)
+        for record in np.unique([*shown, len(trace.time) - 1]):
+            values = {
+                "time": trace.time[record],
+                "qpos": trace.qpos[record],
+                "ctrl": trace.ctrl[record],
+                "mpos": trace.mocap[record, :3],
+                "mquat": trace.mocap[record, 3:],
+            }
+            # Milliseconds: records are 2 ms apart at least, and MuJoCo loads no two keys of one name.
+            name = f"configuration {episode.configuration} at {trace.time[record]:.3f} s"
+            key = ElementTree.SubElement(keys, "key", name=name)
+            for attribute, value in values.items():
+                key.set(attribute, " ".join(f"{x:.9g}" for x in np.atleast_1d(value)))
+    ElementTree.indent(root)
+    ElementTree.ElementTree(root).write(folder / MODEL_FILE, encoding="utf-8")

@@ -1,0 +1,328 @@
+"""A simulation of hand and object that goes on from act to act: pushes, ways through the air, grasps and lifts.
+
+Nothing is ever put anywhere in between: each act begins where the one before left hand and object. Every act is a series of
+commands, one a step, made while the simulation runs, so that a command may depend on the state that it finds.
+"""
+
+from collections.abc import Iterable, Iterator
+from contextlib import contextmanager
+from dataclasses import dataclass, fields
+from typing import NamedTuple
+
+import mujoco
+import numpy as np
+from jaxtyping import Float, Int
+from scipy.spatial.transform import Rotation
+
+from dexnudge.hands.hand import ROOT_COORDINATES
+from dexnudge.hands.physical import POSITION_GAIN
+from dexnudge.simulation.hand_path import SQUEEZE, Path, PushPath, interpolated, palm_velocity, rotations
+from dexnudge.simulation.model import ENVIRONMENT_SIDE, HAND_SIDE, OBJECT_SIDE, TIMESTEP, SimulationModel
+from dexnudge.simulation.push_forces import PushForces
+
+RECORD_STEPS = 10  # between two records: 20 ms
+FASTEST = 100.0  # [m/s, rad/s] anything faster is a simulation out of hand
+FAR = 0.05  # [m] clearances above this are not told apart
+TOUCHING, LOADED = 0.3, 0.8  # of the time of the squeeze: fingers have closed, forces are built up; the rest settles
+FOLLOW_TIME = 0.05  # [s] in which the base's target goes down or up to where the pressing hand has come to rest
+MOST_FOLLOWED = 0.005  # [m]
+IDLE_TORQUE = 1.0e-3  # [N m] below which a motor has no part in a squeeze and keeps its place
+CLOSING_STEPS = 10  # between two updates of the squeeze: 20 ms
+CLOSE_RAMP, CLOSE_TIME, GRIP_SETTLE_TIME = 0.1, 0.2, 0.1  # [s] of a grasp that closes, as in the hold test
+STATE = mujoco.mjtState.mjSTATE_INTEGRATION
+
+
+class Command(NamedTuple):
+    """What hand and fingers are told for one step.
+
+    q: configuration (world), whose first three are the target of the base. quaternion: of that target, wxyz. ctrl: of all
+    motors, those of the base included. phase: its name.
+    """
+
+    q: Float[np.ndarray, " coordinates"]
+    quaternion: Float[np.ndarray, " 4"]
+    ctrl: Float[np.ndarray, " motor"]
+    phase: str
+
+
+@dataclass(frozen=True, kw_only=True)
+class Trace:
+    """Records of hand and object, 20 ms apart.
+
+    Attributes:
+        time: [s].
+        phase: name of what the hand was doing.
+        attempt: number of the attempt, from 1.
+        qpos, ctrl, mocap: MuJoCo's coordinates, motor targets, and target of the base (position, quaternion wxyz).
+        object_pose: centre of mass [m, world], quaternion wxyz of the object's frame.
+        base_pose: of the palm, position [m] and quaternion wxyz.
+        hand_object_force: sums of the normal and of the tangential forces of hand on object [N].
+        hand_environment_clearance: [m] between convex pieces, at most 50 mm, negative where they penetrate.
+        hand_environment_depth: greatest depth by MuJoCo's contacts at any step since the record before [m].
+        support_force: sum of the normal forces of the surroundings on the object [N].
+    """
+
+    time: Float[np.ndarray, " record"]
+    phase: np.ndarray
+    attempt: Int[np.ndarray, " record"]
+    qpos: Float[np.ndarray, "record nq"]
+    ctrl: Float[np.ndarray, "record nu"]
+    mocap: Float[np.ndarray, "record 7"]
+    object_pose: Float[np.ndarray, "record 7"]
+    base_pose: Float[np.ndarray, "record 7"]
+    hand_object_force: Float[np.ndarray, "record 2"]
+    hand_environment_clearance: Float[np.ndarray, " record"]
+    hand_environment_depth: Float[np.ndarray, " record"]
+    support_force: Float[np.ndarray, " record"]
+
+
+@dataclass(frozen=True)
+class Divergence:
+    """A simulation that got out of hand.
+
+    step: at which the state was no longer finite or anything went faster than 100 m/s, counted from the start. state:
+    MuJoCo's integration state at the last record, from which it can be replayed. last_step: to which that belongs.
+    """
+
+    step: int
+    state: Float[np.ndarray, " state"]
+    last_step: int
+
+
+class Rollout:
+    """A simulation from the hand at `q_start` (world) and the object where the model has it.
+
+    The same acts give the same trace, whatever the model was used for before. With `recorded` off there are no records,
+    which take longer than the simulation.
+
+    Attributes:
+        simulation: the model; its `data` is the state now.
+        commanded: configuration that the hand was told last.
+        attempt: number of the attempt that records belong to.
+        divergence: None unless the simulation got out of hand; nothing is played after that.
+    """
+
+    def __init__(
+        self, simulation: SimulationModel, q_start: Float[np.ndarray, " coordinates"], *, recorded: bool = True
+    ) -> None:
+        self.simulation, self._recorded = simulation, recorded
+        self.commanded = np.array(q_start, dtype=np.float64)
+        self.attempt = 1
+        self.divergence: Divergence | None = None
+        self._steps = 0
+        self._columns: dict[str, list] = {field.name: [] for field in fields(Trace)}
+        self._grip: np.ndarray | None = None
+        simulation.place(self.commanded)
+        self._last_state, self._last_step = self._state(), 0
+        model = simulation.model
+        self._low, self._high = np.where(model.actuator_ctrllimited, model.actuator_ctrlrange.T, [[-np.inf], [np.inf]])
+
+    @property
+    def T_world_object(self) -> Float[np.ndarray, "4 4"]:
+        """Where the object is now; exactly rigid."""
+        return self.simulation.object_poses(self.simulation.data.qpos[None])[0]
+
+    @property
+    def q(self) -> Float[np.ndarray, " coordinates"]:
+        """Where the hand is now."""
+        return self.simulation.configurations(self.simulation.data.qpos[None])[0]
+
+    @property
+    def trace(self) -> Trace:
+        """All records so far."""
+        return Trace(**{name: np.array(column) for name, column in self._columns.items()})
+
+    @contextmanager
+    def elsewhere(self) -> Iterator[None]:
+        """Lend the model's data for anything; afterwards they are what they were."""
+        kept = self._state()
+        yield
+        model, data = self.simulation.model, self.simulation.data
+        mujoco.mj_setState(model, data, kept, STATE)
+        mujoco.mj_forward(model, data)  # what follows from the state; changes the warm start
+        mujoco.mj_setState(model, data, kept, STATE)
+
+    def push(self, path: PushPath, forces: PushForces) -> None:
+        """Close in, squeeze with the forces, and carry the object along."""
+        self._grip = None
+        if self._recorded and not self._columns["time"]:
+            self._record(str(path.phase[0]), 0.0)
+        self.play(self._push_commands(path, forces))
+
+    def follow(self, path: Path, phase: str) -> None:
+        """Move the hand along `path`; the fingers keep their grip where there is one."""
+        motors = path[:, ROOT_COORDINATES:] @ self.simulation.motor_of_angle.T
+        self.play(
+            self._path_commands(path, motors if self._grip is None else np.tile(self._grip, (len(path), 1)), phase)
+        )
+
+    def carry_on(self, path: Path, phase: str) -> None:
+        """Move the base along `path` with fingers and base pressing as they are told to now."""
+        data = self.simulation.data
+        motors = np.tile(np.array(data.ctrl), (len(path), 1))
+        pressing = np.array(data.ctrl[self.simulation.base_motor])
+        self.play(self._path_commands(path, motors, phase, pressing=pressing))
+
+    def close(self, motor_torque: Float[np.ndarray, " motor"], phase: str) -> None:
+        """Bring the motors to these torques [N m], whatever gaps they close on the way, and let the grip settle.
+
+        Afterwards they keep the targets that they have then, until `let_go`.
+        """
+        idle = np.abs(motor_torque) < IDLE_TORQUE
+        place = self.simulation.motor_of_angle @ self.commanded[ROOT_COORDINATES:]
+        step = self.simulation.model.opt.timestep * CLOSING_STEPS
+        path = np.tile(self.commanded, (CLOSING_STEPS, 1))
+        for update in range(round(CLOSE_TIME / step)):
+            share = min(1.0, (update + 1) * step / CLOSE_RAMP)
+            target = self.simulation.data.actuator_length + share * motor_torque / POSITION_GAIN
+            self._grip = np.where(idle, place, target)
+            self.follow(path, phase)
+        self.follow(np.tile(self.commanded, (round(GRIP_SETTLE_TIME / TIMESTEP), 1)), phase)
+
+    def let_go(self) -> None:
+        """From here on the fingers follow their path again."""
+        self._grip = None
+
+    def play(self, commands: Iterable[Command]) -> None:
+        """Give the commands one after another, each for one step; each is asked for when the step before is done."""
+        if self.divergence is not None:
+            return
+        simulation, model, data = self.simulation, self.simulation.model, self.simulation.data
+        deepest, done, command = 0.0, 0, None
+        for command in commands:
+            data.mocap_pos[0], data.mocap_quat[0] = command.q[:3], command.quaternion
+            data.ctrl[:] = command.ctrl
+            mujoco.mj_step(model, data)
+            if not np.abs(data.qvel).max() < FASTEST:  # NaN is not below anything
+                self.divergence = Divergence(self._steps, self._last_state, self._last_step)
+                return
+            self._steps += 1
+            done += 1
+            if self._recorded:
+                deepest = max(deepest, hand_in_environment(simulation))
+                if done % RECORD_STEPS == 0:
+                    self._record(command.phase, deepest)
+                    deepest = 0.0
+        if command is not None:
+            if self._recorded and done % RECORD_STEPS:
+                self._record(command.phase, deepest)
+            self.commanded = np.array(command.q)
+
+    def _push_commands(self, path: PushPath, forces: PushForces) -> Iterator[Command]:
+        """Yield the commands of a push.
+
+        Pressing, the base is told a force and no height: as fingers give way the hand sinks, and a target that stayed would
+        pull it up by as much as it should press. So the target's height follows, by up to 5 mm.
+        """
+        simulation, data = self.simulation, self.simulation.data
+        place = path.angles @ simulation.motor_of_angle.T
+        squeezing = np.flatnonzero(path.phase == SQUEEZE)
+        rotation = Rotation.from_quat(path.quaternion, scalar_first=True)
+        columns = rotation.as_matrix()[:, :, :2].transpose(0, 2, 1).reshape(-1, 6)
+        to_base = rotation.inv()
+        moving = _in_base(to_base, simulation.base_damping * path.velocity) / simulation.base_stiffness
+        places = np.linspace(0.0, 1.0, len(forces.force))
+        wrench = interpolated(path.done, places, forces.base_wrench)
+        pressing = _in_base(to_base, wrench) / simulation.base_stiffness
+        torque = interpolated(path.done, places, forces.motor_torque)
+        closed = loaded = followed = 0.0
+        for step, phase in enumerate(path.phase.tolist()):
+            if phase == SQUEEZE:
+                done = (step - squeezing[0] + 1) / len(squeezing)
+                closed, loaded = np.clip([done / TOUCHING, (done - TOUCHING) / (LOADED - TOUCHING)], 0.0, 1.0)
+            position = path.position[step] + closed * forces.base_closing
+            if loaded > 0:
+                sunk = data.qpos[simulation.palm_position + 2] - position[2]
+                followed += TIMESTEP / FOLLOW_TIME * (sunk - followed)
+                followed = float(np.clip(followed, -MOST_FOLLOWED, MOST_FOLLOWED))
+                position[2] += followed
+            offset = closed * forces.closing + loaded * torque[step] / POSITION_GAIN
+            ctrl = np.clip(place[step] + offset, self._low, self._high)
+            ctrl[simulation.base_motor] = moving[step] + loaded * pressing[step]
+            q = np.concatenate([position, columns[step], path.angles[step]])
+            yield Command(q, path.quaternion[step], ctrl, phase)
+
+    def _path_commands(
+        self,
+        path: Path,
+        motors: Float[np.ndarray, "step motor"],
+        phase: str,
+        *,
+        pressing: Float[np.ndarray, " 6"] | float = 0.0,
+    ) -> Iterator[Command]:
+        """Yield the commands that lead hand and motors along; the base presses with `pressing` besides."""
+        if len(path) == 0:
+            return
+        simulation = self.simulation
+        moving = simulation.base_damping * palm_velocity(path, self.commanded) / simulation.base_stiffness
+        quaternions = rotations(path).as_quat(scalar_first=True)
+        for step, q in enumerate(path):
+            ctrl = np.clip(motors[step], self._low, self._high)
+            ctrl[simulation.base_motor] = moving[step] + pressing
+            yield Command(q, quaternions[step], ctrl, phase)
+
+    def _record(self, phase: str, deepest: float) -> None:
+        simulation, data = self.simulation, self.simulation.data
+        palm, free = simulation.palm_position, simulation.object_position
+        record = {
+            "time": data.time,
+            "phase": phase,
+            "attempt": self.attempt,
+            "qpos": np.array(data.qpos),
+            "ctrl": np.array(data.ctrl),
+            "mocap": np.concatenate([data.mocap_pos[0], data.mocap_quat[0]]),
+            "object_pose": np.concatenate([data.xipos[simulation.object_body], data.qpos[free + 3 : free + 7]]),
+            "base_pose": np.array(data.qpos[palm : palm + 7]),
+            "hand_object_force": contact_force_sums(simulation, HAND_SIDE, OBJECT_SIDE),
+            "hand_environment_clearance": hand_clearance(simulation),
+            "hand_environment_depth": deepest,
+            "support_force": contact_force_sums(simulation, OBJECT_SIDE, ENVIRONMENT_SIDE)[0],
+        }
+        for name, value in record.items():
+            self._columns[name].append(value)
+        self._last_state, self._last_step = self._state(), self._steps
+
+    def _state(self) -> Float[np.ndarray, " state"]:
+        state = np.zeros(mujoco.mj_stateSize(self.simulation.model, STATE))
+        mujoco.mj_getState(self.simulation.model, self.simulation.data, state, STATE)
+        return state
+
+
+def hand_in_environment(simulation: SimulationModel) -> float:
+    """Return the greatest depth of the hand in the surroundings by MuJoCo's contacts [m], 0 where there is none."""
+    if simulation.data.ncon == 0:
+        return 0.0
+    distance = np.asarray(simulation.data.contact.dist)[_pair_sides(simulation) == HAND_SIDE + ENVIRONMENT_SIDE]
+    return max(0.0, -float(distance.min(initial=0.0)))
+
+
+def contact_force_sums(simulation: SimulationModel, one: int, other: int) -> Float[np.ndarray, " 2"]:
+    """Return the sums over the contacts between two sides of (normal force, size of the tangential force) [N]."""
+    sums, force = np.zeros(2), np.zeros(6)
+    if simulation.data.ncon:
+        for index in np.flatnonzero(_pair_sides(simulation) == one + other):
+            mujoco.mj_contactForce(simulation.model, simulation.data, int(index), force)
+            sums += force[0], np.hypot(force[1], force[2])
+    return sums
+
+
+def hand_clearance(simulation: SimulationModel) -> float:
+    """Return the least distance of the hand's and the surroundings' pieces [m], at most FAR; negative: penetration."""
+    least = FAR
+    for hand in np.flatnonzero(simulation.side == HAND_SIDE):
+        for other in np.flatnonzero(simulation.side == ENVIRONMENT_SIDE):
+            least = min(
+                least, mujoco.mj_geomDistance(simulation.model, simulation.data, int(hand), int(other), least, None)
+            )
+    return float(least)
+
+
+def _pair_sides(simulation: SimulationModel) -> Int[np.ndarray, " contact"]:
+    """Return the two sides of each current contact, as the sum of their bits."""
+    geoms = np.asarray(simulation.data.contact.geom).reshape(-1, 2)
+    return np.asarray(simulation.side[geoms].sum(axis=1))
+
+
+def _in_base(to_base: Rotation, wrench: Float[np.ndarray, "step 6"]) -> Float[np.ndarray, "step 6"]:
+    """Turn force and torque per step from the world's axes to those of the base's target."""
+    return np.concatenate([to_base.apply(wrench[:, :3]), to_base.apply(wrench[:, 3:])], axis=1)

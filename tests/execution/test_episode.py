@@ -1,0 +1,94 @@
+"""An episode from a real push with the pads: what it says, writes and shows; and a model file that MuJoCo loads."""
+
+import json
+from dataclasses import replace
+from types import SimpleNamespace
+
+import mujoco
+import numpy as np
+import pytest
+from PIL import Image
+
+from dexnudge.errors import InputError, OutputError
+from dexnudge.execution.episode import Episode, execute, write_model
+from dexnudge.execution.slide_grasp_lift import Attempt, SlideGraspLiftResult
+from dexnudge.planning.outcomes import SENTENCES, Outcome
+from dexnudge.simulation.hand_path import waiting
+from dexnudge.simulation.model import scene_model
+from dexnudge.simulation.rollout import Rollout
+
+
+@pytest.fixture(scope="module")
+def sample(pad_hand, pad_grasp, block_scene):
+    return SimpleNamespace(scene=replace(block_scene, motion_length=0.04), hand=pad_hand, q=pad_grasp[0])
+
+
+@pytest.fixture(scope="module")
+def episode(sample) -> Episode:
+    return execute(sample)
+
+
+def test_a_push_says_what_was_asked_and_what_was_reached(episode, sample):
+    assert (episode.success, episode.outcome, episode.detail) == (True, Outcome.SUCCESS, "")
+    centres = episode.trace.object_pose[:, :3]
+    untouched = np.flatnonzero(episode.trace.phase == "settle")[-1]
+    assert episode.length_asked == 0.04
+    assert episode.length_reached == pytest.approx((centres[-1] - centres[untouched])[0])
+    assert episode.length_reached > 0.8 * 0.04
+    reached = f"{1e3 * episode.length_reached:.0f}"
+    assert repr(episode) == f"Push of pads in '{sample.scene.name}': success; {reached} of 40 mm"
+
+
+def test_what_is_saved_is_what_was_played(episode, tmp_path):
+    out = episode.save(tmp_path / "out", pictures=False)
+    summary = json.loads((out / "summary.json").read_text(encoding="utf-8"))
+    assert summary["outcome"] == "success"
+    assert (summary["length_asked"], summary["length_reached"]) == (episode.length_asked, episode.length_reached)
+    with np.load(out / summary["trace"], allow_pickle=False) as trace:
+        np.testing.assert_array_equal(trace["qpos"], episode.trace.qpos)
+        assert trace["contact_force"].shape[1:] == (len(episode.result.forces.force[0]), 3)
+    model = mujoco.MjModel.from_xml_path(str(out / "scene.xml"))
+    np.testing.assert_allclose(model.key_qpos[-1], episode.trace.qpos[-1], atol=1e-8)
+    with pytest.raises(OutputError, match="exists"):
+        episode.save(out)
+
+
+def test_a_film_is_written_by_its_suffix(episode, tmp_path):
+    with Image.open(episode.film(tmp_path / "push.gif")) as film:
+        assert film.n_frames > 5
+    with pytest.raises(InputError, match=r"expected a name that ends in .gif, .png, .html"):
+        episode.film(tmp_path / "push.mp4")
+
+
+@pytest.mark.parametrize("steps", [126, 251, 250])  # ends at 0.252 s, at 0.502 s right after a record, and at 0.5 s
+def test_keys_have_names_of_their_own(sample, tmp_path, steps):
+    simulation = scene_model(sample.hand, sample.scene)
+    rollout = Rollout(simulation, sample.q)
+    rollout.follow(waiting(sample.q, seconds=0.002 * steps), "hold")
+    attempt = Attempt(1, "hold", Outcome.SANK)
+    episode = Episode(sample.scene, simulation, SlideGraspLiftResult([attempt], rollout.trace, None, None))
+    write_model([episode], tmp_path, xml=simulation.xml)
+    model = mujoco.MjModel.from_xml_path(str(tmp_path / "scene.xml"))
+    assert model.key_time[-1] == pytest.approx(0.002 * steps)
+    assert (np.diff(model.key_time) > 0).all()
+    np.testing.assert_allclose(model.key_qpos[-1], rollout.trace.qpos[-1], atol=1e-8)
+
+
+def test_where_nothing_was_played_there_is_no_film(sample):
+    attempt = Attempt(1, "slide", Outcome.APPROACH_BLOCKED, "the palm meets the surroundings")
+    result = SlideGraspLiftResult([attempt], None, Outcome.NOTHING_PLAYED, None)
+    episode = Episode(sample.scene, scene_model(sample.hand, sample.scene), result)
+    assert (episode.success, episode.length_asked, episode.length_reached) == (False, 0.0, 0.0)
+    assert "the hand has no free way to contact (the palm meets the surroundings)" in repr(episode)
+    with pytest.raises(InputError, match="no film where nothing was played"):
+        episode.film("none.gif")
+
+
+def test_bad_numbers_are_refused(sample):
+    with pytest.raises(InputError, match="`attempts` is 0; expected at least 1"):
+        execute(sample, then_grasp=True, attempts=0)
+
+
+def test_every_outcome_has_its_sentence():
+    assert set(SENTENCES) == set(Outcome)
+    assert len(set(SENTENCES.values())) == len(Outcome)
