@@ -7,8 +7,6 @@ import mujoco
 import numpy as np
 import torch
 import tyro
-from dexnudge.simulation.model import TIMESTEP, SimulationModel, scene_model
-from dexnudge.simulation.rollout import Trace
 
 from dexnudge.cli.arguments import stdout, table
 from dexnudge.execution.executor import Executor
@@ -17,6 +15,8 @@ from dexnudge.jobs.provenance import machine, versions
 from dexnudge.objects.sets import resolve_object_set
 from dexnudge.sampling.sampler import Sampler
 from dexnudge.scenes.families import build_scene
+from dexnudge.simulation.model import TIMESTEP, SimulationModel, scene_model
+from dexnudge.simulation.rollout import Trace
 
 
 @dataclass(frozen=True)

@@ -26,12 +26,14 @@ if TYPE_CHECKING:
         SceneError,
         UnknownNameError,
     )
+    from dexnudge.execution.episode import Episode, execute
     from dexnudge.geometry.meshes import load_environment, load_mesh
     from dexnudge.hands.batch import HandBatch
     from dexnudge.hands.export import export_hand
     from dexnudge.hands.hand import Hand
     from dexnudge.hands.registry import load_hand
     from dexnudge.objects.builtin import builtin_names, builtin_object
+    from dexnudge.planning.outcomes import Outcome
     from dexnudge.results.checking import Check, check
     from dexnudge.results.samples import Sample, Samples, load_samples
     from dexnudge.sampling.sampler import Sampler
@@ -46,11 +48,13 @@ __all__ = [
     "CheckpointError",
     "DatasetError",
     "DexnudgeError",
+    "Episode",
     "Hand",
     "HandBatch",
     "HandError",
     "InputError",
     "MeshError",
+    "Outcome",
     "OutputError",
     "Sample",
     "Sampler",
@@ -64,6 +68,7 @@ __all__ = [
     "builtin_names",
     "builtin_object",
     "check",
+    "execute",
     "export_hand",
     "load_environment",
     "load_hand",
@@ -86,12 +91,14 @@ _MODULES = {
         "SceneError",
         "UnknownNameError",
     ),
+    "execution.episode": ("Episode", "execute"),
     "geometry.meshes": ("load_environment", "load_mesh"),
     "hands.batch": ("HandBatch",),
     "hands.export": ("export_hand",),
     "hands.hand": ("Hand",),
     "hands.registry": ("load_hand",),
     "objects.builtin": ("builtin_names", "builtin_object"),
+    "planning.outcomes": ("Outcome",),
     "results.checking": ("Check", "check"),
     "results.samples": ("Sample", "Samples", "load_samples"),
     "sampling.sampler": ("Sampler",),

@@ -2,7 +2,6 @@
 
 import json
 from dataclasses import replace
-from types import SimpleNamespace
 
 import mujoco
 import numpy as np
@@ -13,6 +12,7 @@ from dexnudge.errors import InputError, OutputError
 from dexnudge.execution.episode import Episode, execute, write_model
 from dexnudge.execution.slide_grasp_lift import Attempt, SlideGraspLiftResult
 from dexnudge.planning.outcomes import SENTENCES, Outcome
+from dexnudge.results.samples import Sample
 from dexnudge.simulation.hand_path import waiting
 from dexnudge.simulation.model import scene_model
 from dexnudge.simulation.rollout import Rollout
@@ -20,7 +20,9 @@ from dexnudge.simulation.rollout import Rollout
 
 @pytest.fixture(scope="module")
 def sample(pad_hand, pad_grasp, block_scene):
-    return SimpleNamespace(scene=replace(block_scene, motion_length=0.04), hand=pad_hand, q=pad_grasp[0])
+    q, contacts = pad_grasp
+    scene = replace(block_scene, motion_length=0.04)
+    return Sample(scene, pad_hand, q, True, "", 1.5, contacts, ("pad0", "pad1"))
 
 
 @pytest.fixture(scope="module")

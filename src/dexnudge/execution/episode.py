@@ -6,7 +6,7 @@ from dataclasses import asdict, dataclass
 from functools import cached_property
 from pathlib import Path
 from tempfile import TemporaryDirectory
-from typing import Any, Protocol, runtime_checkable
+from typing import Any
 from xml.etree import ElementTree
 
 import numpy as np
@@ -21,6 +21,7 @@ from dexnudge.hands.hand import Hand
 from dexnudge.jobs.folders import new_folder
 from dexnudge.jobs.provenance import machine, versions
 from dexnudge.planning.outcomes import Outcome
+from dexnudge.results.samples import Sample
 from dexnudge.results.summary import write_summary
 from dexnudge.sampling.sampler import Sampler
 from dexnudge.scenes.scene import Scene
@@ -31,15 +32,6 @@ from dexnudge.viewer.recording import Recording
 MODEL_FILE = "scene.xml"
 KEY_INTERVAL = 0.25  # [s] between two key frames
 FILM_FILES = {".gif": ANIMATION_FILE, ".png": STRIP_FILE, ".html": PAGE_FILE}
-
-
-@runtime_checkable
-class Sample(Protocol):
-    """A configuration q (9 + d,) in its scene, with its hand."""
-
-    scene: Scene
-    hand: Hand
-    q: Any
 
 
 @dataclass(frozen=True, eq=False, repr=False)

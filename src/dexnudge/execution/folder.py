@@ -1,64 +1,41 @@
 """`dexnudge execute`: the best configurations of a result folder played out, and what happened written beside them."""
 
 from collections.abc import Callable
-from dataclasses import dataclass
 from functools import partial
 from pathlib import Path
 from typing import Any
 
 import numpy as np
-from jaxtyping import Int
 
 from dexnudge.errors import InputError
 from dexnudge.execution.episode import MODEL_FILE, Episode, provenance, slide_grasp_lift, write_model
 from dexnudge.execution.executor import Execution, Executor
 from dexnudge.execution.slide_grasp_lift import GRASP_DRAWS
-from dexnudge.hands.hand import Hand
 from dexnudge.jobs.folders import new_folder
 from dexnudge.jobs.processes import WorkerDied, run_tasks
 from dexnudge.planning.outcomes import Outcome
-from dexnudge.results.configurations import Configurations, load_configurations
+from dexnudge.results.samples import Samples, load_samples
 from dexnudge.results.summary import write_summary
 from dexnudge.results.writing import read_inputs
-from dexnudge.scenes.scene import Scene
 from dexnudge.simulation.model import load_scene_model, scene_model
 
 PUSH_FOLDER, LIFT_FOLDER = "execution", "slide_grasp_lift"  # in the result folder, unless told otherwise
 
 
-@dataclass(frozen=True)
-class VerifiedFolder:
-    """A scene, a hand, its configurations, and the places of the verified ones, best first; at least one."""
-
-    scene: Scene
-    hand: Hand
-    configurations: Configurations
-    verified: Int[np.ndarray, " n"]
-
-
-def read_verified(folder: Path) -> VerifiedFolder:
-    """Read a folder that `sample` wrote.
+def read_verified(folder: Path) -> tuple[Samples, list[int]]:
+    """Read a folder that `sample` wrote, and the places of its verified configurations, best first; at least one.
 
     Raises:
         InputError: files are missing, damaged or do not belong together, or no configuration is verified.
     """
-    if not folder.is_dir():
-        raise InputError(f"{folder} is not a folder; expected the one that `dexnudge sample --out` wrote")
-    configurations = load_configurations(folder)
-    scene, hand = read_inputs(folder)
-    scene.validate()
-    if tuple(hand.joint_names) != configurations.joint_names:
+    samples = load_samples(folder)
+    samples.scene.validate()
+    if samples.num_verified == 0:
         raise InputError(
-            f"{folder}: the configurations have the joints {', '.join(configurations.joint_names)}, the hand in hand/ has "
-            f"{', '.join(hand.joint_names)}; expected the same joints in the same order; sample again"
+            f"{folder}: none of the {len(samples)} configurations is verified; expected at least one; sample again with "
+            "`verified` 1"
         )
-    verified = np.flatnonzero(configurations.success)
-    if len(verified) == 0:
-        raise InputError(
-            f"{folder}: none of the {len(configurations.q)} configurations is verified; expected at least one; sample "
-            "again with --verified 1"
-        )
-    return VerifiedFolder(scene, hand, configurations, verified)
+    return samples, np.flatnonzero(samples.success).tolist()
 
 
 def push_folder(
@@ -89,24 +66,24 @@ def push_folder(
         MeshError: MuJoCo cannot take the object or the surroundings.
         OutputError: `out` exists or cannot be written.
     """
-    found = read_verified(folder)
-    chosen = found.verified[:top].tolist()
+    samples, numbers = read_verified(folder)
+    chosen = numbers[:top]
     with new_folder(out or folder / PUSH_FOLDER, overwrite=overwrite, marker=MODEL_FILE) as written:
-        simulation = scene_model(found.hand, found.scene)
+        simulation = scene_model(samples.hand, samples.scene)
         episodes: list[Episode] = []
         rows: list[dict[str, Any]] = []
-        tasks = [(index, found.configurations.q[index].astype(np.float64)) for index in chosen]
+        tasks = [(index, samples.q[index].astype(np.float64)) for index in chosen]
         handler = partial(_executor, folder.absolute(), simulation.xml)
         for (index, _), result in run_tasks(handler, tasks, workers=min(workers, len(tasks))):
             if isinstance(result, Execution):
-                episode = Episode(found.scene, simulation, result, index)
+                episode = Episode(samples.scene, simulation, result, index)
                 title = f"{folder.absolute().name}: configuration {index}"
                 episode.write(written, title=title, pictures=chosen.index(index) < films)
                 episodes.append(episode)
                 row = episode.summary()
             else:
                 row = _died(index, result)
-            rows.append(row | {"force_margin": float(found.configurations.force_margin[index])})
+            rows.append(row | {"force_margin": samples[index].force_margin})
             if on_done:
                 on_done(index, result)
         write_model(episodes, written, xml=simulation.xml)
@@ -170,11 +147,18 @@ def lift_folder(
         MeshError: MuJoCo cannot take the object or the surroundings.
         OutputError: `out` exists or cannot be written.
     """
-    found = read_verified(folder)
+    samples, numbers = read_verified(folder)
     with new_folder(out or folder / LIFT_FOLDER, overwrite=overwrite, marker=MODEL_FILE) as written:
-        q = found.configurations.q[found.verified].astype(np.float64)
+        q = samples.q[numbers].astype(np.float64)
         episode = slide_grasp_lift(
-            found.scene, found.hand, q, found.verified, attempts=attempts, draws=draws, seed=seed, weights=weights
+            samples.scene,
+            samples.hand,
+            q,
+            np.array(numbers),
+            attempts=attempts,
+            draws=draws,
+            seed=seed,
+            weights=weights,
         )
         episode.write(written, title=f"{folder.absolute().name}: slide, grasp, lift", pictures=films)
         write_model([episode], written, xml=episode.simulation.xml)
