@@ -2,6 +2,7 @@
 
 from collections.abc import Callable
 from dataclasses import dataclass
+from pathlib import Path
 
 import pytest
 
@@ -34,3 +35,15 @@ def dexnudge(capsys: pytest.CaptureFixture[str]) -> Run:
         return Outcome(code, captured.out, captured.err)
 
     return run
+
+
+SAMPLED_NUM = 8
+
+
+@pytest.fixture(scope="session")
+def sampled(tmp_path_factory: pytest.TempPathFactory) -> Path:
+    """The result folder of eight draws for a phone on a table, with the shipped model; not to be changed."""
+    folder = tmp_path_factory.mktemp("sampled") / "phone"
+    options = ["--scene", "table", "--num", str(SAMPLED_NUM), "--seed", "0", "--out", str(folder)]
+    assert main(["sample", "phone", *options]) == 0
+    return folder

@@ -10,15 +10,6 @@ import pytest
 from dexnudge.results.configurations import load_configurations
 
 
-@pytest.fixture(scope="module")
-def sampled(tmp_path_factory):
-    from dexnudge.cli.main import main
-
-    folder = tmp_path_factory.mktemp("execute") / "phone"
-    assert main(["sample", "phone", "--scene", "table", "--num", "8", "--seed", "0", "--out", str(folder)]) == 0
-    return folder
-
-
 @pytest.mark.slow
 def test_the_best_configuration_pushes_a_phone_over_a_table(dexnudge, sampled, tmp_path):
     out = tmp_path / "execution"

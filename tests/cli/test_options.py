@@ -96,12 +96,3 @@ def test_the_help_lists_the_commands(dexnudge, arguments):
     assert (outcome.code, outcome.err) == (0, "")
     names = [name for name in COMMANDS if arguments[0] != "dataset" or name.startswith("dataset ")]
     assert re.findall(r"^  (\S+(?: \S+)?)  +\S", outcome.out, re.MULTILINE) == names
-
-
-def test_a_folder_that_is_left_out_is_numbered(dexnudge, tmp_path, monkeypatch):
-    monkeypatch.chdir(tmp_path)
-    (tmp_path / "runs" / "phone-table").mkdir(parents=True)
-    outcome = dexnudge("sample", "phone", "--scene", "table", "--method", "random_start_projection", "--num", 1)
-    assert outcome.code in (0, 3), outcome.err
-    assert outcome.out.endswith("written: runs/phone-table-2\n")
-    assert sorted(path.name for path in (tmp_path / "runs").iterdir()) == ["phone-table", "phone-table-2"]

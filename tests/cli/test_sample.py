@@ -10,24 +10,17 @@ import pytest
 import trimesh
 import yourdfpy
 
-from dexnudge.cli.main import main
+import dexnudge as dn
 
-NUM = 6
-# Needs no weights, and takes a second or two.
-OPTIONS = ["--method", "random_start_projection", "--num", str(NUM), "--seed", "3"]
-
-
-@pytest.fixture(scope="module")
-def result(tmp_path_factory) -> Path:
-    folder = tmp_path_factory.mktemp("sample") / "out"
-    assert main(["sample", "phone", "--scene", "table", "--out", str(folder), *OPTIONS]) == 0
-    return folder
+NUM = 8  # draws of the fixture `sampled`
+# Needs no weights, and few draws take the least time.
+QUICK = ["--method", "random_start_projection", "--num", "2", "--seed", "3"]
 
 
 @pytest.fixture
-def copy(result, tmp_path) -> Path:
+def copy(sampled, tmp_path) -> Path:
     """A result folder that a test may damage."""
-    return Path(shutil.copytree(result, tmp_path / "copy"))
+    return Path(shutil.copytree(sampled, tmp_path / "copy"))
 
 
 def arrays(folder: Path) -> dict[str, np.ndarray]:
@@ -35,8 +28,8 @@ def arrays(folder: Path) -> dict[str, np.ndarray]:
         return {key: archive[key] for key in archive.files}
 
 
-def test_the_folder_holds_exactly_what_is_promised(result):
-    assert sorted(os.listdir(result)) == [
+def test_the_folder_holds_exactly_what_is_promised(sampled):
+    assert sorted(os.listdir(sampled)) == [
         "configurations.npz",
         "environment.obj",
         "hand",
@@ -46,44 +39,46 @@ def test_the_folder_holds_exactly_what_is_promised(result):
         "view.html",
         "view.png",
     ]
-    assert sorted(os.listdir(result.parent)) == ["out"]
-    scene = json.loads((result / "scene.json").read_text())
+    assert sorted(os.listdir(sampled.parent)) == ["phone"]
+    scene = json.loads((sampled / "scene.json").read_text())
     assert np.shape(scene["T_world_object"]) == (4, 4)
     assert np.linalg.norm(scene["motion"]) == pytest.approx(1.0)
-    assert (scene["scene"], scene["seed"]) == ("table", 3)
+    assert (scene["scene"], scene["seed"]) == ("table", 0)
 
 
-def test_every_draw_is_written_with_the_joints_of_the_hand(result):
-    found = arrays(result)
-    robot = yourdfpy.URDF.load(str(result / "hand" / "hand.urdf"), load_meshes=False, load_collision_meshes=True)
+def test_every_draw_is_written_with_the_joints_of_the_hand(sampled):
+    found = arrays(sampled)
+    robot = yourdfpy.URDF.load(str(sampled / "hand" / "hand.urdf"), load_meshes=False, load_collision_meshes=True)
     assert found["q"].shape == (NUM, 9 + 16)
     assert found["joint_names"].tolist() == robot.actuated_joint_names
     links = {link for row in found["contact_links"] for link in row.split(",") if link}
     assert links <= set(robot.link_map)
 
 
-def test_the_summary_counts_every_draw(result):
-    summary = json.loads((result / "summary.json").read_text())
+def test_the_summary_counts_every_draw(sampled):
+    summary = json.loads((sampled / "summary.json").read_text())
     assert summary["drawn"] == NUM == summary["verified"] + sum(summary["rejected"].values())
-    assert summary["verified"] == int(arrays(result)["success"].sum())
+    assert summary["verified"] == int(arrays(sampled)["success"].sum())
     assert summary["verified_rate"] == summary["verified"] / NUM
     assert {"load", "prepare", "draw", "project", "verify", "picture"} <= set(summary["seconds"])
     assert summary["peak_memory_mb"] > 0
 
 
-def test_verified_ones_stand_first_and_the_best_of_them_at_the_top(result):
-    found = arrays(result)
-    success, margin = found["success"], found["force_margin"]
+def test_verified_ones_stand_first(sampled):
+    success = arrays(sampled)["success"]
+    assert success[0]
     assert (np.diff(success.astype(int)) <= 0).all()
-    assert (np.diff(margin[success]) <= 0).all()
 
 
-@pytest.mark.slow
-def test_the_same_seed_gives_the_same_draws(result, tmp_path):
-    assert main(["sample", "phone", "--scene", "table", "--out", str(tmp_path / "again"), *OPTIONS]) == 0
-    one, other = arrays(result), arrays(tmp_path / "again")
-    for key in one:
-        np.testing.assert_array_equal(one[key], other[key], err_msg=key)
+def test_python_draws_what_the_command_drew(sampled):
+    scene, hand = dn.load_scene(sampled), dn.load_hand(sampled / "hand" / "hand.urdf")
+    again = dn.Sampler(dn.load_hand("shadow_lite")).sample(scene, hand=hand, num=NUM, seed=0)
+    found = arrays(sampled)
+    np.testing.assert_array_equal(again.q, found["q"])
+    np.testing.assert_array_equal(again.success, found["success"])
+    np.testing.assert_array_equal(
+        again.verdicts.force_margin.astype(found["force_margin"].dtype), found["force_margin"]
+    )
 
 
 def test_check_agrees_with_an_untouched_folder_wherever_it_lies(dexnudge, copy):
@@ -107,22 +102,27 @@ def first(value):
     return set_first
 
 
-@pytest.mark.parametrize(
-    ("key", "function", "message"),
-    [
-        ("success", np.logical_not, "configuration 0: success is"),
-        ("penetration_object", lambda a: a + 0.001, "configuration 0: penetration_object is"),
-        ("penetration_environment", first(np.nan), "configuration 0: penetration_environment is nan"),
-        ("force_margin", first(0.123), "configuration 0: force_margin is 0.123 in the file"),
-        ("contact_links", first("nolink"), "configuration 0: contact_links are nolink in the file"),
-    ],
-)
-def test_check_finds_every_changed_figure(dexnudge, copy, key, function, message):
-    change(copy, **{key: function})
+def test_check_finds_every_changed_figure(dexnudge, copy):
+    change(
+        copy,
+        success=first(False),
+        penetration_object=lambda depths: depths + 0.001,
+        penetration_environment=first(np.nan),
+        force_margin=first(0.123),
+        contact_links=first("nolink"),
+    )
     outcome = dexnudge("check", copy)
     assert outcome.code == 2
     assert "figures differ from what the files give" in outcome.err
-    assert message in outcome.err
+    for message in (
+        "configuration 0: success is",
+        "configuration 0: penetration_object is",
+        "configuration 7: penetration_object is",
+        "configuration 0: penetration_environment is nan",
+        "configuration 0: force_margin is 0.123 in the file",
+        "configuration 0: contact_links are nolink in the file",
+    ):
+        assert message in outcome.err
 
 
 def test_check_finds_a_moved_object(dexnudge, copy):
@@ -176,11 +176,11 @@ def test_a_scene_that_points_outside_its_folder_is_refused(dexnudge, copy):
 @pytest.mark.slow
 def test_verified_goes_on_drawing_up_to_a_limit(dexnudge, tmp_path):
     outcome = dexnudge(
-        "sample", "phone", "--scene", "table", "--out", tmp_path / "out", *OPTIONS, "--verified", 1000, "--max-draws", 9
+        "sample", "phone", "--scene", "table", "--out", tmp_path / "out", *QUICK, "--verified", 1000, "--max-draws", 3
     )
-    assert outcome.code == 0
-    assert len(arrays(tmp_path / "out")["q"]) == 9
-    assert json.loads((tmp_path / "out" / "summary.json").read_text())["drawn"] == 9
+    assert outcome.code in (0, 3)
+    assert len(arrays(tmp_path / "out")["q"]) == 3
+    assert json.loads((tmp_path / "out" / "summary.json").read_text())["drawn"] == 3
 
 
 @pytest.mark.slow
@@ -192,7 +192,7 @@ def test_own_surroundings_and_motion(dexnudge, tmp_path):
     (tmp_path / "pose.json").write_text(json.dumps(pose))
     own = ["--environment", tmp_path / "slab.ply", "--object-pose", tmp_path / "pose.json", "--motion", 0, 2, 0]
     outcome = dexnudge(
-        "sample", tmp_path / "object.stl", *own, "--units", "mm", "--mass", "0.3", "--out", tmp_path / "out", *OPTIONS
+        "sample", tmp_path / "object.stl", *own, "--units", "mm", "--mass", "0.3", "--out", tmp_path / "out", *QUICK
     )
     assert outcome.code in (0, 3), outcome.err
     scene = json.loads((tmp_path / "out" / "scene.json").read_text())
@@ -206,7 +206,7 @@ def test_a_disk_that_fills_while_writing_leaves_nothing(dexnudge, tmp_path, monk
         raise OSError(28, "No space left on device")
 
     monkeypatch.setattr(np, "savez_compressed", full)
-    outcome = dexnudge("sample", "phone", "--scene", "table", "--out", tmp_path / "out", *OPTIONS)
+    outcome = dexnudge("sample", "phone", "--scene", "table", "--out", tmp_path / "out", *QUICK)
     assert outcome.code == 2
     assert "No space left on device" in outcome.err
     assert os.listdir(tmp_path) == []

@@ -7,15 +7,6 @@ import numpy as np
 import pytest
 
 
-@pytest.fixture(scope="module")
-def sampled(tmp_path_factory):
-    from dexnudge.cli.main import main
-
-    folder = tmp_path_factory.mktemp("then grasp") / "phone"
-    assert main(["sample", "phone", "--scene", "table", "--num", "8", "--seed", "0", "--out", str(folder)]) == 0
-    return folder
-
-
 @pytest.mark.slow
 def test_a_phone_is_slid_grasped_and_lifted_in_one_simulation(dexnudge, sampled, tmp_path):
     out = tmp_path / "lift"
