@@ -3,7 +3,6 @@
 import math
 from collections.abc import Callable, Sequence
 from html import escape
-from itertools import groupby
 
 import numpy as np
 from jaxtyping import Float
@@ -27,13 +26,10 @@ def recording_charts(recording: Recording) -> list[str]:
 
 def phase_spans(recording: Recording) -> list[tuple[str, float, float]]:
     """Return name, beginning and end [s] of each phase in order; a phase ends where the next one begins."""
-    begins: list[tuple[str, float]] = []
-    for name, members in groupby(
-        zip(recording.phase, recording.time.tolist(), strict=True), key=lambda moment: moment[0]
-    ):
-        begins.append((name, next(members)[1]))
-    ends = [begin for _, begin in begins[1:]] + [float(recording.time[-1])]
-    return [(name, begin, end) for (name, begin), end in zip(begins, ends, strict=True)]
+    phase, time = recording.phase, recording.time.tolist()
+    starts = [index for index in range(len(phase)) if index == 0 or phase[index] != phase[index - 1]]
+    ends = [*starts[1:], len(phase) - 1]
+    return [(phase[start], time[start], time[end]) for start, end in zip(starts, ends, strict=True)]
 
 
 def _chart(title: str, curves: Sequence[Curve], recording: Recording) -> str:

@@ -1,11 +1,11 @@
 """A visual scene packed for the ray kernels."""
 
 from collections.abc import Sequence
-from dataclasses import dataclass, fields, replace
+from dataclasses import dataclass
 
 import numpy as np
 import trimesh
-from jaxtyping import Bool, Float
+from jaxtyping import Bool, Float, Shaped
 
 from dexnudge.geometry.warp_runtime import WarpStruct, wp
 from dexnudge.jobs.cached import cached_per_instance
@@ -53,19 +53,11 @@ EDGE_WIDTH = 0.0011  # of the distance to the camera: about two pixels of a pict
 EDGE_COLOUR = (0.45, 0.50, 0.57)  # sRGB
 
 
-@dataclass(frozen=True, eq=False)
-class Triangles:
-    """Triangles in the world with what the kernels need of each: corner normals, linear colour, gloss, opacity."""
-
-    corners: Float[np.ndarray, "face 3 3"]
-    normals: Float[np.ndarray, "face 3 3"]
-    colour: Float[np.ndarray, "face 3"]
-    gloss: Float[np.ndarray, " face"]
-    opacity: Float[np.ndarray, " face"]
-
-    def select(self, which: Bool[np.ndarray, " face"]) -> "Triangles":
-        """Return some of the triangles."""
-        return Triangles(*(getattr(self, field.name)[which] for field in fields(self)))
+# Triangles in the world with what the kernels need of each: corners [m], corner normals, linear colour, gloss, opacity.
+TRIANGLE = np.dtype(
+    [("corners", "f4", (3, 3)), ("normals", "f4", (3, 3)), ("colour", "f4", 3), ("gloss", "f4"), ("opacity", "f4")]
+)
+Triangles = Shaped[np.ndarray, " face"]  # of that type
 
 
 @dataclass(frozen=True, eq=False)
@@ -90,42 +82,33 @@ def ray_scene(
     hiding: of each part of the environment, the triangles that are glass; `hiding_faces` unless given.
     """
     solid = [_triangles(part) for part in (*scene.with_role("object", "base", "link", "fingertip"), scene.arrow())]
-    casting = np.concatenate([triangles.corners for triangles in solid])
-    glass, blocking = [], [casting]
+    casting = np.concatenate(solid)
+    glass, blocking = [np.zeros(0, TRIANGLE)], [casting]
     for place, part in enumerate(scene.with_role("environment")):
         placed, mesh = _triangles(part), part.mesh_in_world()
         see_through = hiding_faces(mesh, scene, camera, aspect=aspect) if hiding is None else hiding[place]
+        blocking.append(placed[~see_through])
         # The back of a closed body cannot be seen, and shows as soon as its front is glass; an open one has two sides.
         towards = np.einsum("ij,ij->i", mesh.face_normals, camera.position - mesh.triangles_center) > 0
         facing = towards if mesh.is_watertight else np.ones_like(towards)
-        solid.append(placed.select(facing & ~see_through))
-        glass += [
-            replace(placed, colour=_same_colour("glass", len(see_through))).select(facing & see_through),
-            _edge_lines(mesh, see_through, camera),
-        ]
-        blocking.append(placed.corners[~see_through])
+        solid.append(placed[facing & ~see_through])
+        glass += [placed[facing & see_through], _edge_lines(mesh, see_through, camera)]
+        glass[-2]["colour"] = linear_colour(PALETTE["glass"])
     ball = trimesh.creation.icosphere(subdivisions=2, radius=CONTACT_RADIUS)
-    markers = [
-        _triangles(Part("contact", "contact", ball, trimesh.transformations.translation_matrix(point)))
-        for point in scene.contacts
-    ]
-    return _pack(solid, glass, markers, blocking=np.concatenate(blocking), casting=casting)
+    places = [trimesh.transformations.translation_matrix(point) for point in scene.contacts]
+    markers = [_triangles(Part("contact", "contact", ball, T_world_ball)) for T_world_ball in places]
+    seen = [np.concatenate(group) for group in (solid, glass, [np.zeros(0, TRIANGLE), *markers])]
+    return _pack(*seen, blocking=np.concatenate(blocking), casting=casting)
 
 
 def _triangles(part: Part) -> Triangles:
-    count = len(part.mesh.faces)
-    rotation = np.asarray(part.T_world_part)[:3, :3]
-    return Triangles(
-        part.vertices_in_world()[part.mesh.faces],
-        corner_normals(part.mesh) @ rotation.T,
-        _same_colour(part.role, count),
-        np.full(count, GLOSS.get(part.role, 0.0)),
-        np.full(count, GLASS_OPACITY),
-    )
-
-
-def _same_colour(role: Role, count: int) -> Float[np.ndarray, "face 3"]:
-    return np.tile(linear_colour(PALETTE[role]), (count, 1))
+    triangles = np.zeros(len(part.mesh.faces), TRIANGLE)
+    triangles["corners"] = part.vertices_in_world()[part.mesh.faces]
+    triangles["normals"] = corner_normals(part.mesh) @ np.asarray(part.T_world_part)[:3, :3].T
+    triangles["colour"] = linear_colour(PALETTE[part.role])
+    triangles["gloss"] = GLOSS.get(part.role, 0.0)
+    triangles["opacity"] = GLASS_OPACITY
+    return triangles
 
 
 def _edge_lines(mesh: trimesh.Trimesh, which: Bool[np.ndarray, " face"], camera: Camera) -> Triangles:
@@ -140,39 +123,26 @@ def _edge_lines(mesh: trimesh.Trimesh, which: Bool[np.ndarray, " face"], camera:
     side *= distance * EDGE_WIDTH / 2
     (a, b), (c, d) = np.moveaxis(ends - side, 1, 0), np.moveaxis(ends + side, 1, 0)
     corners = np.concatenate([np.stack([a, b, d], axis=1), np.stack([a, d, c], axis=1)])
-    count = len(corners)
-    normals = np.broadcast_to(-camera.forward, (count, 3, 3))
-    colour = np.tile(linear_colour(EDGE_COLOUR), (count, 1))
-    return Triangles(corners, normals, colour, np.zeros(count), np.full(count, EDGE_OPACITY))
+    ribbons = np.zeros(len(corners), TRIANGLE)
+    ribbons["corners"], ribbons["normals"] = corners, -camera.forward
+    ribbons["colour"], ribbons["opacity"] = linear_colour(EDGE_COLOUR), EDGE_OPACITY
+    return ribbons
 
 
 def _pack(
-    solid: list[Triangles],
-    glass: list[Triangles],
-    markers: list[Triangles],
-    *,
-    blocking: Float[np.ndarray, "blocker 3 3"],
-    casting: Float[np.ndarray, "caster 3 3"],
+    solid: Triangles, glass: Triangles, markers: Triangles, *, blocking: Triangles, casting: Triangles
 ) -> RayScene:
-    def stack(name: str, groups: list[Triangles]) -> np.ndarray:
-        return np.concatenate([getattr(group, name) for group in groups]).astype(np.float32)
-
-    trees = [warp_mesh(stack("corners", solid)), warp_mesh(blocking), warp_mesh(casting)]
-    geometry = Geometry()
-    geometry.solid, geometry.blocking, geometry.casting = (tree.id for tree in trees)
-    geometry.first_glass = sum(len(group.corners) for group in solid)
-    geometry.first_marker = geometry.first_glass + sum(len(group.corners) for group in glass)
-    geometry.has_glass = int(geometry.first_marker > geometry.first_glass)
-    geometry.has_markers = int(bool(markers))
-    if geometry.has_glass:
-        trees.append(warp_mesh(stack("corners", glass)))
-        geometry.glass = trees[-1].id
-    if geometry.has_markers:
-        trees.append(warp_mesh(stack("corners", markers)))
-        geometry.markers = trees[-1].id
-    groups = [*solid, *glass, *markers]
-    geometry.normals = wp.array(stack("normals", groups).reshape(-1, 3), dtype=wp.vec3, device="cpu")
-    geometry.colours = wp.array(stack("colour", groups), dtype=wp.vec3, device="cpu")
-    geometry.gloss = wp.array(stack("gloss", groups), dtype=float, device="cpu")
-    geometry.opacity = wp.array(stack("opacity", groups), dtype=float, device="cpu")
-    return RayScene(geometry, tuple(trees))
+    geometry, trees = Geometry(), {}
+    groups = {"solid": solid, "blocking": blocking, "casting": casting, "glass": glass, "markers": markers}
+    for name, group in groups.items():
+        if len(group):
+            trees[name] = warp_mesh(group["corners"])
+            setattr(geometry, name, trees[name].id)
+    geometry.first_glass, geometry.first_marker = len(solid), len(solid) + len(glass)
+    geometry.has_glass, geometry.has_markers = int("glass" in trees), int("markers" in trees)
+    table = np.concatenate([solid, glass, markers])
+    geometry.normals = wp.array(table["normals"].reshape(-1, 3), dtype=wp.vec3, device="cpu")
+    geometry.colours = wp.array(table["colour"].copy(), dtype=wp.vec3, device="cpu")
+    geometry.gloss = wp.array(table["gloss"].copy(), dtype=float, device="cpu")
+    geometry.opacity = wp.array(table["opacity"].copy(), dtype=float, device="cpu")
+    return RayScene(geometry, tuple(trees.values()))
