@@ -15,6 +15,7 @@ from importlib import import_module
 from typing import TYPE_CHECKING, Any
 
 if TYPE_CHECKING:
+    from dexnudge.energies.terms import EnergyTerm
     from dexnudge.errors import (
         CheckpointError,
         DatasetError,
@@ -39,6 +40,8 @@ if TYPE_CHECKING:
     from dexnudge.sampling.sampler import Sampler
     from dexnudge.scenes.families import build_scene, scene_families
     from dexnudge.scenes.scene import Scene, load_scene
+    from dexnudge.verification.criteria import Criterion, CriterionResult, default_criteria, find_criterion
+    from dexnudge.verification.measurements import Measurements, measure
     from dexnudge.verification.verdicts import Verdicts, verify
 
 __version__ = "0.6.0"
@@ -46,13 +49,17 @@ __version__ = "0.6.0"
 __all__ = [
     "Check",
     "CheckpointError",
+    "Criterion",
+    "CriterionResult",
     "DatasetError",
     "DexnudgeError",
+    "EnergyTerm",
     "Episode",
     "Hand",
     "HandBatch",
     "HandError",
     "InputError",
+    "Measurements",
     "MeshError",
     "Outcome",
     "OutputError",
@@ -68,13 +75,16 @@ __all__ = [
     "builtin_names",
     "builtin_object",
     "check",
+    "default_criteria",
     "execute",
     "export_hand",
+    "find_criterion",
     "load_environment",
     "load_hand",
     "load_mesh",
     "load_samples",
     "load_scene",
+    "measure",
     "scene_families",
     "verify",
 ]
@@ -104,6 +114,9 @@ _MODULES = {
     "sampling.sampler": ("Sampler",),
     "scenes.families": ("build_scene", "scene_families"),
     "scenes.scene": ("Scene", "load_scene"),
+    "energies.terms": ("EnergyTerm",),
+    "verification.criteria": ("Criterion", "CriterionResult", "default_criteria", "find_criterion"),
+    "verification.measurements": ("Measurements", "measure"),
     "verification.verdicts": ("Verdicts", "verify"),
 }
 

@@ -5,7 +5,7 @@ from hypothesis import given
 from hypothesis import strategies as st
 
 from dexnudge.dataset.schema import JOINT_STEP, ROTATION_STEP, TRANSLATION_STEP, floor_margin, round_configuration
-from dexnudge.verification.verdicts import LIMITS_TOLERANCE, ROTATION_TOLERANCE
+from dexnudge.verification.criteria import LIMITS_TOLERANCE, ROTATION_TOLERANCE
 
 SEEDS = st.integers(0, 2**32 - 1)
 

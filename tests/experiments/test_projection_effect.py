@@ -45,15 +45,15 @@ def test_figures_count_draws_that_are_no_pose_as_without_contact_and_force():
     nothing = np.array([np.nan, 0.001])
     verdicts = Verdicts(
         success=np.array([False, True]),
-        robust=np.array([False, True]),
-        penetration_object=nothing,
-        penetration_environment=nothing / 2,
-        penetration_self=nothing / 4,
-        force_margin=np.array([0.0, 3.0]),
-        limits_violation=np.array([np.nan, 0.0]),
+        values={
+            "penetration_object": nothing,
+            "penetration_environment": nothing / 2,
+            "penetration_self": nothing / 4,
+            "force_margin": np.array([0.0, 3.0]),
+        },
         contacts=[no_contacts, no_contacts],
         contact_links=[[], ["one", "two", "three"]],
-        reasons=["invalid", ""],
+        reasons=["valid_pose", ""],
     )
     expected = {
         "verified": 1,

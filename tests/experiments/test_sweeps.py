@@ -55,7 +55,7 @@ def test_the_settings_matter_here(swept):
     """Else the test above could not fail."""
     verdicts, found = swept
     assert len(found) == len(SETTINGS) == 6
-    assert {"penetration object", "no contact", "invalid"} <= set(verdicts.reasons)
+    assert {"penetration_object", "contact", "valid_pose"} <= set(verdicts.reasons)
     assert 0 < verdicts.success.sum() < len(verdicts.success)
     assert sum(found["friction_hand x 0.75"]) < verdicts.success.sum() < sum(found["friction_environment x 0.5"])
     assert not any(ok for flags in found.values() for ok in flags[-3:])

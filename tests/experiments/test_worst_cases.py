@@ -1,13 +1,12 @@
 """The failures that are shown are the worst, from different scenes where possible."""
 
-import re
 from dataclasses import replace
 
 import pytest
 
 from dexnudge.experiments.reproduction_parts import ReproductionConfig, parts
 from dexnudge.experiments.worst_cases import REASONS, reason_table, worst_cases
-from dexnudge.verification.verdicts import Verdicts
+from dexnudge.verification.criteria import default_criteria
 
 
 @pytest.fixture
@@ -31,7 +30,7 @@ def test_only_rejected_draws_of_the_method_count(part, made_up_rows):
 
 
 def test_every_reason_of_the_judge_has_its_meaning(made_up_rows):
-    assert set(re.findall(r'"([a-z ]+)"', Verdicts.__doc__)) == set(REASONS)
-    row = replace(made_up_rows[0], rejected={"force": 3, "no contact": 1})
-    assert f"| force | {REASONS['force']} | 3 |" in reason_table(row)
-    assert f"| no contact | {REASONS['no contact']} | 1 |" in reason_table(row)
+    assert {criterion.name for criterion in default_criteria()} == set(REASONS)
+    row = replace(made_up_rows[0], rejected={"force_margin": 3, "contact": 1})
+    assert f"| force_margin | {REASONS['force_margin']} | 3 |" in reason_table(row)
+    assert f"| contact | {REASONS['contact']} | 1 |" in reason_table(row)

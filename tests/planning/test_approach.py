@@ -18,7 +18,7 @@ LIMIT = 1e-3  # [m] the penetration that a configuration may have
 def deepest(hand, scene, q):
     T = hand.forward_kinematics(torch.as_tensor(np.asarray(q))).numpy()
     found = PenetrationCheck(hand, scene)(T, reach=0.0)
-    return max(found.object.max(), found.environment.max(), found.itself.max())
+    return max(found.object.max(), found.environment.max(), found.self_collision.max())
 
 
 def finer(q, parts=4):

@@ -6,7 +6,8 @@ import numpy as np
 import pytest
 
 from dexnudge.errors import InputError
-from dexnudge.results.configurations import FILE, KEYS, Configurations, load_configurations
+from dexnudge.results.configurations import FILE, Configurations, load_configurations
+from dexnudge.verification.criteria import default_criteria
 
 N, JOINTS = 5, ("J4", "J3")
 
@@ -17,12 +18,9 @@ def configurations() -> Configurations:
         q=generator.normal(size=(N, 9 + len(JOINTS))).astype(np.float32),
         joint_names=JOINTS,
         success=np.array([True, True, False, False, False]),
-        reasons=("", "", "force", "force", "no contact"),
-        penetration_object=generator.uniform(0, 1e-3, N),
-        penetration_environment=generator.uniform(0, 1e-3, N),
-        penetration_self=generator.uniform(0, 1e-3, N),
-        force_margin=generator.uniform(0, 3, N),
-        contact_links=(("a", "b"), ("a",), (), ("c", "a", "b"), ()),
+        reasons=("", "", "force_margin", "mine", "contact"),
+        values={criterion.name: generator.uniform(0, 3, N) for criterion in default_criteria()},
+        contact_links=(("a", "b"), ("a, right",), (), ("c", "a", '["b"]'), ()),
     )
 
 
@@ -37,9 +35,13 @@ def test_round_trip(tmp_path):
     written = configurations()
     written.save(tmp_path)
     read = load_configurations(tmp_path)
-    for key in KEYS:
-        one, other = getattr(read, key), getattr(written, key)
-        assert one.tolist() == other.tolist() if isinstance(one, np.ndarray) else one == other
+    for key in ("joint_names", "reasons", "contact_links"):
+        assert getattr(read, key) == getattr(written, key)
+    for key in ("q", "success", "robust"):
+        np.testing.assert_array_equal(getattr(read, key), getattr(written, key))
+    assert list(read.values) == list(written.values)
+    for name, value in written.values.items():
+        np.testing.assert_array_equal(read.values[name], value)
 
 
 def test_keys_and_types_are_those_that_other_tools_rely_on(tmp_path):
@@ -47,16 +49,19 @@ def test_keys_and_types_are_those_that_other_tools_rely_on(tmp_path):
     with np.load(tmp_path / FILE, allow_pickle=False) as archive:
         kinds = {key: archive[key].dtype.kind for key in archive.files}
         assert archive["q"].dtype == np.float32
-        assert archive["contact_links"].tolist() == ["a,b", "a", "", "c,a,b", ""]
+        assert archive["contact_links"].tolist() == [
+            '["a", "b"]',
+            '["a, right"]',
+            "[]",
+            '["c", "a", "[\\"b\\"]"]',
+            "[]",
+        ]
     assert kinds == {
         "q": "f",
         "joint_names": "U",
         "success": "b",
         "reasons": "U",
-        "penetration_object": "f",
-        "penetration_environment": "f",
-        "penetration_self": "f",
-        "force_margin": "f",
+        **{criterion.name: "f" for criterion in default_criteria()},
         "contact_links": "U",
     }
 
@@ -97,7 +102,8 @@ def test_pickles_are_refused(tmp_path):
 @pytest.mark.parametrize(
     ("changes", "message"),
     [
-        ({"force_margin": None}, "lacks force_margin"),
+        ({"force_margin": None, "success": None}, "lacks success, force_margin"),
+        ({"contact_links": np.array(["a,b"] * N)}, "contact_links holds 'a,b'; expected a JSON list"),
         ({"success": np.ones(N)}, r"success is float64 of shape \(5,\); expected bool of shape \(5\)"),
         ({"success": np.ones(4, dtype=bool)}, r"success is bool of shape \(4,\); expected bool of shape \(5\)"),
         ({"q": np.ones(11, dtype=np.float32)}, r"q is float32 of shape \(11,\)"),

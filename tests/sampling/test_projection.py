@@ -10,8 +10,8 @@ from dexnudge.energies import HandEnergy, TermWeights
 from dexnudge.energies.descent import pose_from_configuration
 from dexnudge.mechanics.contacts import HAND_CONTACT_DISTANCE
 from dexnudge.sampling.projection import ProjectionConfig, project
+from dexnudge.verification.criteria import limits_violation
 from dexnudge.verification.penetration import PenetrationCheck
-from dexnudge.verification.verdicts import limits_violation
 
 LIMIT = 1e-3  # [m] DESIGN's success criterion
 CONFIG = ProjectionConfig(guided_steps=40)  # as `ours` does it

@@ -14,6 +14,7 @@ from dexnudge.scenes.boxes import box
 from dexnudge.scenes.scene import Scene
 from dexnudge.verification.verdicts import Verdicts
 
+PENETRATIONS = ("penetration_object", "penetration_environment", "penetration_self")
 LENGTH, HEIGHT = 0.15, 0.02  # [m] of the block, whose front end is flush with the table's edge at x = 0
 
 
@@ -136,15 +137,10 @@ def test_the_order_of_draws_is_that_of_its_keys(at_the_edge):
     none = np.zeros(len(hands))
     verdicts = Verdicts(
         success=success,
-        robust=margin >= 1.5,
-        penetration_object=none,
-        penetration_environment=none,
-        penetration_self=none,
-        force_margin=margin,
-        limits_violation=none,
+        values={"force_margin": margin, **dict.fromkeys(PENETRATIONS, none)},
         contacts=hands,
         contact_links=[["a", "b"]] * len(hands),
-        reasons=["" if ok else "no contact" for ok in success],
+        reasons=["" if ok else "contact" for ok in success],
     )
     # at the centre; in front of it; tips on the way; squeezing, which presses nowhere; not robust; not verified
     assert best_first(at_the_edge, verdicts).tolist() == [1, 0, 3, 2, 4, 5]

@@ -30,7 +30,7 @@ def test_fingertips_in_the_floor(
 ) -> None:
     found = measure(boxy_hand, block_scene, at(upright, [0.2, 0.2, tip_height - depth]))
     assert found.environment[0] == pytest.approx(max(depth, 0.0), abs=1e-6)
-    assert found.object[0] == found.itself[0] == 0.0
+    assert found.object[0] == found.self_collision[0] == 0.0
 
 
 @pytest.mark.parametrize("depth", [-0.001, 0.0007, 0.003])
@@ -72,9 +72,9 @@ def test_fingers_in_each_other(boxy_hand: Hand, block_scene: Scene, upright: np.
     q = at(upright, [0.0, 0.0, 0.4], one=-angle, three=angle)
     # each finger turns inward about its own joint; by symmetry they meet in the plane x = 0
     found = measure(boxy_hand, block_scene, q)
-    assert found.itself[0] > 1e-3
+    assert found.self_collision[0] > 1e-3
     reference = by_naive_search(boxy_hand, block_scene, q)
-    assert found.itself[0] == pytest.approx(reference[2], abs=2e-5)
+    assert found.self_collision[0] == pytest.approx(reference[2], abs=2e-5)
 
 
 def signed(points: np.ndarray, mesh: trimesh.Trimesh) -> np.ndarray:
@@ -121,7 +121,7 @@ def test_depths_equal_a_naive_search_with_libigl(boxy_hand: Hand, block_scene: S
     assert (reference > 1e-3).any(axis=0).all()
     np.testing.assert_allclose(found.object, reference[:, 0], atol=2e-5)
     np.testing.assert_allclose(found.environment, reference[:, 1], atol=2e-5)
-    np.testing.assert_allclose(found.itself, reference[:, 2], atol=2e-5)
+    np.testing.assert_allclose(found.self_collision, reference[:, 2], atol=2e-5)
 
 
 @pytest.mark.slow
@@ -134,7 +134,7 @@ def test_the_shadow_hand_s_depths_equal_a_naive_search_with_libigl(block_scene: 
     reference = np.array([by_naive_search(hand, block_scene, each) for each in q])
     np.testing.assert_allclose(found.object, reference[:, 0], atol=5e-5)
     np.testing.assert_allclose(found.environment, reference[:, 1], atol=5e-5)
-    np.testing.assert_allclose(found.itself, reference[:, 2], atol=5e-5)
+    np.testing.assert_allclose(found.self_collision, reference[:, 2], atol=5e-5)
 
 
 def test_a_batch_gives_what_its_members_give(boxy_hand: Hand, block_scene: Scene) -> None:
@@ -144,5 +144,5 @@ def test_a_batch_gives_what_its_members_give(boxy_hand: Hand, block_scene: Scene
         alone = measure(boxy_hand, block_scene, each)
         assert alone.object[0] == together.object[row]
         assert alone.environment[0] == together.environment[row]
-        assert alone.itself[0] == together.itself[row]
+        assert alone.self_collision[0] == together.self_collision[row]
     assert len(measure(boxy_hand, block_scene, q[:0]).object) == 0

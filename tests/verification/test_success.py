@@ -12,7 +12,7 @@ from dexnudge.hands.hand import Hand
 from dexnudge.mechanics.balance import force_margin
 from dexnudge.mechanics.contacts import support_contacts
 from dexnudge.scenes.scene import Scene
-from dexnudge.verification.verdicts import Verdicts, contact_points, contacts_of, verify
+from dexnudge.verification.verdicts import Verdicts, contacts_of, verify
 
 Press = Callable[..., np.ndarray]
 
@@ -30,7 +30,9 @@ def press(upright: np.ndarray, tip_height: float) -> Press:
 
 
 def one(verdicts: Verdicts) -> dict[str, object]:
-    return {name: getattr(verdicts, name)[0] for name in verdicts.__dataclass_fields__}
+    return {"success": verdicts.success[0], "robust": verdicts.robust[0], "reason": verdicts.reasons[0]} | {
+        name: value[0] for name, value in verdicts.values.items()
+    }
 
 
 def test_a_press_with_two_fingers_succeeds_with_its_closed_form(
@@ -47,7 +49,7 @@ def test_a_press_with_two_fingers_succeeds_with_its_closed_form(
     np.testing.assert_allclose(found.penetration_object, [0, 0, 5e-4], atol=1e-6)
     assert not found.penetration_environment.any()
     assert not found.penetration_self.any()
-    assert not found.limits_violation.any()
+    assert not found.values["joint_limits"].any()
 
 
 def test_the_margin_is_that_of_the_reference(boxy_hand: Hand, block_scene: Scene, press: Press) -> None:
@@ -93,18 +95,18 @@ def test_each_failure_is_named(boxy_hand: Hand, block_scene: Scene, press: Press
     crossed = press(0.2)
     crossed[9:] = [-0.4, -0.4, 0.4, 0.4]
     cases = {
-        "invalid": change(press(0.001), 0, np.nan),
-        "joint limits": change(press(0.001), 12, 1.001),
-        "penetration environment": change(change(press(0.001), 0, 0.2), 2, tip_height - 0.0011),
-        "penetration object": press(-0.0011),
-        "penetration self": crossed,
-        "no contact": press(0.0021),
+        "valid_pose": change(press(0.001), 0, np.nan),
+        "joint_limits": change(press(0.001), 12, 1.001),
+        "penetration_environment": change(change(press(0.001), 0, 0.2), 2, tip_height - 0.0011),
+        "penetration_object": press(-0.0011),
+        "penetration_self": crossed,
+        "contact": press(0.0021),
         "": press(0.0019),
     }
     found = verify(block_scene, boxy_hand, np.stack(list(cases.values())))
     assert found.reasons == list(cases)
     assert found.success.tolist() == [False] * 6 + [True]
-    assert found.limits_violation[1] == pytest.approx(1e-3)
+    assert found.values["joint_limits"][1] == pytest.approx(1e-3)
     assert np.isnan(found.penetration_object[0])
     assert found.force_margin[0] == 0.0
 
@@ -120,7 +122,7 @@ def test_too_little_friction_of_the_hand_is_a_failure_of_force(
         friction_hand=0.39,
     )
     found = one(verify(oily, boxy_hand, press(0.001)[None]))
-    assert found["reasons"] == "force"
+    assert found["reason"] == "force_margin"
     assert float(str(found["force_margin"])) < 1.0
 
 
@@ -133,15 +135,15 @@ def test_a_wall_in_the_way_blocks_the_motion(boxy_hand: Hand, block_scene: Scene
         block_scene.motion,
     )
     found = one(verify(walled, boxy_hand, press(0.001)[None]))
-    assert found["reasons"] == "motion blocked"
+    assert found["reason"] == "motion_not_blocked"
     assert found["force_margin"] == 0.0
 
 
 def test_a_follower_may_not_pass_its_leader(boxy_hand: Hand, block_scene: Scene, press: Press) -> None:
     rows = [change(press(0.2), 10, angle) for angle in (5e-5, 2e-4)]
     found = verify(block_scene, boxy_hand, np.stack(rows))
-    assert found.reasons == ["no contact", "joint limits"]
-    np.testing.assert_allclose(found.limits_violation, [5e-5, 2e-4])
+    assert found.reasons == ["contact", "joint_limits"]
+    np.testing.assert_allclose(found.values["joint_limits"], [5e-5, 2e-4])
 
 
 @pytest.mark.parametrize("columns", [[0, 0, 0, 0, 1, 0], [1, 0, 0, 1, 0, 0], [2, 0, 0, 0, 2, 0], [1, 0, 0, 0, 1, 3e-2]])
@@ -150,7 +152,7 @@ def test_what_is_no_rotation_is_invalid(
 ) -> None:
     q = press(0.001)
     q[3:9] = columns
-    assert verify(block_scene, boxy_hand, q[None]).reasons == ["invalid"]
+    assert verify(block_scene, boxy_hand, q[None]).reasons == ["valid_pose"]
 
 
 def test_single_precision_is_forgiven(boxy_hand: Hand, block_scene: Scene, press: Press) -> None:
@@ -160,11 +162,11 @@ def test_single_precision_is_forgiven(boxy_hand: Hand, block_scene: Scene, press
     assert verify(block_scene, boxy_hand, q[None].astype(np.float32)).reasons == [""]
 
 
-def test_contact_points_lie_on_the_object(boxy_hand: Hand, block_scene: Scene, press: Press) -> None:
-    points = contact_points(block_scene, boxy_hand, np.stack([press(0.001), change(press(0.001), 3, np.inf)]))
-    assert points[0].shape == (8, 3)  # four on each fingertip
-    np.testing.assert_allclose(points[0][:, 2], 0.02, atol=1e-6)
-    assert points[1].shape == (0, 3)
+def test_contacts_lie_on_the_object(boxy_hand: Hand, block_scene: Scene, press: Press) -> None:
+    found = contacts_of(block_scene, boxy_hand, np.stack([press(0.001), change(press(0.001), 3, np.inf)]))
+    assert found[0].points.shape == (8, 3)  # four on each fingertip
+    np.testing.assert_allclose(found[0].points[:, 2], 0.02, atol=1e-6)
+    assert found[1].points.shape == (0, 3)
 
 
 def test_nothing_to_judge_is_no_error(boxy_hand: Hand, block_scene: Scene) -> None:
@@ -174,7 +176,7 @@ def test_nothing_to_judge_is_no_error(boxy_hand: Hand, block_scene: Scene) -> No
 
 
 def test_a_wrong_shape_is_named(boxy_hand: Hand, block_scene: Scene) -> None:
-    with pytest.raises(InputError, match=r"q has shape \(2, 25\); hand 'boxy' expects \(n, 13\)"):
+    with pytest.raises(InputError, match=r"shape \(2, 25\); hand 'boxy' expects numbers of shape \(n, 13\)"):
         verify(block_scene, boxy_hand, np.zeros((2, 25)))
 
 

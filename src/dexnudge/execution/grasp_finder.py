@@ -26,8 +26,8 @@ from dexnudge.sampling.sampler import Sampler
 from dexnudge.scenes.scene import Scene
 from dexnudge.simulation.hold import FARTHEST, MOST_TURNED, HoldTest, LiftRehearsal
 from dexnudge.synthesis.verification import contacts_per_configuration
+from dexnudge.verification.criteria import PENETRATION_LIMIT
 from dexnudge.verification.penetration import PenetrationCheck
-from dexnudge.verification.verdicts import PENETRATION_LIMIT
 
 TILT = np.radians(60.0)  # of the weight that the projection balances: beyond the angle of friction of any fingertip
 NARROWED = 0.6  # of the hand's friction that it may use for that: forces stay away from the edges of their cones
@@ -126,7 +126,7 @@ class GraspFinder:
         contacts = contacts_per_configuration(self._hand, T_object_link, found.near_object)
         reasons = []
         for row, contact in enumerate(contacts):
-            depths = {"object": found.object, "environment": found.environment, "self": found.itself}
+            depths = {"object": found.object, "environment": found.environment, "self": found.self_collision}
             deep = [f"penetration {name}" for name, depth in depths.items() if depth[row] > PENETRATION_LIMIT]
             reasons.append(deep[0] if deep else ("" if len(contact.points) else "no contact"))
         return reasons, contacts

@@ -16,7 +16,7 @@ from dexnudge.experiments.statistics import (
     mean_of_known,
     ratio,
 )
-from dexnudge.verification.verdicts import PENETRATION_LIMIT, ROBUST_MARGIN
+from dexnudge.verification.criteria import PENETRATION_LIMIT, ROBUST_MARGIN
 
 BEST_OF = (8, 32)  # numbers of draws of which a robot may take the best, as far as there are that many
 DEEP_QUANTILE = 0.95  # of the worst depth: what the worst of twenty draws reaches

@@ -25,7 +25,7 @@ def projection_effect(
     problem = prepare(scene, device=sampler.device)
     stages = {"before": replace(method, projection=None), "after": method}
     drawn = {name: sampler.draw(problem, num=num, seed=seed, method=stage).q for name, stage in stages.items()}
-    return {name: figures(verify(scene, hand, q.astype(np.float64))) for name, q in drawn.items()}
+    return {name: figures(verify(scene, hand, q)) for name, q in drawn.items()}
 
 
 def figures(verdicts: Verdicts) -> dict[str, float | int]:
@@ -33,9 +33,7 @@ def figures(verdicts: Verdicts) -> dict[str, float | int]:
 
     A hand that stands in the object touches it all around, so its margin says little: read it with the penetration.
     """
-    deepest: Any = np.maximum.reduce(
-        [verdicts.penetration_object, verdicts.penetration_environment, verdicts.penetration_self]
-    )
+    deepest: Any = verdicts.deepest_penetration
     return {
         "verified": int(verdicts.success.sum()),
         "contact_links": float(np.mean([len(links) for links in verdicts.contact_links])),

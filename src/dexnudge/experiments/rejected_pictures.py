@@ -15,7 +15,6 @@ from dexnudge.experiments.worst_cases import WorstCase
 from dexnudge.geometry.exact_distance import ExactDistance
 from dexnudge.hands.hand import Hand
 from dexnudge.scenes.scene import Scene
-from dexnudge.verification.verdicts import contact_points
 
 SIZE = (720, 540)  # pixels; several stand on one page
 
@@ -69,7 +68,7 @@ def _picture(case: WorstCase, path: Path) -> RejectedDraw | None:
         return None
     place = verdicts.reasons.index(next(iter(rejections)))
     q = drawn.draws.q[place].astype(np.float64)
-    contacts = contact_points(drawn.scene, maker.hand, q[None])[0]
+    contacts = verdicts.contacts[place].points
     render_png(visual_scene(drawn.scene, maker.hand, q, contacts=contacts), path, size=SIZE)
     return RejectedDraw(
         picture=path,

@@ -101,9 +101,7 @@ def sampled_row(task: Task, drawn: DrawnTask, hand: Hand, *, seed: int, sweep: b
     """The row of a task whose draws are judged."""
     scene, draws = drawn.scene, drawn.draws
     verdicts = draws.verdicts
-    deepest = np.maximum.reduce(
-        [verdicts.penetration_object, verdicts.penetration_environment, verdicts.penetration_self]
-    )
+    deepest = verdicts.deepest_penetration
     contacts = {row: verdicts.contacts[row] for row, reason in enumerate(verdicts.reasons) if reason in ("", FORCE)}
     verified = np.flatnonzero(verdicts.success)
     return Row(

@@ -9,7 +9,8 @@ from dexnudge.mechanics.contacts import HandContacts, support_contacts
 from dexnudge.mechanics.fast_balance import force_margins
 from dexnudge.mechanics.sliding_task import sliding_task
 from dexnudge.scenes.scene import Scene
-from dexnudge.verification.verdicts import SUCCESS_MARGIN, Verdicts
+from dexnudge.verification.criteria import SUCCESS_MARGIN
+from dexnudge.verification.verdicts import Verdicts
 
 SWEEPS: dict[str, tuple[float, ...]] = {
     "friction_environment": (0.5, 1.5),
@@ -17,7 +18,7 @@ SWEEPS: dict[str, tuple[float, ...]] = {
     "mass": (0.5, 2.0),
 }
 """Quantity of the scene -> factors on it, one quantity at a time."""
-FORCE = "force"
+FORCE = "force_margin"
 """The verdicts' last reason: a draw with it, and a verified one, has passed all that friction and mass do not change."""
 
 

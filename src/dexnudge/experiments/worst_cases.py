@@ -9,14 +9,14 @@ from dexnudge.experiments.rows import Row
 
 MOST_CASES = 3
 REASONS = {  # a reason of the judge -> what it means
-    "invalid": "the draw is no pose",
-    "joint limits": "a joint is beyond its limits, or the two joints of a tendon are bent in the wrong order",
-    "penetration environment": "the hand or the forearm is more than 1 mm inside the surroundings",
-    "penetration object": "the hand is more than 1 mm inside the object",
-    "penetration self": "the hand is more than 1 mm inside itself",
-    "no contact": "no link touches the object",
-    "motion blocked": "the motion runs into what supports the object",
-    "force": "the contacts cannot move the object: no forces within their friction cones and limits overcome the friction",
+    "valid_pose": "the draw is no pose",
+    "joint_limits": "a joint is beyond its limits, or the two joints of a tendon are bent in the wrong order",
+    "penetration_environment": "the hand or the forearm is more than 1 mm inside the surroundings",
+    "penetration_object": "the hand is more than 1 mm inside the object",
+    "penetration_self": "the hand is more than 1 mm inside itself",
+    "contact": "no link touches the object",
+    "motion_not_blocked": "the motion runs into what supports the object",
+    "force_margin": "no forces of the contacts within their friction cones and limits move the object",
 }
 
 

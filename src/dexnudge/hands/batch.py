@@ -1,6 +1,7 @@
 """A batch of hands: configurations, and where they put links and surface points."""
 
 from functools import cached_property
+from typing import Any
 
 import numpy as np
 import torch
@@ -18,11 +19,13 @@ class HandBatch:
     Attributes:
         hand: the kind of hand.
         q: [translation [m] | 6D rotation | joint angles [rad]], one row per hand.
+        derived: what others have computed from this batch, kept as long as it lives.
     """
 
     def __init__(self, hand: Hand, q: Float[Tensor, "batch coordinates"], *, dense: bool = False) -> None:
         """A batch with the sparse points that guide or, if `dense`, with those that judge (at most 2 mm apart)."""
         self.hand, self.q = hand, q
+        self.derived: dict[Any, Any] = {}
         self._surface = hand.dense_points if dense else hand.sparse_points
 
     def __len__(self) -> int:

@@ -2,7 +2,6 @@
 
 from __future__ import annotations
 
-from collections import Counter
 from collections.abc import Iterator
 from dataclasses import dataclass, field, replace
 from functools import cached_property
@@ -21,7 +20,7 @@ from dexnudge.verification.verdicts import Verdicts
 from dexnudge.viewer.visual_scene import VisualScene, visual_scenes
 
 MOST_ON_PAGE = 500  # what a page can show
-SHOWN_VALUES = ("penetration_object", "penetration_environment", "penetration_self", "force_margin")  # by the page
+NOT_ON_PAGE = ("valid_pose", "joint_limits", "contact", "motion_not_blocked")  # their values say little
 
 
 @dataclass(frozen=True, eq=False, repr=False)
@@ -32,6 +31,7 @@ class Sample:
         scene, hand: the problem.
         q: [root translation (3) [m] | 6D rotation (6) | joint angles (d) [rad]], world frame.
         success: every criterion passes. reason: name of the first criterion that fails; "" for a success.
+        values: what each criterion measured, by its name.
         contacts: with the object. contact_links: names of the hand links that touch it.
     """
 
@@ -40,9 +40,14 @@ class Sample:
     q: Float[np.ndarray, " coordinates"]
     success: bool
     reason: str
-    force_margin: float
+    values: dict[str, float]
     contacts: HandContacts
     contact_links: tuple[str, ...]
+
+    @property
+    def force_margin(self) -> float:
+        """Largest factor on friction_environment at which forces balance, at most 3."""
+        return self.values["force_margin"]
 
     @property
     def joint_angles(self) -> dict[str, float]:
@@ -59,8 +64,8 @@ class Sample:
         verdict = "verified" if self.success else f"rejected ({self.reason})"
         touching = ", ".join(self.contact_links) or "nothing"
         return (
-            f"Sample of {self.hand.name} in '{self.scene.name}': {verdict}, force margin {self.force_margin:.2f}, "
-            f"touching with {touching}"
+            f"Sample of {self.hand.name} in '{self.scene.name}': {verdict}, force margin "
+            f"{self.force_margin:.2f}, touching with {touching}"
         )
 
 
@@ -109,7 +114,7 @@ class Samples:
 
     def rejections(self) -> dict[str, int]:
         """Return the number of rejected draws by reason, most frequent first."""
-        return dict(Counter(reason for reason in self.reasons if reason).most_common())
+        return self.verdicts.rejections()
 
     def __len__(self) -> int:
         return len(self.q)
@@ -132,7 +137,7 @@ class Samples:
                 q=self.q[place],
                 success=bool(self.success[place]),
                 reason=self.reasons[place],
-                force_margin=float(self.verdicts.force_margin[place]),
+                values={name: float(value[place]) for name, value in self.verdicts.values.items()},
                 contacts=self.verdicts.contacts[place],
                 contact_links=tuple(self.verdicts.contact_links[place]),
             )
@@ -155,9 +160,15 @@ class Samples:
         Every draw is verified again with scene and hand as they stand in the files, rounding included, so that what is
         written is what `check` finds there. Returns the samples as they were written.
 
+        Args:
+            out: the folder to make.
+            title: above page and picture.
+            overwrite: replace an existing result folder.
+
         Raises:
             OutputError: `out` exists without `overwrite`, is no result folder, or cannot be written.
-            InputError: there are no samples.
+            InputError: there are no samples, or a criterion is missing: a built-in one that was left out, or one that no
+                installed package brings any more.
         """
         from dexnudge.results.writing import save_samples
 
@@ -182,11 +193,12 @@ class Samples:
         """
         from dexnudge.viewer.page import Figures, write_page
 
+        shown_values = [name for name in self.verdicts.values if name not in NOT_ON_PAGE]
         found, shown = self.verdicts, self._visual_scenes[:MOST_ON_PAGE]
         figures = [
             Figures(
                 success=bool(found.success[i]),
-                values={name: float(getattr(found, name)[i]) for name in SHOWN_VALUES},
+                values={name: float(found.values[name][i]) for name in shown_values},
                 contact_links=tuple(found.contact_links[i]),
                 reason=found.reasons[i],
             )

@@ -15,8 +15,9 @@ from dexnudge.jobs.folders import new_folder
 from dexnudge.jobs.provenance import machine, peak_memory_mb, versions
 from dexnudge.results.configurations import FILE, Configurations, load_configurations
 from dexnudge.results.samples import Samples
-from dexnudge.results.summary import count_draws, read_summary, write_summary
+from dexnudge.results.summary import count_draws, criteria_by_name, read_summary, write_summary
 from dexnudge.scenes.scene import Scene
+from dexnudge.verification.criteria import missing_criteria
 from dexnudge.verification.verdicts import Verdicts, contacts_of, verify
 
 HAND_FOLDER = "hand"
@@ -52,10 +53,7 @@ def as_configurations(samples: Samples) -> Configurations:
         joint_names=tuple(samples.hand.joint_names),
         success=verdicts.success,
         reasons=tuple(verdicts.reasons),
-        penetration_object=verdicts.penetration_object,
-        penetration_environment=verdicts.penetration_environment,
-        penetration_self=verdicts.penetration_self,
-        force_margin=verdicts.force_margin,
+        values=verdicts.values,
         contact_links=tuple(tuple(links) for links in verdicts.contact_links),
     )
 
@@ -80,6 +78,8 @@ def write_results(
     seconds = {**seconds, **samples.seconds, "picture": time.perf_counter() - start}
     summary = {
         **count_draws(configurations, samples.rejections()),
+        "reasons": {reason: samples.verdicts.sentences[reason] for reason in samples.rejections()},
+        "criteria": list(samples.verdicts.values),
         **details,
         "seconds": {stage: round(value, 4) for stage, value in seconds.items()},
         "seconds_total": round(sum(seconds.values()), 4),
@@ -96,9 +96,16 @@ def save_samples(samples: Samples, out: Path, *, title: str, overwrite: bool) ->
     """Write the folder of `Samples.save`; return the samples as written."""
     if not len(samples):
         raise InputError("there are no samples to save; expected at least one")
+    criteria = {criterion.name: criterion for criterion in samples.verdicts.criteria}
+    missing = missing_criteria(criteria) + [name for name in samples.verdicts.values if name not in criteria]
+    if missing:
+        raise InputError(
+            f"the samples cannot be verified again by {', '.join(missing)}; expected all built-in criteria, and those of "
+            "your own installed; verify them again by criteria that are at hand"
+        )
     with new_folder(out, overwrite=overwrite, marker=FILE) as folder:
         scene, hand = write_inputs(folder, samples.scene, samples.hand)
-        verdicts = verify(scene, hand, samples.q.astype(np.float64))
+        verdicts = verify(scene, hand, samples.q, samples.verdicts.criteria)
         written = replace(samples, scene=scene, hand=hand, verdicts=verdicts)
         written = written[np.argsort(~verdicts.success, kind="stable")]
         title = title or f"{hand.name}, {scene.name}"
@@ -112,17 +119,15 @@ def read_samples(folder: Path) -> Samples:
     summary = read_summary(folder)
     scene, hand = read_inputs(folder)
     check_joints(folder, found, hand)
+    criteria, _ = criteria_by_name(folder, summary, found)
     verdicts = Verdicts(
         success=found.success,
-        robust=found.robust,
-        penetration_object=found.penetration_object,
-        penetration_environment=found.penetration_environment,
-        penetration_self=found.penetration_self,
-        force_margin=found.force_margin,
-        limits_violation=np.zeros(len(found.q)),
-        contacts=contacts_of(scene, hand, found.q.astype(np.float64)),
-        contact_links=[list(links) for links in found.contact_links],
         reasons=list(found.reasons),
+        values=found.values,
+        contacts=contacts_of(scene, hand, found.q),
+        contact_links=[list(links) for links in found.contact_links],
+        sentences=dict(summary.get("reasons", {})),
+        criteria=tuple(criteria.values()),
     )
     seconds = dict(summary.get("seconds", {}))
     return Samples(scene, hand, found.q, verdicts, seconds=seconds, reports=tuple(summary.get("sampler", ())))

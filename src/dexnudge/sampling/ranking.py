@@ -14,7 +14,8 @@ from dexnudge.mechanics.friction_cone import helping, pressing, some_contacts
 from dexnudge.mechanics.sliding_task import sliding_task
 from dexnudge.planning.object_path import push_length, supports_along
 from dexnudge.scenes.scene import Scene
-from dexnudge.verification.verdicts import ROBUST_MARGIN, SUCCESS_MARGIN, Verdicts
+from dexnudge.verification.criteria import ROBUST_MARGIN, SUCCESS_MARGIN
+from dexnudge.verification.verdicts import Verdicts
 
 STATIONS = 3  # places along the way beside its beginning; the last one is its end
 SAME_PLACE = 1e-5  # [m] by which two places of supports differ for no other reason than rounding
@@ -74,9 +75,7 @@ def best_first(scene: Scene, verdicts: Verdicts) -> Int[np.ndarray, " n"]:
         contacts = [verdicts.contacts[row] for row in verified]
         pressing[verified] = pressing_margins(scene, contacts)
         ahead[verified], helping[verified] = lead(scene, contacts), mean_help(scene, contacts)
-    deepest = np.maximum.reduce(
-        [verdicts.penetration_object, verdicts.penetration_environment, verdicts.penetration_self]
-    )
+    deepest = verdicts.deepest_penetration
     order = (-np.minimum(margin, ROBUST_MARGIN), -np.minimum(pressing, SUCCESS_MARGIN), ahead, -helping, deepest)
     return np.lexsort((*reversed(order), ~verdicts.success))
 

@@ -4,8 +4,8 @@ from __future__ import annotations
 
 import time
 from collections import Counter
-from collections.abc import Callable
-from dataclasses import dataclass
+from collections.abc import Callable, Sequence
+from dataclasses import dataclass, replace
 from functools import cached_property
 from pathlib import Path
 from typing import Any
@@ -16,6 +16,7 @@ from jaxtyping import Float
 from torch import Tensor
 
 from dexnudge.diffusion.prior import DiffusionPrior
+from dexnudge.energies.terms import EnergyTerm, check_terms
 from dexnudge.errors import CheckpointError, InputError
 from dexnudge.hands.hand import Hand
 from dexnudge.results.samples import Samples
@@ -26,6 +27,7 @@ from dexnudge.sampling.projection import ProjectionReport, project
 from dexnudge.sampling.ranking import best_first
 from dexnudge.sampling.starts import TrainingPoses, nearest_pose_start, random_start
 from dexnudge.scenes.scene import Scene
+from dexnudge.verification.criteria import Criterion, check_criteria, missing_criteria
 from dexnudge.verification.verdicts import Verdicts, verify
 
 SHIPPED_WEIGHTS = Path(__file__).parent.parent / "weights"
@@ -54,12 +56,13 @@ class Sampler:
 
     Args:
         hand: what is sampled.
+        terms: energy terms of your own, felt by guidance and projection beside the built-in ones.
         weights: model folder, or a prior in memory; None for the weights that ship for this hand.
         device: of torch; only "cpu" in this version.
         poses: dataset folder, or poses in memory, for methods that start from stored poses.
 
     Raises:
-        InputError: another device than the CPU.
+        InputError: another device than the CPU, or a term without a usable name or weight.
 
     Example:
         samples = Sampler(load_hand("shadow_lite")).sample(scene, num=32, seed=0)
@@ -69,13 +72,14 @@ class Sampler:
         self,
         hand: Hand,
         *,
+        terms: Sequence[EnergyTerm] = (),
         weights: Path | str | DiffusionPrior | None = None,
         device: str = "cpu",
         poses: Path | str | TrainingPoses | None = None,
     ) -> None:
         if device != "cpu":
             raise InputError(f"cannot sample on '{device}'; expected cpu, the only `device` that this version supports")
-        self.hand, self.device = hand, device
+        self.hand, self.device, self.terms = hand, device, check_terms(terms)
         self._weights, self._poses = weights, poses
 
     @classmethod
@@ -134,6 +138,7 @@ class Sampler:
         num: int = 32,
         seed: int = 0,
         method: str | Method = DEFAULT_METHOD,
+        criteria: Sequence[Criterion] | None = None,
         verified: int | None = None,
         max_draws: int | None = None,
         problem: SamplingProblem | None = None,
@@ -150,6 +155,7 @@ class Sampler:
                 still missing, so that the first one comes soon.
             seed: of the first call; later calls use seeds derived from it.
             method: name in `METHODS`, or a method made from one.
+            criteria: what a draw must meet to succeed: `default_criteria()`, and your own after them.
             verified: go on drawing until this many succeed.
             max_draws: stop after this many draws; the default is 32 for each one asked for in `verified`.
             problem: the scene made ready, where a caller draws from it more than once; then no time is spent on it here.
@@ -159,10 +165,15 @@ class Sampler:
 
         Raises:
             UnknownNameError: no such method.
-            InputError: a count below 1, or `max_draws` without `verified`.
+            InputError: a count below 1, `max_draws` without `verified`, or a criterion that fails or does not fit.
             CheckpointError: no usable weights.
         """
         check_counts(num, verified, max_draws)
+        criteria = check_criteria(criteria)
+        if missing := missing_criteria(criterion.name for criterion in criteria):
+            raise InputError(
+                f"`criteria` leave out {', '.join(missing)}; expected all of default_criteria(), and your own after them"
+            )
         method, hand = _method(method), hand or self.hand
         self.load(method)
         limit = num if verified is None else max_draws or max(num, MAX_DRAWS_FACTOR * verified)
@@ -179,7 +190,7 @@ class Sampler:
             size = min(wanted, num, limit - drawn)
             calls.append(self.draw(problem, num=size, seed=_call_seed(seed, len(calls)), method=method))
             start = time.perf_counter()
-            verdicts.append(verify(scene, hand, calls[-1].q.astype(np.float64)))
+            verdicts.append(verify(scene, hand, calls[-1].q, criteria))
             seconds.update({**calls[-1].seconds, "verify": time.perf_counter() - start})
             drawn += size
             succeeded += int(verdicts[-1].success.sum())
@@ -206,6 +217,7 @@ class Sampler:
             CheckpointError, InputError, DatasetError: what the method starts from is missing or broken; see `load`.
         """
         method = _method(method)
+        problem = replace(problem, terms=self.terms)
         generator = torch.Generator().manual_seed(seed)
         begin = time.perf_counter()
         q = self._start(problem, num, method, generator)

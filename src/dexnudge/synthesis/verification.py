@@ -130,7 +130,7 @@ def _clean(
 ) -> tuple[Float[np.ndarray, "n 3"], list[str], list[HandContacts]]:
     """(penetration, reason per configuration, its contacts): what both kinds of verification begin with."""
     found = check(T_world_link, reach=HAND_CONTACT_DISTANCE)
-    penetration = np.stack([found.object, found.environment, found.itself], axis=1)
+    penetration = np.stack([found.object, found.environment, found.self_collision], axis=1)
     contacts = contacts_per_configuration(hand, T_world_link, found.near_object)
     reason = []
     for depths, contact in zip(penetration, contacts, strict=True):

@@ -32,7 +32,7 @@ class Penetrations:
 
     object: Float[np.ndarray, " n"]
     environment: Float[np.ndarray, " n"]
-    itself: Float[np.ndarray, " n"]
+    self_collision: Float[np.ndarray, " n"]
     near_object: PointHits
 
 
@@ -56,6 +56,21 @@ def hand_solids(hand: Hand) -> HandSolids:
     return HandSolids(hand)
 
 
+class SceneSolids:
+    """Object and surroundings as solids, and their triangles in the world; made once per scene."""
+
+    def __init__(self, scene: Scene) -> None:
+        self.object, self.environment = SolidDistance(scene.object_mesh), SolidDistance(scene.environment_mesh)
+        self.object_triangles = np.asarray(scene.object_in_world().triangles, dtype=np.float64)
+        self.environment_triangles = np.asarray(scene.environment_mesh.triangles, dtype=np.float64)
+
+
+@cached_per_instance
+def scene_solids(scene: Scene) -> SceneSolids:
+    """The scene's solids."""
+    return SceneSolids(scene)
+
+
 class PenetrationCheck:
     """Measures the penetrations of one hand in one scene, for any number of configurations.
 
@@ -67,10 +82,7 @@ class PenetrationCheck:
         self._hand = hand_solids(hand)
         self._all_links = np.ones(len(hand.link_meshes), dtype=bool)
         self._T_object_world = np.linalg.inv(scene.T_world_object)
-        self._object = SolidDistance(scene.object_mesh)
-        self._environment = SolidDistance(scene.environment_mesh)
-        self._object_triangles = _triangles(scene.object_in_world())
-        self._environment_triangles = _triangles(scene.environment_mesh)
+        self._scene = scene_solids(scene)
 
     def __call__(self, T_world_link: Float[np.ndarray, "n link 4 4"], *, reach: float) -> Penetrations:
         """Return the penetrations for the poses of the links; `reach` [m] is how far `near_object` looks."""
@@ -79,25 +91,27 @@ class PenetrationCheck:
             empty = np.zeros(0, dtype=np.int64)
             return Penetrations(nothing, nothing, nothing, PointHits(empty, empty, nothing, *np.zeros((2, 0, 3))))
         with ThreadPoolExecutor(THREADS) as pool:
-            itself = pool.submit(self._in_itself, T_world_link)
+            self_collision = pool.submit(self._in_itself, T_world_link)
             environment = pool.submit(self._in_environment, T_world_link)
             in_object = pool.submit(self._in_object, T_world_link, reach)
             object_depth, near_object = in_object.result()
-            return Penetrations(object_depth, environment.result(), itself.result(), near_object)
+            return Penetrations(object_depth, environment.result(), self_collision.result(), near_object)
 
     def _in_object(self, T_world_link: np.ndarray, reach: float) -> tuple[np.ndarray, PointHits]:
         hits = query_tree(
-            self._hand.tree, self._T_object_world @ T_world_link, self._object, links=self._all_links, reach=reach
+            self._hand.tree, self._T_object_world @ T_world_link, self._scene.object, links=self._all_links, reach=reach
         )
         deepest = np.zeros(len(T_world_link))
         np.maximum.at(deepest, hits.configuration, -hits.distance)
-        self._into_links(self._object_triangles, T_world_link, deepest)
+        self._into_links(self._scene.object_triangles, T_world_link, deepest)
         return deepest, hits
 
     def _in_environment(self, T_world_link: np.ndarray) -> np.ndarray:
         deepest = np.zeros(len(T_world_link))
-        query_tree(self._hand.tree, T_world_link, self._environment, links=self._all_links, reach=0.0, deepest=deepest)
-        self._into_links(self._environment_triangles, T_world_link, deepest)
+        query_tree(
+            self._hand.tree, T_world_link, self._scene.environment, links=self._all_links, reach=0.0, deepest=deepest
+        )
+        self._into_links(self._scene.environment_triangles, T_world_link, deepest)
         return deepest
 
     def _in_itself(self, T_world_link: np.ndarray) -> np.ndarray:
@@ -129,7 +143,3 @@ class PenetrationCheck:
             room = (self._hand.extent[link] - local[mine] @ DIRECTIONS.T).min(axis=1)
             mine = mine[room > deepest[configuration[mine]]]
             np.maximum.at(deepest, configuration[mine], -solid.query(local[mine]).distance)
-
-
-def _triangles(mesh: trimesh.Trimesh) -> np.ndarray:
-    return np.asarray(mesh.triangles, dtype=np.float64)

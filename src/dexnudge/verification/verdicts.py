@@ -1,205 +1,195 @@
-"""The verdict on a hand configuration: penetration, joint limits, and forces that move the object."""
+"""The verdict on hand configurations: every criterion, one after another."""
 
 from __future__ import annotations
 
-import dataclasses
-import itertools
+from collections import Counter
 from collections.abc import Sequence
-from dataclasses import dataclass
-from typing import Any
+from dataclasses import dataclass, field
+from itertools import chain
 
 import numpy as np
 import torch
 from jaxtyping import Bool, Float, Int
+from torch import Tensor
 
 from dexnudge.errors import InputError
+from dexnudge.hands.batch import HandBatch
 from dexnudge.hands.hand import ROOT_COORDINATES, Hand
-from dexnudge.mechanics.balance import MOTION_TOLERANCE
-from dexnudge.mechanics.contacts import HAND_CONTACT_DISTANCE, HandContacts, hand_contacts, support_contacts
-from dexnudge.mechanics.fast_balance import force_margins
-from dexnudge.mechanics.sliding_task import sliding_task
+from dexnudge.mechanics.contacts import HandContacts
 from dexnudge.scenes.scene import Scene
-from dexnudge.verification.penetration import PenetrationCheck, Penetrations
-
-PENETRATION_LIMIT = 1e-3
-"""Greatest depth of a successful configuration [m]."""
-SUCCESS_MARGIN = 1.0
-ROBUST_MARGIN = 1.5
-"""Force margins from which a configuration succeeds, and is robust [-]."""
-LIMITS_TOLERANCE = 1e-4
-"""Violation of limits and couplings that single precision explains [rad]."""
-ROTATION_TOLERANCE = 1e-4
-"""Deviation of the 6D rotation's columns from unit length and right angle that single precision explains [-]."""
+from dexnudge.verification.criteria import ROBUST_MARGIN, VALID_POSE, Criterion, check_criteria, judge
+from dexnudge.verification.measurements import measure
 
 
-@dataclass(frozen=True)
+@dataclass(frozen=True, eq=False, repr=False)
 class Verdicts:
     """What was found about each of n configurations.
 
-    success: all conditions hold. robust: and the force margin is at least 1.5.
-    penetration_object, penetration_environment, penetration_self: greatest depth [m], 0 if none.
-    force_margin: largest factor in [0, 3] on friction_environment at which forces balance (see mechanics.balance).
-    limits_violation: greatest violation of a joint limit or coupling [rad].
-    contacts: with the object, one for each configuration; none for one that is not valid.
-    contact_links: names of the links in contact with the object. reasons: the first condition that fails, of
-    "invalid", "joint limits", "penetration environment", "penetration object", "penetration self", "no contact",
-    "motion blocked", "force"; "" for a success.
-
-    A configuration that is "invalid" (not finite, or no rotation) has no pose: its depths and violation are NaN, its
-    margin 0.
+    Attributes:
+        success: every criterion passes.
+        reasons: name of the first criterion that fails; "" for a success.
+        values: what each criterion measured, by its name, in the order of judging. A configuration that fails
+            `valid_pose` has no others: its force margin and contacts are 0, the rest NaN.
+        contacts: with the object, one for each configuration; none for one without a pose.
+        contact_links: names of the links in contact with the object.
+        sentences: what failing each criterion means, by its name, for those that something fails.
+        criteria: what judged, in this order.
     """
 
     success: Bool[np.ndarray, " n"]
-    robust: Bool[np.ndarray, " n"]
-    penetration_object: Float[np.ndarray, " n"]
-    penetration_environment: Float[np.ndarray, " n"]
-    penetration_self: Float[np.ndarray, " n"]
-    force_margin: Float[np.ndarray, " n"]
-    limits_violation: Float[np.ndarray, " n"]
+    reasons: list[str]
+    values: dict[str, Float[np.ndarray, " n"]]
     contacts: list[HandContacts]
     contact_links: list[list[str]]
-    reasons: list[str]
+    sentences: dict[str, str] = field(default_factory=dict)
+    criteria: tuple[Criterion, ...] = ()
 
-    def take(self, rows: Int[np.ndarray, " m"] | Bool[np.ndarray, " n"]) -> Verdicts:
+    def __len__(self) -> int:
+        return len(self.success)
+
+    def __repr__(self) -> str:
+        rejected = ", ".join(f"{count} {reason}" for reason, count in self.rejections().items())
+        return f"Verdicts on {len(self)} configurations: {int(self.success.sum())} verified; rejected: {rejected or 'none'}"
+
+    @property
+    def penetration_object(self) -> Float[np.ndarray, " n"]:
+        """Greatest depth of hand and object in each other [m], 0 if none."""
+        return self._value("penetration_object")
+
+    @property
+    def penetration_environment(self) -> Float[np.ndarray, " n"]:
+        """Greatest depth of hand and surroundings in each other [m], 0 if none."""
+        return self._value("penetration_environment")
+
+    @property
+    def penetration_self(self) -> Float[np.ndarray, " n"]:
+        """Greatest depth of the hand's links in each other [m], 0 if none."""
+        return self._value("penetration_self")
+
+    @property
+    def deepest_penetration(self) -> Float[np.ndarray, " n"]:
+        """The greatest of the three depths [m]."""
+        return np.maximum.reduce([self.penetration_object, self.penetration_environment, self.penetration_self])
+
+    @property
+    def force_margin(self) -> Float[np.ndarray, " n"]:
+        """Largest factor in [0, 3] on friction_environment at which forces balance (see mechanics.balance)."""
+        return self._value("force_margin")
+
+    @property
+    def robust(self) -> Bool[np.ndarray, " n"]:
+        """Which succeed with a force margin of at least 1.5."""
+        return self.success & (self.force_margin >= ROBUST_MARGIN)
+
+    def rejections(self) -> dict[str, int]:
+        """Return the number of rejected configurations by reason, most frequent first."""
+        return dict(Counter(reason for reason in self.reasons if reason).most_common())
+
+    def take(self, rows: slice | Int[np.ndarray, " m"] | Bool[np.ndarray, " n"]) -> Verdicts:
         """Return the verdicts at the given places, in that order."""
-        places = np.arange(len(self.success))[rows]
-        picked: dict[str, Any] = {}
-        for field in dataclasses.fields(self):
-            value = getattr(self, field.name)
-            picked[field.name] = value[places] if isinstance(value, np.ndarray) else [value[i] for i in places]
-        return Verdicts(**picked)
+        places = np.arange(len(self))[rows]
+        return Verdicts(
+            success=self.success[places],
+            reasons=[self.reasons[i] for i in places],
+            values={name: value[places] for name, value in self.values.items()},
+            contacts=[self.contacts[i] for i in places],
+            contact_links=[self.contact_links[i] for i in places],
+            sentences=self.sentences,
+            criteria=self.criteria,
+        )
 
     @classmethod
     def concatenate(cls, parts: Sequence[Verdicts]) -> Verdicts:
-        """Return the verdicts of several batches as those of one."""
-        joined: dict[str, Any] = {}
-        for field in dataclasses.fields(cls):
-            values = [getattr(part, field.name) for part in parts]
-            arrays = isinstance(values[0], np.ndarray)
-            joined[field.name] = np.concatenate(values) if arrays else list(itertools.chain.from_iterable(values))
-        return cls(**joined)
+        """Return the verdicts of several batches, found by the same criteria, as those of one."""
+        return cls(
+            success=np.concatenate([part.success for part in parts]),
+            reasons=list(chain.from_iterable(part.reasons for part in parts)),
+            values={name: np.concatenate([part.values[name] for part in parts]) for name in parts[0].values},
+            contacts=list(chain.from_iterable(part.contacts for part in parts)),
+            contact_links=list(chain.from_iterable(part.contact_links for part in parts)),
+            sentences={name: sentence for part in parts for name, sentence in part.sentences.items()},
+            criteria=parts[0].criteria,
+        )
+
+    def _value(self, name: str) -> Float[np.ndarray, " n"]:
+        if name not in self.values:
+            raise InputError(f"nothing was measured of `{name}`; expected its criterion among {', '.join(self.values)}")
+        return self.values[name]
 
 
-def verify(scene: Scene, hand: Hand, q: Float[np.ndarray, "n coordinates"]) -> Verdicts:
+def verify(
+    scene: Scene,
+    hand: Hand,
+    q: Float[np.ndarray, "n coordinates"] | Float[Tensor, "n coordinates"],
+    criteria: Sequence[Criterion] | None = None,
+) -> Verdicts:
     """Return the verdicts on configurations q (n, 9 + d) of the hand in the world.
 
-    Success: valid, penetrations <= 1 mm, joints within limits and couplings, force margin >= 1, and the forces balance
-    at the friction itself. The last two differ only where feasibility is not monotone in the friction, as for a hand
-    that merely holds back an object on a ramp.
+    Args:
+        scene: the problem.
+        hand: what is configured.
+        q: [root translation (3) [m] | 6D rotation (6) | joint angles (d) [rad]], world frame.
+        criteria: what a configuration must meet to succeed; `default_criteria()` if left out. Add your own to those:
+            `[*default_criteria(), MyCriterion()]`. Whatever they are, a configuration must be a pose.
 
     Raises:
-        InputError: q is not of shape (n, 9 + d).
+        InputError: q is not of shape (n, 9 + d), or a criterion fails or returns what does not fit.
     """
     q = _checked(hand, q)
-    valid = _valid(q)
-    measured = {name: np.full(len(q), np.nan) for name in ("object", "environment", "itself", "limits")}
-    margin, balanced = np.zeros(len(q)), np.zeros(len(q), dtype=bool)
-    penetrations, touching = _touch(hand, scene, q[valid])
-    for name in ("object", "environment", "itself"):
-        measured[name][valid] = getattr(penetrations, name)
-    measured["limits"][valid] = limits_violation(hand, q[valid])
-    supports, task = support_contacts(scene), sliding_task(scene)
-    margins = force_margins(touching, supports, task)
-    margin[valid], balanced[valid] = margins.factor[:, 0], margins.balanced[:, 0]
-    contacts = _of_all(touching, valid)
-    links = [[hand.link_names[link] for link in np.unique(each.link)] for each in contacts]
-    failures = {
-        "invalid": ~valid,
-        "joint limits": ~(measured["limits"] <= LIMITS_TOLERANCE),
-        "penetration environment": ~(measured["environment"] <= PENETRATION_LIMIT),
-        "penetration object": ~(measured["object"] <= PENETRATION_LIMIT),
-        "penetration self": ~(measured["itself"] <= PENETRATION_LIMIT),
-        "no contact": np.array([not names for names in links], dtype=bool),
-        "motion blocked": np.full(len(q), bool(np.any(supports.normals @ task.motion < -MOTION_TOLERANCE))),
-        "force": ~((margin >= SUCCESS_MARGIN) & balanced),
-    }
-    reasons = [next((name for name, failed in failures.items() if failed[row]), "") for row in range(len(q))]
-    success = np.array([not name for name in reasons], dtype=bool)
+    chosen = check_criteria(criteria)
+    error, valid, sentence = judge(VALID_POSE, HandBatch(hand, torch.as_tensor(q), dense=True), scene)
+    values, passed = {VALID_POSE.name: error}, {VALID_POSE.name: valid}
+    sentences = {} if valid.all() else {VALID_POSE.name: sentence}
+    hands = HandBatch(hand, torch.as_tensor(q[valid]), dense=True)
+    for criterion in chosen[1:]:
+        name = criterion.name
+        values[name] = np.full(len(q), getattr(criterion, "value_without_pose", np.nan))
+        passed[name] = np.zeros(len(q), dtype=bool)
+        if not len(hands):
+            continue
+        values[name][valid], passed[name][valid], sentence = judge(criterion, hands, scene)
+        if not passed[name][valid].all():
+            sentences[name] = sentence
+    contacts, links = _contacts(hands, scene, valid)
+    reasons = [next((name for name, ok in passed.items() if not ok[row]), "") for row in range(len(q))]
     return Verdicts(
-        success=success,
-        robust=success & (margin >= ROBUST_MARGIN),
-        penetration_object=measured["object"],
-        penetration_environment=measured["environment"],
-        penetration_self=measured["itself"],
-        force_margin=margin,
-        limits_violation=measured["limits"],
+        success=np.array([not reason for reason in reasons], dtype=bool),
+        reasons=reasons,
+        values=values,
         contacts=contacts,
         contact_links=links,
-        reasons=reasons,
+        sentences=sentences,
+        criteria=tuple(chosen),
     )
 
 
 def contacts_of(scene: Scene, hand: Hand, q: Float[np.ndarray, "n coordinates"]) -> list[HandContacts]:
-    """Return each configuration's contacts with the object; none for one that is not valid.
+    """Return each configuration's contacts with the object; none for one without a pose.
 
     Raises:
         InputError: q is not of shape (n, 9 + d).
     """
     q = _checked(hand, q)
-    valid = _valid(q)
-    return _of_all(_touch(hand, scene, q[valid])[1], valid)
+    valid = judge(VALID_POSE, HandBatch(hand, torch.as_tensor(q)), scene)[1]
+    return _contacts(HandBatch(hand, torch.as_tensor(q[valid])), scene, valid)[0]
 
 
-def contact_points(scene: Scene, hand: Hand, q: Float[np.ndarray, "n coordinates"]) -> list[Float[np.ndarray, "_ 3"]]:
-    """Return the points where each configuration touches the object [m, world]."""
-    return [each.points for each in contacts_of(scene, hand, q)]
-
-
-def limits_violation(hand: Hand, q: Float[np.ndarray, "n coordinates"]) -> Float[np.ndarray, " n"]:
-    """Return the greatest amount by which a joint is beyond a limit, or a follower beyond its leader [rad]; 0 if none."""
-    angles = q[:, ROOT_COORDINATES:]
-    coupled = hand.coupled_indices
-    excess = np.concatenate(
-        [hand.lower - angles, angles - hand.upper, angles[:, coupled[:, 0]] - angles[:, coupled[:, 1]]], axis=1
-    )
-    return np.maximum(excess, 0.0).max(axis=1, initial=0.0)
-
-
-def _checked(hand: Hand, q: Float[np.ndarray, "n coordinates"]) -> Float[np.ndarray, "n coordinates"]:
-    q = np.asarray(q, dtype=np.float64)
+def _checked(hand: Hand, q: object) -> Float[np.ndarray, "n coordinates"]:
+    array = q.detach().cpu().numpy() if isinstance(q, Tensor) else np.asarray(q)
     coordinates = ROOT_COORDINATES + len(hand.joint_names)
-    if q.ndim != 2 or q.shape[1] != coordinates:
+    if array.ndim != 2 or array.shape[1] != coordinates or array.dtype.kind not in "fiu":
         raise InputError(
-            f"q has shape {q.shape}; hand '{hand.name}' expects (n, {coordinates}): translation (3), 6D rotation (6), "
-            f"{len(hand.joint_names)} joint angles"
+            f"`q` is {array.dtype} of shape {array.shape}; hand '{hand.name}' expects numbers of shape (n, {coordinates}): "
+            f"translation (3), 6D rotation (6), {len(hand.joint_names)} joint angles"
         )
-    return q
+    return array.astype(np.float64)
 
 
-def _valid(q: Float[np.ndarray, "n coordinates"]) -> Bool[np.ndarray, " n"]:
-    """Return which rows are finite and hold the first two columns of a rotation."""
-    finite = np.isfinite(q).all(axis=1)
-    first, second = np.where(finite[:, None], q, 0.0)[:, 3:ROOT_COORDINATES].reshape(-1, 2, 3).swapaxes(0, 1)
-    products = np.stack([(first * first).sum(1) - 1.0, (second * second).sum(1) - 1.0, (first * second).sum(1)])
-    return finite & (np.abs(products) <= ROTATION_TOLERANCE).all(axis=0)
-
-
-def _of_all(contacts: list[HandContacts], valid: Bool[np.ndarray, " n"]) -> list[HandContacts]:
-    """Return the contacts of all n configurations from those of the valid ones; none for the others."""
+def _contacts(
+    hands: HandBatch, scene: Scene, valid: Bool[np.ndarray, " n"]
+) -> tuple[list[HandContacts], list[list[str]]]:
+    """Return contacts and their links of all n configurations, from those that have poses."""
     nothing = HandContacts(points=np.zeros((0, 3)), normals=np.zeros((0, 3)), link=np.zeros(0, dtype=np.int64))
-    found = iter(contacts)
-    return [next(found) if ok else nothing for ok in valid]
-
-
-def _touch(hand: Hand, scene: Scene, q: Float[np.ndarray, "n coordinates"]) -> tuple[Penetrations, list[HandContacts]]:
-    """Return the penetrations and contacts of valid configurations."""
-    T_world_link = hand.forward_kinematics(torch.as_tensor(q)).detach().cpu().numpy()
-    penetrations = PenetrationCheck(hand, scene)(T_world_link, reach=HAND_CONTACT_DISTANCE)
-    hits, points = penetrations.near_object, hand.dense_points
-    rotation, origin = scene.T_world_object[:3, :3], scene.T_world_object[:3, 3]
-    link = points.link[hits.point].astype(np.int64)
-    normals = np.einsum("nij,nj->ni", T_world_link[hits.configuration, link, :3, :3], points.normals[hits.point])
-    closest, object_normals = hits.closest @ rotation.T + origin, hits.normal @ rotation.T
-    contacts = []
-    for row in range(len(q)):
-        mine = np.flatnonzero(hits.configuration == row)
-        contacts.append(
-            hand_contacts(
-                normals[mine],
-                link[mine],
-                distance=hits.distance[mine],
-                closest=closest[mine],
-                object_normals=object_normals[mine],
-            )
-        )
-    return penetrations, contacts
+    found = measure(hands, scene)
+    contacts, links = iter(found.contacts), iter(found.contact_links)
+    return [next(contacts) if ok else nothing for ok in valid], [next(links) if ok else [] for ok in valid]

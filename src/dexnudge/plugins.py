@@ -1,0 +1,125 @@
+"""What installed packages bring: hands, scene families, energy terms, criteria, and more, by their entry points.
+
+A package names them in its pyproject.toml:
+
+    [project.entry-points."dexnudge.criteria"]
+    manipulability = "my_package:Manipulability"
+
+Nothing is imported before it is asked for by name, or before all are listed.
+"""
+
+from __future__ import annotations
+
+import warnings
+from dataclasses import dataclass
+from importlib.metadata import EntryPoint, entry_points
+from typing import Any
+
+from dexnudge.errors import InputError, UnknownNameError, did_you_mean
+
+GROUPS = {
+    "hand": "dexnudge.hands",
+    "scene": "dexnudge.scenes",
+    "energy term": "dexnudge.energy_terms",
+    "criterion": "dexnudge.criteria",
+    "guidance rule": "dexnudge.guidance_rules",
+    "arm": "dexnudge.arms",
+}
+"""Entry-point group of each kind; arms are reserved for a later version."""
+FOREIGN_FAILURES = (
+    ArithmeticError,
+    AssertionError,
+    AttributeError,
+    ImportError,
+    LookupError,
+    NameError,
+    OSError,
+    RuntimeError,
+    SyntaxError,
+    TypeError,
+    ValueError,
+)
+"""What code that is not ours may raise: all that Python, numpy and torch raise themselves."""
+
+
+@dataclass(frozen=True)
+class Plugin:
+    """One thing that can be asked for by name.
+
+    kind: a key of `GROUPS`. source: "built in", or the package that brings it. broken: why it cannot be used; "" if it can.
+    """
+
+    kind: str
+    name: str
+    source: str
+    broken: str = ""
+
+
+def plugin_names(kind: str) -> tuple[str, ...]:
+    """Return the names that packages bring, in alphabetical order; nothing is imported."""
+    return tuple(sorted(_entries(kind)))
+
+
+def load_plugin(kind: str, name: str, *, known: tuple[str, ...] = ()) -> Any:
+    """Return what a package registered under a name.
+
+    Args:
+        kind: a key of `GROUPS`.
+        name: as in the entry point.
+        known: built-in names, for the message.
+
+    Raises:
+        UnknownNameError: no package brings it; the message lists the names that exist.
+        InputError: it fails at import; the cause is kept.
+    """
+    entries = _entries(kind)
+    if name not in entries:
+        names = [*known, *sorted(entries)]
+        raise UnknownNameError(
+            f"unknown {kind} {name!r}{did_you_mean(name, names)}; expected one of {', '.join(names) or 'none'}, or the name "
+            f"of one that an installed package brings (entry point '{GROUPS[kind]}')"
+        )
+    entry = entries[name]
+    try:
+        return entry.load()
+    except FOREIGN_FAILURES as error:
+        raise InputError(
+            f"{kind} '{name}' of package {_source(entry)} cannot be imported from '{entry.value}': "
+            f"{type(error).__name__}: {error}; mend or uninstall the package"
+        ) from error
+
+
+def usable_plugins(kind: str) -> dict[str, Any]:
+    """Return everything of a kind that packages bring, by name; what is broken is named in a warning and skipped."""
+    found = {}
+    for name in plugin_names(kind):
+        try:
+            found[name] = load_plugin(kind, name)
+        except InputError as error:
+            warnings.warn(f"skipped: {error}", stacklevel=2)
+    return found
+
+
+def find_plugins(kind: str, *, builtin: tuple[str, ...] = ()) -> list[Plugin]:
+    """Return everything of a kind, built-in ones first, with what is wrong about it; all packages' modules are imported."""
+    found = [Plugin(kind, name, "built in") for name in builtin]
+    for name, entry in sorted(_entries(kind).items()):
+        broken = ""
+        try:
+            load_plugin(kind, name)
+        except InputError as error:
+            broken = str(error)
+        if name in builtin:
+            broken = f"the name '{name}' is taken by the built-in {kind}"
+        found.append(Plugin(kind, name, _source(entry), broken))
+    return found
+
+
+def _entries(kind: str) -> dict[str, EntryPoint]:
+    """Entry points by name; of two packages with one name the first in alphabetical order."""
+    entries = sorted(entry_points(group=GROUPS[kind]), key=lambda entry: (entry.name, _source(entry)), reverse=True)
+    return {entry.name: entry for entry in entries}
+
+
+def _source(entry: EntryPoint) -> str:
+    return "unknown" if entry.dist is None else f"{entry.dist.name} {entry.dist.version}"

@@ -1,0 +1,92 @@
+"""What several criteria need of the same hands, computed once: penetrations, contacts, force margins."""
+
+from __future__ import annotations
+
+from functools import cached_property
+
+import numpy as np
+from jaxtyping import Float
+
+from dexnudge.hands.batch import HandBatch
+from dexnudge.mechanics.contacts import (
+    HAND_CONTACT_DISTANCE,
+    HandContacts,
+    SupportContacts,
+    hand_contacts,
+    support_contacts,
+)
+from dexnudge.mechanics.fast_balance import Margins, force_margins
+from dexnudge.mechanics.sliding_task import SlidingTask, sliding_task
+from dexnudge.scenes.scene import Scene
+from dexnudge.verification.penetration import PenetrationCheck, Penetrations
+
+
+class Measurements:
+    """Of hands with valid poses in a scene; each is made when it is first asked for."""
+
+    def __init__(self, hands: HandBatch, scene: Scene) -> None:
+        self._hands, self._scene = hands, scene
+
+    @cached_property
+    def penetrations(self) -> Penetrations:
+        """Depths in object, surroundings and itself [m]."""
+        return PenetrationCheck(self._hands.hand, self._scene)(self._T_world_link, reach=HAND_CONTACT_DISTANCE)
+
+    @cached_property
+    def contacts(self) -> list[HandContacts]:
+        """Contacts of each hand with the object."""
+        T_world_link, points = self._T_world_link, self._hands.hand.dense_points
+        hits, T_world_object = self.penetrations.near_object, self._scene.T_world_object
+        rotation, origin = T_world_object[:3, :3], T_world_object[:3, 3]
+        link = points.link[hits.point].astype(np.int64)
+        normals = np.einsum("nij,nj->ni", T_world_link[hits.configuration, link, :3, :3], points.normals[hits.point])
+        closest, object_normals = hits.closest @ rotation.T + origin, hits.normal @ rotation.T
+        found = []
+        for row in range(len(self._hands)):
+            mine = np.flatnonzero(hits.configuration == row)
+            found.append(
+                hand_contacts(
+                    normals[mine],
+                    link[mine],
+                    distance=hits.distance[mine],
+                    closest=closest[mine],
+                    object_normals=object_normals[mine],
+                )
+            )
+        return found
+
+    @cached_property
+    def contact_links(self) -> list[list[str]]:
+        """Names of the links of each hand that touch the object."""
+        names = self._hands.hand.link_names
+        return [[names[link] for link in np.unique(each.link)] for each in self.contacts]
+
+    @cached_property
+    def supports(self) -> SupportContacts:
+        """Contacts of the object with its surroundings."""
+        return support_contacts(self._scene)
+
+    @cached_property
+    def task(self) -> SlidingTask:
+        """The motion that the forces are to make."""
+        return sliding_task(self._scene)
+
+    @cached_property
+    def margins(self) -> Margins:
+        """Force margins of the contacts."""
+        return force_margins(self.contacts, self.supports, self.task)
+
+    @cached_property
+    def _T_world_link(self) -> Float[np.ndarray, "n link 4 4"]:
+        return self._hands.T_world_link.detach().cpu().numpy()
+
+
+def measure(hands: HandBatch, scene: Scene) -> Measurements:
+    """Return the measurements of hands with valid poses in a scene, shared by all that ask for them.
+
+    A criterion of one's own that asks for contacts or penetrations gets those that the built-in ones have used.
+    """
+    known = hands.derived
+    if (Measurements, id(scene)) not in known:
+        known[Measurements, id(scene)] = Measurements(hands, scene)  # it keeps the scene, so that no other has its id
+    return known[Measurements, id(scene)]
