@@ -90,10 +90,7 @@ def message(path) -> str:
         (
             'type="continuous"',
             'type="prismatic"',
-            (
-                "DIR/small.urdf: joint 'spin': expected type revolute, continuous, fixed, got 'prismatic'; "
-                "replace the joint or fix it"
-            ),
+            ("joint 'spin': expected type revolute, continuous, fixed, got 'prismatic'; replace the joint or fix it"),
         ),
         (
             '<mimic joint="near"',
@@ -165,8 +162,9 @@ def message(path) -> str:
             "package://small/wedge.stl",
             "empty.obj",
             (
-                "DIR/empty.obj: not a usable mesh: expected triangles with finite corners and a scale without zeros, "
-                "got 0 triangles and scale [0.001, 0.002, 0.001]; mend or re-export the mesh"
+                "DIR/empty.obj: not readable as obj: expected a triangle mesh, got 'empty.obj: cannot be read as obj "
+                "(no triangles in it; a point cloud must be meshed first); the file is truncated, damaged or not a mesh; "
+                "export it again'; mend or re-export the mesh"
             ),
         ),
     ],
@@ -179,6 +177,79 @@ def test_bad_urdf(write_hand, old, new, expected):
     (path.parent / "link.stl").symlink_to("/etc/hostname")
     (path.parent / "empty.obj").write_text("# nothing\n")
     assert message(path) == expected
+
+
+@pytest.mark.parametrize(
+    ("old", "new", "expected"),
+    [
+        (
+            'upper="1.2"',
+            'upper="90"',
+            (
+                "DIR/small.urdf: joint 'near': expected limits in radians, got 0 to 90, that is up to 5157 degrees; "
+                "in degrees? write 0.0000 to 1.5708"
+            ),
+        ),
+        (
+            'scale="0.001 0.002 0.001"',
+            "",
+            (
+                "link 'thumbtip' is 20 m long: expected at most 2 m; in millimetres? "
+                'give its mesh scale="0.001 0.001 0.001", or a basic shape its size in metres'
+            ),
+        ),
+        (
+            '<box size="0.04 0.05 0.06"/>',
+            '<box size="100 100 100"/>',
+            (
+                "link 'forearm' is 109 m long: expected at most 2 m; in millimetres? "
+                'give its mesh scale="0.001 0.001 0.001", or a basic shape its size in metres'
+            ),
+        ),
+        (
+            "package://small/wedge.stl",
+            "sheet.obj",
+            (
+                "the geometry of link 'thumbtip' is flat: expected a body with a thickness, which physics needs; "
+                "give it one, or replace it by a thin box"
+            ),
+        ),
+        (
+            '<sphere radius="0.009"/>',
+            '<sphere radius="${size}"/>',
+            (
+                "DIR/small.urdf: the file is xacro, not yet URDF: expected plain XML, got <sphere> with a macro; "
+                "expand it with: xacro small.urdf -o expanded.urdf (from ROS, or pip install xacro)"
+            ),
+        ),
+    ],
+)
+def test_what_was_meant_otherwise_is_asked(write_hand, old, new, expected):
+    path = write_hand()
+    assert old in path.read_text()
+    path.write_text(path.read_text().replace(old, new, 1))
+    (path.parent / "sheet.obj").write_text("v 0 0 0\nv 20 0 0\nv 0 10 0\nf 1 2 3\n")
+    assert message(path) == expected
+
+
+def test_a_digit_without_geometry(write_hand):
+    path = write_hand(config="palm: palm\nfingertips: {T: thumb}\npalm_normal: [0, 1, 0]")
+    text = path.read_text()
+    start, end = text.index('<link name="palm">'), text.index("</link>", text.index('<link name="palm">'))
+    path.write_text(text[:start] + '<link name="palm">' + text[end:])
+    assert message(path) == (
+        "digit 'T' has no geometry: expected it on 'thumb' or a link between that and the palm, found none; "
+        "add geometry or mend 'fingertips' in the hand's YAML"
+    )
+
+
+def test_more_links_than_any_hand_has(write_hand):
+    joint = '<joint name="j{0}" type="fixed"><parent link="l{1}"/><child link="l{0}"/></joint>'
+    links = "".join(f'<link name="l{k}"/>' for k in range(5001))
+    joints = "".join(joint.format(k, k - 1) for k in range(5000, 0, -1))
+    assert message(write_hand(f"<robot>{links}{joints}</robot>")) == (
+        "DIR/small.urdf: expected at most 1,000 <link> elements, found 5,001; mend or re-export the URDF"
+    )
 
 
 def test_missing_file(tmp_path):
@@ -266,8 +337,9 @@ def test_truncated_mesh(write_hand):
     mesh = path.parent / "wedge.stl"
     mesh.write_bytes(mesh.read_bytes()[:100])
     assert message(path) == (
-        "DIR/wedge.stl: not a usable mesh: expected triangles with finite corners and a scale without zeros, "
-        "got 0 triangles and scale [0.001, 0.002, 0.001]; mend or re-export the mesh"
+        "DIR/wedge.stl: not readable as stl: expected a triangle mesh, got 'wedge.stl: cannot be read as stl "
+        "(64 faces announced, room for 0); the file is truncated, damaged or not a mesh; export it again'; "
+        "mend or re-export the mesh"
     )
 
 
@@ -357,6 +429,25 @@ def test_bad_yaml(write_hand, old, new, expected):
     assert old in config.read_text()
     config.write_text(config.read_text().replace(old, new, 1))
     assert message(path) == expected
+
+
+def test_yaml_aliases_are_not_expanded(write_hand):
+    lines = "a: &a [x, x]\n" + "".join(f"a{k}: &a{k} [{', '.join([f'*a{k - 1}'] * 9)}]\n" for k in range(1, 10))
+    text = message(write_hand(config=lines.replace("*a0", "*a")))
+    assert text == "DIR/hand.yaml: YAML aliases are not read: expected plain values, got '*'; write them out"
+
+
+def test_a_wrong_value_is_not_printed_whole(write_hand):
+    assert len(message(write_hand(config=f"palm: {list(range(9000))}\nfingertips: 0\npalm_normal: 0"))) < 400
+
+
+def test_links_with_numbers_for_names_are_printed_so_that_they_can_be_pasted(write_hand):
+    path = write_hand(config=None)
+    for number, name in enumerate(("forearm", "thumbtip", "thumb", "palm", "finger", "pad", "tip")):
+        path.write_text(path.read_text().replace(f'"{name}"', f'"{number}"'))
+    lines = message(path).partition("after checking:\n")[2]
+    path.with_suffix(".yaml").write_text(lines.replace("palm: '0'", "palm: '3'"))
+    assert load_hand(path).link_names[0] == "3"
 
 
 def test_yaml_that_is_none(write_hand):

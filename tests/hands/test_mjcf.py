@@ -128,6 +128,53 @@ def test_refusals(path, old, new, expected):
     assert message(path) == expected
 
 
+@pytest.mark.parametrize(
+    ("element", "shown"),
+    [
+        ('<worldbody><replicate count="100000000"><geom size="1"/></replicate></worldbody>', "<replicate count="),
+        (
+            '<worldbody><replicate count="9"><replicate count="9"><geom size="1"/></replicate></replicate></worldbody>',
+            "<replicate count=",
+        ),
+        ('<asset><hfield name="h" nrow="100000" ncol="100000" size="1 1 1 1"/></asset>', "<hfield name="),
+        (
+            '<asset><texture name="t" type="2d" builtin="flat" width="100000" height="100000"/></asset>',
+            "<texture name=",
+        ),
+    ],
+)
+def test_a_few_letters_cannot_ask_for_much(path, element, shown):
+    path.write_text(MODEL.replace("<worldbody>", f"{element}<worldbody>", 1))
+    text = message(path)
+    assert text.startswith(f"DIR/model.xml: {shown}")
+    assert "expected what a hand consists of" in text
+
+
+@pytest.mark.parametrize(
+    "asset",
+    [
+        '<texture name="t" type="cube" fileright="/etc/hostname"/>',
+        '<model name="s" file="sub.xml"/>',
+        '<skin name="s" file="/etc/hostname"/>',
+    ],
+)
+def test_no_file_outside_the_folder_is_opened(path, asset):
+    path.write_text(MODEL.replace("<worldbody>", f"<asset>{asset}</asset><worldbody>", 1))
+    (path.parent / "sub.xml").write_text('<mujoco><asset><mesh name="m" file="/etc/hostname"/></asset></mujoco>')
+    assert "'/etc/hostname' lies outside the hand's folder" in message(path)
+
+
+@pytest.mark.parametrize("kind", ["connect", "weld"])
+def test_a_loop_is_refused_by_name(path, kind):
+    anchor = 'anchor="0 0 0"' if kind == "connect" else ""
+    loop = f'<equality><{kind} body1="tip" body2="palm" {anchor}/></equality>'
+    path.write_text(MODEL.replace("<worldbody>", f"{loop}<worldbody>", 1))
+    assert message(path) == (
+        f"<{kind}> joins 'tip' and 'palm' in a loop: expected a tree of joints, as closed chains are not supported; "
+        "replace it by <joint joint1=... joint2=... polycoef=...> that couples the joints as the loop does"
+    )
+
+
 def test_a_model_that_mujoco_refuses(path):
     path.write_text(MODEL.replace("<freejoint/>", "<unknown/>"))
     assert message(path).startswith("DIR/model.xml: MuJoCo cannot compile it: expected a valid MJCF model, got '")

@@ -55,7 +55,10 @@ def test_link_without_collision_is_empty_and_visuals_are_not_mixed_in(small):
 
 def test_visual_geometry_on_request(write_hand):
     config = HandConfig("palm", {"F": "pad"}, (0.0, 1.0, 0.0), geometry="visual")
-    hand = hand_from_urdf(write_hand(), config)
+    path = write_hand()
+    ball = "<visual><geometry><sphere radius='0.004'/></geometry></visual>"
+    path.write_text(path.read_text().replace('<link name="pad">', f'<link name="pad">{ball}'))
+    hand = hand_from_urdf(path, config)
     assert mesh_of(hand, "palm").extents == pytest.approx((1, 1, 1), abs=0.01)
     assert len(mesh_of(hand, "tip").faces) == 0
 
@@ -106,3 +109,47 @@ def test_mesh_formats(write_hand):
         mesh = mesh_of(load_hand(path), "thumbtip")
         np.testing.assert_allclose(mesh.bounds, reference.bounds, atol=1e-6, err_msg=suffix)
         assert mesh.volume == pytest.approx(reference.volume, rel=1e-4)
+
+
+def test_an_empty_tip_counts_as_the_link_before_it(write_hand):
+    path = write_hand(config="palm: palm\nfingertips: {F: end, T: thumbtip}\npalm_normal: [0, -2, 0]")
+    joint = '<joint name="endmount" type="fixed"><parent link="pad"/><child link="end"/></joint>'
+    path.write_text(path.read_text().replace("</robot>", f'<link name="end"/>{joint}</robot>'))
+    hand = load_hand(path)
+    assert hand.fingertips == {"F": "pad", "T": "thumbtip"}
+    assert hand.notes == ("'end' has no geometry: 'pad' counts as the tip of F",)
+    assert hand.fingertip_keypoints.shape == (2, 3)
+
+
+def test_a_fixed_joint_needs_no_axis(write_hand):
+    path = write_hand()
+    path.write_text(path.read_text().replace('rpy="0 0 1"/></joint>', 'rpy="0 0 1"/><axis xyz="0 0 0"/></joint>'))
+    assert load_hand(path).num_joints == 3
+
+
+@pytest.mark.parametrize("kind", ["prismatic", "floating", "planar"])
+def test_joints_that_place_the_hand_are_cut_off(write_hand, small, kind):
+    path = write_hand()
+    above = f"""<link name="world"/><link name="cart"/>
+    <joint name="virtual_0" type="{kind}"><parent link="world"/><child link="cart"/><axis xyz="0 0 1"/></joint>
+    <joint name="virtual_1" type="continuous"><parent link="cart"/><child link="forearm"/></joint></robot>"""
+    path.write_text(path.read_text().replace("</robot>", above))
+    hand = load_hand(path)
+    assert (hand.joint_names, hand.link_names) == (small.joint_names, small.link_names)
+    assert hand.notes == ("joints that place the hand in the world were cut off: virtual_0, virtual_1",)
+
+
+@pytest.mark.parametrize("name", ["package://some_hand/meshes/WEDGE.STL", "../meshes/WEDGE.STL"])
+@pytest.mark.parametrize("manifest", [True, False])
+def test_meshes_of_a_ros_package_are_found(write_hand, name, manifest, small):
+    path = write_hand()
+    package = path.parent / "some_hand"
+    (package / "urdf").mkdir(parents=True)
+    (package / "meshes").mkdir()
+    (path.parent / "wedge.stl").rename(package / "meshes" / "WEDGE.STL")
+    (path.parent / "hand.yaml").rename(package / "urdf" / "hand.yaml")
+    if manifest:
+        (package / "package.xml").write_text("<package><name>some_hand</name></package>")
+    moved = package / "urdf" / "small.urdf"
+    moved.write_text(path.read_text().replace("package://small/wedge.stl", name))
+    np.testing.assert_array_equal(mesh_of(load_hand(moved), "thumbtip").vertices, mesh_of(small, "thumbtip").vertices)

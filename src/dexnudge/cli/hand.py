@@ -55,6 +55,8 @@ def _print(hand: Hand) -> None:
     console.print(_joint_table(hand))
     console.print(_link_table(hand))
     couplings = ", ".join(f"{follower} <= {leader}" for follower, leader in hand.couplings)
+    for note in hand.notes:
+        say(f"note: {note}")
     console.print(f"palm: {hand.link_names[0]}, facing ({', '.join(f'{x:g}' for x in hand.palm_normal)})")
     say(f"couplings: {couplings or 'none'}", f"collision pairs: {len(hand.self_collision_pairs)}")
 

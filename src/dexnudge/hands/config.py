@@ -10,6 +10,7 @@ import yaml
 from dexnudge.errors import HandError
 
 MAX_CONFIG_BYTES = 100_000
+LONGEST_QUOTE = 200  # characters of a wrong value in a message
 GEOMETRIES = ("collision", "visual")
 
 
@@ -50,8 +51,13 @@ def read_hand_config(path: Path) -> HandConfig:
             "keep only the hand's own keys"
         )
     try:
-        raw = yaml.safe_load(path.read_text(encoding="utf-8"))
-    except (yaml.YAMLError, UnicodeDecodeError) as error:
+        text = path.read_text(encoding="utf-8")
+        if any(isinstance(event, yaml.AliasEvent) for event in yaml.parse(text)):  # they can stand for gigabytes
+            raise HandError(f"{path}: YAML aliases are not read: expected plain values, got '*'; write them out")
+        raw = yaml.safe_load(text)
+    except (yaml.YAMLError, UnicodeDecodeError, RecursionError, ValueError) as error:
+        if isinstance(error, HandError):
+            raise
         summary = " ".join(str(error).split())
         raise HandError(
             f"{path}: not a YAML file: expected 'key: value' lines, got '{summary}'; mend the file"
@@ -94,7 +100,7 @@ def write_hand_config(config: HandConfig, path: Path) -> None:
 
 
 def _wrong(path: Path, key: str, expected: str, got: Any) -> HandError:
-    return HandError(f"{path}: key '{key}': expected {expected}, got {got!r}; mend it")
+    return HandError(f"{path}: key '{key}': expected {expected}, got {repr(got)[:LONGEST_QUOTE]}; mend it")
 
 
 def _text(value: Any, key: str, path: Path) -> str:
@@ -110,7 +116,9 @@ def _optional_text(value: Any, key: str, path: Path) -> str | None:
 def _fingertips(value: Any, path: Path) -> dict[str, str]:
     valid = isinstance(value, dict) and value and all(isinstance(v, str) for pair in value.items() for v in pair)
     if not valid:
-        raise _wrong(path, "fingertips", "at least one line 'digit: link'", value)
+        numbered = isinstance(value, dict) and value and not any(isinstance(v, list | dict) for v in value.values())
+        hint = ", names that look like numbers in quotes" if numbered else ""
+        raise _wrong(path, "fingertips", f"at least one line 'digit: link'{hint}", value)
     return dict(value)
 
 

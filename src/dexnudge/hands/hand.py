@@ -62,6 +62,7 @@ class Hand:
         couplings: (follower, leader) pairs with the hard constraint angle(follower) <= angle(leader).
         palm_normal: direction in which the palm faces, palm frame.
         base_link: the forearm or adapter behind the palm, if it is part of the geometry.
+        notes: what was assumed when the description was read, a sentence each.
     """
 
     name: str
@@ -76,6 +77,7 @@ class Hand:
     couplings: tuple[tuple[str, str], ...]
     palm_normal: Float[np.ndarray, " 3"]
     base_link: str | None = None
+    notes: tuple[str, ...] = ()
 
     def __post_init__(self) -> None:
         missing = [link for link in self.fingertips.values() if link not in self.link_names]

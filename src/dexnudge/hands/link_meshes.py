@@ -1,6 +1,6 @@
-"""The Shadow Hand's link meshes as the `gymnasium-robotics` package ships them (in millimetres, without units)."""
+"""Meshes of a hand's links: where a description's names lead, what is read, and those of `gymnasium-robotics`."""
 
-import io
+import os
 from importlib.util import find_spec
 from pathlib import Path
 
@@ -8,38 +8,49 @@ import numpy as np
 import trimesh
 from jaxtyping import Float
 
-from dexnudge.errors import HandError
+from dexnudge.errors import HandError, MeshError
+from dexnudge.geometry.mesh_files import parse_triangles
 from dexnudge.hands.xml_text import refuse_entities
 
 MESH_SUFFIXES = (".stl", ".obj", ".dae", ".ply")
 MAX_LINK_FACES = 200_000  # MuJoCo reads no more from one STL file; a link needs some hundreds
 MAX_MESH_BYTES = 100_000_000
+PACKAGE_DEPTH = 4  # folders above a description in which its ROS package is looked for
+DESCRIPTION_FOLDERS = ("urdf", "robots", "robot", "xacro", "mjcf", "xml")  # stand beside `meshes` in a ROS package
+MILLIMETRE = 0.001  # [m]
 
 
 def mesh_path(filename: str, folder: Path) -> Path:
-    """The file that a description in `folder` means by `filename`.
+    """Return the file that a description in `folder` means by `filename`.
 
-    `package://name/rest` is looked for as `rest` and as `name/rest` below the folder, for lack of a ROS workspace.
+    It must lie below the folder or, in a ROS package (a folder above with package.xml, or above one called urdf), below
+    that. `package://name/rest` is looked for as `rest` and `name/rest` there and in the folder above called `name`.
 
     Raises:
         HandError: the path leaves the folder (also through a link in the file system) or there is no such file.
     """
-    candidates = [filename]
+    home = folder.resolve()
+    above = list(home.parents)[:PACKAGE_DEPTH]
+    roots = [home, *(parent for parent in above if (parent / "package.xml").is_file())]
+    roots += above[:1] if home.name in DESCRIPTION_FOLDERS else []
+    rest, names = filename, [filename]
     if filename.startswith("package://"):
         package, _, rest = filename.removeprefix("package://").partition("/")
-        candidates = [rest, f"{package}/{rest}"]
-    home = folder.resolve()
-    for candidate in candidates:
-        path = (home / candidate).resolve()
-        if "://" in candidate or not candidate or not path.is_relative_to(home):
-            raise HandError(
-                f"mesh '{filename}' lies outside the hand's folder: expected a file below {folder}; "
-                "copy the meshes beside the description and name them relative to it"
-            )
-        if path.is_file():
+        names = [rest, f"{package}/{rest}"]
+        roots += [parent for parent in above if parent.name == package]
+    places = [(root, (start / name).resolve()) for root in roots for start in (home, root) for name in names]
+    readable = rest and "://" not in rest and "\0" not in rest
+    inside = [path for root, path in places if readable and path.is_relative_to(root)]
+    for path in inside:
+        if os.path.isfile(path):  # noqa: PTH113 - a name of 300 letters is no file, and no error
             return path
+    if not inside:
+        raise HandError(
+            f"mesh '{filename}' lies outside the hand's folder: expected a file below {folder}; "
+            "copy the meshes beside the description and name them relative to it"
+        )
     raise HandError(
-        f"mesh '{filename}' is missing: expected a file below {folder}, found none; "
+        f"mesh '{filename}' is missing: expected a file below {roots[-1]}, found none; "
         "copy it there or mend its name in the description"
     )
 
@@ -68,7 +79,9 @@ def load_link_mesh(path: Path, scale: Float[np.ndarray, " 3"]) -> trimesh.Trimes
         )
     if not (scale == 1.0).all():
         mesh.apply_scale(scale)
-    if mesh.volume < 0.0:
+    with np.errstate(invalid="ignore"):  # of a flat mesh
+        inside_out = mesh.volume < 0.0
+    if inside_out:
         mesh.invert()
     return mesh
 
@@ -79,21 +92,15 @@ def _parse(path: Path) -> trimesh.Trimesh:
     if kind == "dae":
         refuse_entities(content.decode("utf-8", errors="replace"), path)
     try:
-        # From a stream, so that material and texture files that the mesh names are not followed.
-        scene = trimesh.load_scene(io.BytesIO(content), file_type=kind, process=False, maintain_order=True)
-        mesh = scene.to_mesh()
-    except Exception as error:  # trimesh's readers raise whatever a broken file provokes in them
+        mesh = parse_triangles(content, kind, path.name, keep_order=True, turn=False)
+    except MeshError as error:
         raise HandError(
-            f"{path}: not readable as {kind}: expected a triangle mesh, got '{type(error).__name__}: {error}'; "
-            "mend or re-export the mesh"
+            f"{path}: not readable as {kind}: expected a triangle mesh, got '{error}'; mend or re-export the mesh"
         ) from error
     mesh = trimesh.Trimesh(mesh.vertices, mesh.faces, process=False)
     if kind == "stl":
         mesh.merge_vertices()
     return mesh
-
-
-MILLIMETRE = 0.001  # [m]
 
 
 def gymnasium_assets() -> Path:

@@ -6,6 +6,7 @@ Joints of the topmost body are left out: they place the hand in the world, and t
 
 from collections.abc import Callable
 from pathlib import Path
+from xml.etree.ElementTree import Element
 
 import mujoco
 import numpy as np
@@ -19,7 +20,10 @@ from dexnudge.hands.tree import Mimic, Tree, TreeJoint, hand_from_tree
 from dexnudge.hands.urdf import CONTINUOUS_LIMIT, config_path
 from dexnudge.hands.xml_text import read_xml
 
-FILE_ATTRIBUTES = ("file", "meshdir", "texturedir", "assetdir")
+FOLDER_ATTRIBUTES = ("meshdir", "texturedir", "assetdir")
+NO_HAND_HAS = ("hfield", "flexcomp", "composite", "flex")  # and a few letters of them can ask for gigabytes
+MAX_COPIES = 100  # of a `replicate`
+MAX_PIXELS = 4096  # a side of a texture
 
 
 def hand_from_mjcf(path: Path | str, config: HandConfig | Path | str | None = None, *, base: bool = True) -> Hand:
@@ -87,16 +91,46 @@ def _check_files(path: Path) -> None:
         checked.add(file)
         root = read_xml(file, root_tag="mujoco" if file == path.resolve() else None)
         for element in root.iter("compiler"):
-            folders |= {home / element.get(key, "") for key in FILE_ATTRIBUTES[1:]}
+            folders |= {place / element.get(key, "") for key in FOLDER_ATTRIBUTES for place in (home, file.parent)}
+        folders.add(file.parent)
         for element in root.iter():
-            for value in filter(None, (element.get(key) for key in FILE_ATTRIBUTES)):
+            _refuse_excess(element, file)
+            named = {key: value for key, value in element.attrib.items() if _names_a_file(key)}
+            for value in filter(None, named.values()):
                 if not all((folder / value).resolve().is_relative_to(home) for folder in folders):
                     raise HandError(
                         f"{file}: '{value}' lies outside the hand's folder: expected a file below {home}; "
                         "copy the files beside the description and name them relative to it"
                     )
-                if element.tag == "include" and (home / value).resolve() not in checked:
+                if element.tag in ("include", "model") and (home / value).resolve() not in checked:
                     waiting.append((home / value).resolve())
+
+
+def _names_a_file(attribute: str) -> bool:
+    return attribute.startswith("file") or attribute in FOLDER_ATTRIBUTES
+
+
+def _refuse_excess(element: Element, file: Path) -> None:
+    """Refuse what a hand does not have and what a few letters can make huge."""
+    too_much = element.tag in NO_HAND_HAS
+    if element.tag == "replicate":
+        too_much = element.find(".//replicate") is not None or _number(element.get("count")) > MAX_COPIES
+    elif element.tag in ("texture", "mesh"):
+        sides = (element.get(key) for key in ("width", "height", *(("params",) if element.tag == "mesh" else ())))
+        too_much = any(_number(word) > MAX_PIXELS for side in sides if side for word in side.split())
+    if too_much:
+        raise HandError(
+            f"{file}: <{element.tag} {' '.join(f'{key}={value!r}' for key, value in element.attrib.items())[:100]}>: "
+            f"expected what a hand consists of: no {', '.join(NO_HAND_HAS)}, no nested or more than {MAX_COPIES} copies, "
+            f"textures of at most {MAX_PIXELS} pixels a side; remove it"
+        )
+
+
+def _number(text: str | None) -> float:
+    try:
+        return float(text or 0)
+    except ValueError:
+        return 0.0  # MuJoCo refuses it
 
 
 def _bodies(model: mujoco.MjModel, palm: str | None) -> list[int]:
@@ -142,6 +176,7 @@ def _mimics(model: mujoco.MjModel) -> dict[int, Mimic]:
     mimics = {}
     for equality in range(model.neq):
         follower, leader = int(model.eq_obj1id[equality]), int(model.eq_obj2id[equality])
+        _refuse_loop(model, equality)
         if model.eq_type[equality] != mujoco.mjtEq.mjEQ_JOINT or not model.eq_active0[equality] or leader < 0:
             continue
         constant, slope, *higher = model.eq_data[equality, :5].tolist()
@@ -153,6 +188,23 @@ def _mimics(model: mujoco.MjModel) -> dict[int, Mimic]:
             _name(model.joint(leader).name, "joint", leader), slope, float(zero + constant - slope * leader_zero)
         )
     return mimics
+
+
+def _refuse_loop(model: mujoco.MjModel, equality: int) -> None:
+    """Refuse a `connect` or `weld` that closes a loop: a tree of joints would move as the real fingers cannot."""
+    loops = {mujoco.mjtEq.mjEQ_CONNECT: "connect", mujoco.mjtEq.mjEQ_WELD: "weld"}
+    kind = loops.get(mujoco.mjtEq(model.eq_type[equality]))
+    if kind is None or not model.eq_active0[equality]:
+        return
+    bodies = [int(model.eq_obj1id[equality]), int(model.eq_obj2id[equality])]
+    if model.eq_objtype[equality] == mujoco.mjtObj.mjOBJ_SITE:
+        bodies = [int(model.site_bodyid[site]) for site in bodies]
+    if min(bodies) > 0:
+        one, other = (_name(model.body(body).name, "body", body) for body in bodies)
+        raise HandError(
+            f"<{kind}> joins '{one}' and '{other}' in a loop: expected a tree of joints, as closed chains are not "
+            "supported; replace it by <joint joint1=... joint2=... polycoef=...> that couples the joints as the loop does"
+        )
 
 
 def _geom_mesh(model: mujoco.MjModel, geom: int) -> trimesh.Trimesh:

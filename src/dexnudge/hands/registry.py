@@ -1,5 +1,6 @@
 """The hands that can be asked for by name, and the one way to load any hand."""
 
+import os
 from collections.abc import Callable
 from pathlib import Path
 
@@ -40,9 +41,10 @@ def load_hand(name_or_urdf: str | Path, *, base: bool = True) -> Hand:
     if name in HANDS:
         return HANDS[name](base=base)
     path = Path(name_or_urdf)
-    if path.suffix.lower() in READERS:
-        return READERS[path.suffix.lower()](path, base=base)
-    if path.exists():
+    suffix = path.suffix.lower().replace(".xacro", ".urdf")  # whose reader says how to expand it
+    if suffix in READERS:
+        return READERS[suffix](path, base=base)
+    if os.path.exists(path):  # noqa: PTH110 - a name of 300 letters does not exist, which is no error
         raise HandError(
             f"{path}: expected a description that ends in {' or '.join(READERS)}, got '{path.suffix}'; mend the path"
         )

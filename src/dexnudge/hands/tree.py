@@ -5,10 +5,15 @@ from dataclasses import dataclass, replace
 import numpy as np
 import trimesh
 from jaxtyping import Float
+from scipy.spatial import ConvexHull, QhullError
 
 from dexnudge.errors import HandError
 from dexnudge.hands.config import HandConfig
 from dexnudge.hands.hand import Hand, Joint
+
+MAX_LINKS = 1000  # of a hand, or an arm and a hand
+LONGEST_LINK = 2.0  # [m] a forearm or a stand; longer is in another unit
+FLATTEST_LINK = 1e-9  # volume of the hull / longest side cubed
 
 
 @dataclass(frozen=True)
@@ -33,6 +38,7 @@ class TreeJoint:
     lower: float = 0.0
     upper: float = 0.0
     mimic: Mimic | None = None
+    slides: str | None = None  # type of a joint that may only place the hand in the world
 
 
 @dataclass(frozen=True)
@@ -54,6 +60,8 @@ def hand_from_tree(tree: Tree, config: HandConfig, *, base: bool = True) -> Hand
     """
     check_tree(tree)
     _check_names(tree, config)
+    tree, notes = _without_placing_joints(tree, config)
+    _check_sizes(tree)
     tree = rerooted(tree, config.palm)
     if not base and config.base_link is not None:
         tree = _without_base(tree, config)
@@ -70,6 +78,7 @@ def hand_from_tree(tree: Tree, config: HandConfig, *, base: bool = True) -> Hand
             f"add <{config.geometry}> elements or set 'geometry' in the hand's YAML to the other kind"
         )
     names = [joint.name for joint in independent]
+    fingertips = {digit: _solid_tip(tip, digit, tree, carrier, notes) for digit, tip in config.fingertips.items()}
     return Hand(
         name=config.name or tree.name,
         joint_names=tuple(names),
@@ -79,10 +88,11 @@ def hand_from_tree(tree: Tree, config: HandConfig, *, base: bool = True) -> Hand
         link_parent=np.asarray([links.index(carrier[link].parent) if link in carrier else -1 for link in links]),
         joints=tuple(_hand_joint(carrier[link], names, tree) if link in carrier else None for link in links),
         link_meshes=tuple(tree.links[link] for link in links),
-        fingertips=dict(config.fingertips),
+        fingertips=fingertips,
         couplings=config.couplings,
         palm_normal=np.asarray(config.palm_normal) / np.linalg.norm(config.palm_normal),
         base_link=config.base_link if config.base_link in links else None,
+        notes=tuple(notes),
     )
 
 
@@ -115,6 +125,72 @@ def check_tree(tree: Tree) -> None:
                     "cut the loop (closed chains are not supported)"
                 )
             seen.add(link)
+
+
+def _without_placing_joints(tree: Tree, config: HandConfig) -> tuple[Tree, list[str]]:
+    """Return the tree without the empty links at its root, if a sliding joint among them places the hand, and a note.
+
+    The root of q places the hand. Sliding joints elsewhere are refused.
+    """
+    below: dict[str, list[TreeJoint]] = {link: [] for link in tree.links}
+    for joint in tree.joints:
+        below[joint.parent].append(joint)
+    link = next(iter(set(tree.links) - {joint.child for joint in tree.joints}))
+    cut: list[TreeJoint] = []
+    while len(below[link]) == 1 and not len(tree.links[link].faces) and link not in (config.palm, config.base_link):
+        cut += below[link]
+        link = below[link][0].child
+    notes = []
+    if any(joint.slides for joint in cut):
+        moving = ", ".join(joint.name for joint in cut if not joint.fixed)
+        notes = [f"joints that place the hand in the world were cut off: {moving}"]
+        gone = {joint.parent for joint in cut}
+        links = {name: mesh for name, mesh in tree.links.items() if name not in gone}
+        tree = Tree(tree.name, links, tuple(joint for joint in tree.joints if joint not in cut))
+    for joint in tree.joints:
+        if joint.slides is not None:
+            raise HandError(
+                f"joint '{joint.name}': expected type revolute, continuous, fixed, got '{joint.slides}'; "
+                "replace the joint or fix it"
+            )
+    return tree, notes
+
+
+def _check_sizes(tree: Tree) -> None:
+    """Refuse links that are too long for a hand, or flat."""
+    for link, mesh in tree.links.items():
+        if not len(mesh.faces):
+            continue
+        longest = float(mesh.extents.max())
+        if longest > LONGEST_LINK:
+            raise HandError(
+                f"link '{link}' is {longest:.3g} m long: expected at most {LONGEST_LINK:g} m; in millimetres? "
+                'give its mesh scale="0.001 0.001 0.001", or a basic shape its size in metres'
+            )
+        try:
+            volume = ConvexHull(mesh.vertices / longest).volume
+        except QhullError:
+            volume = 0.0
+        if volume < FLATTEST_LINK:
+            raise HandError(
+                f"the geometry of link '{link}' is flat: expected a body with a thickness, which physics needs; "
+                "give it one, or replace it by a thin box"
+            )
+
+
+def _solid_tip(tip: str, digit: str, tree: Tree, carrier: dict[str, TreeJoint], notes: list[str]) -> str:
+    """Return the last link with geometry of a digit that ends in an empty one."""
+    link = tip
+    while not len(tree.links[link].faces) and link in carrier:
+        link = carrier[link].parent
+    if link != tip and link not in carrier:
+        raise HandError(
+            f"digit '{digit}' has no geometry: expected it on '{tip}' or a link between that and the palm, found none; "
+            "add geometry or mend 'fingertips' in the hand's YAML"
+        )
+    if link != tip:
+        notes.append(f"'{tip}' has no geometry: '{link}' counts as the tip of {digit}")
+    return link
 
 
 def rerooted(tree: Tree, palm: str) -> Tree:
@@ -199,12 +275,12 @@ def _without_base(tree: Tree, config: HandConfig) -> Tree:
 
 def _parents_first(tree: Tree, palm: str) -> list[str]:
     parent = {joint.child: joint.parent for joint in tree.joints}
-    placed, waiting = [palm], [link for link in tree.links if link != palm]
+    placed, waiting = {palm: None}, [link for link in tree.links if link != palm]
     while waiting:
         following = next(link for link in waiting if parent[link] in placed)
-        placed.append(following)
+        placed[following] = None
         waiting.remove(following)
-    return placed
+    return list(placed)
 
 
 def _hand_joint(joint: TreeJoint, names: list[str], tree: Tree) -> Joint:

@@ -10,6 +10,7 @@ from xml.etree.ElementTree import Element
 
 import numpy as np
 import trimesh
+import yaml
 from jaxtyping import Float
 
 from dexnudge.errors import HandError
@@ -17,10 +18,12 @@ from dexnudge.hands import primitives
 from dexnudge.hands.config import HandConfig, read_hand_config
 from dexnudge.hands.hand import Hand
 from dexnudge.hands.link_meshes import load_link_mesh, mesh_path
-from dexnudge.hands.tree import Mimic, Tree, TreeJoint, check_tree, hand_from_tree
+from dexnudge.hands.tree import MAX_LINKS, Mimic, Tree, TreeJoint, check_tree, hand_from_tree
 from dexnudge.hands.xml_text import read_xml
 
 JOINT_TYPES = ("revolute", "continuous", "fixed")
+PLACING_TYPES = ("prismatic", "planar", "floating")  # read where they place the hand in the world, above the palm
+LARGEST_LIMIT = 2 * np.pi + 0.1  # [rad] no joint of a hand turns farther: the number is in degrees
 CONTINUOUS_LIMIT = np.pi  # [rad] either way: a joint without limits still needs a finite range to sample from
 
 
@@ -42,8 +45,10 @@ def hand_from_urdf(path: Path | str, config: HandConfig | Path | str | None = No
     _refuse_doubles("link", link_names, path)
     _refuse_doubles("joint", [joint.name for joint in joints], path)
     structure = Tree(robot.get("name") or path.stem, {name: trimesh.Trimesh() for name in link_names}, tuple(joints))
-    if not link_names:
-        raise HandError(f"{path}: expected <link> elements, found none; mend or re-export the URDF")
+    if not 0 < len(link_names) <= MAX_LINKS:
+        found = f"{len(link_names):,}" if link_names else "none"
+        at_most = f"at most {MAX_LINKS:,} " if link_names else ""
+        raise HandError(f"{path}: expected {at_most}<link> elements, found {found}; mend or re-export the URDF")
     check_tree(structure)
     settings = config if isinstance(config, HandConfig) else read_hand_config(config_path(path, config, structure))
     links = {
@@ -63,10 +68,11 @@ def config_path(path: Path, config: Path | str | None, tree: Tree) -> Path:
     parents = {joint.parent for joint in tree.joints}
     leaves = [link for link in tree.links if link not in parents]
     palm = min([link for link in tree.links if "palm" in link.lower()] or list(tree.links)[:1], key=len)
+    template = {"palm": palm, "fingertips": {link: link for link in leaves}, "palm_normal": [0, 0, 1]}
     raise HandError(
         f"{path} has no YAML beside it: expected {path.with_suffix('.yaml').name} or hand.yaml with the palm, "
-        f"the fingertips and the direction in which the palm faces; write there, after checking:\npalm: {palm}\n"
-        f"fingertips: {{{', '.join(f'{link}: {link}' for link in leaves)}}}\npalm_normal: [0, 0, 1]"
+        "the fingertips and the direction in which the palm faces; write there, after checking:\n"
+        + yaml.safe_dump(template, sort_keys=False, default_flow_style=None, width=1000).rstrip()
     )
 
 
@@ -76,7 +82,7 @@ def _joints(robot: Element, path: Path) -> list[TreeJoint]:
         name = _attribute(element, "name", path, "joint")
         where = f"{path}: joint '{name}'"
         kind = element.get("type")
-        if kind not in JOINT_TYPES:
+        if kind not in (*JOINT_TYPES, *PLACING_TYPES):
             raise HandError(
                 f"{where}: expected type {', '.join(JOINT_TYPES)}, got '{kind}'; replace the joint or fix it"
             )
@@ -88,21 +94,22 @@ def _joints(robot: Element, path: Path) -> list[TreeJoint]:
             ends.append(end.get("link") or "")
         axis = _numbers(element.find("axis"), "xyz", (1.0, 0.0, 0.0), where)
         length = np.linalg.norm(axis)
+        if length == 0.0 and kind in ("fixed", "floating", "planar"):
+            axis, length = np.asarray((1.0, 0.0, 0.0)), np.float64(1.0)
         if length == 0.0:
             raise HandError(f"{where}: expected an axis of non-zero length, got {axis.tolist()}; mend <axis>")
-        mimic = _mimic(element.find("mimic"), where) if kind != "fixed" else None
-        lower, upper = _limits(element, kind, where) if mimic is None else (0.0, 0.0)
+        turns = kind in ("revolute", "continuous")
+        mimic = _mimic(element.find("mimic"), where) if turns else None
+        lower, upper = _limits(element, kind, where) if turns and mimic is None else (0.0, 0.0)
+        origin, slides = _origin(element, where), kind if kind in PLACING_TYPES else None
+        parent, child = ends
         joints.append(
-            TreeJoint(
-                name, ends[0], ends[1], _origin(element, where), axis / length, kind == "fixed", lower, upper, mimic
-            )
+            TreeJoint(name, parent, child, origin, axis / length, kind == "fixed", lower, upper, mimic, slides)
         )
     return joints
 
 
 def _limits(joint: Element, kind: str, where: str) -> tuple[float, float]:
-    if kind == "fixed":
-        return 0.0, 0.0
     if kind == "continuous":
         return -CONTINUOUS_LIMIT, CONTINUOUS_LIMIT
     limit = joint.find("limit")
@@ -112,6 +119,12 @@ def _limits(joint: Element, kind: str, where: str) -> tuple[float, float]:
     lower, upper = (float(_numbers(limit, key, (0.0,), where)[0]) for key in ("lower", "upper"))
     if lower > upper:
         raise HandError(f"{where}: expected lower limit <= upper limit, got {lower} > {upper}; swap or mend them")
+    if max(-lower, upper) > LARGEST_LIMIT:
+        raise HandError(
+            f"{where}: expected limits in radians, got {lower:g} to {upper:g}, that is up to "
+            f"{np.degrees(max(-lower, upper)):.0f} degrees; in degrees? write {np.radians(lower):.4f} to "
+            f"{np.radians(upper):.4f}"
+        )
     return lower, upper
 
 
