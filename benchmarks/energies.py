@@ -19,10 +19,9 @@ from dexnudge.geometry.warp_runtime import wp
 from dexnudge.hands.registry import load_hand
 from dexnudge.jobs.provenance import machine, versions
 from dexnudge.objects.builtin import builtin_object
-from dexnudge.synthesis.nonprehensile import NonPrehensileConfig
+from dexnudge.synthesis.acceptance import resting_scene
+from dexnudge.synthesis.nonprehensile import NonPrehensileConfig, sample_pre_contact
 from dexnudge.synthesis.object_data import TARGET_SPACING, at_rest
-from dexnudge.synthesis.start_poses import sample_pre_contact
-from dexnudge.synthesis.verification import resting_scene
 
 COPIED = 64 * 1024**2  # float32 values: larger than the caches
 CHAINS, FUSED, ITEMS = 64, 4096, 500  # independent sums, multiply-adds in each, launches: neither memory nor latency

@@ -19,11 +19,11 @@ from dexnudge.energies import build_scene_fields
 from dexnudge.hands.registry import load_hand
 from dexnudge.jobs.provenance import machine, versions
 from dexnudge.objects.sets import resolve_object_set
+from dexnudge.synthesis.acceptance import GraspVerifier, NonPrehensileVerifier
 from dexnudge.synthesis.generate import GenerationConfig, generate_dataset
 from dexnudge.synthesis.grasps import descend_to_grasp
 from dexnudge.synthesis.nonprehensile import descend_to_contact
 from dexnudge.synthesis.object_data import generate_object
-from dexnudge.synthesis.verification import GraspVerifier, NonPrehensileVerifier
 
 STAGES: dict[str, tuple[CodeType, ...]] = {
     "grids": (build_scene_fields.__code__,),

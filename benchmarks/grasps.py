@@ -18,9 +18,9 @@ from dexnudge.geometry.surface_points import surface_points
 from dexnudge.hands.registry import load_hand
 from dexnudge.jobs.provenance import machine, versions
 from dexnudge.objects.sets import resolve_object_set
+from dexnudge.synthesis.acceptance import GraspVerifier, floating_scene
 from dexnudge.synthesis.grasps import GraspConfig, descend_to_grasp
 from dexnudge.synthesis.object_data import TARGET_SPACING, at_rest
-from dexnudge.synthesis.verification import GraspVerifier, floating_scene
 
 STEERED_NOISE, REFERENCE = "descent", "annealed"
 UNCLEAN = ("penetration", "no contact")  # how the verifier's reasons begin for hands that it does not simulate

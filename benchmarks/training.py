@@ -10,9 +10,8 @@ import tyro
 
 from dexnudge.cli.arguments import stdout, table
 from dexnudge.dataset.loading import Dataset, load_dataset
-from dexnudge.diffusion.compute import Precision, has_bfloat16
-from dexnudge.diffusion.config import Architecture
-from dexnudge.diffusion.training_config import TrainingConfig
+from dexnudge.diffusion.config import Architecture, TrainingConfig
+from dexnudge.diffusion.distributed import Precision, has_bfloat16
 from dexnudge.diffusion.training_run import TrainingRun
 from dexnudge.jobs.provenance import machine, versions
 

@@ -13,12 +13,10 @@ import tyro
 from safetensors import safe_open
 
 from dexnudge.cli.arguments import stdout
-from dexnudge.diffusion.checkpoint import read_provenance
-from dexnudge.diffusion.config import Architecture
+from dexnudge.diffusion.checkpoint import STATE_NAME, read_provenance
+from dexnudge.diffusion.config import Architecture, TrainingConfig
+from dexnudge.diffusion.objective import REPORTED_LEVELS
 from dexnudge.diffusion.training import train
-from dexnudge.diffusion.training_config import TrainingConfig
-from dexnudge.diffusion.training_run import REPORTED_LEVELS
-from dexnudge.diffusion.training_state import STATE_NAME
 from dexnudge.errors import DexnudgeError
 from dexnudge.hands.registry import load_hand
 from dexnudge.objects.sets import ObjectEntry, resolve_object_set

@@ -1,8 +1,10 @@
 """Shape and type checks on every call into dexnudge, and settings and a hand that all tests share."""
 
+import importlib.util
 import os
 import re
 from pathlib import Path
+from types import ModuleType
 
 import numpy as np
 import pytest
@@ -49,6 +51,22 @@ def shadow_hand():
     from dexnudge.hands.registry import load_hand
 
     return load_hand("shadow_lite")
+
+
+@pytest.fixture(scope="session")
+def toy() -> ModuleType:
+    """Module that writes made-up datasets."""
+    spec = importlib.util.spec_from_file_location("toy", Path(__file__).parent / "dataset" / "toy.py")
+    module = importlib.util.module_from_spec(spec)
+    spec.loader.exec_module(module)
+    return module
+
+
+@pytest.fixture
+def toy_folder(toy: ModuleType, tmp_path: Path) -> Path:
+    """A dataset of three objects with twelve rows each."""
+    toy.write_toy_dataset(tmp_path)
+    return tmp_path
 
 
 @pytest.fixture(scope="session")

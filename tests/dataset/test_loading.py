@@ -8,7 +8,7 @@ import pytest
 from dexnudge.dataset.loading import load_dataset
 from dexnudge.dataset.manifest import write_manifest
 from dexnudge.dataset.schema import BEHAVIOURS
-from dexnudge.dataset.shards import read_cloud, read_shard, shard_path
+from dexnudge.dataset.shards import column_matrix, read_cloud, read_shard, shard_path
 from dexnudge.errors import DatasetError
 from dexnudge.jobs.folders import TEMPORARY_PREFIX
 
@@ -19,8 +19,8 @@ def test_rows_point_to_their_object(toy, toy_folder):
     for index, name in enumerate(dataset.object_names):
         shard = read_shard(toy_folder, dataset.manifest, name)
         rows = dataset.object_index == index
-        np.testing.assert_array_equal(dataset.q[rows], shard.column_matrix("q"))
-        np.testing.assert_array_equal(dataset.direction_margin[rows], shard.column_matrix("direction_margin"))
+        np.testing.assert_array_equal(dataset.q[rows], column_matrix(shard.table, "q"))
+        np.testing.assert_array_equal(dataset.direction_margin[rows], column_matrix(shard.table, "direction_margin"))
         labels = [BEHAVIOURS[k] for k in dataset.behaviour[rows]]
         assert labels == shard.table.column("behaviour").to_pylist()
         np.testing.assert_array_equal(dataset.clouds[index], read_cloud(toy_folder, dataset.manifest, name))

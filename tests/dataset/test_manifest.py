@@ -31,6 +31,11 @@ def test_foreign_content(toy, tmp_path, change, message):
         read_manifest(tmp_path)
 
 
+def test_the_file_keeps_its_older_name_for_joint_groups(toy, tmp_path):
+    content = json.loads(write_manifest(tmp_path, toy.toy_manifest()).read_text())
+    assert content["digit_joints"] == {name: list(joints) for name, joints in toy.DIGIT_JOINTS.items()}
+
+
 def test_missing_broken_or_not_a_mapping(toy, tmp_path):
     with pytest.raises(DatasetError, match=r"manifest.json does not exist; .*`dexnudge dataset generate`"):
         read_manifest(tmp_path)

@@ -8,8 +8,17 @@ import pyarrow as pa
 import pyarrow.parquet as pq
 import pytest
 
+from dexnudge.dataset.loading import load_dataset
 from dexnudge.dataset.schema import MARGIN_STEP, NORMAL_STEP, POINT_STEP, BehaviourCounts, round_configuration
-from dexnudge.dataset.shards import cloud_path, is_complete, read_cloud, read_shard, shard_path, write_shard
+from dexnudge.dataset.shards import (
+    cloud_path,
+    column_matrix,
+    is_complete,
+    read_cloud,
+    read_shard,
+    shard_path,
+    write_shard,
+)
 from dexnudge.errors import DatasetError
 
 NAME = "object-0"
@@ -32,9 +41,9 @@ def test_round_trip_keeps_every_value(toy, tmp_path, rng):
     cloud = toy.toy_cloud(rng)
     write_shard(tmp_path, manifest, NAME, rows, cloud, counts)
     shard = read_shard(tmp_path, manifest, NAME)
-    np.testing.assert_array_equal(shard.column_matrix("q"), np.float32([row.q for row in rows]))
+    np.testing.assert_array_equal(column_matrix(shard.table, "q"), np.float32([row.q for row in rows]))
     margins = np.array([row.direction_margin for row in rows])
-    lost = margins - shard.column_matrix("direction_margin")
+    lost = margins - column_matrix(shard.table, "direction_margin")
     assert (lost >= 0.0).all()  # never more than the true margin
     assert lost.max() < MARGIN_STEP
     for column in ("behaviour", "contact_links", "digits", "seed"):
@@ -79,7 +88,7 @@ def test_what_is_rounded_is_stored_exactly_and_in_less_room(toy, tmp_path, rng):
     path = write_shard(tmp_path, toy.toy_manifest(), NAME, rows, cloud, counts)
     plain = path.stat().st_size
     assert write_shard(tmp_path, toy.toy_manifest(), NAME, rounded, cloud, counts).stat().st_size < 0.85 * plain
-    stored = read_shard(tmp_path, toy.toy_manifest(), NAME).column_matrix("q")
+    stored = column_matrix(read_shard(tmp_path, toy.toy_manifest(), NAME).table, "q")
     np.testing.assert_array_equal(stored.astype(np.float64), [row.q for row in rounded])
 
 
@@ -113,7 +122,7 @@ def test_an_object_without_rows_is_complete(toy, tmp_path, rng):
     assert not is_complete(tmp_path, NAME)
     write_shard(tmp_path, manifest, NAME, [], toy.toy_cloud(rng), counts)
     assert is_complete(tmp_path, NAME)
-    assert read_shard(tmp_path, manifest, NAME).column_matrix("q").shape == (0, toy.DIMENSION)
+    assert column_matrix(read_shard(tmp_path, manifest, NAME).table, "q").shape == (0, toy.DIMENSION)
 
 
 def test_a_shard_is_written_after_its_cloud(toy, tmp_path, rng, monkeypatch):
@@ -194,9 +203,13 @@ def test_foreign_parquet(toy, toy_folder):
         ({}, {}, "has 1 rows of behaviour 'push' but its counts say 0"),
         ({}, {"push": BehaviourCounts(attempted=2, kept=2)}, "has 1 rows of behaviour 'push' but its counts say 2"),
         ({"contact_points": np.zeros((9, 3))}, None, r"has contact_points \(9, 3\), expected \([12], 3\)"),
-        ({"behaviour": "throw"}, None, "unknown behaviour 'throw'; expected one of grasp, push, press, hook"),
+        (
+            {"behaviour": "throw"},
+            None,
+            r"object 'object-0', row 0: behaviour holds 'throw'; expected one of grasp",
+        ),
         ({"q": np.zeros(7)}, None, r"has q \(7,\) and direction_margin \(16,\), expected \(25,\) and \(16,\)"),
-        ({"q": np.full(25, np.nan)}, None, "is not finite; count it as failed"),
+        ({"q": np.full(25, np.nan)}, None, r"object 'object-0', row 0: q holds nan; expected a finite number"),
     ],
 )
 def test_contradictions_are_not_written(toy, tmp_path, rng, change, counts, message):
@@ -206,6 +219,40 @@ def test_contradictions_are_not_written(toy, tmp_path, rng, change, counts, mess
     with pytest.raises(DatasetError, match=message):
         write_shard(tmp_path, toy.toy_manifest(), NAME, [row], toy.toy_cloud(rng), counts)
     assert list(tmp_path.iterdir()) == []
+
+
+POISON = {  # column -> a value that no row can have, and what is said of it
+    "q": (lambda old: [*old[:-1], float("nan")], "q holds nan; expected a finite number"),
+    "direction_margin": (lambda old: [float("inf"), *old[1:]], "direction_margin holds inf; expected a finite number"),
+    "contact_points": (
+        lambda old: [[0.0, float("nan"), 0.0]] * len(old),
+        "contact_points holds nan; expected a finite",
+    ),
+    "penetration_self": (lambda _: float("nan"), "penetration_self holds nan; expected a finite number"),
+    "hold_rotation": (lambda _: float("nan"), "hold_rotation holds nan; expected a finite number"),
+    "behaviour": (lambda _: "throw", "behaviour holds 'throw'; expected one of grasp, push, press, hook"),
+    "digits": (lambda _: ["FF", "XX"], "digits holds 'XX'; expected one of FF, MF, RF, TH"),
+    "contact_links": (
+        lambda old: [*old[:-1], "nose"],
+        "contact_links holds 'nose'; expected one of ffdistal, thdistal",
+    ),
+}
+
+
+@pytest.mark.parametrize("column", POISON)
+def test_a_row_with_impossible_values_is_refused(toy, toy_folder, column):
+    change, message = POISON[column]
+    path = shard_path(toy_folder, NAME)
+    table = pq.read_table(path)
+    values, field = table.column(column).to_pylist(), table.schema.field(column)
+    values[5] = change(values[5])
+    changed = table.set_column(table.schema.names.index(column), field, pa.array(values, type=field.type))
+    pq.write_table(changed, path)
+    with pytest.raises(DatasetError, match=rf"shard-object-0.parquet, row 5: {message}"):
+        read_shard(toy_folder, toy.toy_manifest(), NAME, links=("ffdistal", "thdistal"))
+    if column != "contact_links":  # a hand is needed to know its links
+        with pytest.raises(DatasetError, match=message):
+            load_dataset(toy_folder)
 
 
 def test_a_bad_cloud_is_not_written(toy, tmp_path, rng):

@@ -60,10 +60,12 @@ def toy_row(rng: np.random.Generator, behaviour: str) -> ConfigurationRow:
     )
 
 
-def write_toy_dataset(folder: Path, *, num_objects: int = 3, rows: int = 12, seed: int = 0) -> Manifest:
+def write_toy_dataset(
+    folder: Path, *, num_objects: int = 3, rows: int = 12, seed: int = 0, manifest: Manifest | None = None
+) -> Manifest:
     """Half grasps, half pushes; every attempt counted."""
     rng = np.random.default_rng(seed)
-    manifest = toy_manifest(num_objects)
+    manifest = manifest or toy_manifest(num_objects)
     write_manifest(folder, manifest)
     for name in manifest.objects:
         kept = [toy_row(rng, "grasp" if k % 2 else "push") for k in range(rows)]

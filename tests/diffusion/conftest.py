@@ -1,27 +1,14 @@
 """A small network for a hand with the Shadow Lite's joints, and the made-up dataset of `tests/dataset/toy.py`."""
 
-import importlib.util
-from pathlib import Path
 from types import ModuleType
 
 import pytest
 import torch
 
 from dexnudge.diffusion.config import Architecture, ModelConfig
-from dexnudge.diffusion.network import ConditionalDenoiser
-from dexnudge.diffusion.normaliser import Normaliser
+from dexnudge.diffusion.network import ConditionalDenoiser, Normaliser
 
 SMALL = Architecture(width=32, depth=2, num_heads=2, mlp_ratio=2, encoder_widths=(16, 32), feature_width=32)
-
-
-@pytest.fixture(scope="session")
-def toy() -> ModuleType:
-    """Module that writes made-up datasets."""
-    path = Path(__file__).parents[1] / "dataset" / "toy.py"
-    spec = importlib.util.spec_from_file_location("toy", path)
-    module = importlib.util.module_from_spec(spec)
-    spec.loader.exec_module(module)
-    return module
 
 
 @pytest.fixture(scope="session")

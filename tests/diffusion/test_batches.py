@@ -9,8 +9,8 @@ import torch
 from dexnudge.dataset.loading import load_dataset
 from dexnudge.dataset.schema import BEHAVIOURS
 from dexnudge.diffusion.batches import BatchSampler
+from dexnudge.diffusion.config import TrainingConfig
 from dexnudge.diffusion.network import GRASP, NON_PREHENSILE, NULL_CLASS
-from dexnudge.diffusion.training_config import TrainingConfig
 from dexnudge.errors import DatasetError
 
 ROWS = 5

@@ -1,5 +1,6 @@
 """A model folder gives back what went in, and every kind of damage is named."""
 
+import hashlib
 import json
 import pickle
 
@@ -85,12 +86,41 @@ def test_missing_files(folder, name):
             lambda content: content["model"]["architecture"].update(feature_width=64),
             r"network.encoder.head.0.bias has shape \(32,\), expected \(64,\)",
         ),
+        (
+            lambda content: content["model"]["architecture"].update(depth=10**9),
+            r"`depth` is 1000000000; expected a whole number from 1 to 64",
+        ),
+        (lambda content: content["model"]["architecture"].update(width=-4), r"`width` is -4; expected a whole number"),
+        (
+            lambda content: content["model"]["architecture"].update(width=4096, depth=64),
+            r"`width` 4096 and `depth` 64 make [\d,]+ parameters; expected at most 500,000,000",
+        ),
+        (lambda content: content["model"]["architecture"].update(encoder_widths=[]), "`encoder_widths` is empty"),
         (lambda content: content.pop("provenance"), "was not written by dexnudge: expected the keys model, provenance"),
     ],
 )
 def test_foreign_configs(folder, change, message):
     content = json.loads((folder / CONFIG_NAME).read_text())
     change(content)
+    (folder / CONFIG_NAME).write_text(json.dumps(content))
+    with pytest.raises(CheckpointError, match=message):
+        load_model(folder)
+
+
+@pytest.mark.parametrize(
+    ("name", "change", "message"),
+    [
+        ("network.token_position", lambda tensor: tensor.index_fill_(0, torch.tensor([0]), torch.nan), "is not finite"),
+        ("normaliser.mean", lambda tensor: tensor.fill_(torch.inf), "is not finite"),
+        ("normaliser.std", lambda tensor: tensor.index_fill_(0, torch.tensor([3]), 0.0), "std is not above 0"),
+    ],
+)
+def test_numbers_that_no_trained_model_has(folder, name, change, message):
+    tensors = load_file(folder / WEIGHTS_NAME)
+    change(tensors[name])
+    save_file(tensors, folder / WEIGHTS_NAME)
+    content = json.loads((folder / CONFIG_NAME).read_text())
+    content["weights_sha256"] = hashlib.sha256((folder / WEIGHTS_NAME).read_bytes()).hexdigest()
     (folder / CONFIG_NAME).write_text(json.dumps(content))
     with pytest.raises(CheckpointError, match=message):
         load_model(folder)

@@ -3,8 +3,8 @@
 import pytest
 import torch
 
+from dexnudge.diffusion.objective import diffusion_loss, loss_weights
 from dexnudge.diffusion.schedule import NoiseSchedule
-from dexnudge.diffusion.training_config import diffusion_loss, loss_weights
 
 T = torch.arange(20, 980, 20)
 

@@ -14,6 +14,7 @@ from dexnudge.diffusion.network import (
     ConditionalDenoiser,
     timestep_features,
 )
+from dexnudge.diffusion.schedule import NoiseSchedule
 from dexnudge.errors import CheckpointError, InputError, UnknownNameError
 
 
@@ -159,7 +160,7 @@ def test_the_default_model_fits_into_ten_megabytes(config):
 
 
 def test_impossible_shapes_are_refused(config):
-    with pytest.raises(CheckpointError, match="width 30 is not a multiple of num_heads 4"):
+    with pytest.raises(InputError, match="`width` 30 is not a multiple of `num_heads` 4"):
         Architecture(width=30)
     with pytest.raises(UnknownNameError, match="unknown token layout 'words'; expected one of digits, single, scalars"):
         token_parts("words", config.joint_groups)
@@ -170,7 +171,8 @@ def test_impossible_shapes_are_refused(config):
 
 
 def test_the_last_step_follows_the_prediction_type():
-    last = {kind: Architecture(prediction_type=kind).noise_schedule() for kind in ("epsilon", "sample", "v_prediction")}
+    kinds = ("epsilon", "sample", "v_prediction")
+    last = {kind: NoiseSchedule.of(Architecture(prediction_type=kind)) for kind in kinds}
     assert [float(schedule.alphas_cumprod[-1]) == 0.0 for schedule in last.values()] == [False, True, True]
     kept = Architecture(zero_terminal_snr=False)
-    assert float(kept.noise_schedule().alphas_cumprod[-1]) > 0.0
+    assert float(NoiseSchedule.of(kept).alphas_cumprod[-1]) > 0.0

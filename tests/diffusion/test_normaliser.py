@@ -4,7 +4,7 @@ import numpy as np
 import torch
 from scipy.spatial.transform import Rotation
 
-from dexnudge.diffusion.normaliser import MIN_JOINT_STD, MIN_TRANSLATION_STD, Normaliser
+from dexnudge.diffusion.network import MIN_JOINT_STD, MIN_TRANSLATION_STD, Normaliser
 
 
 def poses(num):

@@ -8,8 +8,8 @@ import pytest
 import torch
 from safetensors.torch import load_file
 
-from dexnudge.diffusion.compute import Processes
-from dexnudge.diffusion.training_state import STATE_NAME
+from dexnudge.diffusion.checkpoint import STATE_NAME
+from dexnudge.diffusion.distributed import Processes
 from dexnudge.errors import InputError
 
 TINY = ["--width", "32", "--depth", "2", "--num-heads", "2", "--groups", "4", "--rows-per-group", "4"]
@@ -20,7 +20,7 @@ FLOAT32_DRIFT = 1e-6  # of weights below 1 after 12 steps: sums over a batch are
 def test_shares_cover_the_batch_once():
     shares = [Processes(rank=rank, count=3).share(12) for rank in range(3)]
     assert [k for share in shares for k in range(share.start, share.stop)] == list(range(12))
-    with pytest.raises(InputError, match=r"a batch has 8 groups for 3 processes; expected a multiple; change --groups"):
+    with pytest.raises(InputError, match=r"a batch has 8 groups for 3 processes; expected a multiple; change `groups`"):
         Processes(count=3).share(8)
 
 

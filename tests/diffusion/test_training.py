@@ -8,20 +8,19 @@ import signal
 import numpy as np
 import pytest
 import torch
-from safetensors import safe_open
-from safetensors.torch import load_file, save_file
+from safetensors.torch import load_file
 
+from dexnudge.dataset.loading import load_dataset
 from dexnudge.dataset.manifest import write_manifest
 from dexnudge.dataset.schema import NUM_DIRECTIONS, BehaviourCounts, ConfigurationRow
 from dexnudge.dataset.shards import write_shard
-from dexnudge.diffusion.checkpoint import read_provenance
-from dexnudge.diffusion.compute import has_bfloat16
+from dexnudge.diffusion.checkpoint import STATE_NAME, read_provenance
+from dexnudge.diffusion.config import TrainingConfig
+from dexnudge.diffusion.distributed import has_bfloat16
 from dexnudge.diffusion.prior import DiffusionPrior
 from dexnudge.diffusion.schedule import ddim_step
-from dexnudge.diffusion.training import train
-from dexnudge.diffusion.training_config import TrainingConfig
+from dexnudge.diffusion.training import TrainingLog, TrainingPlan, plan_training, train
 from dexnudge.diffusion.training_run import TrainingRun
-from dexnudge.diffusion.training_state import SETTINGS_BEFORE, STATE_NAME
 from dexnudge.errors import CheckpointError, DexnudgeError, InputError
 
 
@@ -51,7 +50,7 @@ def short(architecture):
 @pytest.fixture(scope="module")
 def uninterrupted(dataset_folder, short, tmp_path_factory):
     folder = tmp_path_factory.mktemp("uninterrupted")
-    result = train(dataset_folder, folder, short, progress=False)
+    result = train(dataset_folder, folder, short)
     assert result.finished
     return folder
 
@@ -72,27 +71,27 @@ def outcome(folder):
 
 def test_a_continued_run_ends_in_the_same_bits(dataset_folder, short, uninterrupted, tmp_path):
     for stop in (2, 7):
-        result = train(dataset_folder, tmp_path, short, progress=False, stop_at_step=stop)
+        result = train(dataset_folder, tmp_path, short, stop_at_step=stop)
         assert (result.step, result.finished) == (stop, False)
-    assert train(dataset_folder, tmp_path, short, progress=False).finished
+    assert train(dataset_folder, tmp_path, short).finished
     assert outcome(tmp_path) == outcome(uninterrupted)
 
 
 def test_sigterm_saves_and_stops(dataset_folder, short, uninterrupted, tmp_path, monkeypatch):
     advance = TrainingRun.advance
 
-    def terminated_in_step_5(run, log):
+    def terminated_in_step_5(run):
         if run.step == 5:
             os.kill(os.getpid(), signal.SIGTERM)
-        advance(run, log)
+        return advance(run)
 
     former = signal.getsignal(signal.SIGTERM)
     with monkeypatch.context() as patch:
         patch.setattr(TrainingRun, "advance", terminated_in_step_5)
-        result = train(dataset_folder, tmp_path, short, progress=False)
+        result = train(dataset_folder, tmp_path, short)
     assert (result.step, result.finished) == (6, False)
     assert signal.getsignal(signal.SIGTERM) is former
-    train(dataset_folder, tmp_path, short, progress=False)
+    train(dataset_folder, tmp_path, short)
     assert outcome(tmp_path) == outcome(uninterrupted)
 
 
@@ -101,23 +100,23 @@ def test_a_crash_costs_only_the_steps_since_the_last_checkpoint(
 ):
     advance = TrainingRun.advance
 
-    def crash_in_step_6(run, log):
+    def crash_in_step_6(run):
         if run.step == 6:
             raise MemoryError
-        advance(run, log)
+        return advance(run)
 
     with monkeypatch.context() as patch:
         patch.setattr(TrainingRun, "advance", crash_in_step_6)
         with pytest.raises(MemoryError):
-            train(dataset_folder, tmp_path, short, progress=False)
+            train(dataset_folder, tmp_path, short)
     (tmp_path / f".writing-1-{STATE_NAME}").write_bytes(b"half a state")
-    train(dataset_folder, tmp_path, short, progress=False)
+    train(dataset_folder, tmp_path, short)
     assert outcome(tmp_path) == outcome(uninterrupted)
 
 
 def test_a_finished_run_is_not_trained_again(dataset_folder, short, uninterrupted):
     before = outcome(uninterrupted)
-    again = train(dataset_folder, uninterrupted, short, progress=False)
+    again = train(dataset_folder, uninterrupted, short)
     assert again.step == 12
     assert again.validation == read_provenance(uninterrupted / "model")["validation"] != {}
     assert outcome(uninterrupted) == before
@@ -127,42 +126,15 @@ def test_another_run_is_not_continued(toy, dataset_folder, short, uninterrupted,
     with pytest.raises(
         CheckpointError, match=r"cannot be continued: learning_rate was 0.001, is now 0.5; use the same"
     ):
-        train(dataset_folder, uninterrupted, dataclasses.replace(short, learning_rate=0.5), progress=False)
+        train(dataset_folder, uninterrupted, dataclasses.replace(short, learning_rate=0.5))
     toy.write_toy_dataset(tmp_path, seed=1)
     with pytest.raises(CheckpointError, match="cannot be continued: dataset was"):
-        train(tmp_path, uninterrupted, short, progress=False)
-
-
-@pytest.fixture
-def older_run(dataset_folder, short, tmp_path):
-    """Seven steps without scale jitter, their state as it was written before the newer settings existed."""
-    config = dataclasses.replace(short, scale_jitter=0.0)
-    train(dataset_folder, tmp_path, config, progress=False, stop_at_step=7)
-    path = tmp_path / STATE_NAME
-    with safe_open(path, framework="pt") as file:
-        header = json.loads(file.metadata()["training"])
-    settings = header["config"]
-    for name in SETTINGS_BEFORE:
-        *outer, inner = name.split(".")
-        (settings[outer[0]] if outer else settings).pop(inner)
-    save_file(load_file(path), path, metadata={"training": json.dumps(header)})
-    return tmp_path
-
-
-def test_a_run_from_before_newer_settings_goes_on_as_it_was(dataset_folder, short, older_run):
-    with pytest.raises(
-        CheckpointError, match=r"cannot be continued: scale_jitter was 0\.0, is now 0\.01; use the same"
-    ):
-        train(dataset_folder, older_run, short, progress=False)
-    other = dataclasses.replace(short.architecture, token_layout="single")  # noqa: S106
-    with pytest.raises(CheckpointError, match=r"architecture\.token_layout was 'digits', is now 'single'"):
-        train(dataset_folder, older_run, dataclasses.replace(short, architecture=other), progress=False)
-    assert train(dataset_folder, older_run, dataclasses.replace(short, scale_jitter=0.0), progress=False).step == 12
+        train(tmp_path, uninterrupted, short)
 
 
 def test_epsilon_starts_where_some_signal_is_left(dataset_folder, short, tmp_path):
     architecture = dataclasses.replace(short.architecture, prediction_type="epsilon", zero_terminal_snr=None)
-    train(dataset_folder, tmp_path, dataclasses.replace(short, architecture=architecture), progress=False)
+    train(dataset_folder, tmp_path, dataclasses.replace(short, architecture=architecture))
     prior = DiffusionPrior.from_folder(tmp_path / "model")
     assert not prior.config.architecture.zero_terminal_snr
     clean = prior.predict_clean(prior.noise(8), 999, prior.condition(torch.rand(1, 50, 6)))
@@ -174,31 +146,65 @@ def test_a_truncated_state_is_named(dataset_folder, short, uninterrupted, tmp_pa
     for share in (0.0, 0.01, 0.9):
         (tmp_path / STATE_NAME).write_bytes(data[: int(share * len(data))])
         with pytest.raises(CheckpointError, match="truncated or not a training state"):
-            train(dataset_folder, tmp_path, short, progress=False)
+            train(dataset_folder, tmp_path, short)
 
 
 def test_stopping_before_the_first_step_writes_no_model(dataset_folder, short, tmp_path):
-    result = train(dataset_folder, tmp_path, short, progress=False, stop_at_step=0)
+    result = train(dataset_folder, tmp_path, short, stop_at_step=0)
     assert not result.model_folder.exists()
 
 
-def test_a_time_budget_ends_the_run_at_the_lowest_learning_rate(dataset_folder, short, tmp_path):
+def test_a_time_limit_ends_the_run_at_the_lowest_learning_rate(dataset_folder, short, tmp_path):
     config = dataclasses.replace(short, steps=10**9, max_minutes=0.01)
-    result = train(dataset_folder, tmp_path, config, progress=False)
+    result = train(dataset_folder, tmp_path, config)
     assert result.finished
     assert 1 <= result.step < 10_000
-    assert result.minutes == pytest.approx(0.01, abs=0.05)
-    last = [json.loads(line) for line in (tmp_path / "train.jsonl").read_text().splitlines()]
-    rates = [line["train/learning_rate"] for line in last if "train/learning_rate" in line]
+    assert result.validation
+    log = [json.loads(line) for line in (tmp_path / "train.jsonl").read_text().splitlines()]
+    rates = [line["train/learning_rate"] for line in log if "train/learning_rate" in line]
     assert rates[-1] <= 0.05 * max(rates)
+
+
+def test_a_plan_fills_the_time_limit_with_steps(dataset_folder, short):
+    dataset = load_dataset(dataset_folder)
+    plan = plan_training(dataset, dataclasses.replace(short, steps=None, max_minutes=5.0, validate_every=1000))
+    assert 0.5 * 300.0 < plan.steps * plan.seconds_per_step < 300.0  # less what measuring took, and a reserve
+    assert str(plan).startswith(f"{plan.steps} steps of ")
+
+
+def test_a_planned_run_has_the_weights_of_as_many_steps_and_keeps_its_plan(dataset_folder, short, tmp_path):
+    config = dataclasses.replace(short, steps=None, max_minutes=60.0)
+    plans = []
+    planned = TrainingPlan(max_minutes=60.0, seconds_per_step=0.1, steps=12)
+    with pytest.MonkeyPatch.context() as patch:  # an hour would be too long: a plan of twelve steps
+        patch.setattr("dexnudge.diffusion.training.plan_training", lambda *_: planned)
+        train(dataset_folder, tmp_path / "planned", config, stop_at_step=7, on_plan=plans.append)
+    assert plans == [planned]
+    result = train(dataset_folder, tmp_path / "planned", config, on_plan=plans.append)
+    assert (result.step, result.finished, len(plans)) == (12, True, 1)
+    train(dataset_folder, tmp_path / "given", dataclasses.replace(short, steps=12))
+    weights = [(tmp_path / name / "model" / "model.safetensors").read_bytes() for name in ("planned", "given")]
+    assert weights[0] == weights[1]
+
+
+def test_a_resumed_log_is_on_disk_before_its_next_line(tmp_path):
+    """A kill at any moment after a resumption finds every line up to the state's step in the file."""
+    path = tmp_path / "train.jsonl"
+    lines = [json.dumps({"step": step, "train/loss": 1.0}) + "\n" for step in range(1, 9)]
+    path.write_text("".join(lines) + '{"step": 9, "train/lo')
+    log = TrainingLog(tmp_path, step=6)
+    assert path.read_text() == "".join(lines[:6])
+    log.write(7, {"train/loss": 2.0})
+    assert path.read_text() == "".join(lines[:6]) + '{"step": 7, "train/loss": 2.0}\n'
+    log.close()
 
 
 def test_a_diverging_run_stops_with_the_reason(dataset_folder, short, tmp_path):
     config = dataclasses.replace(short, learning_rate=1e30, gradient_clip=1e30, warmup_steps=1)
     with pytest.raises(
-        DexnudgeError, match=r"training diverged at step \d+: the loss is (nan|inf); .*lower learning_rate"
+        DexnudgeError, match=r"training diverged at step \d+: the loss is (nan|inf); .*lower `learning_rate`"
     ):
-        train(dataset_folder, tmp_path, config, progress=False)
+        train(dataset_folder, tmp_path, config)
 
 
 def test_held_out_objects_are_named_and_not_trained_on(dataset_folder, uninterrupted):
@@ -210,34 +216,39 @@ def test_held_out_objects_are_named_and_not_trained_on(dataset_folder, uninterru
 def test_bfloat16_where_the_machine_has_it(dataset_folder, short, tmp_path, monkeypatch):
     config = dataclasses.replace(short, steps=4, precision="bfloat16", validate_every=2)
     if has_bfloat16(torch.device("cpu")):
-        result = train(dataset_folder, tmp_path, config, progress=False)
+        result = train(dataset_folder, tmp_path, config)
         assert result.step == 4
         assert np.isfinite(list(result.validation.values())).all()
         assert {tensor.dtype for tensor in load_file(tmp_path / STATE_NAME).values()} == {torch.float32}
         with pytest.raises(CheckpointError, match="precision was 'bfloat16', is now 'float32'"):
-            train(dataset_folder, tmp_path, dataclasses.replace(config, precision="float32"), progress=False)
-    monkeypatch.setattr("dexnudge.diffusion.compute.has_bfloat16", lambda device: False)
-    with pytest.raises(InputError, match=r"precision is bfloat16, which cpu cannot compute: .*--precision float32"):
-        train(dataset_folder, tmp_path / "other", config, progress=False)
+            train(dataset_folder, tmp_path, dataclasses.replace(config, precision="float32"))
+    monkeypatch.setattr("dexnudge.diffusion.distributed.has_bfloat16", lambda device: False)
+    with pytest.raises(
+        InputError, match=r"precision is bfloat16, which cpu cannot compute: .*set `precision` to float32"
+    ):
+        train(dataset_folder, tmp_path / "other", config)
 
 
 @pytest.mark.skipif(torch.cuda.is_available(), reason="there is a CUDA device")
 def test_a_gpu_that_is_not_there(dataset_folder, short, tmp_path):
-    with pytest.raises(InputError, match=r"needs a CUDA device of its own; torch .* sees 0; train with --device cpu"):
-        train(dataset_folder, tmp_path, dataclasses.replace(short, device="cuda"), progress=False)
+    with pytest.raises(InputError, match=r"needs a CUDA device of its own; torch .* sees 0; set `device` to cpu"):
+        train(dataset_folder, tmp_path, dataclasses.replace(short, device="cuda"))
 
 
-def test_impossible_settings():
-    with pytest.raises(InputError, match="steps is 0, expected at least 1"):
-        TrainingConfig(steps=0)
-    with pytest.raises(InputError, match=r"grasp_fraction is 1.5, expected a share between 0 and 1"):
-        TrainingConfig(grasp_fraction=1.5)
-    with pytest.raises(InputError, match=r"scale_jitter is 1.0, expected a relative error from 0 to below 1"):
-        TrainingConfig(scale_jitter=1.0)
-    with pytest.raises(InputError, match=r"point_noise is -0.1, expected 0 or more"):
-        TrainingConfig(point_noise=-0.1)
-    with pytest.raises(InputError, match=r"max_minutes is 0.0, expected more than 0"):
-        TrainingConfig(max_minutes=0.0)
+@pytest.mark.parametrize(
+    ("settings", "message"),
+    [
+        ({"steps": 0}, "`steps` is 0; expected at least 1"),
+        ({"grasp_fraction": 1.5}, "`grasp_fraction` is 1.5; expected a share between 0 and 1"),
+        ({"scale_jitter": 1.0}, "`scale_jitter` is 1.0; expected a relative error from 0 to below 1"),
+        ({"point_noise": -0.1}, "`point_noise` is -0.1; expected 0 or more"),
+        ({"seed": -1}, "`seed` is -1; expected 0 or more"),
+        ({"max_minutes": 0.0}, "`max_minutes` is 0.0; expected more than 0"),
+    ],
+)
+def test_impossible_settings(settings, message):
+    with pytest.raises(InputError, match=message):
+        TrainingConfig(**settings)
 
 
 def modes_in_frame_c(dimension):
@@ -298,7 +309,7 @@ def test_samples_recover_the_modes_that_belong_to_the_condition(
         loss_weighting=loss_weighting,
         architecture=dataclasses.replace(architecture, prediction_type=prediction_type, zero_terminal_snr=None),
     )
-    result = train(tmp_path / "data", tmp_path / "run", config, progress=False)
+    result = train(tmp_path / "data", tmp_path / "run", config)
     log = [json.loads(line) for line in (tmp_path / "run" / "train.jsonl").read_text().splitlines()]
     losses = [line["train/loss"] for line in log if "train/loss" in line]
     assert losses[-1] < 0.5 * losses[0]

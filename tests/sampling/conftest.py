@@ -4,10 +4,9 @@ import numpy as np
 import pytest
 import torch
 
-from dexnudge.dataset.joint_groups import joint_groups
+from dexnudge.dataset.manifest import joint_groups
 from dexnudge.diffusion.config import Architecture, ModelConfig
-from dexnudge.diffusion.network import ConditionalDenoiser
-from dexnudge.diffusion.normaliser import Normaliser
+from dexnudge.diffusion.network import ConditionalDenoiser, Normaliser
 from dexnudge.diffusion.prior import DiffusionPrior
 from dexnudge.hands.hand import Hand
 from dexnudge.hands.shadow_lite import shadow_lite

@@ -12,8 +12,7 @@ from dexnudge.hands.hand import Hand
 from dexnudge.hands.shadow_lite import shadow_lite
 from dexnudge.objects.builtin import builtin_object
 from dexnudge.synthesis.generate import generate_dataset
-from dexnudge.synthesis.object_data import at_rest, generate_object
-from dexnudge.synthesis.object_task import GenerationConfig
+from dexnudge.synthesis.object_data import GenerationConfig, at_rest, generate_object
 
 
 @pytest.fixture(scope="session")

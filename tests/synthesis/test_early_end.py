@@ -11,9 +11,9 @@ from dexnudge.geometry.surface_points import surface_points
 from dexnudge.hands.hand import Hand
 from dexnudge.objects.builtin import builtin_object
 from dexnudge.simulation.hold import PULL_STEPS, HoldTest
+from dexnudge.synthesis.acceptance import GraspVerifier, floating_scene
 from dexnudge.synthesis.grasps import GraspConfig, descend_to_grasp
 from dexnudge.synthesis.object_data import TARGET_SPACING, at_rest
-from dexnudge.synthesis.verification import GraspVerifier, floating_scene
 
 BATCH = 24
 

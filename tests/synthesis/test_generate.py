@@ -14,7 +14,7 @@ from dexnudge.errors import DatasetError, HandError, InputError, MeshError, Outp
 from dexnudge.geometry.meshes import load_mesh
 from dexnudge.objects.builtin import builtin_object
 from dexnudge.synthesis.generate import generate_dataset
-from dexnudge.synthesis.object_task import GenerationConfig, mesh_hash, object_seed
+from dexnudge.synthesis.object_data import GenerationConfig, mesh_hash, object_seed
 
 
 def log_lines(folder, event: str) -> list[dict]:

@@ -7,9 +7,9 @@ from hypothesis import HealthCheck, given, settings
 from hypothesis import strategies as st
 
 from dexnudge.dataset.schema import BEHAVIOURS, BehaviourCounts
-from dexnudge.synthesis.checking import _pick
 from dexnudge.synthesis.generate import generation_log, totals
-from dexnudge.synthesis.object_task import ObjectOutcome
+from dexnudge.synthesis.object_data import ObjectOutcome
+from dexnudge.synthesis.recheck import _pick
 
 NUMBERS = st.integers(0, 50)
 

@@ -14,8 +14,8 @@ from dexnudge.dataset.schema import (
 )
 from dexnudge.geometry.transforms import resting_origin
 from dexnudge.objects.builtin import builtin_object
+from dexnudge.synthesis.acceptance import NonPrehensileVerifier, behaviour_of, resting_scene
 from dexnudge.synthesis.object_data import at_rest, generate_object
-from dexnudge.synthesis.verification import NonPrehensileVerifier, behaviour_of, resting_scene
 
 REASONS = {  # why an attempt can be rejected
     "grasp": {

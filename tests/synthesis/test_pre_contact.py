@@ -7,7 +7,7 @@ from scipy.stats import binom
 
 from dexnudge.energies.descent import configuration_from_pose
 from dexnudge.geometry.surface_points import SurfacePoints, surface_points
-from dexnudge.synthesis.start_poses import (
+from dexnudge.synthesis.nonprehensile import (
     DIGIT_COUNTS,
     INTENTS,
     SIDE_NORMAL,

@@ -37,11 +37,10 @@ class Generate(SetOptions):
         check_at_least(0, seed=self.seed, non_prehensile=self.non_prehensile, grasps=self.grasps)
         check_at_least(1, workers=self.workers)
         from dexnudge.dataset.info import describe
-        from dexnudge.dataset.tables import report
         from dexnudge.jobs.folders import owned_folder
-        from dexnudge.synthesis.data_card import write_card
+        from dexnudge.synthesis.dataset_card import description, write_card
         from dexnudge.synthesis.generate import generate_dataset
-        from dexnudge.synthesis.object_task import GenerationConfig
+        from dexnudge.synthesis.object_data import GenerationConfig
 
         with owned_folder(self.out) as out:
             generate_dataset(
@@ -54,7 +53,7 @@ class Generate(SetOptions):
                 ray_address=self.ray_address,
             )
             write_card(self.out)
-        print(report(describe(self.out)), end="")
+        print(description(describe(self.out)).text(), end="")
         return 0
 
 
@@ -75,10 +74,10 @@ class Info:
         """Print the tables and write the page."""
         check_at_least(0, seed=self.seed)
         from dexnudge.dataset.info import describe
-        from dexnudge.dataset.tables import report
+        from dexnudge.synthesis.dataset_card import description
 
         info = describe(self.folder)
-        print(report(info), end="")
+        print(description(info).text(), end="")
         if self.out is not None:
             from dexnudge.jobs.folders import owned_folder
             from dexnudge.synthesis.dataset_page import draw_samples, write_dataset_page
@@ -108,7 +107,7 @@ class CheckDataset:
         """Print what was checked; InputError when something does not hold."""
         check_at_least(0, seed=self.seed, num=self.num)
         check_at_least(1, workers=self.workers)
-        from dexnudge.synthesis.checking import check_dataset
+        from dexnudge.synthesis.recheck import check_dataset
 
         report = check_dataset(
             Path(self.folder), objects=self.objects, num=self.num, seed=self.seed, workers=self.workers

@@ -1,70 +1,45 @@
-"""What a dataset holds, counted: behaviours, rejections, digits, directions, sides, and the spread of its numbers."""
+"""What a dataset holds, counted: behaviours, rejections, digits, directions, contact faces, and how its numbers spread."""
 
+from collections.abc import Sequence
 from dataclasses import dataclass
 from pathlib import Path
 
 import numpy as np
+import pyarrow as pa
 from jaxtyping import Bool, Float, Int
+from scipy.spatial import cKDTree
 
-from dexnudge.dataset.all_rows import OCTANTS, SIDES, AllRows, gather_rows, palm_octants
+from dexnudge.dataset.document import Cell, Table
 from dexnudge.dataset.manifest import MANIFEST_NAME, Manifest, read_manifest
-from dexnudge.dataset.schema import BEHAVIOURS, POSE_DIMENSIONS, BehaviourCounts
-from dexnudge.dataset.shards import cloud_path, is_complete, read_shard, shard_path
+from dexnudge.dataset.schema import (
+    BEHAVIOURS,
+    POSE_DIMENSIONS,
+    BehaviourCounts,
+    configuration_schema,
+    direction_angles,
+)
+from dexnudge.dataset.shards import Shard, cloud_path, column_matrix, is_complete, read_cloud, read_shard, shard_path
 from dexnudge.errors import HandError, UnknownNameError
+from dexnudge.hands.hand import Hand
 from dexnudge.hands.registry import load_hand
 
-BINS = 12  # about as many as a person takes in at a glance
-ROUND = (1.0, 2.0, 2.5, 5.0, 10.0)  # times a power of ten: widths that read well
-QUANTILES = (0.0, 0.05, 0.5, 0.95, 1.0)
-
-
-@dataclass(frozen=True, kw_only=True)
-class Histogram:
-    """How often a quantity falls into each bin [edge k, edge k + 1); the last bin holds its upper edge too.
-
-    counts: label of a group of rows -> rows per bin; quantiles: the same labels -> values at `QUANTILES`.
-    """
-
-    quantity: str
-    unit: str
-    edges: Float[np.ndarray, " edge"]
-    counts: dict[str, Int[np.ndarray, " bin"]]
-    quantiles: dict[str, Float[np.ndarray, " quantile"]]
-
-    @property
-    def title(self) -> str:
-        """The quantity with its unit."""
-        return f"{self.quantity} [{self.unit}]" if self.unit else self.quantity
-
-
-def make_histogram(quantity: str, unit: str, values: dict[str, Float[np.ndarray, " n"]]) -> Histogram:
-    """The histogram of finite values by group; groups without values are left out."""
-    groups = {label: np.asarray(group, dtype=np.float64) for label, group in values.items() if len(group)}
-    edges = round_edges(np.concatenate(list(groups.values()) or [np.zeros(1)]))
-    return Histogram(
-        quantity=quantity,
-        unit=unit,
-        edges=edges,
-        counts={label: np.histogram(group, edges)[0] for label, group in groups.items()},
-        quantiles={label: np.quantile(group, QUANTILES) for label, group in groups.items()},
-    )
-
-
-def round_edges(values: Float[np.ndarray, " n"]) -> Float[np.ndarray, " edge"]:
-    """Edges at multiples of a round width that enclose all values in at most about `BINS` bins."""
-    low, high = float(values.min()), float(values.max())
-    wanted = max((high - low) / BINS, 1e-12 * max(abs(low), abs(high), 1.0))
-    power = 10.0 ** np.floor(np.log10(wanted))
-    width = power * min(factor for factor in ROUND if factor * power >= wanted * (1 - 1e-9))
-    first, last = np.floor(low / width), np.ceil(high / width)
-    # Products like 3 * 0.1 may fall a hair inside the outermost value.
-    edges = np.arange(first, max(last, first + 1) + 1) * width
-    edges[0], edges[-1] = min(edges[0], low), max(edges[-1], high)
-    return edges
-
-
+FACES = (
+    "top",
+    "+x",
+    "-x",
+    "+y",
+    "-y",
+    "bottom",
+)  # of an object at rest, by the direction that its normal is closest to
+NORMALS = np.array([[0, 0, 1], [1, 0, 0], [-1, 0, 0], [0, 1, 0], [0, -1, 0], [0, 0, -1]], dtype=np.float64)
+OCTANTS = ("+x", "+x+y", "+y", "-x+y", "-x", "-x-y", "-y", "+x-y")  # 45 degrees each, counter-clockwise, about an axis
+NEIGHBOURS = 32  # stored surface points that may lie on the contact's own face; the nearest may lie round an edge
+NEARNESS = 0.1  # weight of a point's distance against the distance of its tangent plane
 FEASIBLE_MARGIN = 1.0  # force margin from which a direction of motion counts as feasible
-HOLD_DRIFT = "drift while held"  # name of the histogram over the rows that were held in simulation
+BINS = 12  # of a histogram: about as many as a person takes in at a glance
+ROUND = (1.0, 2.0, 2.5, 5.0, 10.0)  # times a power of ten: bin widths that read well
+QUANTILES = {"least": 0.0, "5 %": 0.05, "median": 0.5, "95 %": 0.95, "greatest": 1.0}
+PENETRATIONS = ("penetration_object", "penetration_environment", "penetration_self")
 
 
 @dataclass(frozen=True, kw_only=True)
@@ -74,17 +49,10 @@ class DatasetInfo:
     Attributes:
         manifest: of the folder.
         num_objects: with a shard. missing_objects: neither written nor failed.
-        counts: behaviour -> what became of every attempt.
-        digits_per_configuration: behaviour -> number of digits in contact -> rows.
-        digit_use: behaviour -> digit -> rows.
-        feasible_rows: (16) non-prehensile rows whose margin is >= 1 in direction k.
-        objects_covered: (16) objects with at least one such row.
-        side_rows: behaviour -> side of `SIDES` -> rows that touch it; a row may touch several.
-        side_objects: side -> objects with a non-prehensile row that touches it.
-        octant_rows: behaviour -> octant of `OCTANTS` -> rows whose palm stands there.
-        histograms: of margin, penetration, height and drift.
-        joint_angles: (d, 3) least, median and greatest angle of each joint [rad]; NaN without rows.
-        joint_limits: (d, 2) [rad]; None when the hand that the manifest names cannot be loaded here.
+        counts: behaviour -> what became of every attempt. num_held: grasps that were held in simulation.
+        tables: by name: `counts`, `digit_numbers`, `digits`, `directions`, `faces`, `face_objects`, `octants`, `joints`,
+            and where there are rows `NAME_bins` and `NAME` (quantiles) for `margin`, `penetration`, `height`, `drift`,
+            `turn`.
         bytes_on_disk: of manifest and Parquet files. bytes_per_row: of the shards alone; 0 without rows.
     """
 
@@ -92,16 +60,8 @@ class DatasetInfo:
     num_objects: int
     missing_objects: int
     counts: dict[str, BehaviourCounts]
-    digits_per_configuration: dict[str, dict[str, int]]
-    digit_use: dict[str, dict[str, int]]
-    feasible_rows: list[int]
-    objects_covered: list[int]
-    side_rows: dict[str, dict[str, int]]
-    side_objects: dict[str, int]
-    octant_rows: dict[str, dict[str, int]]
-    histograms: tuple[Histogram, ...]
-    joint_angles: Float[np.ndarray, "joint 3"]
-    joint_limits: Float[np.ndarray, "joint 2"] | None
+    num_held: int
+    tables: dict[str, Table]
     bytes_on_disk: int
     bytes_per_row: float
 
@@ -117,14 +77,13 @@ def describe(folder: Path | str) -> DatasetInfo:
     manifest = read_manifest(folder)
     names = [name for name in sorted(manifest.objects) if is_complete(folder, name)]
     shards = [read_shard(folder, manifest, name) for name in names]
-    rows = gather_rows(folder, manifest, shards)
     counts = {behaviour: BehaviourCounts() for behaviour in BEHAVIOURS}
     for shard in shards:
         for behaviour, count in shard.counts.items():
             counts[behaviour] += count
-    feasible = rows.direction_margin >= FEASIBLE_MARGIN
-    numbers = rows.digits.sum(axis=1)
-    octants = palm_octants(rows.q[:, :3])
+    empty = configuration_schema(len(manifest.joint_names)).empty_table()
+    rows = pa.concat_tables([empty, *(shard.table.replace_schema_metadata() for shard in shards)])
+    faces = [_faces_of_rows(shard, read_cloud(folder, manifest, shard.object_name)) for shard in shards]
     shard_bytes = sum(shard_path(folder, name).stat().st_size for name in names)
     cloud_bytes = sum(cloud_path(folder, name).stat().st_size for name in names)
     return DatasetInfo(
@@ -132,54 +91,187 @@ def describe(folder: Path | str) -> DatasetInfo:
         num_objects=len(names),
         missing_objects=len(set(manifest.objects) - set(names) - set(manifest.failed_objects)),
         counts=counts,
-        digits_per_configuration=rows.by_behaviour(*_one_hot(numbers, range(len(manifest.joint_groups) + 1))),
-        digit_use=rows.by_behaviour(rows.digits, tuple(manifest.joint_groups)),
-        feasible_rows=feasible[rows.non_prehensile].sum(axis=0).tolist(),
-        objects_covered=rows.objects_with(feasible),
-        side_rows=rows.by_behaviour(rows.sides, SIDES),
-        side_objects=dict(zip(SIDES, rows.objects_with(rows.sides), strict=True)),
-        octant_rows=rows.by_behaviour(octants[:, None] == np.arange(len(OCTANTS)), OCTANTS),
-        histograms=_histograms(rows),
-        joint_angles=_spread(rows.q[:, POSE_DIMENSIONS:]),
-        joint_limits=joint_limits(manifest),
+        num_held=rows.num_rows - rows.column("hold_translation").null_count,
+        tables={
+            "counts": _counts_table(counts),
+            **_coverage_tables(rows, np.concatenate([np.zeros((0, len(FACES)), dtype=bool), *faces]), manifest),
+            **_histograms(rows),
+            "joints": _joints_table(column_matrix(rows, "q")[:, POSE_DIMENSIONS:], manifest),
+        },
         bytes_on_disk=shard_bytes + cloud_bytes + (folder / MANIFEST_NAME).stat().st_size,
-        bytes_per_row=shard_bytes / len(rows.q) if len(rows.q) else 0.0,
+        bytes_per_row=shard_bytes / rows.num_rows if rows.num_rows else 0.0,
     )
 
 
-def joint_limits(manifest: Manifest) -> Float[np.ndarray, "joint 2"] | None:
-    """Limits (d, 2) [rad] of the manifest's hand; None when it cannot be loaded here, or has other joints by now."""
+def known_hand(manifest: Manifest) -> Hand | None:
+    """Return the manifest's hand; None when it cannot be loaded here, or has other joints by now."""
     try:
         hand = load_hand(str(manifest.config.get("hand", manifest.hand)))
     except (HandError, UnknownNameError):  # counts can be read without the hand's files
         return None
-    return np.stack([hand.lower, hand.upper], axis=1) if hand.joint_names == manifest.joint_names else None
+    return hand if hand.joint_names == manifest.joint_names else None
 
 
-def _histograms(rows: AllRows) -> tuple[Histogram, ...]:
-    """Margin of the best direction, penetration, palm's height, and what a grasp drifted in the test of holding."""
-    groups = {behaviour: rows.behaviour == behaviour for behaviour in BEHAVIOURS}
-    pushed = {behaviour: which & rows.non_prehensile for behaviour, which in groups.items()}
-    held = {behaviour: which & np.isfinite(rows.hold_translation) for behaviour, which in groups.items()}
-    quantities = (
-        ("force margin in the best direction", "", rows.direction_margin.max(axis=1, initial=-np.inf), pushed),
-        ("deepest penetration", "mm", 1e3 * rows.penetration, groups),
-        ("palm's origin above the object's middle", "mm", 1e3 * rows.q[:, 2], groups),
-        (HOLD_DRIFT, "mm", 1e3 * rows.hold_translation, held),
-        ("turn while held", "deg", np.degrees(rows.hold_rotation), held),
+def surface_normals(points: Float[np.ndarray, "n 3"], cloud: Float[np.ndarray, "point 6"]) -> Float[np.ndarray, "n 3"]:
+    """Return the object's outward unit normal at points of its surface [m], from stored surface points with normals.
+
+    Each takes the normal of the neighbour c whose tangent plane it lies on: the least |n_c (p - c)| + 0.1 |p - c|.
+    """
+    neighbours = min(NEIGHBOURS, len(cloud))
+    distance, index = cKDTree(cloud[:, :3]).query(points, k=[*range(1, neighbours + 1)])
+    normals = cloud[index, 3:]
+    off_plane = np.abs(np.einsum("nki,nki->nk", normals, points[:, None] - cloud[index, :3]))
+    best = np.argmin(off_plane + NEARNESS * distance, axis=1)
+    return normals[np.arange(len(points)), best]
+
+
+def contact_faces(points: Float[np.ndarray, "n 3"], cloud: Float[np.ndarray, "point 6"]) -> Int[np.ndarray, " n"]:
+    """Return the index into `FACES` of the direction that is closest to the normal at each contact point [m]."""
+    if not len(points):
+        return np.zeros(0, dtype=np.int64)
+    return np.argmax(surface_normals(points, cloud) @ NORMALS.T, axis=1)
+
+
+def palm_octants(translation: Float[np.ndarray, "n 3"]) -> Int[np.ndarray, " n"]:
+    """Return the index into `OCTANTS` of the azimuth at which the palm's origin stands around the object's centre."""
+    azimuth = np.arctan2(translation[:, 1], translation[:, 0])
+    return np.rint(azimuth / (np.pi / 4)).astype(np.int64) % len(OCTANTS)
+
+
+def round_edges(values: Float[np.ndarray, " n"]) -> Float[np.ndarray, " edge"]:
+    """Return edges at multiples of a round width that enclose all values in at most about `BINS` bins."""
+    low, high = float(values.min()), float(values.max())
+    wanted = max((high - low) / BINS, 1e-12 * max(abs(low), abs(high), 1.0))
+    power = 10.0 ** np.floor(np.log10(wanted))
+    width = power * min(factor for factor in ROUND if factor * power >= wanted * (1 - 1e-9))
+    first, last = np.floor(low / width), np.ceil(high / width)
+    # Products like 3 * 0.1 may fall a hair inside the outermost value.
+    edges = np.arange(first, max(last, first + 1) + 1) * width
+    edges[0], edges[-1] = min(edges[0], low), max(edges[-1], high)
+    return edges
+
+
+def histogram(quantity: str, groups: dict[str, Float[np.ndarray, " n"]]) -> tuple[Table, Table]:
+    """Return rows by bin, each bin headed by its lower edge, and the quantiles; groups without values are left out.
+
+    A bin holds what is at least its edge and below the next; the last one holds its upper edge, too.
+    """
+    groups = {label: values for label, values in groups.items() if len(values)}
+    edges = round_edges(np.concatenate(list(groups.values())))
+    bins: list[tuple[Cell, ...]] = [
+        (label, *np.histogram(values, edges)[0].tolist()) for label, values in groups.items()
+    ]
+    quantiles: list[tuple[Cell, ...]] = [
+        (label, *(float(f"{value:.3g}") for value in np.quantile(values, list(QUANTILES.values()))))
+        for label, values in groups.items()
+    ]
+    return (
+        Table(f"{quantity} from", ("rows", *(f"{edge:.4g}" for edge in edges[:-1])), tuple(bins), chart="bars"),
+        Table(quantity, ("behaviour", *QUANTILES), tuple(quantiles)),
     )
-    return tuple(
-        make_histogram(name, unit, {behaviour: values[which] for behaviour, which in chosen.items()})
-        for name, unit, values, chosen in quantities
-        if any(which.any() for which in chosen.values())
-    )
 
 
-def _spread(angles: Float[np.ndarray, "row joint"]) -> Float[np.ndarray, "joint 3"]:
-    if not len(angles):
-        return np.full((angles.shape[1], 3), np.nan)
-    return np.quantile(angles, [0.0, 0.5, 1.0], axis=0).T
+def _counts_table(counts: dict[str, BehaviourCounts]) -> Table:
+    """What became of every attempt."""
+    reasons = sorted({reason for count in counts.values() for reason in count.rejected})
+    rows: list[tuple[Cell, ...]] = []
+    for behaviour, count in counts.items():
+        share: Cell = round(100.0 * count.kept / count.attempted, 1) if count.attempted else "-"
+        rejected = [count.rejected.get(reason, 0) for reason in reasons]
+        rows.append((behaviour, count.attempted, count.kept, share, count.failed, *rejected))
+    header = ("behaviour", "attempted", "kept", "kept %", "failed", *(f"rejected: {reason}" for reason in reasons))
+    return Table("behaviour", header, tuple(rows))
 
 
-def _one_hot(values: np.ndarray, kinds: range) -> tuple[Bool[np.ndarray, "row kind"], tuple[str, ...]]:
-    return values[:, None] == np.asarray(kinds), tuple(map(str, kinds))
+def _coverage_tables(rows: pa.Table, faces: Bool[np.ndarray, "row face"], manifest: Manifest) -> dict[str, Table]:
+    """Digits, directions, contact faces and the palm's place: rows, and objects where it matters."""
+    behaviour, objects = _strings(rows, "behaviour"), _strings(rows, "object")
+    movable = behaviour != "grasp"
+    place = {digit: index for index, digit in enumerate(manifest.joint_groups)}
+    digits = np.zeros((rows.num_rows, len(place)), dtype=bool)
+    for row, used in enumerate(rows.column("digits").to_pylist()):
+        digits[row, [place[digit] for digit in used]] = True
+    numbers = digits.sum(axis=1)[:, None] == np.arange(len(place) + 1)
+    octants = palm_octants(column_matrix(rows, "q")[:, :3])[:, None] == np.arange(len(OCTANTS))
+    feasible = column_matrix(rows, "direction_margin") >= FEASIBLE_MARGIN
+    angles = tuple(f"{angle:g}" for angle in np.degrees(direction_angles()).round(6))
+
+    def by_behaviour(title: str, kinds: Sequence[str], member: Bool[np.ndarray, "row kind"]) -> Table:
+        counted: tuple[tuple[Cell, ...], ...] = tuple(
+            (name, *member[behaviour == name].sum(axis=0).tolist()) for name in BEHAVIOURS
+        )
+        return Table(title, ("behaviour", *kinds), counted, chart="bars")
+
+    def objects_with(member: Bool[np.ndarray, "row kind"]) -> list[int]:
+        return [len(np.unique(objects[movable & column])) for column in member.T]
+
+    return {
+        "digit_numbers": by_behaviour("rows by digits in contact", [str(k) for k in range(len(place) + 1)], numbers),
+        "digits": by_behaviour("rows that use the digit", tuple(place), digits),
+        "directions": Table(
+            "feasible direction [deg]",
+            ("non-prehensile", *angles),
+            (("rows", *feasible[movable].sum(axis=0).tolist()), ("objects", *objects_with(feasible))),
+            chart="bars",
+        ),
+        "faces": by_behaviour("rows that touch the face", FACES, faces),
+        "face_objects": Table(
+            "objects with a push, press or hook on the face", ("objects", *FACES), (("objects", *objects_with(faces)),)
+        ),
+        "octants": by_behaviour("rows by where the palm stands", OCTANTS, octants),
+    }
+
+
+def _histograms(rows: pa.Table) -> dict[str, Table]:
+    """Margin of the best direction, penetration, palm's height, and what a grasp drifted while held."""
+    behaviour = _strings(rows, "behaviour")
+    held = np.isfinite(_numbers(rows, "hold_translation"))
+    every = np.ones(rows.num_rows, dtype=bool)
+    margin = column_matrix(rows, "direction_margin").max(axis=1, initial=-np.inf)
+    deepest = np.max([_numbers(rows, name) for name in PENETRATIONS], axis=0, initial=0.0)
+    quantities = {
+        "margin": ("force margin in the best direction", margin, behaviour != "grasp"),
+        "penetration": ("deepest penetration [mm]", 1e3 * deepest, every),
+        "height": ("palm's origin above the object's middle [mm]", 1e3 * column_matrix(rows, "q")[:, 2], every),
+        "drift": ("drift while held [mm]", 1e3 * _numbers(rows, "hold_translation"), held),
+        "turn": ("turn while held [deg]", np.degrees(_numbers(rows, "hold_rotation")), held),
+    }
+    tables = {}
+    for name, (quantity, values, chosen) in quantities.items():
+        if chosen.any():
+            groups = {label: values[chosen & (behaviour == label)] for label in BEHAVIOURS}
+            tables[f"{name}_bins"], tables[name] = histogram(quantity, groups)
+    return tables
+
+
+def _joints_table(angles: Float[np.ndarray, "row joint"], manifest: Manifest) -> Table:
+    """Which part of its range each joint uses: in degrees, and in percent of the range where the limits are known."""
+    spread = np.quantile(angles, [0.0, 0.5, 1.0], axis=0).T if len(angles) else np.full((angles.shape[1], 3), np.nan)
+    header = ["joint", "least [deg]", "median [deg]", "greatest [deg]"]
+    cells = [np.degrees(spread).round(1)]
+    hand = known_hand(manifest)
+    if hand is not None and len(angles):
+        lower, upper = hand.lower[:, None], hand.upper[:, None]
+        header += ["least [% of range]", "median [% of range]", "greatest [% of range]"]
+        cells.append((100.0 * (spread - lower) / (upper - lower)).round() + 0.0)  # no "-0"
+    rows = tuple((name, *row) for name, row in zip(manifest.joint_names, np.hstack(cells).tolist(), strict=True))
+    return Table("joint", tuple(header), rows, chart="ranges" if len(cells) > 1 else "")
+
+
+def _faces_of_rows(shard: Shard, cloud: Float[np.ndarray, "point 6"]) -> Bool[np.ndarray, "row face"]:
+    """Which faces each row of one object touches."""
+    lists = shard.table.column("contact_points").combine_chunks()
+    points = lists.flatten().flatten().to_numpy(zero_copy_only=False).reshape(-1, 3).astype(np.float64)
+    row = np.repeat(np.arange(len(lists)), np.diff(lists.offsets.to_numpy()))
+    touched = np.zeros((len(lists), len(FACES)), dtype=bool)
+    touched[row, contact_faces(points, cloud)] = True
+    return touched
+
+
+def _strings(rows: pa.Table, name: str) -> np.ndarray:
+    return np.array(rows.column(name).to_pylist(), dtype=str)
+
+
+def _numbers(rows: pa.Table, name: str) -> Float[np.ndarray, " row"]:
+    """A column of numbers; NaN where it is null."""
+    return rows.column(name).to_numpy().astype(np.float64)

@@ -12,12 +12,12 @@ from torch import Tensor
 
 from dexnudge.dataset.manifest import Manifest, read_manifest
 from dexnudge.dataset.schema import BEHAVIOURS, CLOUD_POINTS, NUM_DIRECTIONS, POSE_DIMENSIONS
-from dexnudge.dataset.shards import is_complete, read_cloud, read_shard
+from dexnudge.dataset.shards import column_matrix, is_complete, read_cloud, read_shard
 from dexnudge.errors import DatasetError
 
 
 def turn_vectors(vectors: Float[Tensor, "*batch 3"], yaw: Float[Tensor, "*#batch"]) -> Float[Tensor, "*batch 3"]:
-    """R_z(yaw) v; yaw [rad] is counter-clockwise seen from above and broadcasts against the batch."""
+    """Return R_z(yaw) v; yaw [rad] is counter-clockwise seen from above and broadcasts against the batch."""
     cos, sin = torch.cos(yaw), torch.sin(yaw)
     x, y, z = vectors.unbind(-1)
     return torch.stack([cos * x - sin * y, sin * x + cos * y, z], dim=-1)
@@ -26,7 +26,7 @@ def turn_vectors(vectors: Float[Tensor, "*batch 3"], yaw: Float[Tensor, "*#batch
 def turn_configurations(
     q: Float[Tensor, "*batch dimension"], yaw: Float[Tensor, "*#batch"]
 ) -> Float[Tensor, "*batch dimension"]:
-    """The hand carried around with the object: translation and both rotation columns turn, joint angles stay."""
+    """Return the hand carried around with the object: translation and both rotation columns turn, joint angles stay."""
     translation = turn_vectors(q[..., 0:3], yaw)
     first_column = turn_vectors(q[..., 3:6], yaw)
     second_column = turn_vectors(q[..., 6:9], yaw)
@@ -36,7 +36,7 @@ def turn_configurations(
 def turn_clouds(
     clouds: Float[Tensor, "object point 6"], yaw: Float[Tensor, " object"]
 ) -> Float[Tensor, "object point 6"]:
-    """Points [m] and normals, one yaw per object."""
+    """Return turned points [m] and normals, one yaw per object."""
     points = turn_vectors(clouds[..., :3], yaw[:, None])
     normals = turn_vectors(clouds[..., 3:], yaw[:, None])
     return torch.cat([points, normals], dim=-1)
@@ -46,7 +46,7 @@ VALIDATION_FRACTION = 0.05  # of the objects; the test set is made of other obje
 
 
 def hash_fraction(object_name: str) -> float:
-    """A number in [0, 1) that depends on the name only and is spread evenly over names."""
+    """Return a number in [0, 1) that depends on the name only and is spread evenly over names."""
     digest = hashlib.sha256(object_name.encode()).digest()
     return int.from_bytes(digest[:8], "big") / 2.0**64
 
@@ -54,7 +54,7 @@ def hash_fraction(object_name: str) -> float:
 def split_objects(
     names: Sequence[str], *, validation_fraction: float = VALIDATION_FRACTION
 ) -> tuple[list[int], list[int]]:
-    """Indices of training and validation objects.
+    """Return the indices of training and validation objects.
 
     An object is held out when its hash falls below `validation_fraction`. With two or more objects neither side is
     empty: the smallest hash is then held out, or the largest one kept for training.
@@ -111,8 +111,8 @@ def load_dataset(folder: Path | str, *, allow_incomplete: bool = False) -> Datas
     q, object_index, behaviours, margins, clouds = [], [], [], [], []
     for index, name in enumerate(names):
         shard = read_shard(folder, manifest, name)
-        q.append(shard.column_matrix("q"))
-        margins.append(shard.column_matrix("direction_margin"))
+        q.append(column_matrix(shard.table, "q"))
+        margins.append(column_matrix(shard.table, "direction_margin"))
         labels = [behaviour_index[label] for label in shard.table.column("behaviour").to_pylist()]
         behaviours.append(np.array(labels, dtype=np.int64))
         object_index.append(np.full(len(labels), index, dtype=np.int64))

@@ -7,10 +7,12 @@ from pathlib import Path
 
 from dexnudge.dataset.schema import FORMAT_VERSION
 from dexnudge.errors import DatasetError
+from dexnudge.hands.hand import Hand
 from dexnudge.jobs.folders import replace_atomically
 
 MANIFEST_NAME = "manifest.json"
 UNITS = {"length": "m", "angle": "rad"}
+JOINT_GROUPS_KEY = "digit_joints"  # in the file, which is older than the name in the code
 _OBJECT_NAME = re.compile(r"[A-Za-z0-9][A-Za-z0-9_.\-]*")
 
 
@@ -50,7 +52,8 @@ def write_manifest(folder: Path | str, manifest: Manifest) -> Path:
     for name in (*manifest.objects, *manifest.failed_objects):
         check_object_name(name)
     path = Path(folder) / MANIFEST_NAME
-    content = {"format_version": FORMAT_VERSION, "units": UNITS, **asdict(manifest)}
+    fields = {JOINT_GROUPS_KEY if key == "joint_groups" else key: value for key, value in asdict(manifest).items()}
+    content = {"format_version": FORMAT_VERSION, "units": UNITS, **fields}
     content |= {key: dict(sorted(content[key].items())) for key in ("objects", "failed_objects", "versions", "counts")}
     with replace_atomically(path) as temporary:
         temporary.write_text(json.dumps(content, indent=2, default=str) + "\n", encoding="utf-8")
@@ -80,7 +83,32 @@ def read_manifest(folder: Path | str) -> Manifest:
     fields = {key: value for key, value in content.items() if key not in ("format_version", "units")}
     try:
         fields["joint_names"] = tuple(fields["joint_names"])
-        fields["joint_groups"] = {name: tuple(joints) for name, joints in fields["joint_groups"].items()}
+        fields["joint_groups"] = {name: tuple(joints) for name, joints in fields.pop(JOINT_GROUPS_KEY).items()}
         return Manifest(**fields)
     except (AttributeError, KeyError, TypeError) as error:
         raise DatasetError(f"{path} has missing or unexpected fields: {error}; generate the dataset again.") from error
+
+
+def joint_groups(hand: Hand) -> dict[str, tuple[int, ...]]:
+    """Return digit name -> indices into `hand.joint_names`, from the palm outwards.
+
+    A digit owns the joints between its fingertip and the palm; a joint that several digits share goes to the first of
+    them, so that every joint has one digit. Joints that lead to no fingertip, such as a wrist's, come last as "wrist".
+    """
+    owned: set[int] = set()
+    groups: dict[str, tuple[int, ...]] = {}
+    for digit, fingertip in hand.fingertips.items():
+        joints: list[int] = []
+        link = hand.link_names.index(fingertip)
+        while link > 0:
+            joint = hand.joints[link]
+            if joint is not None and joint.index is not None and joint.index not in owned:
+                owned.add(joint.index)
+                joints.append(joint.index)
+            link = int(hand.link_parent[link])
+        if joints:
+            groups[digit] = tuple(reversed(joints))
+    others = tuple(index for index in range(len(hand.joint_names)) if index not in owned)
+    if others:
+        groups["wrist"] = others
+    return groups

@@ -1,7 +1,11 @@
-"""Numbers that a dataset stores: multiples of powers of two, so that what is judged is what is stored.
+"""What a row of a dataset is, how it lies in a Parquet file, and how its numbers are rounded.
 
-A multiple of 2**-k is exact in float32 and float64 as long as it is below 2**(24-k), so nothing changes between the
-verification, the file and a reader; its trailing mantissa bits are zero, and Parquet files become a good deal smaller.
+Every pose is in the resting frame of its object, in metres and radians; see `RESTING_FRAME`. Each column of the Arrow
+schema states its unit, its frame and its meaning.
+
+Numbers are multiples of powers of two, so that what is verified is what is stored. A multiple of 2**-k is exact in
+float32 and float64 as long as it is below 2**(24-k): nothing changes between the verification, the file and a reader. Its
+trailing mantissa bits are zero, which makes Parquet files a good deal smaller.
 """
 
 from dataclasses import dataclass, field
@@ -58,10 +62,14 @@ class BehaviourCounts:
     failed: int = 0
     rejected: dict[str, int] = field(default_factory=dict)
 
+    @property
+    def accounted(self) -> int:
+        """Attempts whose outcome is known."""
+        return self.kept + self.failed + sum(self.rejected.values())
+
     def validate(self, behaviour: str) -> None:
         """Raise DatasetError when an attempt has vanished or was counted twice."""
-        accounted = self.kept + self.failed + sum(self.rejected.values())
-        if accounted != self.attempted:
+        if self.accounted != self.attempted:
             raise DatasetError(
                 f"counts of behaviour {behaviour!r} do not add up: expected attempted = kept + rejected + failed, got "
                 f"{self.attempted} != {self.kept} + {sum(self.rejected.values())} + {self.failed}; "
@@ -79,7 +87,7 @@ class BehaviourCounts:
 
 
 def configuration_schema(num_joints: int) -> pa.Schema:
-    """Columns of `shard-<object>.parquet` for a hand with `num_joints` joint angles.
+    """Return the columns of `shard-<object>.parquet` for a hand with `num_joints` joint angles.
 
     Metadata of each column: description, unit ("" for text, "1" for a number without unit), frame.
     """
@@ -123,7 +131,7 @@ def configuration_schema(num_joints: int) -> pa.Schema:
 
 
 def cloud_schema() -> pa.Schema:
-    """Columns of `object-<object>.parquet`: surface points [m] and outward unit normals, resting frame."""
+    """Return the columns of `object-<object>.parquet`: surface points [m] and outward unit normals, resting frame."""
     return pa.schema(
         [
             _column(
@@ -145,12 +153,12 @@ def _column(
 
 
 def direction_angles() -> Float[np.ndarray, " direction"]:
-    """Angle of each planar direction about z in the resting frame [rad]."""
+    """Return the angle of each planar direction about z in the resting frame [rad]."""
     return np.arange(NUM_DIRECTIONS) * (2.0 * np.pi / NUM_DIRECTIONS)
 
 
 def best_direction(direction_margin: Float[np.ndarray, " direction"]) -> int:
-    """Index of the direction with the greatest margin; among equals the one in the middle of the widest arc of them."""
+    """Return the index of the greatest margin; among equals the one in the middle of the widest arc of them."""
     best = direction_margin == direction_margin.max()
     count = len(best)
     width = np.zeros(count, dtype=np.int64)  # of directions on either side that are as good
@@ -171,7 +179,7 @@ _ROTATION, _JOINTS = slice(3, 9), slice(9, None)  # places in q = [translation (
 
 
 def round_configuration(q: Float[np.ndarray, "*batch dimension"]) -> Float[np.ndarray, "*batch dimension"]:
-    """The nearest configurations that a dataset can store: call it before they are verified.
+    """Return the nearest configurations that a dataset can store: call it before they are verified.
 
     q: [root translation (3) [m] | first two columns of the root rotation (6) | joint angles [rad]]. Rounding keeps the
     order of two joints, so a coupling that held still holds; a joint at its limit leaves it by at most 6.1e-5 rad.
@@ -184,15 +192,15 @@ def round_configuration(q: Float[np.ndarray, "*batch dimension"]) -> Float[np.nd
 
 
 def floor_margin(margin: Float[np.ndarray, "*batch"]) -> Float[np.ndarray, "*batch"]:
-    """The greatest force margins that a dataset can store and that do not exceed the true ones; 1 and -1 stay."""
+    """Return the greatest force margins that a dataset can store and that do not exceed the true ones; 1 and -1 stay."""
     return np.floor(margin / MARGIN_STEP) * MARGIN_STEP
 
 
 def round_cloud(cloud: Float[np.ndarray, "point 6"]) -> Float[np.ndarray, "point 6"]:
-    """The nearest points [m] and normals that a dataset can store; normals are unit vectors to within 0.001."""
+    """Return the nearest points [m] and normals that a dataset can store; normals are unit vectors to within 0.001."""
     return np.concatenate([round_to(cloud[:, :3], POINT_STEP), round_to(cloud[:, 3:], NORMAL_STEP)], axis=1)
 
 
 def round_to(values: Float[np.ndarray, "*batch"], step: float) -> Float[np.ndarray, "*batch"]:
-    """The nearest multiples of `step`, halves to even."""
+    """Return the nearest multiples of `step`, halves to even."""
     return np.rint(values / step) * step

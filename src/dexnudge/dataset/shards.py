@@ -1,12 +1,13 @@
 """Reading and writing the two Parquet files of one object: its configurations and its surface points."""
 
 import json
-from collections.abc import Sequence
+from collections.abc import Collection, Sequence
 from dataclasses import asdict, dataclass
 from pathlib import Path
 
 import numpy as np
 import pyarrow as pa
+import pyarrow.compute as pc
 import pyarrow.parquet as pq
 from jaxtyping import Float, Float32
 
@@ -47,25 +48,26 @@ class Shard:
     counts: dict[str, BehaviourCounts]
     mesh_hash: str
 
-    def column_matrix(self, name: str) -> Float32[np.ndarray, "row column"]:
-        """A fixed-size-list column (`q`, `direction_margin`) as a matrix."""
-        column = self.table.column(name).combine_chunks()
-        width = column.type.list_size
-        return column.flatten().to_numpy(zero_copy_only=False).reshape(-1, width)
+
+def column_matrix(table: pa.Table, name: str) -> Float32[np.ndarray, "row column"]:
+    """Return a column of lists of one size (`q`, `direction_margin`) as a matrix."""
+    column = table.column(name).combine_chunks()
+    width = column.type.list_size
+    return column.flatten().to_numpy(zero_copy_only=False).reshape(-1, width)
 
 
 def shard_path(folder: Path | str, object_name: str) -> Path:
-    """Where the configurations of an object lie."""
+    """Return where the configurations of an object lie."""
     return Path(folder) / f"shard-{check_object_name(object_name)}.parquet"
 
 
 def cloud_path(folder: Path | str, object_name: str) -> Path:
-    """Where the surface points of an object lie."""
+    """Return where the surface points of an object lie."""
     return Path(folder) / f"object-{check_object_name(object_name)}.parquet"
 
 
 def is_complete(folder: Path | str, object_name: str) -> bool:
-    """True when the object's data has been written; the shard is written last, so its presence is enough."""
+    """Return whether the object's data has been written; the shard is written last, so its presence is enough."""
     return shard_path(folder, object_name).is_file()
 
 
@@ -90,21 +92,65 @@ def write_shard(
             f"cloud of object {object_name!r} has shape {cloud.shape}, expected finite values of shape "
             f"({CLOUD_POINTS}, 6); sample {CLOUD_POINTS} surface points with normals."
         )
+    table = _table(object_name, rows, len(manifest.joint_names))
+    check_rows(table, manifest, f"object {object_name!r}")
     header = _header(manifest, object_name, counts)
     cloud = round_cloud(cloud)
     points = pa.table([pa.array(cloud[:, k].astype(np.float32)) for k in range(6)], schema=cloud_schema())
     _write_table(cloud_path(folder, object_name), points, header)
     path = shard_path(folder, object_name)
-    _write_table(path, _table(object_name, rows, len(manifest.joint_names)), header)
+    _write_table(path, table, header)
     return path
 
 
-def read_shard(folder: Path | str, manifest: Manifest, object_name: str) -> Shard:
-    """Read one object's configurations; raises DatasetError for a truncated, foreign or outdated file."""
+def read_shard(
+    folder: Path | str, manifest: Manifest, object_name: str, *, links: Collection[str] | None = None
+) -> Shard:
+    """Read one object's configurations.
+
+    Args:
+        folder: of the dataset.
+        manifest: of the same folder.
+        object_name: which object.
+        links: those that the hand has; None leaves the names of contact links unchecked.
+
+    Raises:
+        DatasetError: a truncated, foreign or outdated file, or a row with numbers or names that none can have.
+    """
     path = shard_path(folder, object_name)
     table, header = _read_table(path, manifest, object_name, configuration_schema(len(manifest.joint_names)))
+    check_rows(table, manifest, str(path), links=links)
     counts = {behaviour: BehaviourCounts(**count) for behaviour, count in header["counts"].items()}
     return Shard(object_name=object_name, table=table, counts=counts, mesh_hash=header["mesh_sha256"])
+
+
+def check_rows(table: pa.Table, manifest: Manifest, where: str, *, links: Collection[str] | None = None) -> None:
+    """Refuse rows with numbers that are not finite, and with behaviours, digits or links that do not exist.
+
+    Raises:
+        DamagedShardError: names `where`, the column and the first such row.
+    """
+    known: dict[str, Collection[str]] = {"behaviour": BEHAVIOURS, "digits": manifest.joint_groups}
+    if links is not None:
+        known["contact_links"] = links
+    for field in table.schema:
+        values = table.column(field.name).combine_chunks()
+        row = np.arange(len(values))
+        while pa.types.is_nested(values.type):
+            sizes = pc.list_value_length(values).to_numpy(zero_copy_only=False)
+            row, values = np.repeat(row, sizes), values.flatten()
+        bad = values.is_null().to_numpy(zero_copy_only=False) & (not field.nullable)
+        if pa.types.is_floating(values.type):
+            bad |= ~np.isfinite(values.fill_null(0.0).to_numpy(zero_copy_only=False))
+        if field.name in known:
+            bad |= ~np.isin(np.array(values.to_pylist(), dtype=object), list(known[field.name]))
+        if bad.any():
+            first = int(np.argmax(bad))
+            expected = f"one of {', '.join(known[field.name])}" if field.name in known else "a finite number"
+            raise DamagedShardError(
+                f"{where}, row {row[first]}: {field.name} holds {values[first].as_py()!r}; expected {expected}; "
+                "generate the object again."
+            )
 
 
 def read_cloud(folder: Path | str, manifest: Manifest, object_name: str) -> Float32[np.ndarray, "point 6"]:
@@ -113,7 +159,10 @@ def read_cloud(folder: Path | str, manifest: Manifest, object_name: str) -> Floa
     table, _ = _read_table(path, manifest, object_name, cloud_schema())
     if table.num_rows != CLOUD_POINTS:
         raise DatasetError(f"{path} has {table.num_rows} points, expected {CLOUD_POINTS}; generate the object again.")
-    return np.stack([table.column(name).to_numpy() for name in CLOUD_COLUMNS], axis=1)
+    cloud = np.stack([table.column(name).to_numpy() for name in CLOUD_COLUMNS], axis=1)
+    if not np.isfinite(cloud).all():
+        raise DamagedShardError(f"{path} has points that are not finite; generate the object again.")
+    return cloud
 
 
 def _header(manifest: Manifest, object_name: str, counts: dict[str, BehaviourCounts]) -> dict[str, object]:
@@ -169,8 +218,6 @@ def _check_rows(
     for behaviour, count in counts.items():
         count.validate(behaviour)
     for behaviour in sorted({*counts, *(row.behaviour for row in rows)}):
-        if behaviour not in BEHAVIOURS:
-            raise DatasetError(f"unknown behaviour {behaviour!r}; expected one of {', '.join(BEHAVIOURS)}.")
         found = sum(row.behaviour == behaviour for row in rows)
         claimed = counts[behaviour].kept if behaviour in counts else 0
         if found != claimed:
@@ -189,12 +236,6 @@ def _check_rows(
                 f"row {index} of object {object_name!r} has contact_points {row.contact_points.shape}, expected "
                 f"({len(row.contact_links)}, 3): one point for each of its contact_links."
             )
-        if not (
-            np.isfinite(row.q).all()
-            and np.isfinite(row.direction_margin).all()
-            and np.isfinite(row.contact_points).all()
-        ):
-            raise DatasetError(f"row {index} of object {object_name!r} is not finite; count it as failed instead.")
 
 
 def _write_table(path: Path, table: pa.Table, header: dict[str, object]) -> None:

@@ -13,8 +13,8 @@ from torch import Tensor
 
 from dexnudge.dataset.loading import Dataset, turn_clouds, turn_configurations
 from dexnudge.dataset.schema import BEHAVIOURS, NUM_DIRECTIONS, direction_angles
+from dexnudge.diffusion.config import TrainingConfig
 from dexnudge.diffusion.network import GRASP, NON_PREHENSILE, NULL_CLASS, Condition
-from dexnudge.diffusion.training_config import TrainingConfig
 from dexnudge.errors import DatasetError
 
 
@@ -29,7 +29,7 @@ class TrainingBatch:
     has_direction: Bool[Tensor, " group"]
 
     def condition(self, object_feature: Float[Tensor, "group feature"]) -> Condition:
-        """One condition row per configuration."""
+        """Return one condition row per configuration."""
         rows = len(self.q) // len(self.points)
         return Condition(
             object_feature=object_feature.repeat_interleave(rows, dim=0),
@@ -39,7 +39,7 @@ class TrainingBatch:
         )
 
     def part(self, groups: slice) -> "TrainingBatch":
-        """These groups with their rows."""
+        """Return these groups with their rows."""
         rows = len(self.q) // len(self.points)
         return TrainingBatch(
             q=self.q[groups.start * rows : groups.stop * rows],
@@ -50,7 +50,7 @@ class TrainingBatch:
         )
 
     def to(self, device: torch.device) -> "TrainingBatch":
-        """The same on another device."""
+        """Return the same on another device."""
         return TrainingBatch(**{name: tensor.to(device) for name, tensor in vars(self).items()})
 
 
@@ -89,7 +89,7 @@ class BatchSampler:
             )
 
     def batch(self, index: int, *, stream: int = 0) -> TrainingBatch:
-        """Batch number `index` of random `stream`."""
+        """Return batch number `index` of random `stream`."""
         rng = np.random.default_rng([self.config.seed, stream, index])
         groups = [self._group(rng) for _ in range(self.config.groups)]
         rows = np.concatenate([group.rows for group in groups])
@@ -140,7 +140,7 @@ class _Pool:
 
     @classmethod
     def of(cls, rows: np.ndarray, behaviour: np.ndarray, balance: float) -> "_Pool":
-        """Weight count^-balance for each row, count being the rows of its behaviour in this pool."""
+        """Return a pool with weight count^-balance for each row, count being the rows of its behaviour in this pool."""
         counts = np.bincount(behaviour)[behaviour].astype(np.float64)
         cumulative = np.cumsum(counts**-balance)
         return cls(rows, cumulative / cumulative[-1])

@@ -1,18 +1,25 @@
-"""A model as one folder: `model.safetensors` (weights and normaliser) and `config.json`. No pickle anywhere."""
+"""A model as one folder, and the state of an unfinished training run. No pickle anywhere.
+
+A model folder holds `model.safetensors` (weights and normaliser) and `config.json`.
+"""
 
 import hashlib
 import json
+from collections.abc import Iterator
+from contextlib import contextmanager
+from dataclasses import dataclass, field
 from pathlib import Path
+from typing import Any
 
 import torch
-from safetensors import SafetensorError
+from safetensors import SafetensorError, safe_open
 from safetensors.torch import load as parse_tensors
 from safetensors.torch import save as serialise_tensors
+from safetensors.torch import save_file
 from torch import Tensor
 
 from dexnudge.diffusion.config import ModelConfig
-from dexnudge.diffusion.network import ConditionalDenoiser
-from dexnudge.diffusion.normaliser import Normaliser
+from dexnudge.diffusion.network import ConditionalDenoiser, Normaliser
 from dexnudge.errors import CheckpointError
 from dexnudge.jobs.folders import replace_atomically
 
@@ -32,9 +39,19 @@ def save_model(
 ) -> Path:
     """Write a model folder and return it.
 
-    weights: `state_dict` of a `ConditionalDenoiser`, stored as `dtype`; the normaliser stays float32. provenance: what it
-    was trained on, for the reader. Each file appears whole or not at all, and `config.json`, written last, carries the
-    hash of the weights it belongs to.
+    Each file appears whole or not at all, and `config.json`, written last, carries the hash of the weights it belongs to.
+
+    Args:
+        folder: where to.
+        config: of the network.
+        weights: `state_dict` of a `ConditionalDenoiser`, stored as `dtype`.
+        normaliser: stored as float32.
+        dtype: of the weights.
+        provenance: what it was trained on, for the reader.
+
+    Raises:
+        CheckpointError: a weight is not finite as `dtype`.
+        OutputError: the folder cannot be written.
     """
     folder = Path(folder)
     tensors = {_NETWORK + name: tensor.detach().to("cpu", dtype).contiguous() for name, tensor in weights.items()}
@@ -43,9 +60,8 @@ def save_model(
     for name, tensor in tensors.items():
         if not torch.isfinite(tensor).all():
             raise CheckpointError(f"weight {name} is not finite as {dtype}; store it as float32 or train again.")
-    weights_path = folder / WEIGHTS_NAME
-    with replace_atomically(weights_path) as temporary:
-        data = serialise_tensors(tensors)  # save_file would make the file private to its owner
+    data = serialise_tensors(tensors)  # save_file would make the file private to its owner
+    with replace_atomically(folder / WEIGHTS_NAME) as temporary:
         temporary.write_bytes(data)
     digest = hashlib.sha256(data).hexdigest()
     content = {"model": config.to_dict(), "weights_sha256": digest, "provenance": provenance or {}}
@@ -57,39 +73,30 @@ def save_model(
 def load_model(folder: Path | str) -> tuple[ConditionalDenoiser, Normaliser]:
     """Read a model folder; the network comes in evaluation mode, float32, without gradients of its weights.
 
-    Raises CheckpointError when a file is missing, truncated, foreign, of another version, or does not fit the other one.
+    Raises:
+        CheckpointError: a file is missing, truncated, foreign, of another version, or does not fit the other one; or it
+            holds sizes or numbers that no trained model has.
     """
     folder = Path(folder)
     content = _read_config(folder / CONFIG_NAME)
     config = ModelConfig.from_dict(content["model"])
-    weights_path = folder / WEIGHTS_NAME
-    if not weights_path.is_file():
-        raise CheckpointError(
-            f"{weights_path} does not exist; expected it beside {CONFIG_NAME}; copy the whole folder."
-        )
-    data = weights_path.read_bytes()
+    path = folder / WEIGHTS_NAME
+    if not path.is_file():
+        raise CheckpointError(f"{path} does not exist; expected it beside {CONFIG_NAME}; copy the whole folder.")
+    data = path.read_bytes()
     try:
         tensors = parse_tensors(data)
     except SafetensorError as error:
         raise CheckpointError(
-            f"{weights_path} ({len(data)} bytes) cannot be read: truncated or not safetensors ({error}); "
-            "copy or train it again."
+            f"{path} ({len(data)} bytes) cannot be read: truncated or not safetensors ({error}); copy or train it again."
         ) from error
     if hashlib.sha256(data).hexdigest() != content["weights_sha256"]:
         raise CheckpointError(
-            f"{weights_path} is not the file that {CONFIG_NAME} was written for: its SHA-256 differs; "
+            f"{path} is not the file that {CONFIG_NAME} was written for: its SHA-256 differs; "
             "copy both files from the same model."
         )
+    _check_tensors(path, tensors, config)
     network = ConditionalDenoiser(config)
-    expected = {_NETWORK + name: tensor.shape for name, tensor in network.state_dict().items()}
-    expected |= {_NORMALISER + name: torch.Size([config.dimension]) for name in ("mean", "std")}
-    found = {name: tensor.shape for name, tensor in tensors.items()}
-    if found != expected:
-        wrong = min(name for name, _ in set(expected.items()) ^ set(found.items()))
-        raise CheckpointError(
-            f"{weights_path} does not hold the weights that {CONFIG_NAME} describes: {wrong} has shape "
-            f"{_shape(found, wrong)}, expected {_shape(expected, wrong)}; copy both files from the same model."
-        )
     network.load_state_dict(
         {name.removeprefix(_NETWORK): tensor.float() for name, tensor in tensors.items() if name.startswith(_NETWORK)}
     )
@@ -97,8 +104,27 @@ def load_model(folder: Path | str) -> tuple[ConditionalDenoiser, Normaliser]:
     return network.train(mode=False).requires_grad_(requires_grad=False), normaliser
 
 
-def read_provenance(folder: Path | str) -> dict[str, object]:
-    """What the model was trained on, as `save_model` was told."""
+def _check_tensors(path: Path, tensors: dict[str, Tensor], config: ModelConfig) -> None:
+    """Refuse tensors of other shapes than the config's, and values that no trained model has."""
+    with torch.device("meta"):  # shapes alone: takes no memory, whatever sizes the config names
+        expected = {_NETWORK + name: tensor.shape for name, tensor in ConditionalDenoiser(config).state_dict().items()}
+    expected |= {_NORMALISER + name: torch.Size([config.dimension]) for name in ("mean", "std")}
+    found = {name: tensor.shape for name, tensor in tensors.items()}
+    if found != expected:
+        wrong = min(name for name, _ in set(expected.items()) ^ set(found.items()))
+        raise CheckpointError(
+            f"{path} does not hold the weights that {CONFIG_NAME} describes: {wrong} has shape "
+            f"{_shape(found, wrong)}, expected {_shape(expected, wrong)}; copy both files from the same model."
+        )
+    for name, tensor in tensors.items():
+        if not tensor.is_floating_point() or not torch.isfinite(tensor).all():
+            raise CheckpointError(f"{path} holds {name} that is not finite; copy or train it again.")
+    if not (tensors[_NORMALISER + "std"] > 0.0).all():
+        raise CheckpointError(f"{path} holds a normaliser whose std is not above 0; copy or train it again.")
+
+
+def read_provenance(folder: Path | str) -> dict[str, Any]:
+    """Return what the model was trained on, as `save_model` was told; raises CheckpointError."""
     return _read_config(Path(folder) / CONFIG_NAME)["provenance"]
 
 
@@ -106,7 +132,7 @@ def _shape(shapes: dict[str, torch.Size], name: str) -> str:
     return str(tuple(shapes[name])) if name in shapes else "no entry"
 
 
-def _read_config(path: Path) -> dict:
+def _read_config(path: Path) -> dict[str, Any]:
     if not path.is_file():
         raise CheckpointError(
             f"{path} does not exist; expected a model folder with {CONFIG_NAME} and {WEIGHTS_NAME}; "
@@ -114,9 +140,112 @@ def _read_config(path: Path) -> dict:
         )
     try:
         content = json.loads(path.read_text(encoding="utf-8"))
-    except (json.JSONDecodeError, UnicodeDecodeError) as error:
+    except (json.JSONDecodeError, UnicodeDecodeError, RecursionError) as error:
         raise CheckpointError(f"{path} is not valid JSON ({error}); copy the model again.") from error
     keys = {"model", "weights_sha256", "provenance"}
     if not isinstance(content, dict) or set(content) != keys or not isinstance(content["model"], dict):
         raise CheckpointError(f"{path} was not written by dexnudge: expected the keys {', '.join(sorted(keys))}.")
     return content
+
+
+MODEL_FOLDER, LOG_NAME = "model", "train.jsonl"  # in the folder of a run, beside its state
+STATE_NAME = "training_state.safetensors"
+STATE_VERSION = 1  # raised whenever the optimiser or the order of random draws changes
+_GROUPS = ("weights", "average", "first_moment", "second_moment")
+
+
+@dataclass(kw_only=True)
+class TrainingState:
+    """Everything that decides how a run goes on; random draws depend on the step alone.
+
+    step: steps done; minutes: time spent on them; weights, average, first_moment, second_moment: by parameter name;
+    validation: the figures last found.
+    """
+
+    step: int
+    minutes: float
+    weights: dict[str, Tensor]
+    average: dict[str, Tensor]
+    first_moment: dict[str, Tensor]
+    second_moment: dict[str, Tensor]
+    validation: dict[str, float] = field(default_factory=dict)
+
+
+def save_state(folder: Path, state: TrainingState, settings: dict[str, Any], dataset_id: str) -> None:
+    """Write the state with the settings and the dataset of the run that it belongs to."""
+    tensors = {
+        f"{group}/{name}": tensor.detach().cpu().contiguous()
+        for group in _GROUPS
+        for name, tensor in getattr(state, group).items()
+    }
+    header = {
+        "version": STATE_VERSION,
+        "step": state.step,
+        "minutes": state.minutes,
+        "validation": state.validation,
+        "dataset": dataset_id,
+        "config": settings,
+    }
+    with replace_atomically(folder / STATE_NAME) as temporary:
+        save_file(tensors, temporary, metadata={"training": json.dumps(header)})
+
+
+def load_state(folder: Path, settings: dict[str, Any], dataset_id: str) -> TrainingState | None:
+    """Return the state saved in `folder`, or None if there is none.
+
+    Raises:
+        CheckpointError: it is truncated or belongs to another run: other settings, dataset or version.
+    """
+    path = folder / STATE_NAME
+    if not path.is_file():
+        return None
+    tensors: dict[str, dict[str, Tensor]] = {group: {} for group in _GROUPS}
+    with _opened(path) as (header, file):
+        for key in file.keys():  # noqa: SIM118 - not a dict
+            group, name = key.split("/", 1)
+            tensors[group][name] = file.get_tensor(key)
+    found = {"version": header.get("version"), "dataset": header.get("dataset"), **_flat(header.get("config", {}))}
+    ours = json.loads(json.dumps(settings))  # tuples become lists, as in the file
+    expected = {"version": STATE_VERSION, "dataset": dataset_id, **_flat(ours)}
+    names = sorted(name for name in {*found, *expected} if found.get(name) != expected.get(name))
+    if names:
+        differences = "; ".join(f"{name} was {found.get(name)!r}, is now {expected.get(name)!r}" for name in names)
+        raise CheckpointError(
+            f"{path} belongs to another run and cannot be continued: {differences}; "
+            "use the same settings, or another output folder."
+        )
+    return TrainingState(
+        step=header["step"], minutes=header["minutes"], validation=header.get("validation", {}), **tensors
+    )
+
+
+def read_state_header(folder: Path | str) -> dict[str, Any]:
+    """Return step, minutes, dataset and settings (config) of the run in `folder`.
+
+    Raises:
+        CheckpointError: it has no readable state.
+    """
+    path = Path(folder) / STATE_NAME
+    if not path.is_file():
+        raise CheckpointError(f"{path} does not exist; expected the folder of a run of `dexnudge train`.")
+    with _opened(path) as (header, _):
+        return header
+
+
+@contextmanager
+def _opened(path: Path) -> Iterator[tuple[dict[str, Any], Any]]:
+    """Header and tensors of a state file; CheckpointError when it is damaged."""
+    try:
+        with safe_open(path, framework="pt") as file:
+            yield json.loads(file.metadata()["training"]), file
+    except (SafetensorError, KeyError, TypeError, ValueError) as error:
+        raise CheckpointError(
+            f"{path} cannot be read: truncated or not a training state ({error}); delete it to start again."
+        ) from error
+
+
+def _flat(settings: dict[str, Any]) -> dict[str, Any]:
+    """Nested settings under names like `architecture.width`."""
+    inner = {name: value for name, value in settings.items() if isinstance(value, dict)}
+    outer = {name: value for name, value in settings.items() if name not in inner}
+    return outer | {f"{name}.{key}": value for name, values in inner.items() for key, value in values.items()}

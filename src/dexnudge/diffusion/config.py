@@ -1,89 +1,144 @@
-"""The numbers that define a model; `config.json` of a model folder."""
+"""The numbers that define a model and its training. Free of torch, so that `dexnudge train --help` answers at once."""
 
+import math
 from collections.abc import Callable
 from dataclasses import asdict, dataclass, field
-from typing import Literal
+from typing import Any, Literal, get_args
 
-from dexnudge.diffusion.schedule import NoiseSchedule, PredictionType, ScheduleName
-from dexnudge.errors import CheckpointError, UnknownNameError
+from dexnudge.errors import CheckpointError, InputError, UnknownNameError
 
+PredictionType = Literal["epsilon", "sample", "v_prediction"]
+ScheduleName = Literal["cosine", "linear"]
 TokenLayout = Literal["digits", "single", "scalars"]
-Digits = tuple[tuple[int, ...], ...]  # joint indices of each digit
-Parts = tuple[tuple[int, ...], ...]  # indices into x of each token
+LossWeighting = Literal["uniform", "min_snr", "velocity"]
+Precision = Literal["float32", "bfloat16"]
 
-TRANSLATION, ROTATION = (0, 1, 2), (3, 4, 5, 6, 7, 8)
-FIRST_JOINT = 9
-
-
-def _digits(joint_groups: Digits) -> Parts:
-    return (TRANSLATION, ROTATION, *(tuple(FIRST_JOINT + joint for joint in digit) for digit in joint_groups))
+JointGroups = tuple[tuple[int, ...], ...]  # joint indices of each digit
+Tokens = tuple[tuple[int, ...], ...]  # indices into x of each token
+FIRST_JOINT = 9  # in q, after translation (3) and rotation (6)
 
 
-def _single(joint_groups: Digits) -> Parts:
-    return (tuple(index for part in _digits(joint_groups) for index in part),)
+def _digits(joint_groups: JointGroups) -> Tokens:
+    joints = (tuple(FIRST_JOINT + joint for joint in group) for group in joint_groups)
+    return ((0, 1, 2), (3, 4, 5, 6, 7, 8), *joints)
 
 
-def _scalars(joint_groups: Digits) -> Parts:
-    return tuple((index,) for part in _digits(joint_groups) for index in part)
+def _single(joint_groups: JointGroups) -> Tokens:
+    return (tuple(index for token in _digits(joint_groups) for index in token),)
 
 
-LAYOUTS: dict[str, Callable[[Digits], Parts]] = {"digits": _digits, "single": _single, "scalars": _scalars}
+def _scalars(joint_groups: JointGroups) -> Tokens:
+    return tuple((index,) for token in _digits(joint_groups) for index in token)
 
 
-def token_parts(layout: str, joint_groups: Digits) -> Parts:
-    """Indices into x of each token; together they hold each of the 9 + d entries exactly once.
+LAYOUTS: dict[str, Callable[[JointGroups], Tokens]] = {"digits": _digits, "single": _single, "scalars": _scalars}
 
-    Raises UnknownNameError for a layout that is not in the table.
+
+def token_parts(layout: str, joint_groups: JointGroups) -> Tokens:
+    """Return the indices into x of each token; together they hold each of the 9 + d entries exactly once.
+
+    Raises:
+        UnknownNameError: no such layout.
     """
     if layout not in LAYOUTS:
         raise UnknownNameError(f"unknown token layout {layout!r}; expected one of {', '.join(LAYOUTS)}.")
     return LAYOUTS[layout](joint_groups)
 
 
-CONFIG_VERSION = 1  # raised whenever a weight changes its meaning
-JOINT_GROUPS_KEY = "digit_joints"  # in model files, which are older than the name in the code
+def check_schedule(name: str, prediction_type: str, *, zero_terminal_snr: bool) -> None:
+    """Refuse an unknown noise schedule or prediction type, and a pair that cannot be trained.
+
+    Raises:
+        UnknownNameError: no such schedule or prediction type.
+        InputError: epsilon prediction with a zero terminal signal-to-noise ratio.
+    """
+    if name not in get_args(ScheduleName):
+        raise UnknownNameError(f"unknown noise schedule {name!r}; expected one of {', '.join(get_args(ScheduleName))}.")
+    if prediction_type not in get_args(PredictionType):
+        raise UnknownNameError(
+            f"unknown prediction type {prediction_type!r}; expected one of {', '.join(get_args(PredictionType))}."
+        )
+    if zero_terminal_snr and prediction_type == "epsilon":
+        raise InputError(
+            "zero_terminal_snr cannot be used with epsilon prediction: x_0 is undefined where x_t is pure noise; "
+            "set zero_terminal_snr=False or predict 'sample' or 'v_prediction'."
+        )
+
+
+# Far above what trains on a workstation. A damaged or hostile config.json is refused before it takes memory or time.
+_SIZES = {
+    "width": (1, 4096),
+    "depth": (1, 64),
+    "num_heads": (1, 64),
+    "mlp_ratio": (1, 16),
+    "feature_width": (1, 4096),
+    "num_train_timesteps": (2, 100_000),
+}
+_MOST_PARAMETERS = 500_000_000  # of the transformer: 2 GB of float32
 
 
 @dataclass(frozen=True, kw_only=True)
 class Architecture:
-    """The network's shape and the noise schedule it is trained with.
-
-    width, depth, num_heads, mlp_ratio: of the transformer; encoder_widths: of PointNet's per-point layers;
-    feature_width: of the pooled object feature; clean_limit: |x_0 estimate| is clamped to it, in standard deviations;
-    token_layout: see `token_layout.py`; zero_terminal_snr: None follows the prediction type, which epsilon forbids.
-    Configs written before `token_layout` was a choice lack it and mean its default.
-    """
+    """The network's shape and the noise schedule that it is trained with."""
 
     width: int = 128
+    """Channels of the transformer."""
     depth: int = 6
+    """Blocks of the transformer."""
     num_heads: int = 4
+    """Attention heads."""
     mlp_ratio: int = 4
+    """Width of a block's hidden layer over that of the transformer."""
     encoder_widths: tuple[int, ...] = (64, 128, 256)
+    """Channels of PointNet's per-point layers."""
     feature_width: int = 256
+    """Channels of the pooled object feature."""
     schedule: ScheduleName = "cosine"
+    """Noise schedule."""
     num_train_timesteps: int = 1000
+    """Steps of the noise schedule."""
     prediction_type: PredictionType = "v_prediction"
+    """What the network predicts."""
     zero_terminal_snr: bool | None = None
+    """Whether the last step is pure noise; unless given True, but for epsilon, where it cannot be."""
     clean_limit: float = 6.0
+    """Limit of the clean estimate's entries [standard deviations]."""
     token_layout: TokenLayout = "digits"  # noqa: S105 - a transformer's tokens, no secret
+    """One token a digit, one for all, or one a coordinate."""
 
     def __post_init__(self) -> None:
         if self.zero_terminal_snr is None:
             object.__setattr__(self, "zero_terminal_snr", self.prediction_type != "epsilon")
-        if self.width % self.num_heads:
-            raise CheckpointError(
-                f"width {self.width} is not a multiple of num_heads {self.num_heads}; choose one that is."
+        for name, (least, most) in _SIZES.items():
+            _check_size(name, getattr(self, name), least, most)
+        if not self.encoder_widths:
+            raise InputError("`encoder_widths` is empty; expected at least one layer.")
+        for width in self.encoder_widths:
+            _check_size("encoder_widths", width, *_SIZES["width"])
+        parameters = self.width**2 * (self.depth * (10 + 2 * self.mlp_ratio) + 2)
+        if parameters > _MOST_PARAMETERS:
+            raise InputError(
+                f"`width` {self.width} and `depth` {self.depth} make {parameters:,} parameters; "
+                f"expected at most {_MOST_PARAMETERS:,}."
             )
-        self.noise_schedule()  # refuses a combination that cannot be trained before anything is made
+        if self.width % self.num_heads:
+            raise InputError(
+                f"`width` {self.width} is not a multiple of `num_heads` {self.num_heads}; choose one that is."
+            )
+        if not 0.0 < self.clean_limit < math.inf:
+            raise InputError(f"`clean_limit` is {self.clean_limit}; expected more than 0.")
+        if self.token_layout not in LAYOUTS:
+            token_parts(self.token_layout, ())
+        check_schedule(self.schedule, self.prediction_type, zero_terminal_snr=bool(self.zero_terminal_snr))
 
-    def noise_schedule(self) -> NoiseSchedule:
-        """The schedule that the model was, or will be, trained with."""
-        return NoiseSchedule(
-            self.schedule,
-            num_train_timesteps=self.num_train_timesteps,
-            prediction_type=self.prediction_type,
-            zero_terminal_snr=bool(self.zero_terminal_snr),
-        )
+
+def _check_size(name: str, value: object, least: int, most: int) -> None:
+    if not isinstance(value, int) or isinstance(value, bool) or not least <= value <= most:
+        raise InputError(f"`{name}` is {value!r}; expected a whole number from {least} to {most}.")
+
+
+CONFIG_VERSION = 1  # raised whenever a weight changes its meaning
+JOINT_GROUPS_KEY = "digit_joints"  # in model files, which are older than the name in the code
 
 
 @dataclass(frozen=True, kw_only=True)
@@ -95,7 +150,7 @@ class ModelConfig:
 
     hand: str
     joint_names: tuple[str, ...]
-    joint_groups: tuple[tuple[int, ...], ...]
+    joint_groups: JointGroups
     architecture: Architecture = field(default_factory=Architecture)
 
     def __post_init__(self) -> None:
@@ -109,16 +164,20 @@ class ModelConfig:
     @property
     def dimension(self) -> int:
         """Length 9 + d of q."""
-        return 9 + len(self.joint_names)
+        return FIRST_JOINT + len(self.joint_names)
 
-    def to_dict(self) -> dict[str, object]:
-        """As plain values, with the version that `from_dict` expects."""
+    def to_dict(self) -> dict[str, Any]:
+        """Return plain values, with the version that `from_dict` expects."""
         values = asdict(self)
         return {"config_version": CONFIG_VERSION, JOINT_GROUPS_KEY: values.pop("joint_groups"), **values}
 
     @classmethod
-    def from_dict(cls, content: dict[str, object]) -> "ModelConfig":
-        """The inverse of `to_dict`; raises CheckpointError for another version or unexpected fields."""
+    def from_dict(cls, content: dict[str, Any]) -> "ModelConfig":
+        """Return the config that `to_dict` wrote.
+
+        Raises:
+            CheckpointError: another version, unexpected fields, or sizes that no model has.
+        """
         values = dict(content)
         version = values.pop("config_version", None)
         if version != CONFIG_VERSION:
@@ -127,14 +186,108 @@ class ModelConfig:
                 "train the model again with this version of dexnudge."
             )
         try:
-            shape = dict(values["architecture"])  # type: ignore[call-overload]
+            shape = dict(values["architecture"])
             shape["encoder_widths"] = tuple(shape["encoder_widths"])
             values["architecture"] = Architecture(**shape)
-            values["joint_names"] = tuple(values["joint_names"])  # type: ignore[arg-type]
-            joint_groups = values.pop(JOINT_GROUPS_KEY)
-            values["joint_groups"] = tuple(tuple(joints) for joints in joint_groups)  # type: ignore[attr-defined]
-            return cls(**values)  # type: ignore[arg-type]
+            values["joint_names"] = tuple(values["joint_names"])
+            values["joint_groups"] = tuple(tuple(joints) for joints in values.pop(JOINT_GROUPS_KEY))
+            return cls(**values)
+        except InputError as error:
+            raise CheckpointError(f"model config cannot be used: {error} Copy the model again.") from error
         except (KeyError, TypeError) as error:
             raise CheckpointError(
                 f"model config has missing or unexpected fields ({error}); train the model again."
             ) from error
+
+
+DEFAULT_STEPS = 20_000
+# May differ between a run and its continuation: they do not change the weights of a run that ends by its steps.
+_BUDGET_FIELDS = ("max_minutes", "checkpoint_every", "validate_every", "log_every", "num_threads")
+_COUNTS = ("groups", "rows_per_group", "num_points", "validate_every", "checkpoint_every", "log_every")
+_SHARES = ("grasp_fraction", "behaviour_balance", "unconditional_fraction", "direction_dropout", "behaviour_dropout")
+
+
+@dataclass(frozen=True, kw_only=True)
+class TrainingConfig:
+    """Settings of `train`. A batch has `groups` x `rows_per_group` configurations.
+
+    A group is one object turned to frame C with one direction of motion; its surface is encoded once.
+    """
+
+    steps: int | None = None
+    """Optimiser steps of the whole run; unless given as many as `max_minutes` allows, or 20000."""
+    max_minutes: float | None = None
+    """Time limit over all continuations [min]; a run that it ends before its steps is not reproducible."""
+    groups: int = 16
+    """Objects, each with one direction of motion, in a batch."""
+    rows_per_group: int = 16
+    """Configurations of each of them."""
+    learning_rate: float = 1e-3
+    """Peak learning rate; it follows half a cosine over the steps."""
+    warmup_steps: int = 500
+    """Steps over which the learning rate rises."""
+    weight_decay: float = 0.01
+    """Of AdamW."""
+    gradient_clip: float = 1.0
+    """Largest norm of the gradient."""
+    ema_decay: float = 0.999
+    """Of the averaged weights, which are the model."""
+    grasp_fraction: float = 0.25
+    """Share of groups that are grasps; 1 trains the grasp-only baseline."""
+    behaviour_balance: float = 0.5
+    """0 draws rows evenly, 1 draws push, press and hook equally often."""
+    unconditional_fraction: float = 0.1
+    """Share of groups that lose class and direction."""
+    direction_dropout: float = 0.1
+    """Share of groups that lose the direction."""
+    behaviour_dropout: float = 0.1
+    """Share of groups that lose the class."""
+    min_direction_margin: float = 1.0
+    """Force margin from which a configuration counts as able to move the object."""
+    yaw_jitter: float = 0.0873
+    """Largest error of the motion's direction [rad]."""
+    point_noise: float = 5e-4
+    """Standard deviation of the error of surface points [m]."""
+    scale_jitter: float = 0.01
+    """Largest relative error of the object's size, as of a mesh that was measured wrong; hands keep their size."""
+    num_points: int = 256
+    """Surface points of a group, drawn anew each time."""
+    loss_weighting: LossWeighting = "uniform"
+    """Weight of the loss over noise levels."""
+    snr_limit: float = 5.0
+    """Limit of the signal-to-noise ratio in weights other than uniform."""
+    validate_every: int = 1000
+    """Steps between validations on held-out objects."""
+    checkpoint_every: int = 1000
+    """Steps between saved states."""
+    log_every: int = 50
+    """Steps between lines of the log."""
+    seed: int = 0
+    """Of weights, noise and batches."""
+    num_threads: int | None = None
+    """Threads of torch; its own choice unless given."""
+    device: Literal["cpu", "cuda"] = "cpu"
+    """cuda takes one GPU for each process."""
+    precision: Precision = "float32"
+    """bfloat16 is slower on processors without units for matrices in it, such as AMX."""
+    architecture: Architecture = field(default_factory=Architecture)
+
+    def __post_init__(self) -> None:
+        for name in (*_COUNTS, "steps", "num_threads"):
+            value = getattr(self, name)
+            if value is not None and value < 1:
+                raise InputError(f"`{name}` is {value}; expected at least 1.")
+        for name in _SHARES:
+            if not 0.0 <= getattr(self, name) <= 1.0:
+                raise InputError(f"`{name}` is {getattr(self, name)}; expected a share between 0 and 1.")
+        for name in ("yaw_jitter", "point_noise", "seed"):
+            if not 0.0 <= getattr(self, name) < math.inf:
+                raise InputError(f"`{name}` is {getattr(self, name)}; expected 0 or more.")
+        if not 0.0 <= self.scale_jitter < 1.0:
+            raise InputError(f"`scale_jitter` is {self.scale_jitter}; expected a relative error from 0 to below 1.")
+        if self.max_minutes is not None and not 0.0 < self.max_minutes < math.inf:
+            raise InputError(f"`max_minutes` is {self.max_minutes}; expected more than 0.")
+
+    def identity(self) -> dict[str, object]:
+        """Return the settings that a continuation must share with the run that it continues."""
+        return {name: value for name, value in asdict(self).items() if name not in _BUDGET_FIELDS}

@@ -1,4 +1,4 @@
-"""The conditional denoiser: a PointNet over the object and a diffusion transformer over the parts of the hand.
+"""The conditional denoiser, PointNet over the object and diffusion transformer over the hand, and the normaliser of q.
 
 x_t is cut into tokens by the architecture's token layout. Time, object, class and direction are summed into one vector
 that scales, shifts and gates every layer (adaLN-Zero; Peebles and Xie, 2023).
@@ -14,6 +14,7 @@ from torch import Tensor, nn
 from torch.nn import functional
 
 from dexnudge.diffusion.config import ModelConfig, token_parts
+from dexnudge.geometry.transforms import matrix_to_rotation_6d, rotation_6d_to_matrix
 
 CLASSES = ("grasp", "non_prehensile", "null")  # null stands where the class was dropped for classifier-free guidance
 GRASP, NON_PREHENSILE, NULL_CLASS = range(3)
@@ -40,7 +41,7 @@ class Condition:
         *,
         direction: tuple[float, float, float] | None,
     ) -> "Condition":
-        """The same behaviour and direction for every row of `object_feature`."""
+        """Return the same behaviour and direction for every row of `object_feature`."""
         rows, device = len(object_feature), object_feature.device
         vector = torch.tensor(direction or (0.0, 0.0, 0.0), dtype=object_feature.dtype, device=device)
         return cls(
@@ -50,14 +51,58 @@ class Condition:
             has_direction=torch.full((rows,), direction is not None, dtype=torch.bool, device=device),
         )
 
+    @property
+    def inputs(self) -> tuple[Tensor, Tensor, Tensor, Tensor]:
+        """What the network takes after x_t and t."""
+        return self.object_feature, self.behaviour, self.direction, self.has_direction
+
     def without_intent(self) -> "Condition":
-        """The same object, with class and direction dropped: the reference of classifier-free guidance."""
+        """Return the same object, with class and direction dropped: the reference of classifier-free guidance."""
         return Condition(
             object_feature=self.object_feature,
             behaviour=torch.full_like(self.behaviour, NULL_CLASS),
             direction=torch.zeros_like(self.direction),
             has_direction=torch.zeros_like(self.has_direction),
         )
+
+
+MIN_TRANSLATION_STD = 5e-3  # [m] keeps a coordinate that hardly varies in the data from being blown up
+MIN_JOINT_STD = 5e-2  # [rad] the same for joint angles
+ROTATION_STD = 3.0**-0.5  # of one entry of a uniformly random unit vector; no mean, so that rotating stays rotating
+
+
+@dataclass(frozen=True)
+class Normaliser:
+    """x = (q - mean) / std, entry by entry; mean and std have the units of q, frame C.
+
+    The six rotation entries share mean 0 and std 1/sqrt(3) whatever the data.
+    """
+
+    mean: Float[Tensor, " dimension"]
+    std: Float[Tensor, " dimension"]
+
+    @classmethod
+    def fit(cls, q: Float[Tensor, "row dimension"]) -> "Normaliser":
+        """Return the statistics of configurations in frame C."""
+        mean, std = q.double().mean(dim=0), q.double().std(dim=0, correction=0)
+        mean[3:9], std[3:9] = 0.0, ROTATION_STD
+        std[:3].clamp_(min=MIN_TRANSLATION_STD)
+        std[9:].clamp_(min=MIN_JOINT_STD)
+        return cls(mean=mean.float(), std=std.float())
+
+    def normalise(self, q: Float[Tensor, "batch dimension"]) -> Float[Tensor, "batch dimension"]:
+        """Return x for q in frame C."""
+        return (q - self.mean) / self.std
+
+    def denormalise(self, x: Float[Tensor, "batch dimension"]) -> Float[Tensor, "batch dimension"]:
+        """Return q in frame C for x, with a proper rotation (Gram-Schmidt on its two columns); differentiable."""
+        q = x * self.std + self.mean
+        rotation = matrix_to_rotation_6d(rotation_6d_to_matrix(q[:, 3:9]))
+        return torch.cat([q[:, :3], rotation, q[:, 9:]], dim=-1)
+
+    def to(self, device: torch.device | str) -> "Normaliser":
+        """Return the same on another device."""
+        return Normaliser(mean=self.mean.to(device), std=self.std.to(device))
 
 
 POINT_SCALE = 10.0  # objects span 2 cm to 60 cm: decimetres bring them to the order of 1
@@ -132,7 +177,7 @@ class ConditionalDenoiser(nn.Module):
             nn.init.zeros_(layer.bias)
 
     def encode(self, points: Float[Tensor, "object point 6"]) -> Float[Tensor, "object feature"]:
-        """Object feature of points [m] and unit normals in frame C; the order of the points does not matter."""
+        """Return the object feature of points [m] and unit normals in frame C; the order of the points does not matter."""
         return self.encoder(points)
 
     def forward(
@@ -144,7 +189,7 @@ class ConditionalDenoiser(nn.Module):
         direction: Float[Tensor, "row 3"],
         has_direction: Bool[Tensor, " row"],
     ) -> Float[Tensor, "batch dimension"]:
-        """Prediction for normalised x_t; row = batch, or 1 where all samples share timestep and condition."""
+        """Return the prediction for normalised x_t; row = batch, or 1 where all samples share timestep and condition."""
         flag = has_direction[:, None].to(x_t.dtype)
         condition = (
             self.time_embedding(timestep_features(t).to(x_t.dtype))
@@ -189,7 +234,7 @@ class TransformerBlock(nn.Module):
         return torch.addcmul(tokens, gate_mlp, self.mlp(modulate(tokens, shift_mlp, scale_mlp)))
 
     def attend(self, tokens: Float[Tensor, "batch token width"]) -> Float[Tensor, "batch token width"]:
-        """Multi-head self-attention without mask."""
+        """Return multi-head self-attention without mask."""
         batch, num_tokens, width = tokens.shape
         if num_tokens == 1:  # a single score has softmax 1: what comes out is the value
             return self.attention_out(functional.linear(tokens, self.qkv.weight[-width:], self.qkv.bias[-width:]))
@@ -202,12 +247,12 @@ class TransformerBlock(nn.Module):
 def modulate(
     tokens: Float[Tensor, "batch token width"], shift: Float[Tensor, "row 1 width"], scale: Float[Tensor, "row 1 width"]
 ) -> Float[Tensor, "batch token width"]:
-    """LayerNorm without its own parameters, then (1 + scale) x + shift."""
+    """Return LayerNorm without its own parameters, then (1 + scale) x + shift."""
     return torch.addcmul(shift, functional.layer_norm(tokens, tokens.shape[-1:]), 1.0 + scale)
 
 
 def timestep_features(t: Int[Tensor, " row"]) -> Float[Tensor, "row frequency"]:
-    """Sines and cosines of t at geometrically spaced frequencies (Vaswani et al., 2017)."""
+    """Return sines and cosines of t at geometrically spaced frequencies (Vaswani et al., 2017)."""
     exponents = torch.arange(TIME_FREQUENCIES, dtype=torch.float32, device=t.device) / TIME_FREQUENCIES
     angles = t.float()[:, None] * torch.exp(-math.log(LONGEST_PERIOD) * exponents)
     return torch.cat([angles.cos(), angles.sin()], dim=-1)

@@ -9,8 +9,7 @@ from torch import Tensor
 
 from dexnudge.diffusion.checkpoint import load_model
 from dexnudge.diffusion.config import ModelConfig
-from dexnudge.diffusion.network import CLASSES, NULL_CLASS, Condition, ConditionalDenoiser
-from dexnudge.diffusion.normaliser import Normaliser
+from dexnudge.diffusion.network import CLASSES, NULL_CLASS, Condition, ConditionalDenoiser, Normaliser
 from dexnudge.diffusion.schedule import NoiseSchedule
 from dexnudge.errors import CheckpointError, UnknownNameError
 
@@ -36,7 +35,7 @@ class DiffusionPrior:
     def __init__(self, network: ConditionalDenoiser, normaliser: Normaliser) -> None:
         self.network = network
         self.normaliser = normaliser
-        self.schedule: NoiseSchedule = network.config.architecture.noise_schedule()
+        self.schedule = NoiseSchedule.of(network.config.architecture)
 
     @classmethod
     def from_folder(
@@ -65,7 +64,7 @@ class DiffusionPrior:
     def condition(
         self, points: Float[Tensor, "object point 6"], behaviour: str = "non_prehensile", *, toward_motion: bool = True
     ) -> Condition:
-        """One condition row per object.
+        """Return one condition row per object.
 
         points: surface points [m] and outward normals in frame C; behaviour: one of `CLASSES`; toward_motion: ask for
         configurations that move the object along +x; without it frame C may have any yaw.
@@ -77,13 +76,13 @@ class DiffusionPrior:
         return Condition.of(feature, CLASSES.index(behaviour), direction=direction)
 
     def noise(self, num: int, *, generator: torch.Generator | None = None) -> Float[Tensor, "num dimension"]:
-        """x_T: where sampling starts."""
+        """Return x_T, where sampling starts."""
         return torch.randn(num, self.config.dimension, generator=generator).to(self.device)
 
     def predict_clean(
         self, x_t: Float[Tensor, "batch dimension"], t: int, condition: Condition, *, guidance_scale: float = 1.0
     ) -> Float[Tensor, "batch dimension"]:
-        """Estimate of x_0 from x_t; differentiable with respect to x_t.
+        """Return the estimate of x_0 from x_t; differentiable with respect to x_t.
 
         condition: one row for all samples or one a sample. guidance_scale w (classifier-free guidance, Ho and Salimans,
         2022): x_0 = x_0(nothing) + w (x_0(condition) - x_0(nothing)); 1 is the plain conditional estimate, 0 knows only
@@ -102,11 +101,11 @@ class DiffusionPrior:
         return estimate.clamp(-limit, limit)
 
     def normalise(self, q: Float[Tensor, "batch dimension"]) -> Float[Tensor, "batch dimension"]:
-        """q in frame C to x."""
+        """Return x for q in frame C."""
         return self.normaliser.normalise(q)
 
     def denormalise(self, x: Float[Tensor, "batch dimension"]) -> Float[Tensor, "batch dimension"]:
-        """x to q in frame C with a proper rotation; joint angles may still lie outside their limits."""
+        """Return q in frame C for x, with a proper rotation; joint angles may still lie outside their limits."""
         return self.normaliser.denormalise(x)
 
     def _estimate(
@@ -114,7 +113,4 @@ class DiffusionPrior:
     ) -> Float[Tensor, "batch dimension"]:
         rows = len(condition.behaviour)
         timestep = torch.full((rows,), t, dtype=torch.int64, device=x_t.device)
-        prediction = self.network(
-            x_t, timestep, condition.object_feature, condition.behaviour, condition.direction, condition.has_direction
-        )
-        return self.schedule.clean_estimate(prediction, x_t, timestep)
+        return self.schedule.clean_estimate(self.network(x_t, timestep, *condition.inputs), x_t, timestep)

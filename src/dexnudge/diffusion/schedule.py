@@ -1,4 +1,4 @@
-"""One reverse step of DDIM (Song et al., 2021), deterministic or stochastic.
+"""The noise schedule, and one reverse step of DDIM (Song et al., 2021), deterministic or stochastic.
 
     x_{t-1} = sqrt(abar_{t-1}) x_0 + sqrt(1 - abar_{t-1} - sigma_t^2) epsilon + sigma_t z                   (their Eq. 12)
     sigma_t = eta sqrt((1 - abar_{t-1}) / (1 - abar_t)) sqrt(1 - abar_t / abar_{t-1})                       (their Eq. 16)
@@ -8,16 +8,14 @@ The paper's Eq. 3 prints only the first term; without the second the sample woul
 
 import math
 from collections.abc import Callable
-from typing import Literal, get_args
 
 import torch
 from jaxtyping import Float, Int
 from torch import Tensor
 
-from dexnudge.errors import InputError, UnknownNameError
+from dexnudge.diffusion.config import Architecture, check_schedule
+from dexnudge.errors import InputError
 
-PredictionType = Literal["epsilon", "sample", "v_prediction"]
-ScheduleName = Literal["cosine", "linear"]
 MAX_BETA = 0.999  # caps the cosine schedule's last steps, whose beta would reach 1 (Nichol and Dhariwal, 2021)
 COSINE_OFFSET = 0.008  # keeps beta near t = 0 from vanishing (the same)
 LINEAR_BETAS = (1e-4, 0.02)  # of 1000 steps (Ho et al., 2020)
@@ -51,17 +49,7 @@ class NoiseSchedule:
         prediction_type: str = "sample",
         zero_terminal_snr: bool = True,
     ) -> None:
-        if name not in SCHEDULES:
-            raise UnknownNameError(f"unknown noise schedule {name!r}; expected one of {', '.join(SCHEDULES)}.")
-        if prediction_type not in get_args(PredictionType):
-            raise UnknownNameError(
-                f"unknown prediction type {prediction_type!r}; expected one of {', '.join(get_args(PredictionType))}."
-            )
-        if zero_terminal_snr and prediction_type == "epsilon":
-            raise InputError(
-                "zero_terminal_snr cannot be used with epsilon prediction: x_0 is undefined where x_t is pure noise; "
-                "set zero_terminal_snr=False or predict 'sample' or 'v_prediction'."
-            )
+        check_schedule(name, prediction_type, zero_terminal_snr=zero_terminal_snr)
         alphas_cumprod = torch.cumprod(1.0 - SCHEDULES[name](num_train_timesteps), dim=0)
         if zero_terminal_snr:
             root = alphas_cumprod.sqrt()
@@ -72,12 +60,22 @@ class NoiseSchedule:
         self.alphas_cumprod = alphas_cumprod
         self._padded = torch.cat([alphas_cumprod, torch.ones(1, dtype=torch.float64)]).float()
 
+    @classmethod
+    def of(cls, architecture: Architecture) -> "NoiseSchedule":
+        """Return the schedule that a model of this architecture is trained with."""
+        return cls(
+            architecture.schedule,
+            num_train_timesteps=architecture.num_train_timesteps,
+            prediction_type=architecture.prediction_type,
+            zero_terminal_snr=bool(architecture.zero_terminal_snr),
+        )
+
     def alpha_bar(self, t: Int[Tensor, "*batch"]) -> Float[Tensor, "*batch"]:
-        """abar_t, with abar_{-1} = 1."""
+        """Return abar_t, with abar_{-1} = 1."""
         return self._padded.to(t.device)[t]  # index -1 is the appended one
 
     def timesteps(self, num_inference_steps: int) -> list[int]:
-        """Descending, starting at T-1 ('trailing' in diffusers), so that sampling begins where the noise is complete."""
+        """Return descending timesteps from T-1 ('trailing' in diffusers): sampling begins where the noise is complete."""
         if not 1 <= num_inference_steps <= self.num_train_timesteps:
             raise InputError(
                 f"num_inference_steps is {num_inference_steps}, expected between 1 and {self.num_train_timesteps}."
@@ -88,14 +86,14 @@ class NoiseSchedule:
     def add_noise(
         self, x_0: Float[Tensor, "batch dimension"], epsilon: Float[Tensor, "batch dimension"], t: Int[Tensor, " batch"]
     ) -> Float[Tensor, "batch dimension"]:
-        """x_t = sqrt(abar_t) x_0 + sqrt(1 - abar_t) epsilon."""
+        """Return x_t = sqrt(abar_t) x_0 + sqrt(1 - abar_t) epsilon."""
         alpha_bar = self.alpha_bar(t)[:, None]
         return alpha_bar.sqrt() * x_0 + (1.0 - alpha_bar).sqrt() * epsilon
 
     def target(
         self, x_0: Float[Tensor, "batch dimension"], epsilon: Float[Tensor, "batch dimension"], t: Int[Tensor, " batch"]
     ) -> Float[Tensor, "batch dimension"]:
-        """What the network is trained to predict; v = sqrt(abar_t) epsilon - sqrt(1 - abar_t) x_0."""
+        """Return what the network is trained to predict; v = sqrt(abar_t) epsilon - sqrt(1 - abar_t) x_0."""
         if self.prediction_type == "sample":
             return x_0
         if self.prediction_type == "epsilon":
@@ -109,7 +107,7 @@ class NoiseSchedule:
         x_t: Float[Tensor, "batch dimension"],
         t: Int[Tensor, " #batch"],
     ) -> Float[Tensor, "batch dimension"]:
-        """x_0 estimate (diffusers: pred_original_sample) that `prediction` stands for; differentiable."""
+        """Return the estimate of x_0 that `prediction` stands for (diffusers: pred_original_sample); differentiable."""
         if self.prediction_type == "sample":
             return prediction
         alpha_bar = self.alpha_bar(t)[:, None]
@@ -127,7 +125,7 @@ def ddim_mean_and_sigma(
     *,
     eta: float = 0.0,
 ) -> tuple[Float[Tensor, "batch dimension"], float]:
-    """Mean of x_{t-1} and the standard deviation sigma_t of the noise around it.
+    """Return the mean of x_{t-1} and the standard deviation sigma_t of the noise around it.
 
     x0_hat: the clean estimate, guided or not; epsilon is recomputed from it, so that x_t stays consistent with both.
     t_previous: the next timestep on the way down, -1 for clean data. eta: 0 deterministic, 1 as much noise as DDPM.
@@ -150,7 +148,7 @@ def ddim_step(
     eta: float = 0.0,
     generator: torch.Generator | None = None,
 ) -> Float[Tensor, "batch dimension"]:
-    """x_{t-1}; draws noise from `generator` when eta > 0."""
+    """Return x_{t-1}; draws noise from `generator` when eta > 0."""
     mean, sigma = ddim_mean_and_sigma(schedule, x_t, x0_hat, t, t_previous, eta=eta)
     if sigma == 0.0:
         return mean

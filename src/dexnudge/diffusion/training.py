@@ -1,23 +1,132 @@
-"""Training the denoiser: resumable, killable at any moment, the same weights whether or not it was interrupted."""
+"""Training the denoiser: planned, resumable, killable at any moment, with the same weights whether interrupted or not."""
 
+import importlib.util
+import json
 import math
+import os
 import signal
 import threading
-from collections.abc import Iterator
+import time
+from collections.abc import Callable, Iterator
 from contextlib import closing, contextmanager, nullcontext
-from dataclasses import dataclass
+from dataclasses import asdict, dataclass, replace
 from pathlib import Path
 from types import FrameType
 from typing import Any
 
 import torch
-from rich.progress import BarColumn, MofNCompleteColumn, Progress, TextColumn, TimeElapsedColumn, TimeRemainingColumn
+from rich.progress import TextColumn
 
-from dexnudge.dataset.loading import load_dataset
-from dexnudge.diffusion.compute import joined_processes
+from dexnudge.dataset.loading import Dataset, load_dataset
+from dexnudge.diffusion.checkpoint import (
+    LOG_NAME,
+    MODEL_FOLDER,
+    STATE_NAME,
+    load_state,
+    read_state_header,
+    save_model,
+    save_state,
+)
+from dexnudge.diffusion.config import TrainingConfig
+from dexnudge.diffusion.distributed import Processes, joined_processes
 from dexnudge.diffusion.model_card import write_model_card
-from dexnudge.diffusion.training_config import TrainingConfig
-from dexnudge.diffusion.training_run import MODEL_FOLDER, TrainingLog, TrainingRun
+from dexnudge.diffusion.training_run import TrainingRun
+from dexnudge.jobs.progress import progress
+
+LOSS_SMOOTHING = 0.98  # of the loss that is shown
+WARM_UP_STEPS, MEASURED_STEPS = 3, 20  # of a plan: the first steps allocate memory and are slower
+MEASURED_SHARE = 0.05  # of the time limit that measuring may take
+RESERVE = 0.03  # share of the time limit that a plan leaves for saving, and for a machine that slows down
+
+
+@dataclass(frozen=True, kw_only=True)
+class TrainingPlan:
+    """How many steps fit into a time limit, from the measured time of a step with its share of the validations."""
+
+    max_minutes: float
+    seconds_per_step: float
+    steps: int
+
+    def __str__(self) -> str:
+        return (
+            f"{self.steps} steps of {1e3 * self.seconds_per_step:.3g} ms fit into {self.max_minutes:g} min; "
+            "the learning rate falls over them"
+        )
+
+
+def plan_training(dataset: Dataset, config: TrainingConfig, processes: Processes | None = None) -> TrainingPlan:
+    """Measure some steps and return how many fit into `config.max_minutes`, so that the schedule ends at the limit.
+
+    Nothing is kept of the measured steps: a run of as many steps has the same weights with a time limit or without.
+    """
+    assert config.max_minutes is not None
+    processes = processes or Processes()
+    limit = 60.0 * config.max_minutes
+    begun = time.perf_counter()
+    run = TrainingRun(dataset, config, processes)
+    for _ in range(WARM_UP_STEPS):
+        run.advance()
+    started = time.perf_counter()
+    for _ in range(MEASURED_STEPS):
+        run.advance()
+        # All processes leave the loop at the same step.
+        if processes.largest(time.perf_counter() - begun) > MEASURED_SHARE * limit:
+            break
+    per_step = (time.perf_counter() - started) / (run.step - WARM_UP_STEPS)
+    validated = time.perf_counter()
+    if processes.is_main:
+        run.validate()
+    per_step = processes.largest(per_step + (time.perf_counter() - validated) / config.validate_every)
+    left = (1.0 - RESERVE) * limit - processes.largest(time.perf_counter() - begun)
+    return TrainingPlan(
+        max_minutes=config.max_minutes, seconds_per_step=per_step, steps=max(1, math.floor(left / per_step))
+    )
+
+
+class TrainingLog:
+    """Appends to `train.jsonl` and to `tensorboard/`, until `close`.
+
+    Lines from steps after `step`, written before a crash and about to be repeated, are cut off; no other line is
+    written again, so a kill loses none.
+    """
+
+    def __init__(self, folder: Path, *, step: int) -> None:
+        path = folder / LOG_NAME
+        if path.is_file():
+            kept = 0
+            with path.open("rb") as file:
+                for line in file:
+                    if not _is_of_step_until(line, step):
+                        break
+                    kept += len(line)
+            os.truncate(path, kept)
+        self._file = path.open("a", encoding="utf-8")
+        self._writer = None
+        if importlib.util.find_spec("tensorboard") is not None:
+            from torch.utils.tensorboard import SummaryWriter
+
+            self._writer = SummaryWriter(str(folder / "tensorboard"), purge_step=step + 1)
+
+    def write(self, step: int, values: dict[str, float]) -> None:
+        """Append one event; the file is flushed so that it can be followed."""
+        self._file.write(json.dumps({"step": step, **{name: round(value, 6) for name, value in values.items()}}) + "\n")
+        self._file.flush()
+        if self._writer is not None:
+            for name, value in values.items():
+                self._writer.add_scalar(name, value, step)
+
+    def close(self) -> None:
+        """Flush and close both."""
+        self._file.close()
+        if self._writer is not None:
+            self._writer.close()
+
+
+def _is_of_step_until(line: bytes, step: int) -> bool:
+    try:
+        return line.endswith(b"\n") and bool(json.loads(line)["step"] <= step)
+    except (ValueError, KeyError, TypeError):  # a line that a kill cut off
+        return False
 
 
 @dataclass(frozen=True, kw_only=True)
@@ -40,55 +149,125 @@ def train(
     out_folder: Path | str,
     config: TrainingConfig,
     *,
-    progress: bool = True,
     stop_at_step: int | None = None,
     made_with: dict[str, Any] | None = None,
+    on_plan: Callable[[TrainingPlan], None] | None = None,
 ) -> TrainingResult:
     """Train on a dataset folder; continue if `out_folder` holds an unfinished run of the same settings and data.
 
-    SIGTERM and SIGINT end the run after the current step with everything saved. `stop_at_step` does the same at a step.
-    made_with: versions and machine, for the model's card, which is written at the end.
-    Started by torchrun, the processes share every batch; `out_folder` must be the same for all of them.
-    Raises DatasetError for unusable data, CheckpointError for a run that cannot be continued, InputError for a device or
-    precision that is not there, DexnudgeError when the loss stops being finite.
+    With `config.max_minutes` and without `config.steps` the number of steps is planned first. SIGTERM and SIGINT end the
+    run after the current step with everything saved. Started by torchrun, the processes share every batch.
+
+    Args:
+        dataset_folder: what `dexnudge dataset generate` wrote.
+        out_folder: of the run; the same for all processes.
+        config: settings.
+        stop_at_step: ends the run there as a signal does.
+        made_with: versions and machine, for the model's card, which is written at the end.
+        on_plan: told the plan, in the main process.
+
+    Raises:
+        DatasetError: unusable data.
+        CheckpointError: a run that cannot be continued.
+        InputError: a device or precision that is not there.
+        DexnudgeError: the loss stopped being finite.
     """
     out_folder = Path(out_folder)
     out_folder.mkdir(parents=True, exist_ok=True)
     if config.num_threads is not None:
         torch.set_num_threads(config.num_threads)
-    columns = (
-        TextColumn("training"),
-        BarColumn(),
-        MofNCompleteColumn(),
-        TextColumn("loss {task.fields[loss]:.4f}"),
-        TimeElapsedColumn(),
-        TimeRemainingColumn(),
-    )
     with joined_processes(config.device) as processes:
-        run = TrainingRun(load_dataset(dataset_folder), out_folder, config, processes)
-        run.provenance |= {"data": Path(dataset_folder).resolve().name, "made_with": made_with or {}}
-        with (
-            _stop_signals() as stop,
-            closing(TrainingLog(out_folder, step=run.step)) if processes.is_main else nullcontext() as log,
-            Progress(*columns, disable=not (progress and processes.is_main)) as bar,
-        ):
-            task = bar.add_task("training", total=config.steps, completed=run.step, loss=math.nan)
-            while not run.finished:
-                if processes.largest(float(stop.is_set())) or run.step == stop_at_step:
-                    run.save()
-                    break
-                run.advance(log)
-                bar.update(task, completed=run.step, loss=run.mean_loss)
+        dataset = load_dataset(dataset_folder)
+        config = _planned(dataset, out_folder, config, processes, on_plan)
+        run = TrainingRun(dataset, config, processes)
+        provenance = {
+            "data": Path(dataset_folder).resolve().name,
+            "dataset": run.dataset_id,
+            "objects": len(run.training_objects),
+            "held_out_objects": [dataset.object_names[k] for k in run.held_out_objects],
+            "configurations": len(dataset),
+            "config": {**asdict(config), **run.settings},
+            "made_with": made_with or {},
+        }
+        validation = _train(run, out_folder, provenance, stop_at_step)
         if processes.is_main and run.step > 0:
             write_model_card(out_folder)
     return TrainingResult(
         model_folder=out_folder / MODEL_FOLDER,
         step=run.step,
         minutes=run.minutes,
-        finished=run.finished,
-        validation=run.validation,
+        finished=run.progress >= 1.0,
+        validation=validation,
         is_main=processes.is_main,
     )
+
+
+def _planned(
+    dataset: Dataset,
+    folder: Path,
+    config: TrainingConfig,
+    processes: Processes,
+    on_plan: Callable[[TrainingPlan], None] | None,
+) -> TrainingConfig:
+    """The config with the steps that its time limit allows, or those that an unfinished run was planned with."""
+    if config.steps is not None or config.max_minutes is None:
+        return config
+    if (folder / STATE_NAME).is_file():
+        return replace(config, steps=read_state_header(folder)["config"]["steps"])
+    plan = plan_training(dataset, config, processes)
+    if on_plan is not None and processes.is_main:
+        on_plan(plan)
+    return replace(config, steps=plan.steps)
+
+
+def _train(run: TrainingRun, folder: Path, provenance: dict[str, Any], stop_at_step: int | None) -> dict[str, float]:
+    """Take the steps that are left, with whatever is due after each; return the figures last found."""
+    config, processes = run.config, run.processes
+    state = load_state(folder, run.settings, run.dataset_id)
+    if state is not None:
+        run.restore(state)
+    validation = state.validation if state else {}
+    mean_loss, logged = math.nan, (run.step, run.minutes)
+
+    def save() -> None:
+        """Training state first, then the model that is shipped."""
+        if processes.is_main and run.step > 0:
+            save_state(folder, run.state(validation), run.settings, run.dataset_id)
+            made = {**provenance, "step": run.step, "validation": validation}
+            save_model(folder / MODEL_FOLDER, run.model_config, run.average, run.normaliser, provenance=made)
+
+    def spent(since: float) -> None:
+        run.minutes += processes.largest(time.perf_counter() - since) / 60.0
+
+    with (
+        _stop_signals() as stop,
+        closing(TrainingLog(folder, step=run.step)) if processes.is_main else nullcontext() as log,
+        progress(TextColumn("loss {task.fields[loss]:.4f}")) as bars,
+    ):
+        bar = bars.add_task("training", total=run.num_steps, completed=run.step, loss=math.nan, visible=log is not None)
+        done = run.progress >= 1.0
+        while not done:
+            if processes.largest(float(stop.is_set())) or run.step == stop_at_step:
+                save()
+                break
+            started = time.perf_counter()
+            loss = run.advance()
+            mean_loss = loss if math.isnan(mean_loss) else LOSS_SMOOTHING * mean_loss + (1.0 - LOSS_SMOOTHING) * loss
+            spent(started)
+            started, done = time.perf_counter(), run.progress >= 1.0
+            if log is not None and run.step % config.log_every == 0:
+                rate = (run.step - logged[0]) / max(60.0 * (run.minutes - logged[1]), 1e-9)
+                logged = (run.step, run.minutes)
+                rates = {"train/learning_rate": run.learning_rate(), "train/steps_per_s": rate}
+                log.write(run.step, {"train/loss": mean_loss, **rates})
+            if log is not None and run.held_out_objects and (run.step % config.validate_every == 0 or done):
+                validation = run.validate()
+                log.write(run.step, validation)
+            if run.step % config.checkpoint_every == 0 or done:
+                save()
+            spent(started)
+            bars.update(bar, completed=run.step, loss=mean_loss)
+    return validation
 
 
 @contextmanager

@@ -25,7 +25,7 @@ from dexnudge.sampling.problem import SamplingProblem, prepare
 from dexnudge.sampling.sampler import Sampler
 from dexnudge.scenes.scene import Scene
 from dexnudge.simulation.hold import FARTHEST, MOST_TURNED, HoldTest, LiftRehearsal
-from dexnudge.synthesis.verification import contacts_per_configuration
+from dexnudge.synthesis.acceptance import contacts_per_configuration
 from dexnudge.verification.criteria import PENETRATION_LIMIT
 from dexnudge.verification.penetration import PenetrationCheck
 

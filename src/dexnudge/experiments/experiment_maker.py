@@ -15,7 +15,7 @@ from dexnudge.mechanics.contacts import HandContacts
 from dexnudge.results.samples import Samples
 from dexnudge.scenes.scene import Scene
 from dexnudge.simulation.model import SimulationModel, changed_physics, scene_model
-from dexnudge.synthesis.verification import PRESSING
+from dexnudge.synthesis.acceptance import PRESSING
 
 ERRORS: dict[str, tuple[float, ...]] = {
     "friction_hand": (0.5, 1.5),
@@ -104,7 +104,7 @@ class ExecutionRowMaker:
 
 
 def behaviour_in_scene(contacts: HandContacts, motion: Float[np.ndarray, "3"], root: Float[np.ndarray, "3"]) -> str:
-    """press, hook or push, by the rule of the dataset (`synthesis.verification.behaviour_of`) for the scene's motion.
+    """press, hook or push, by the rule of the dataset (`synthesis.acceptance.behaviour_of`) for the scene's motion.
 
     press: the contacts' mean outward normal points up. Otherwise hook if the hand's root lies ahead of the object (it
     pulls), else push. root: from the object's middle [m, world].

@@ -2,32 +2,34 @@
 
 import base64
 import io
+from collections.abc import Sequence
 from dataclasses import dataclass, replace
 from html import escape
 from importlib.resources import files
+from importlib.util import find_spec
 from pathlib import Path
 from string import Template
+from typing import Any
 
 import numpy as np
 import trimesh
 from jaxtyping import UInt8
 from PIL import Image
 
+from dexnudge.dataset.document import Table
 from dexnudge.dataset.info import DatasetInfo
 from dexnudge.dataset.manifest import Manifest, read_manifest
 from dexnudge.dataset.schema import BEHAVIOURS, best_direction, direction_angles
 from dexnudge.dataset.shards import is_complete, read_shard
-from dexnudge.dataset.tables import Table, coverage_tables, summary, tables
 from dexnudge.errors import DatasetError
 from dexnudge.hands.hand import Hand
 from dexnudge.hands.registry import load_hand
 from dexnudge.jobs.folders import replace_atomically
 from dexnudge.objects.builtin import builtin_object, is_builtin
 from dexnudge.objects.sets import ObjectEntry, resolve_object_set, scaled_to_length
-from dexnudge.synthesis.object_data import at_rest
-from dexnudge.synthesis.object_task import mesh_hash
-from dexnudge.synthesis.verification import resting_scene
-from dexnudge.viewer.bar_chart import bar_chart, range_chart
+from dexnudge.synthesis.acceptance import resting_scene
+from dexnudge.synthesis.dataset_card import description
+from dexnudge.synthesis.object_data import at_rest, mesh_hash
 from dexnudge.viewer.picture import arrange, render_array, write_png
 from dexnudge.viewer.visual_scene import VisualScene, visual_scene
 
@@ -36,15 +38,15 @@ TILE = (560, 480)  # pixels of one picture
 
 
 @dataclass(frozen=True, eq=False)
-class Sample:
-    """One row, what is to be said of it, and its picture."""
+class RowPicture:
+    """One row of a dataset: its behaviour, a caption, and its picture."""
 
     behaviour: str
     caption: tuple[str, ...]
     picture: UInt8[np.ndarray, "height width 3"]
 
 
-def draw_samples(folder: Path | str, *, objects: str | None = None, seed: int = 0) -> list[Sample]:
+def draw_samples(folder: Path | str, *, objects: str | None = None, seed: int = 0) -> list[RowPicture]:
     """Draw up to five random rows of each behaviour, in the order of `BEHAVIOURS`.
 
     Args:
@@ -64,12 +66,12 @@ def draw_samples(folder: Path | str, *, objects: str | None = None, seed: int = 
     for name, row in pick_rows(folder, manifest, np.random.default_rng(seed)):
         values = read_shard(folder, manifest, name).table.slice(row, 1).to_pylist()[0]
         shown = row_drawing(hand, meshes.at_rest(name), values)
-        samples.append(Sample(values["behaviour"], row_caption(values), render_array(shown, size=TILE)))
+        samples.append(RowPicture(values["behaviour"], row_caption(values), render_array(shown, size=TILE)))
     return samples
 
 
 def pick_rows(folder: Path, manifest: Manifest, generator: np.random.Generator) -> list[tuple[str, int]]:
-    """(object, row in its shard) of up to five rows of each behaviour; all rows of a behaviour are equally likely."""
+    """Return (object, row in its shard) of up to five rows of each behaviour; all rows of a behaviour are equally likely."""
     places: dict[str, list[tuple[str, int]]] = {behaviour: [] for behaviour in BEHAVIOURS}
     for name in (name for name in sorted(manifest.objects) if is_complete(folder, name)):
         labels = read_shard(folder, manifest, name).table.column("behaviour").to_pylist()
@@ -96,7 +98,7 @@ class ObjectMeshes:
             self._known = {entry.name: entry for entry in resolve_object_set(objects, units=units, length=self._length)}
 
     def at_rest(self, name: str) -> trimesh.Trimesh:
-        """The mesh of one object [m], resting frame; raises DatasetError when it is not to be had, or another one."""
+        """Return the mesh of one object [m], resting frame; raises DatasetError when it is not to be had, or another one."""
         if name in self._known:
             mesh = self._known[name].load()
         elif self._objects is None and is_builtin(name):
@@ -104,17 +106,17 @@ class ObjectMeshes:
         else:
             raise DatasetError(
                 f"the mesh of {name!r} is not in {self._objects or 'the built-in objects'}; expected the set that the "
-                "dataset was generated from; give it with --objects"
+                "dataset was generated from; give it as `objects`"
             )
         if mesh_hash(mesh) != self._manifest.objects[name]:
             raise DatasetError(
-                f"the mesh of {name!r} is not the one that the dataset was generated from; mend --objects"
+                f"the mesh of {name!r} is not the one that the dataset was generated from; correct `objects`"
             )
         return at_rest(mesh)
 
 
 def row_drawing(hand: Hand, mesh: trimesh.Trimesh, values: dict) -> VisualScene:
-    """The drawing of one row, on the plane and with the arrow of its best direction; of a grasp without both.
+    """Return the drawing of one row, on the plane and with the arrow of its best direction; of a grasp without both.
 
     The base behind the palm is left out: it is large, touches nothing, and would hide the hand.
     """
@@ -137,7 +139,7 @@ def _best_angle(values: dict) -> float:
 
 
 def row_caption(values: dict) -> tuple[str, ...]:
-    """Lines: the object; its digits; the greatest margin and its direction, or how far a held grasp let it drift."""
+    """Return lines: the object and its digits; the greatest margin and its direction, or the drift of a held grasp."""
     digits = "+".join(values["digits"])
     if values["behaviour"] != "grasp":
         margin, angle = max(values["direction_margin"]), np.degrees(_best_angle(values))
@@ -153,9 +155,14 @@ def row_caption(values: dict) -> tuple[str, ...]:
 
 PAGE_FILE = "dataset.html"
 CAPTION_ROOM = 0.22  # of a picture's height: white above it on a sheet, for two lines of text
+COLOURS = {"grasp": "#3b6fb6", "push": "#e07b39", "press": "#2a8f6a", "hook": "#8e5ea2"}
+OTHER_COLOUR = "#66707d"
+CHART_SIZE = (4.8, 2.4)  # inches
+MOST_UPRIGHT = 8  # labels that fit side by side; more are turned
+NO_CHARTS = "Without charts: they are drawn by matplotlib, which is not installed; pip install dexnudge[plots]."
 
 
-def write_dataset_page(info: DatasetInfo, samples: list[Sample], folder: Path | str) -> list[Path]:
+def write_dataset_page(info: DatasetInfo, samples: list[RowPicture], folder: Path | str) -> list[Path]:
     """Write `dataset.html`, and for each behaviour that has samples a sheet `samples-<behaviour>.png`.
 
     Returns:
@@ -165,13 +172,14 @@ def write_dataset_page(info: DatasetInfo, samples: list[Sample], folder: Path | 
         OutputError: the folder cannot be written.
     """
     folder = Path(folder)
-    package = files("dexnudge.viewer")
-    page = Template((package / "dataset_page.html").read_text(encoding="utf-8")).substitute(
-        title=escape(f"Dataset of the hand {info.manifest.hand}"),
-        summary=escape(summary(info)),
+    document = description(info)
+    template = (files("dexnudge.synthesis") / "dataset_page.html").read_text(encoding="utf-8")
+    page = Template(template).substitute(
+        title=escape(document.title),
+        summary=escape(document.summary),
         samples="\n".join(_section(behaviour, samples) for behaviour in BEHAVIOURS),
-        charts="\n".join(_charts(info)),
-        tables="\n".join(_table(table) for table in tables(info)),
+        charts=charts(document.tables) if find_spec("matplotlib") else f"<p>{NO_CHARTS}</p>",
+        sections=document.html(),
     )
     with replace_atomically(folder / PAGE_FILE) as temporary:
         temporary.write_text(page, encoding="utf-8")
@@ -183,53 +191,72 @@ def write_dataset_page(info: DatasetInfo, samples: list[Sample], folder: Path | 
     return written
 
 
-def _sheet(samples: list[Sample]) -> UInt8[np.ndarray, "height width 3"]:
+def _sheet(samples: list[RowPicture]) -> UInt8[np.ndarray, "height width 3"]:
     room = round(CAPTION_ROOM * samples[0].picture.shape[0])
     pictures = [np.pad(sample.picture, ((room, 0), (0, 0), (0, 0)), constant_values=255) for sample in samples]
     return arrange(pictures, ["\n".join(sample.caption) for sample in samples], columns=len(samples))
 
 
-def _section(behaviour: str, samples: list[Sample]) -> str:
+def _section(behaviour: str, samples: list[RowPicture]) -> str:
     shown = [sample for sample in samples if sample.behaviour == behaviour]
     if not shown:
         return f"<h2>{escape(behaviour)}</h2>\n<p>no rows</p>"
     figures = "\n".join(
-        f'<figure><img alt="{escape(behaviour)}: {escape(", ".join(sample.caption))}" src="{_data_url(sample.picture)}">'
+        f'<figure><img alt="{escape(behaviour)}: {escape(", ".join(sample.caption))}" src="{_png_url(sample.picture)}">'
         f"<figcaption>{'<br>'.join(map(escape, sample.caption))}</figcaption></figure>"
         for sample in shown
     )
     return f'<h2>{escape(behaviour)}: random samples</h2>\n<div class="samples">\n{figures}\n</div>'
 
 
-def _charts(info: DatasetInfo) -> list[str]:
-    """The histograms, what of the coverage is counted by behaviour, the directions, and the joints' ranges."""
-    charts = [
-        bar_chart(
-            histogram.title,
-            [f"{edge:.4g}" for edge in histogram.edges[:-1]],
-            {label: counts.tolist() for label, counts in histogram.counts.items()},
-        )
-        for histogram in info.histograms
-    ]
-    for table in coverage_tables(info):
-        rows = {row[0]: [int(cell) for cell in row[1:]] for row in table.rows}
-        counted = {label: counts for label, counts in rows.items() if label in (*BEHAVIOURS, "rows")}
-        charts.append(bar_chart(table.title, table.header[1:], counted))
-    if info.joint_limits is not None and info.num_configurations:
-        lower, upper = info.joint_limits[:, :1], info.joint_limits[:, 1:]
-        shares = np.clip((info.joint_angles - lower) / (upper - lower), 0.0, 1.0)
-        ranges = [(float(low), float(middle), float(high)) for low, middle, high in shares]
-        charts.append(range_chart("joint angles within their limits", info.manifest.joint_names, ranges))
-    return charts
+def charts(tables: list[Table]) -> str:
+    """Return the charts of those tables that can be drawn, as images; needs matplotlib."""
+    import matplotlib as mpl
+    from matplotlib.figure import Figure
+
+    images = []
+    # The salt makes equal charts equal bytes.
+    with mpl.rc_context({"svg.hashsalt": "dexnudge", "font.size": 8.0}):
+        for table in tables:
+            if not table.chart or not table.rows:
+                continue
+            figure = Figure(figsize=CHART_SIZE, layout="constrained")
+            axes = figure.add_subplot()
+            labels = table.header[1:] if table.chart == "bars" else [str(row[0]) for row in table.rows]
+            if table.chart == "bars":
+                _stack(axes, table, labels)
+            else:
+                _ranges(axes, table, labels)
+            axes.set_title(table.title)
+            axes.spines[["top", "right"]].set_visible(False)
+            file = io.BytesIO()
+            figure.savefig(file, format="svg", metadata={"Date": None})
+            url = "data:image/svg+xml;base64," + base64.b64encode(file.getvalue()).decode("ascii")
+            images.append(f'<img alt="{escape(table.title)}" src="{url}">')
+    return "\n".join(images)
 
 
-def _table(table: Table) -> str:
-    header = "".join(f"<th>{escape(cell)}</th>" for cell in (table.title, *table.header[1:]))
-    rows = "".join("<tr>" + "".join(f"<td>{escape(cell)}</td>" for cell in row) + "</tr>\n" for row in table.rows)
-    return f'<div class="scroll"><table><thead><tr>{header}</tr></thead>\n<tbody>\n{rows}</tbody></table></div>'
+def _stack(axes: Any, table: Table, labels: Sequence[str]) -> None:
+    """Bars of the behaviours on top of each other; of a table by something else, its first row."""
+    rows = [row for row in table.rows if row[0] in BEHAVIOURS] or table.rows[:1]
+    reached = np.zeros(len(labels))
+    for name, *counts in rows:
+        axes.bar(range(len(labels)), counts, bottom=reached, label=name, color=COLOURS.get(str(name), OTHER_COLOUR))
+        reached += np.asarray(counts, dtype=np.float64)
+    axes.set_xticks(range(len(labels)), labels, rotation=90 if len(labels) > MOST_UPRIGHT else 0)
+    axes.figure.legend(loc="outside right upper", frameon=False)
 
 
-def _data_url(picture: UInt8[np.ndarray, "height width 3"]) -> str:
+def _ranges(axes: Any, table: Table, labels: Sequence[str]) -> None:
+    """A bar from the least to the greatest of the last three cells of each row, and a mark at the one between."""
+    least, median, greatest = np.asarray([row[-3:] for row in table.rows], dtype=np.float64).T
+    axes.barh(labels, greatest - least, left=least, color=COLOURS["grasp"])
+    axes.scatter(median, labels, color="black", marker="|", zorder=3)
+    axes.set_xlabel("% of range")
+    axes.invert_yaxis()
+
+
+def _png_url(picture: UInt8[np.ndarray, "height width 3"]) -> str:
     file = io.BytesIO()
     Image.fromarray(picture).save(file, format="PNG", optimize=False)
     return "data:image/png;base64," + base64.b64encode(file.getvalue()).decode("ascii")

@@ -1,4 +1,4 @@
-"""Generates a dataset: one object at a time, in parallel, each object's shard written whole or not at all."""
+"""Generate a dataset: one object at a time, in parallel, each object's shard written whole or not at all."""
 
 import json
 import time
@@ -16,8 +16,7 @@ from typing import Any, Literal
 from rich.progress import Progress, TextColumn
 
 from dexnudge import __version__
-from dexnudge.dataset.joint_groups import joint_groups
-from dexnudge.dataset.manifest import MANIFEST_NAME, Manifest, read_manifest, write_manifest
+from dexnudge.dataset.manifest import MANIFEST_NAME, Manifest, joint_groups, read_manifest, write_manifest
 from dexnudge.dataset.schema import BehaviourCounts
 from dexnudge.dataset.shards import DamagedShardError, is_complete, read_cloud, read_shard, shard_path
 from dexnudge.errors import DatasetError, HandError, InputError, OutputError
@@ -28,7 +27,7 @@ from dexnudge.jobs.processes import WorkerDied, run_tasks
 from dexnudge.jobs.progress import progress
 from dexnudge.jobs.ray_cluster import run_tasks_on_ray
 from dexnudge.objects.sets import BUILTIN_PREFIX, ObjectEntry, resolve_object_set
-from dexnudge.synthesis.object_task import GenerationConfig, ObjectOutcome, ObjectTask
+from dexnudge.synthesis.object_data import GenerationConfig, ObjectOutcome, ObjectTask
 
 
 @dataclass(frozen=True)
@@ -41,7 +40,7 @@ class Finished:
 
 
 def open_manifest(folder: Path, wanted: Manifest) -> Manifest:
-    """The manifest in `folder`, or `wanted` where there is none.
+    """Return the manifest in `folder`, or `wanted` where there is none.
 
     Raises:
         DatasetError: the folder holds a dataset of another format version, hand, configuration, seed, or of other
@@ -82,7 +81,7 @@ def read_finished(folder: Path, manifest: Manifest, names: list[str]) -> Finishe
 
 
 def totals(counts: dict[str, dict[str, BehaviourCounts]]) -> dict[str, BehaviourCounts]:
-    """Counts of all objects per behaviour, whatever the order in which the objects were done."""
+    """Return the counts of all objects per behaviour, whatever the order in which the objects were done."""
     summed: dict[str, BehaviourCounts] = {}
     for name in sorted(counts):
         for behaviour, count in counts[name].items():
@@ -111,8 +110,8 @@ class GenerationLog:
         line = {"time": datetime.now(timezone.utc).isoformat(timespec="milliseconds"), "event": event, **content}
         self._append(json.dumps(line) + "\n")
 
-    def tell(self, message: str) -> None:
-        """Say something that the user should know now, above the bar, on stderr."""
+    def notify(self, message: str) -> None:
+        """Print a message above the bar, on stderr."""
         self._bars.console.print(message, style="yellow", soft_wrap=True)
 
     def add(self, name: str, outcome: ObjectOutcome) -> None:
@@ -125,18 +124,18 @@ class GenerationLog:
         if outcome.failed:
             self.failed_objects += 1
             result: dict[str, Any] = {"failed": outcome.failed, **({"trace": outcome.trace} if outcome.trace else {})}
-            self.tell(f"object {name} failed: {outcome.failed}")
+            self.notify(f"object {name} failed: {outcome.failed}")
         else:
             result = {"counts": {behaviour: asdict(count) for behaviour, count in sorted(outcome.counts.items())}}
         self._bars.update(self._bar, advance=1, summary=self.summary())
         self.write("object", name=name, seconds=round(outcome.seconds, 3), kept=kept, **result)
 
     def rate(self) -> float:
-        """Kept configurations per second since this start."""
+        """Return the kept configurations per second since this start."""
         return self.kept / max(time.monotonic() - self._start, 1e-9)
 
     def summary(self) -> str:
-        """Rate, yield and the most frequent rejections in one line."""
+        """Return rate, yield and the most frequent rejections in one line."""
         yielded = 100.0 * self.kept / self.attempted if self.attempted else 0.0
         reasons = [
             f"{reason} {100.0 * number / self.attempted:.0f} %"
@@ -146,7 +145,7 @@ class GenerationLog:
         return f"{self.rate():.1f} kept/s, yield {yielded:.1f} %{rejections}"
 
     def end(self, how: str) -> None:
-        """The last line of this start."""
+        """Write the last line of this start."""
         self.write(
             "end",
             how=how,
@@ -173,7 +172,7 @@ class GenerationLog:
 
 @contextmanager
 def generation_log(folder: Path, *, total: int, finished: int) -> Iterator[GenerationLog]:
-    """A log with its bar while the block runs; its last line says how the block ended."""
+    """Yield a log with its bar while the block runs; its last line says how the block ended."""
     with progress(TextColumn("{task.fields[summary]}")) as bars:
         log = GenerationLog(folder, bars, total=total, finished=finished)
         try:
@@ -199,7 +198,7 @@ def generate_dataset(
     engine: Engine = "processes",
     ray_address: str | None = None,
 ) -> Manifest:
-    """Generates what is missing in `out` and returns the finished manifest.
+    """Generate what is missing in `out` and return the finished manifest.
 
     An object that fails is counted and named in the manifest, tried again at the next start, and the others go on.
     Started again after a stop, whole shards are kept and the others made anew. The same set, configuration, seed and
@@ -238,7 +237,7 @@ def generate_dataset(
         with generation_log(out, total=len(entries), finished=len(entries) - len(missing)) as log:
             log.write("start", engine=engine, workers=workers, missing=len(missing), damaged=finished.damaged)
             for name, reason in finished.damaged.items():
-                log.tell(f"object {name} is generated again: {reason}")
+                log.notify(f"object {name} is generated again: {reason}")
             work = partial(ObjectTask, out.resolve(), replace(manifest, objects={}), config)
             if engine == "ray":
                 results = run_tasks_on_ray(work, missing, workers=workers, address=ray_address)
@@ -274,7 +273,7 @@ def _open(out: Path, hand: Hand, config: GenerationConfig, seed: int) -> Manifes
     if config.grasps and len(hand.fingertips) == 1:
         raise HandError(
             f"hand '{hand.name}' has one fingertip, and a grasp needs two digits that face each other; expected at least "
-            "two fingertip links, or no attempts at grasps (--grasps 0)"
+            "two fingertip links, or no attempts at grasps (`grasps` 0)"
         )
     try:
         out.mkdir(parents=True, exist_ok=True)

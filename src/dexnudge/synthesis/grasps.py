@@ -1,10 +1,10 @@
 """Grasps by descent from starts that oppose the thumb to the other digits across the object.
 
 DexGraspNet (Wang et al., ICRA 2023) finds grasps by annealing an energy whose force closure, the length of the sum of
-wrenches of unit normals, knows no friction. On a slab few hands ever come to oppose each other by it, and
-its pull moves hands that do. Here the opposition stands in the start and in the targets on the surface, the descent
-only brings the hand there without penetration (the fused kernel's terms; limits and couplings hold by construction), and
-what holds is for the verification to say. `benchmarks/grasps.py` compares the two.
+wrenches of unit normals, knows no friction. On a slab it rarely makes thumb and fingers oppose each other, and it moves
+hands apart that do. Here thumb and fingers oppose each other from the start, and their targets on the surface do as well.
+The descent brings the hand there without penetration (the fused kernel's terms; limits and couplings hold by construction),
+and verification decides what holds. `benchmarks/grasps.py` compares the two.
 """
 
 from dataclasses import dataclass
@@ -21,16 +21,14 @@ from dexnudge.energies.weights import TermWeights
 from dexnudge.geometry.surface_points import SurfacePoints
 from dexnudge.geometry.warp_runtime import WarpStruct
 from dexnudge.hands.hand import Hand
-from dexnudge.synthesis.start_poses import random_joint_angles
+from dexnudge.synthesis.nonprehensile import random_joint_angles
 
 WIDEST_GRASP = 0.085  # [m] between thumb and fingers
 NARROWEST_GRASP = 1.0e-4  # [m] under which two points are the same place and have no line between them
 OPPOSING = -0.8  # largest cosine between the normals on the two sides
 SPREAD = 0.02  # [m] between neighbouring fingers on their side
 FINGER_COUNTS = {1: 0.2, 2: 0.4, 3: 0.4}  # digits that oppose the thumb
-NEAR_CENTRE = (
-    0.025  # [m] spread of the thumb's places about the centre of mass: a pinch far from it lets the object turn
-)
+NEAR_CENTRE = 0.025  # [m] spread of the thumb about the centre of mass: a pinch far from it lets the object turn
 
 
 @dataclass(frozen=True)
@@ -54,7 +52,7 @@ class GraspConfig:
 
 @dataclass(frozen=True)
 class GraspTargets:
-    """Where each digit shall touch the surface [m] and which digits do, the thumb always among them."""
+    """Where each digit is to touch the surface [m] and which digits do; the thumb is always among them."""
 
     places: Float[Tensor, "batch digit 3"]
     touches: Float[Tensor, "batch digit"]
@@ -69,7 +67,7 @@ def descend_to_grasp(
     config: GraspConfig,
     generator: np.random.Generator,
 ) -> Float[Tensor, "batch coordinates"]:
-    """A batch of grasps q in the frame of the object's mesh, at the end of the descent, checked by nobody yet.
+    """Return grasps q in the frame of the object's mesh at the end of the descent, not yet verified.
 
     Joints that share a tendon turn alike: under load a tendon-driven finger comes to rest there,
     see `Hand.equalise_tendon_joints`.
@@ -113,7 +111,7 @@ def opposing_targets(
     count: int,
     generator: np.random.Generator,
 ) -> GraspTargets:
-    """The thumb on one side of the object, one to three fingers in a row on the side that faces it."""
+    """Return targets with the thumb on one side of the object, one to three fingers in a row on the side that faces it."""
     digits, thumb = len(hand.fingertips), hand.thumb
     fingers = [digit for digit in range(digits) if digit != thumb]
     places, touches = np.zeros((count, digits, 3)), np.zeros((count, digits))
@@ -131,7 +129,7 @@ def opposing_targets(
 
 
 def opposing_pose(hand: Hand, targets: GraspTargets, generator: np.random.Generator) -> HandPose:
-    """Hands with random joint angles whose thumb and fingers stand on their targets' sides, rolled at random."""
+    """Return hands with random joint angles whose thumb and fingers are on their targets' sides, rolled at random."""
     places, touches = targets.places.numpy().astype(np.float64), targets.touches.numpy() > 0
     count = len(places)
     q = torch.zeros(count, 9 + hand.num_joints)
@@ -160,7 +158,7 @@ def _two_sides(
 def opposing_sides(
     surface: SurfacePoints, centre_of_mass: Float[np.ndarray, " 3"], count: int, generator: np.random.Generator
 ) -> Int[np.ndarray, "count 2"]:
-    """Pairs of points, the first near the centre of mass, whose normals oppose each other along the line between them."""
+    """Return pairs of points, the first near the centre of mass, whose normals oppose each other along their line."""
     points, normals = surface.points, surface.normals
     likely = np.exp(-0.5 * (np.linalg.norm(points - centre_of_mass, axis=1) / NEAR_CENTRE) ** 2)
     first = generator.choice(len(points), size=count, p=likely / likely.sum())

@@ -1,19 +1,35 @@
-"""Non-prehensile configurations by Eq. 1: reach for points of the object's surface, then touch it, without penetration."""
+"""Non-prehensile configurations by Eq. 1: start before the object, reach for points of its surface, then touch them.
+
+Paper III-A: starts are pre-contact poses from which a subset of the digits could push, press or hook an object that lies on
+a plane. The targets are chosen for a direction of motion, so that the object can move: on the trailing side (push, hook) or
+on top (press), on both sides of the line through the centre of mass where several digits touch.
+"""
 
 from dataclasses import dataclass, replace
 
 import numpy as np
 import torch
-from jaxtyping import Float
+from jaxtyping import Bool, Float, Int
 from torch import Tensor
 
 from dexnudge.energies import HandEnergy
-from dexnudge.energies.descent import HandDescent, StepSizes, configuration_from_pose
+from dexnudge.energies.descent import HandDescent, HandPose, StepSizes, configuration_from_pose
 from dexnudge.energies.weights import TermWeights
 from dexnudge.geometry.surface_points import SurfacePoints
 from dexnudge.geometry.warp_runtime import WarpStruct
 from dexnudge.hands.hand import Hand
-from dexnudge.synthesis.start_poses import sample_pre_contact
+
+TOP_NORMAL = 0.9  # smallest vertical part of a normal on which one presses
+SIDE_NORMAL = 0.8  # smallest part of a side normal against the motion
+INTENTS = {"press": 0.3, "push": 0.35, "hook": 0.35}  # shares of the starts; many side starts end on top, as presses
+HOOK_SPREAD = 40.0  # [deg] standard deviation of a hooking hand's heading about the one against the motion
+DIGIT_COUNTS = {1: 0.15, 2: 0.40, 3: 0.30, 4: 0.15}  # how many digits are to touch
+DIGIT_SPREAD = 0.022  # [m] between neighbouring knuckles
+LATERAL_SPREAD = 0.010  # [m] of the contacts' middle about the line through the centre of mass
+STANDOFF = (0.004, 0.020)  # [m] from the targets, along the mean surface normal
+PITCH = (-10.0, 75.0)  # [deg] of the fingers below the horizontal
+ROLL_SPREAD = 25.0  # [deg] standard deviation about the finger direction
+ABDUCTION_SPREAD = 0.15  # [rad]
 
 
 @dataclass(frozen=True)
@@ -42,7 +58,7 @@ def descend_to_contact(
     config: NonPrehensileConfig,
     generator: np.random.Generator,
 ) -> tuple[Float[Tensor, "batch coordinates"], list[str]]:
-    """(q, intents): configurations in the resting frame at the end of the descent, checked by nobody yet.
+    """Return (q, intents): configurations in the resting frame at the end of the descent, not yet verified.
 
     An intent is what its start was meant to be: push, press or hook.
     """
@@ -61,3 +77,127 @@ def descend_to_contact(
         energy(pose)
         pose = descent.step(pose, energy.gradient, scale=config.final_scale ** (step / total))
     return configuration_from_pose(pose), start.intents
+
+
+@dataclass(frozen=True)
+class PreContact:
+    """Start poses, the target on the object's surface of each digit that is to touch [m], and the intended behaviour."""
+
+    pose: HandPose
+    target: Float[np.ndarray, "batch digit 3"]
+    touches: Bool[np.ndarray, "batch digit"]
+    intents: list[str]
+
+
+def sample_pre_contact(
+    hand: Hand,
+    surface: SurfacePoints,
+    centre_of_mass: Float[np.ndarray, " 3"],
+    *,
+    count: int,
+    generator: np.random.Generator,
+) -> PreContact:
+    """Return start poses for one object at rest on a plane, resting frame."""
+    digits = len(hand.fingertips)
+    angle = generator.uniform(0.0, 2 * np.pi, count)
+    direction = np.stack([np.cos(angle), np.sin(angle)], axis=1)
+    sizes = generator.choice(list(DIGIT_COUNTS), p=list(DIGIT_COUNTS.values()), size=count)
+    intents = generator.choice(list(INTENTS), p=list(INTENTS.values()), size=count).tolist()
+    touches = np.zeros((count, digits), dtype=bool)
+    target = np.zeros((count, digits, 3))
+    outward = np.zeros((count, 3))
+    for item in range(count):
+        chosen = generator.permutation(digits)[: min(sizes[item], digits)]
+        touches[item, chosen] = True
+        on_top = intents[item] == "press"
+        target[item], outward[item] = _targets(
+            surface, centre_of_mass, direction[item], chosen, digits, generator, on_top=on_top
+        )
+    # A hooking hand comes from ahead of the object and reaches over it; the others come from anywhere.
+    heading = generator.uniform(0.0, 2 * np.pi, count)
+    against = angle + np.pi + np.radians(generator.normal(0.0, HOOK_SPREAD, count))
+    heading = np.where([intent == "hook" for intent in intents], against, heading)
+    pose = _poses(hand, target, touches, outward, heading, generator)
+    return PreContact(pose, target, touches, intents)
+
+
+def _targets(
+    surface: SurfacePoints,
+    centre_of_mass: Float[np.ndarray, " 3"],
+    direction: Float[np.ndarray, " 2"],
+    chosen: Int[np.ndarray, " touching"],
+    digits: int,
+    generator: np.random.Generator,
+    *,
+    on_top: bool,
+) -> tuple[Float[np.ndarray, "digit 3"], Float[np.ndarray, " 3"]]:
+    """Targets of the chosen digits and the mean outward normal there."""
+    normals, points = surface.normals, surface.points
+    if on_top:
+        usable = np.flatnonzero(normals[:, 2] > TOP_NORMAL)
+    else:
+        usable = np.flatnonzero(normals[:, :2] @ direction < -SIDE_NORMAL)
+    if len(usable) == 0:
+        usable = np.arange(len(points))
+    lateral = np.asarray([-direction[1], direction[0]])
+    first = points[generator.choice(usable)]
+    along = (first[:2] - centre_of_mass[:2]) @ direction
+    middle = generator.normal(0.0, LATERAL_SPREAD)
+    turn = generator.uniform(-0.6, 0.6)
+    spread = (np.arange(len(chosen)) - (len(chosen) - 1) / 2) * DIGIT_SPREAD * generator.uniform(0.6, 1.3)
+    target, outward = np.zeros((digits, 3)), np.zeros(3)
+    for digit, shift in zip(chosen, spread, strict=True):
+        wanted = (
+            centre_of_mass[:2] + (along + shift * np.sin(turn)) * direction + (middle + shift * np.cos(turn)) * lateral
+        )
+        apart = np.linalg.norm(points[usable, :2] - wanted, axis=1) + 0.5 * np.abs(points[usable, 2] - first[2])
+        nearest = usable[np.argmin(apart)]
+        target[digit] = points[nearest]
+        outward += normals[nearest]
+    return target, outward / max(float(np.linalg.norm(outward)), 1e-9)
+
+
+def _poses(
+    hand: Hand,
+    target: Float[np.ndarray, "batch digit 3"],
+    touches: Bool[np.ndarray, "batch digit"],
+    outward: Float[np.ndarray, "batch 3"],
+    heading: Float[np.ndarray, " batch"],
+    generator: np.random.Generator,
+) -> HandPose:
+    """Hands over their targets, headed as told [rad], fingers level to steeply down, palm mostly down, fingers flexed."""
+    count = len(target)
+    joint_angles = random_joint_angles(hand, count, generator)
+    pitch = np.radians(generator.uniform(*PITCH, count))
+    roll = np.radians(generator.normal(0.0, ROLL_SPREAD, count))
+    fingers = np.stack([np.cos(heading) * np.cos(pitch), np.sin(heading) * np.cos(pitch), -np.sin(pitch)], axis=1)
+    down = np.tile([0.0, 0.0, -1.0], (count, 1))
+    palm = down - (down * fingers).sum(1, keepdims=True) * fingers
+    palm /= np.maximum(np.linalg.norm(palm, axis=1, keepdims=True), 1e-9)
+    side = np.cross(fingers, palm)
+    palm = np.cos(roll)[:, None] * palm + np.sin(roll)[:, None] * side
+    # Columns that carry the palm's own finger axis and palm normal onto the wanted directions.
+    normal = hand.palm_normal / np.linalg.norm(hand.palm_normal)
+    finger_axis = hand.finger_axis
+    own = np.stack([np.cross(normal, finger_axis), normal, finger_axis], axis=1)
+    wanted = np.stack([np.cross(palm, fingers), palm, fingers], axis=2)
+    rotation = torch.as_tensor(wanted @ own.T, dtype=torch.float32)
+    q = torch.zeros(count, 9 + hand.num_joints)
+    q[:, 3:6], q[:, 6:9], q[:, 9:] = rotation[:, :, 0], rotation[:, :, 1], joint_angles
+    tips = hand.keypoints(q).numpy()
+    weight = touches[..., None] / touches.sum(axis=1)[:, None, None]
+    standoff = generator.uniform(*STANDOFF, (count, 1))
+    translation = (weight * (target - tips)).sum(axis=1) + standoff * outward
+    return HandPose(torch.as_tensor(translation, dtype=torch.float32), rotation, joint_angles)
+
+
+def random_joint_angles(hand: Hand, count: int, generator: np.random.Generator) -> Float[Tensor, "count joint"]:
+    """Return loosely flexed joint angles within limits and couplings [rad]."""
+    span = hand.upper - hand.lower
+    # A joint that bends one way only is a flexion joint; one that swings both ways about zero is an abduction joint.
+    flexes = hand.upper > -2 * hand.lower
+    flexed = hand.lower + span * generator.beta(1.6, 2.4, (count, hand.num_joints))
+    swung = generator.normal(0.0, ABDUCTION_SPREAD, (count, hand.num_joints)) * span
+    q = torch.zeros(count, 9 + hand.num_joints)
+    q[:, 9:] = torch.as_tensor(np.where(flexes, flexed, swung), dtype=torch.float32)
+    return hand.clamp(q)[:, 9:]

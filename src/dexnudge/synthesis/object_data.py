@@ -1,24 +1,33 @@
-"""All configurations of one object: generated, verified, labelled, counted."""
+"""What a dataset holds of one object: configurations generated, verified, labelled and counted, and its shard."""
 
+import hashlib
+import time
+import traceback
+import zlib
 from collections import Counter
+from dataclasses import dataclass, field, replace
+from pathlib import Path
 
 import numpy as np
 import torch
 import trimesh
 from jaxtyping import Float
 
+from dexnudge.dataset.manifest import Manifest
 from dexnudge.dataset.schema import BehaviourCounts, ConfigurationRow, round_configuration
+from dexnudge.dataset.shards import write_shard
 from dexnudge.energies import HandEnergy, TermWeights, build_scene_fields
 from dexnudge.energies.descent import pose_from_configuration
+from dexnudge.errors import DexnudgeError, OutputError
 from dexnudge.geometry.meshes import centre_of_mass
 from dexnudge.geometry.surface_points import object_cloud, surface_points
 from dexnudge.geometry.transforms import resting_origin
 from dexnudge.geometry.warp_runtime import WarpStruct
 from dexnudge.hands.hand import Hand
+from dexnudge.hands.registry import load_hand
+from dexnudge.objects.sets import ObjectEntry
 from dexnudge.scenes.resting import resting_pose
-from dexnudge.synthesis.grasps import GraspConfig, descend_to_grasp
-from dexnudge.synthesis.nonprehensile import NonPrehensileConfig, descend_to_contact
-from dexnudge.synthesis.verification import (
+from dexnudge.synthesis.acceptance import (
     GraspVerifier,
     NonPrehensileVerifier,
     Verified,
@@ -26,6 +35,8 @@ from dexnudge.synthesis.verification import (
     floating_scene,
     resting_scene,
 )
+from dexnudge.synthesis.grasps import GraspConfig, descend_to_grasp
+from dexnudge.synthesis.nonprehensile import NonPrehensileConfig, descend_to_contact
 
 BATCH = 256  # hands that descend together
 TARGET_SPACING = 0.004  # [m] between the surface points that fingertips may aim at
@@ -42,7 +53,7 @@ def generate_object(
     generator: np.random.Generator,
     seed: int,
 ) -> tuple[list[ConfigurationRow], Float[np.ndarray, "point 6"], dict[str, BehaviourCounts]]:
-    """(kept rows, surface points, counts per behaviour) of one object, in its resting frame.
+    """Return (kept rows, surface points, counts per behaviour) of one object, in its resting frame.
 
     Args:
         hand: what is configured.
@@ -78,7 +89,7 @@ def generate_object(
 
 
 def at_rest(mesh: trimesh.Trimesh) -> trimesh.Trimesh:
-    """A copy in its resting frame, the frame of every configuration in a dataset: see `schema`."""
+    """Return a copy in its resting frame, the frame of every configuration in a dataset: see `schema`."""
     resting = mesh.copy()
     resting.apply_transform(resting_pose(resting))
     resting.apply_translation(-resting_origin(resting))
@@ -147,14 +158,12 @@ def _row(
     digits = sorted({digit for link in links if (digit := hand.digit_of_link[link]) is not None})
     behaviour = "grasp" if intent == "grasp" else behaviour_of(verified.contacts[index], margin, q[:3])
     penetration = verified.penetration[index]
-    contacts = verified.contacts[index]
-    means = [contacts.points[contacts.link == link].mean(axis=0) for link in np.unique(contacts.link)]
     return ConfigurationRow(
         behaviour=behaviour,
         q=q,
         direction_margin=margin,
         contact_links=links,
-        contact_points=np.asarray(means).reshape(-1, 3),
+        contact_points=verified.contact_points(index),
         digits=tuple(digits),
         penetration_object=float(penetration[0]),
         penetration_environment=float(penetration[1]),
@@ -163,3 +172,82 @@ def _row(
         hold_rotation=float(verified.hold_rotation[index]) if behaviour == "grasp" else None,
         seed=seed,
     )
+
+
+@dataclass(frozen=True)
+class GenerationConfig:
+    """What to generate for each object.
+
+    non_prehensile, grasps: attempts per object and kind; 0 leaves a kind out.
+    """
+
+    hand: str = "shadow_lite"
+    units: str = "m"
+    length: float | None = None
+    non_prehensile: int = 256
+    grasps: int = 256
+
+
+@dataclass(frozen=True, kw_only=True)
+class ObjectOutcome:
+    """What became of one object: its shard is written, or `failed` says why not.
+
+    mesh_hash: see `mesh_hash`; counts: per behaviour; trace: where an error came from that nobody foresaw.
+    """
+
+    mesh_hash: str = ""
+    counts: dict[str, BehaviourCounts] = field(default_factory=dict)
+    failed: str = ""
+    trace: str = ""
+    seconds: float = 0.0
+
+
+class ObjectTask:
+    """Generates one object after another into the folder `out`, with the hand loaded once."""
+
+    def __init__(self, out: Path, manifest: Manifest, config: GenerationConfig) -> None:
+        self._out = out
+        self._manifest = manifest
+        self._config = config
+        self._hand = load_hand(config.hand)
+
+    def __call__(self, entry: ObjectEntry) -> ObjectOutcome:
+        """Write the shard of one object. Whatever goes wrong with it concerns no other object, except for the output.
+
+        Raises:
+            OutputError: the shard cannot be written, for example because the disk is full.
+        """
+        start = time.perf_counter()
+        try:
+            mesh = entry.load()
+            digest = mesh_hash(mesh)
+            rows, cloud, counts = generate_object(
+                self._hand,
+                mesh,
+                non_prehensile=self._config.non_prehensile,
+                grasps=self._config.grasps,
+                generator=np.random.default_rng(object_seed(self._manifest.seed, entry.name)),
+                seed=self._manifest.seed,
+            )
+            manifest = replace(self._manifest, objects={entry.name: digest})
+            write_shard(self._out, manifest, entry.name, rows, cloud, counts)
+        except OutputError:
+            raise
+        except DexnudgeError as error:
+            return ObjectOutcome(failed=str(error), seconds=time.perf_counter() - start)
+        except Exception as error:  # noqa: BLE001  one odd mesh among thousands must not end a run of hours
+            failed = f"{type(error).__name__}: {error}"
+            return ObjectOutcome(failed=failed, trace=traceback.format_exc(), seconds=time.perf_counter() - start)
+        return ObjectOutcome(mesh_hash=digest, counts=counts, seconds=time.perf_counter() - start)
+
+
+def mesh_hash(mesh: trimesh.Trimesh) -> str:
+    """Return the SHA-256 of the vertices (float64, metres) and faces."""
+    digest = hashlib.sha256(np.ascontiguousarray(mesh.vertices, dtype=np.float64).tobytes())
+    digest.update(np.ascontiguousarray(mesh.faces, dtype=np.int64).tobytes())
+    return digest.hexdigest()
+
+
+def object_seed(seed: int, name: str) -> list[int]:
+    """Return the entropy of one object's draws, which depends on the run's seed and the object's name alone."""
+    return [seed, zlib.crc32(name.encode())]

@@ -1,7 +1,9 @@
 """The page loads nothing, is well-formed, and its numbers are those of the rows."""
 
+import base64
 import re
 from collections import Counter
+from html import unescape
 from html.parser import HTMLParser
 
 import numpy as np
@@ -12,7 +14,7 @@ from lxml import etree
 from PIL import Image
 
 from dexnudge.dataset.info import describe
-from dexnudge.synthesis.dataset_page import Sample, write_dataset_page
+from dexnudge.synthesis.dataset_page import RowPicture, write_dataset_page
 from dexnudge.viewer.picture import GAP
 
 
@@ -56,7 +58,7 @@ def samples():
     rng = np.random.default_rng(0)
     labels = ["grasp", "grasp", "push"]
     return [
-        Sample(label, (f"<b>{k}</b>", "x & y"), rng.integers(0, 255, (240, 280, 3), dtype=np.uint8))
+        RowPicture(label, (f"<b>{k}</b>", "x & y"), rng.integers(0, 255, (240, 280, 3), dtype=np.uint8))
         for k, label in enumerate(labels)
     ]
 
@@ -75,24 +77,46 @@ def test_numbers_on_the_page_are_those_of_the_rows(toy_folder, samples, tmp_path
     assert page.table("feasible direction [deg]")["rows"]["90"] == str(along_y)
 
 
-def test_bars_are_the_tables(toy_folder, samples, tmp_path):
+def images(text: str) -> dict[str, etree._Element]:
+    """The charts of a page by title."""
+    found = re.findall(r'<img alt="([^"]+)" src="data:image/svg\+xml;base64,([^"]+)">', text)
+    return {unescape(title): etree.fromstring(base64.b64decode(data)) for title, data in found}
+
+
+def test_every_table_that_can_be_drawn_has_a_chart(toy_folder, samples, tmp_path):
     info = describe(toy_folder)
     text = write_dataset_page(info, samples, tmp_path / "out")[0].read_text(encoding="utf-8")
-    charts = [etree.fromstring(svg) for svg in re.findall(r"<svg.*?</svg>", text, flags=re.DOTALL)]
-    drawn = {
-        chart.find("text").text: sum(int(bar.get("data-count", 0)) for bar in chart.iter("rect")) for chart in charts
-    }
-    assert len(charts) == len(info.histograms) + 5
-    assert drawn["rows by digits in contact"] == info.num_configurations
-    assert drawn["force margin in the best direction"] == info.counts["push"].kept
-    assert drawn["feasible direction [deg]"] == sum(info.feasible_rows)
+    drawn = images(text)
+    assert set(drawn) == {table.title for table in info.tables.values() if table.chart}
+    assert {"rows that use the digit", "feasible direction [deg]", "drift while held [mm] from"} <= set(drawn)
+    svg = "{http://www.w3.org/2000/svg}"
+    bars = [path for path in drawn["rows that use the digit"].iter(f"{svg}path") if "#3b6fb6" in path.get("style", "")]
+    counts = list(info.tables["digits"].row("grasp").values())
+    assert len(bars) == len(counts) + 1  # and one in the legend
+    heights = [path_height(path.get("d")) for path in bars[:-1]]
+    np.testing.assert_allclose(
+        np.array(heights) * max(counts), np.array(counts) * max(heights), atol=1e-3 * max(heights)
+    )
+
+
+def path_height(path: str) -> float:
+    numbers = [float(number) for number in re.findall(r"-?[\d.]+", path)]
+    return max(numbers[1::2]) - min(numbers[1::2])
+
+
+def test_without_matplotlib_the_page_has_its_tables_and_says_so(toy_folder, samples, tmp_path, monkeypatch):
+    monkeypatch.setattr("dexnudge.synthesis.dataset_page.find_spec", lambda name: None)
+    text = write_dataset_page(describe(toy_folder), samples, tmp_path / "out")[0].read_text(encoding="utf-8")
+    assert not images(text)
+    assert "Without charts: they are drawn by matplotlib, which is not installed; pip install dexnudge[plots]." in text
+    assert Page(text).table("behaviour")["grasp"]["kept"] == "18"
 
 
 def test_the_page_loads_nothing_and_interprets_no_text(toy_folder, samples, tmp_path):
     text = write_dataset_page(describe(toy_folder), samples, tmp_path / "out")[0].read_text(encoding="utf-8")
     page = Page(text)
-    assert len(page.links) == page.tags["img"] == len(samples)
-    assert all(link.startswith("data:image/png;base64,") for link in page.links)
+    assert len(page.links) == page.tags["img"] == len(samples) + len(images(text))
+    assert all(link.startswith(("data:image/png;base64,", "data:image/svg+xml;base64,")) for link in page.links)
     assert not re.search(r"https?://|url\(|@import|<script|<link", text)
     assert page.tags["b"] == 0
     assert "&lt;b&gt;0&lt;/b&gt;<br>x &amp; y" in text

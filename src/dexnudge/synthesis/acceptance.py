@@ -1,6 +1,7 @@
 """Which generated configurations are kept.
 
-All must be clean by exact distance and touch; then a planar motion needs a feasible force, and a grasp must hold in physics.
+All must be free of penetration by exact distance, and touch. Then a push, press or hook needs a feasible force in some
+planar direction, and a grasp must hold in physics.
 """
 
 from dataclasses import dataclass, replace
@@ -22,11 +23,11 @@ from dexnudge.mechanics.fast_balance import force_margins
 from dexnudge.mechanics.sliding_task import sliding_task
 from dexnudge.scenes.scene import Scene
 from dexnudge.simulation.hold import HoldTest
+from dexnudge.verification.criteria import PENETRATION_LIMIT, SUCCESS_MARGIN
 from dexnudge.verification.penetration import PenetrationCheck, PointHits
 
 PRESSING = 0.7  # mean vertical part of the contacts' normals above which a hand presses
 FAR_BELOW = 5.0  # [m]
-PENETRATION_LIMIT = 0.001  # [m] DESIGN's success criterion
 PLANE_SIDE, PLANE_DEPTH = 2.0, 0.5  # [m] a support so wide and deep that it has no other side
 
 
@@ -53,19 +54,25 @@ class Verified:
         return np.asarray([not reason for reason in self.reason], dtype=bool)
 
     def contact_links(self, row: int) -> tuple[str, ...]:
-        """Names of the links that touch the object."""
+        """Return the names of the links that touch the object, links ascending."""
         return tuple(self.hand.link_names[link] for link in np.unique(self.contacts[row].link))
+
+    def contact_points(self, row: int) -> Float[np.ndarray, "link 3"]:
+        """Return the mean contact point of each of `contact_links` [m]."""
+        contacts = self.contacts[row]
+        means = [contacts.points[contacts.link == link].mean(axis=0) for link in np.unique(contacts.link)]
+        return np.asarray(means).reshape(-1, 3)
 
 
 def resting_scene(object_mesh: trimesh.Trimesh) -> Scene:
-    """The object (resting frame, metres) on a wide plane, with DESIGN's default frictions and mass."""
+    """Return the object (resting frame, metres) on a wide plane, with the default frictions and mass."""
     plane = trimesh.creation.box((PLANE_SIDE, PLANE_SIDE, PLANE_DEPTH))
     plane.apply_translation((0.0, 0.0, object_mesh.bounds[0, 2] - PLANE_DEPTH / 2))
     return Scene(object_mesh, plane, np.eye(4), np.asarray([1.0, 0.0, 0.0]), name="resting")
 
 
 def floating_scene(object_mesh: trimesh.Trimesh) -> Scene:
-    """The object in free space: its only surroundings lie far below."""
+    """Return the object in free space: its only surroundings lie far below."""
     scene = resting_scene(object_mesh)
     plane = scene.environment_mesh.copy()
     plane.apply_translation((0.0, 0.0, -FAR_BELOW))
@@ -84,7 +91,7 @@ class GraspVerifier:
         self._hold = HoldTest(hand, scene.object_mesh)
 
     def __call__(self, q: Float[np.ndarray, "n coordinates"]) -> Verified:
-        """Verdicts on grasps in the frame of the object's mesh."""
+        """Return the verdicts on grasps in the frame of the object's mesh."""
         transforms = self._hand.forward_kinematics(torch.as_tensor(q, dtype=torch.float64)).numpy()
         penetration, reason, contacts = _clean(self._hand, self._check, transforms)
         clean = [row for row, text in enumerate(reason) if not text]
@@ -108,7 +115,7 @@ class NonPrehensileVerifier:
         self._motions = np.stack([np.cos(angles), np.sin(angles), np.zeros(NUM_DIRECTIONS)], axis=1)
 
     def __call__(self, q: Float[np.ndarray, "n coordinates"]) -> Verified:
-        """Verdicts on configurations in the resting frame."""
+        """Return the verdicts on configurations in the resting frame."""
         transforms = self._hand.forward_kinematics(torch.as_tensor(q, dtype=torch.float64)).numpy()
         penetration, reason, contacts = _clean(self._hand, self._check, transforms)
         clean = [row for row, text in enumerate(reason) if not text]
@@ -119,7 +126,7 @@ class NonPrehensileVerifier:
             )
             margin[clean] = np.where(margins.factor > 0, margins.factor, INFEASIBLE)
         for row, text in enumerate(reason):
-            if not text and margin[row].max() < 1.0:
+            if not text and margin[row].max() < SUCCESS_MARGIN:
                 reason[row] = "force"
         nothing = np.full(len(q), np.nan)
         return Verified(reason, penetration, margin, nothing, nothing, contacts, self._hand)
@@ -144,7 +151,7 @@ def _clean(
 def contacts_per_configuration(
     hand: Hand, T_world_link: Float[np.ndarray, "n link 4 4"], hits: PointHits
 ) -> list[HandContacts]:
-    """Contacts of each configuration from the hits of one penetration check, object frame = world."""
+    """Return the contacts of each configuration from the hits of one penetration check, object frame = world."""
     points = hand.dense_points
     rotation = T_world_link[hits.configuration, points.link[hits.point], :3, :3]
     normals = np.einsum("nij,nj->ni", rotation, points.normals[hits.point])
@@ -166,7 +173,7 @@ def contacts_per_configuration(
 def behaviour_of(
     contacts: HandContacts, direction_margin: Float[np.ndarray, " direction"], root: Float[np.ndarray, " 3"]
 ) -> str:
-    """push, press or hook, by where the contacts lie and from where the hand comes.
+    """Return push, press or hook, by where the contacts lie and from where the hand comes.
 
     press: the contacts' mean outward normal points up. Otherwise hook if the hand's root lies ahead of the object in the
     best direction of motion (it pulls), else push.

@@ -8,18 +8,16 @@ import os
 from collections.abc import Iterator, Sequence
 from contextlib import AbstractContextManager, contextmanager
 from dataclasses import dataclass
-from typing import Literal
 
 import torch
 from torch import Tensor, distributed
 
+from dexnudge.diffusion.config import Precision
 from dexnudge.errors import InputError
-
-Precision = Literal["float32", "bfloat16"]
 
 
 def has_bfloat16(device: torch.device) -> bool:
-    """Whether torch can compute matrix products in bfloat16 there."""
+    """Return whether torch can compute matrix products in bfloat16 there."""
     if device.type == "cuda":
         return torch.cuda.is_bf16_supported()
     if not torch.backends.mkldnn.is_available():
@@ -32,12 +30,12 @@ def check_precision(precision: Precision, device: torch.device) -> None:
     if precision == "bfloat16" and not has_bfloat16(device):
         raise InputError(
             f"precision is bfloat16, which {device} cannot compute: expected a processor with AVX-512 or bfloat16 "
-            "instructions and a torch with oneDNN, or such a GPU; train with --precision float32."
+            "instructions and a torch with oneDNN, or such a GPU; set `precision` to float32."
         )
 
 
 def computed_in(precision: Precision, device: torch.device) -> AbstractContextManager[object]:
-    """Context in which the transformer's products are computed; float32 changes nothing."""
+    """Return the context in which the transformer's products are computed; float32 changes nothing."""
     return torch.autocast(device.type, torch.bfloat16, enabled=precision == "bfloat16")
 
 
@@ -59,11 +57,11 @@ class Processes:
         return self.rank == 0
 
     def share(self, groups: int) -> slice:
-        """Groups of a batch that this process computes; InputError where they cannot be shared evenly."""
+        """Return the groups of a batch that this process computes; raises InputError where they are not shared evenly."""
         if groups % self.count:
             raise InputError(
                 f"a batch has {groups} groups for {self.count} processes; expected a multiple; "
-                "change --groups or --nproc-per-node."
+                "change `groups` or torchrun's --nproc-per-node."
             )
         size = groups // self.count
         return slice(self.rank * size, (self.rank + 1) * size)
@@ -79,7 +77,7 @@ class Processes:
             tensor.copy_(mean.view_as(tensor))
 
     def largest(self, value: float) -> float:
-        """The largest value that any process has: what all of them go by, so that they stop at the same step."""
+        """Return the largest value that any process has; all go by it, so that they stop at the same step."""
         if self.count == 1:
             return value
         shared = torch.tensor(value, dtype=torch.float64, device=self.device)
@@ -98,7 +96,7 @@ def joined_processes(device: str) -> Iterator[Processes]:
     if device == "cuda" and torch.cuda.device_count() <= local:
         raise InputError(
             f"process {local} of this machine needs a CUDA device of its own; torch {torch.__version__} sees "
-            f"{torch.cuda.device_count()}; train with --device cpu, start fewer processes, or install torch for CUDA."
+            f"{torch.cuda.device_count()}; set `device` to cpu, start fewer processes, or install torch for CUDA."
         )
     place = torch.device("cuda", local) if device == "cuda" else CPU
     if count > 1:

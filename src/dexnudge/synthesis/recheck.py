@@ -10,26 +10,25 @@ from typing import Any
 import numpy as np
 from jaxtyping import Float, Int
 
+from dexnudge.dataset.info import known_hand
 from dexnudge.dataset.manifest import Manifest, read_manifest
 from dexnudge.dataset.schema import BEHAVIOURS, BehaviourCounts
-from dexnudge.dataset.shards import Shard, is_complete, read_cloud, read_shard
+from dexnudge.dataset.shards import DamagedShardError, Shard, column_matrix, is_complete, read_cloud, read_shard
 from dexnudge.errors import DatasetError
 from dexnudge.hands.registry import load_hand
 from dexnudge.jobs.processes import WorkerDied, run_tasks
 from dexnudge.jobs.progress import progress
-from dexnudge.mechanics.contacts import HandContacts
 from dexnudge.objects.sets import ObjectEntry, resolve_object_set
 from dexnudge.simulation.hold import FARTHEST, MOST_TURNED
-from dexnudge.synthesis.generate import totals
-from dexnudge.synthesis.object_data import at_rest
-from dexnudge.synthesis.object_task import GenerationConfig, mesh_hash
-from dexnudge.synthesis.verification import (
+from dexnudge.synthesis.acceptance import (
     GraspVerifier,
     NonPrehensileVerifier,
     Verified,
     floating_scene,
     resting_scene,
 )
+from dexnudge.synthesis.generate import totals
+from dexnudge.synthesis.object_data import GenerationConfig, at_rest, mesh_hash
 
 PENETRATION_TOLERANCE = 1e-4  # [m] the same query on another machine; a tenth of what decides
 MARGIN_TOLERANCE = 2e-3  # the same solver on another machine, and the rounding of what is stored; no unit
@@ -59,7 +58,7 @@ class RowCheck:
         self._hand = load_hand(hand)
 
     def __call__(self, task: RowCheckTask) -> list[str]:
-        """Every difference between the shard and what is found now, in words.
+        """Return every difference between the shard and what is found now, in words.
 
         Raises:
             DatasetError: the mesh is another one; the shard is damaged.
@@ -67,7 +66,7 @@ class RowCheck:
         mesh = task.entry.load()
         if mesh_hash(mesh) != task.mesh_hash:
             raise DatasetError(
-                f"the mesh of {task.entry.name!r} is not the one that the dataset was generated from; mend --objects"
+                f"the mesh of {task.entry.name!r} is not the one that the dataset was generated from; correct `objects`"
             )
         mesh = at_rest(mesh)
         shard = read_shard(self._folder, self._manifest, task.entry.name)
@@ -85,7 +84,7 @@ class RowCheck:
 def _compare(
     shard: Shard, rows: Int[np.ndarray, " picked"], verify: Callable[[Float[np.ndarray, "n coordinates"]], Verified]
 ) -> list[str]:
-    q = shard.column_matrix("q").astype(np.float64)
+    q = column_matrix(shard.table, "q").astype(np.float64)
     differences = []
     for start in range(0, len(rows), BATCH):
         batch = rows[start : start + BATCH]
@@ -103,28 +102,18 @@ def _row_differences(stored: dict[str, Any], found: Verified, place: int) -> lis
     """Where the columns of one row differ from the verdict at `place`."""
     depths = [stored[f"penetration_{what}"] for what in ("object", "environment", "self")]
     differences = _numbers("penetration", depths, found.penetration[place], PENETRATION_TOLERANCE)
-    differences += _numbers(
-        "direction_margin", stored["direction_margin"], found.direction_margin[place], MARGIN_TOLERANCE
-    )
-    links, points = tuple(stored["contact_links"]), _contact_points(found.contacts[place])
+    margin = stored["direction_margin"]
+    differences += _numbers("direction_margin", margin, found.direction_margin[place], MARGIN_TOLERANCE)
+    links, points = tuple(stored["contact_links"]), stored["contact_points"]
     if links != found.contact_links(place):
         differences.append(f"contact_links are {links} in the file, {found.contact_links(place)} found")
-    elif len(stored["contact_points"]) != len(links):
-        differences.append(f"{len(stored['contact_points'])} contact_points in the file, {len(links)} found")
+    elif len(points) != len(links):
+        differences.append(f"{len(points)} contact_points in the file, {len(links)} found")
     else:
-        differences += _numbers("contact_points", stored["contact_points"], points, CONTACT_TOLERANCE)
-    differences += _numbers(
-        "hold_translation", stored["hold_translation"], found.hold_translation[place], DRIFT_SHARE * FARTHEST
-    )
-    differences += _numbers(
-        "hold_rotation", stored["hold_rotation"], found.hold_rotation[place], DRIFT_SHARE * MOST_TURNED
-    )
+        differences += _numbers("contact_points", points, found.contact_points(place), CONTACT_TOLERANCE)
+    for name, limit in (("hold_translation", FARTHEST), ("hold_rotation", MOST_TURNED)):
+        differences += _numbers(name, stored[name], getattr(found, name)[place], DRIFT_SHARE * limit)
     return differences
-
-
-def _contact_points(contacts: HandContacts) -> Float[np.ndarray, "link 3"]:
-    """The mean contact point of each link that touches, links ascending [m]."""
-    return np.stack([contacts.points[contacts.link == link].mean(axis=0) for link in np.unique(contacts.link)])
 
 
 def _numbers(what: str, stored: Any, found: Float[np.ndarray, "*shape"] | float, tolerance: float) -> list[str]:
@@ -153,6 +142,9 @@ def check_dataset(
 ) -> DatasetCheck:
     """Read every file and add up its counts; with the set of `objects` it was made from, verify rows again, in parallel.
 
+    Reading refuses numbers that are not finite and behaviours, digits and links (where the hand can be loaded) that do
+    not exist.
+
     Args:
         folder: of the dataset, which may be unfinished.
         objects: the set that it was generated from; None reads only.
@@ -161,37 +153,42 @@ def check_dataset(
         workers: processes.
 
     Raises:
-        DatasetError: a file is damaged or of another dataset; or an object's mesh is not the one it was generated from.
+        DatasetError: a file is of another dataset; or an object's mesh is not the one it was generated from.
     """
     manifest = read_manifest(folder)
     names = [name for name in sorted(manifest.objects) if is_complete(folder, name)]
     if not names:
         raise DatasetError(f"{folder} holds no shard; expected at least one; run `dexnudge dataset generate` first.")
-    rows: dict[str, int] = {}
-    counts: dict[str, dict[str, BehaviourCounts]] = {}
-    hashes: dict[str, str] = {}
+    hand = known_hand(manifest)
+    shards: dict[str, Shard] = {}
     differences = []
     for name in names:
-        shard = read_shard(folder, manifest, name)
-        read_cloud(folder, manifest, name)
-        rows[name], counts[name], hashes[name] = shard.table.num_rows, shard.counts, shard.mesh_hash
+        try:
+            shard = read_shard(folder, manifest, name, links=hand.link_names if hand else None)
+            read_cloud(folder, manifest, name)
+        except DamagedShardError as error:
+            differences.append(str(error))
+            continue
+        shards[name] = shard
         differences += _count_again(shard, manifest)
+    counts = totals({name: shard.counts for name, shard in shards.items()})
     for behaviour, claimed in manifest.counts.items():  # empty until generation has ended
-        found = asdict(totals(counts).get(behaviour, BehaviourCounts()))
-        if claimed != found:
+        found = asdict(counts.get(behaviour, BehaviourCounts()))
+        if claimed != found and len(shards) == len(names):
             differences.append(f"manifest: {claimed} attempts of {behaviour}, {found} in the shards")
     verified = 0
     if objects is not None:
         config = GenerationConfig(**_settings(manifest))
         known = {entry.name: entry for entry in resolve_object_set(objects, units=config.units, length=config.length)}
+        picked = _pick({name: shard.table.num_rows for name, shard in shards.items()}, num, seed)
         tasks = [
-            RowCheckTask(_entry(known, name, objects), hashes[name], picked)
-            for name, picked in _pick(rows, num, seed).items()
+            RowCheckTask(_entry(known, name, objects), shards[name].mesh_hash, rows) for name, rows in picked.items()
         ]
         check = partial(RowCheck, folder, replace(manifest, objects={}, failed_objects={}), config.hand)
         differences += _verify_again(check, tasks, workers)
         verified = sum(len(task.rows) for task in tasks)
-    return DatasetCheck(len(names), sum(rows.values()), verified, tuple(differences))
+    num_rows = sum(shard.table.num_rows for shard in shards.values())
+    return DatasetCheck(len(names), num_rows, verified, tuple(differences))
 
 
 def _verify_again(check: partial[RowCheck], tasks: list[RowCheckTask], workers: int) -> Iterable[str]:
@@ -207,14 +204,11 @@ def _verify_again(check: partial[RowCheck], tasks: list[RowCheckTask], workers: 
 
 def _pick(rows: dict[str, int], num: int | None, seed: int) -> dict[str, Int[np.ndarray, " picked"]]:
     """Which rows of which objects are verified; objects without any are left out."""
-    ends = np.cumsum(list(rows.values()))
+    ends = np.cumsum([0, *rows.values()])
     total = int(ends[-1])
     chosen = np.arange(total) if num is None else np.sort(np.random.default_rng(seed).permutation(total)[:num])
-    picked = {
-        name: chosen[(chosen >= end - count) & (chosen < end)] - (end - count)
-        for (name, count), end in zip(rows.items(), ends, strict=True)
-    }
-    return {name: places for name, places in picked.items() if len(places)}
+    parts = np.split(chosen, np.searchsorted(chosen, ends[1:-1])) if rows else []
+    return {name: part - start for name, part, start in zip(rows, parts, ends, strict=False) if len(part)}
 
 
 def _count_again(shard: Shard, manifest: Manifest) -> list[str]:
@@ -225,7 +219,7 @@ def _count_again(shard: Shard, manifest: Manifest) -> list[str]:
         count, rows = shard.counts.get(behaviour, BehaviourCounts()), labels.count(behaviour)
         if count.kept != rows:
             differences.append(f"{name}: {count.kept} of {behaviour} counted as kept, {rows} rows in the file")
-        if count.attempted != count.kept + count.failed + sum(count.rejected.values()):
+        if count.attempted != count.accounted:
             differences.append(f"{name}: the attempts of {behaviour} do not add up: {asdict(count)}")
     if manifest.objects[name] not in (None, shard.mesh_hash):
         differences.append(f"{name}: its shard is of the mesh {shard.mesh_hash}, manifest: {manifest.objects[name]}")
@@ -247,6 +241,6 @@ def _entry(known: dict[str, ObjectEntry], name: str, objects: str) -> ObjectEntr
     if name not in known:
         raise DatasetError(
             f"the dataset has the object {name!r}, which is not in {objects}; expected the set that it was generated "
-            "from; mend --objects"
+            "from; correct `objects`"
         )
     return known[name]

@@ -10,7 +10,7 @@ from dexnudge.dataset.schema import INFEASIBLE, NUM_DIRECTIONS, best_direction, 
 from dexnudge.mechanics.contacts import HandContacts
 from dexnudge.mechanics.friction_cone import friction_cone_edges, wrenches
 from dexnudge.simulation.model import GRASP_FRICTION
-from dexnudge.synthesis.verification import (
+from dexnudge.synthesis.acceptance import (
     GraspVerifier,
     NonPrehensileVerifier,
     behaviour_of,

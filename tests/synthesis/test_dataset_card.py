@@ -13,8 +13,8 @@ from dexnudge.dataset.loading import load_dataset
 from dexnudge.dataset.manifest import Manifest, read_manifest, write_manifest
 from dexnudge.objects.builtin import builtin_names
 from dexnudge.simulation import hold
-from dexnudge.synthesis import verification
-from dexnudge.synthesis.data_card import builtin_set, write_card
+from dexnudge.synthesis import acceptance
+from dexnudge.synthesis.dataset_card import builtin_set, write_card
 
 
 @pytest.fixture
@@ -50,8 +50,8 @@ def test_columns_are_those_of_the_files_with_unit_and_meaning(toy_folder, text):
 
 
 def test_criteria_are_those_of_the_code(toy_folder, text, monkeypatch):
-    assert f"at most {1e3 * verification.PENETRATION_LIMIT:g} mm each" in text
-    monkeypatch.setattr("dexnudge.synthesis.data_card.PENETRATION_LIMIT", 0.0025)
+    assert f"at most {1e3 * acceptance.PENETRATION_LIMIT:g} mm each" in text
+    monkeypatch.setattr("dexnudge.synthesis.dataset_card.PENETRATION_LIMIT", 0.0025)
     assert "at most 2.5 mm each" in write_card(toy_folder).read_text(encoding="utf-8")
 
 

@@ -2,7 +2,7 @@
 
 import pytest
 
-from dexnudge.dataset.joint_groups import joint_groups
+from dexnudge.dataset.manifest import joint_groups
 from dexnudge.hands.registry import load_hand
 
 

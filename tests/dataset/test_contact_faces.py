@@ -1,10 +1,10 @@
-"""On a box every side is known; on any body the normal is that of the triangle under the point."""
+"""On a box every face is known; on any body the normal is that of the triangle under the point."""
 
 import numpy as np
 import pytest
 import trimesh
 
-from dexnudge.dataset.all_rows import NORMALS, OCTANTS, SIDES, contact_faces, palm_octants, surface_normals
+from dexnudge.dataset.info import FACES, NORMALS, OCTANTS, contact_faces, palm_octants, surface_normals
 from dexnudge.geometry.surface_points import object_cloud
 from dexnudge.objects.builtin import builtin_object
 from dexnudge.synthesis.object_data import at_rest
@@ -12,15 +12,15 @@ from dexnudge.synthesis.object_data import at_rest
 HALF = np.array([0.075, 0.036, 0.005])  # a phone
 
 
-@pytest.mark.parametrize("side", SIDES)
+@pytest.mark.parametrize("side", FACES)
 def test_points_on_a_thin_box(side):
     rng = np.random.default_rng(3)
-    axis, sign = np.nonzero(NORMALS[SIDES.index(side)])[0][0], NORMALS[SIDES.index(side)].sum()
+    axis, sign = np.nonzero(NORMALS[FACES.index(side)])[0][0], NORMALS[FACES.index(side)].sum()
     points = rng.uniform(-0.97, 0.97, (200, 3)) * HALF  # up to 0.15 mm from the edge of the thin side
     points[:, axis] = sign * HALF[axis]
     cloud = object_cloud(trimesh.creation.box(2 * HALF)).numpy().astype(np.float64)
     found = contact_faces(points, cloud)
-    assert (found == SIDES.index(side)).mean() > 0.97  # at an edge the two sides are as good
+    assert (found == FACES.index(side)).mean() > 0.97  # at an edge the two sides are as good
 
 
 def test_normals_of_a_curved_body_against_its_triangles():

@@ -16,7 +16,7 @@ from dexnudge.dataset.loading import load_dataset
 from dexnudge.dataset.manifest import read_manifest, write_manifest
 from dexnudge.dataset.shards import read_shard, shard_path
 from dexnudge.errors import DatasetError
-from dexnudge.synthesis.checking import DRIFT_SHARE, _numbers, check_dataset
+from dexnudge.synthesis.recheck import DRIFT_SHARE, _numbers, check_dataset
 
 pytestmark = pytest.mark.slow  # a dataset is generated first
 LETS_GO = 0.05  # [m] DexGraspBench's limit

@@ -18,8 +18,7 @@ from dexnudge.synthesis.dataset_page import (
     row_caption,
     row_drawing,
 )
-from dexnudge.synthesis.object_data import at_rest
-from dexnudge.synthesis.object_task import mesh_hash
+from dexnudge.synthesis.object_data import at_rest, mesh_hash
 
 NAME = "phone-200"
 TILE = (280, 240)  # pixels: enough to see what is drawn
@@ -85,7 +84,7 @@ def test_another_mesh_or_none_is_refused(manifest, tmp_path):
     box.export(tmp_path / f"{NAME}.stl")
     with pytest.raises(DatasetError, match=f"the mesh of '{NAME}' is not the one that the dataset was generated from"):
         ObjectMeshes(manifest, str(tmp_path / f"{NAME}.stl")).at_rest(NAME)
-    with pytest.raises(DatasetError, match=r"is not in the built-in objects.*--objects"):
+    with pytest.raises(DatasetError, match=r"is not in the built-in objects.*`objects`"):
         ObjectMeshes(manifest, None).at_rest("cup")
     with pytest.raises(DatasetError, match=r"the mesh of 'cup' is not in .*stl; expected the set"):
         ObjectMeshes(manifest, str(tmp_path / f"{NAME}.stl")).at_rest("cup")

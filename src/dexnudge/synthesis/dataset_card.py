@@ -1,0 +1,224 @@
+"""The description of a dataset: every figure counted in the data, every criterion read from code.
+
+Sections after Pushkarna et al., Data Cards (FAccT 2022): what it is, how it was made, what a row means, where it ends.
+`dataset info` prints it, `README.md` in the dataset's folder is its card, `dataset_page` draws it.
+"""
+
+from collections import Counter
+from pathlib import Path
+
+import numpy as np
+import pyarrow as pa
+
+from dexnudge.dataset.document import Document, Section, Table
+from dexnudge.dataset.info import FEASIBLE_MARGIN, DatasetInfo, describe
+from dexnudge.dataset.manifest import Manifest
+from dexnudge.dataset.schema import (
+    CLOUD_POINTS,
+    FORMAT_VERSION,
+    NUM_DIRECTIONS,
+    RESTING_FRAME,
+    cloud_schema,
+    configuration_schema,
+)
+from dexnudge.jobs.folders import replace_atomically
+from dexnudge.mechanics.balance import MAX_FACTOR
+from dexnudge.mechanics.contacts import HAND_CONTACT_DISTANCE
+from dexnudge.objects.builtin import builtin_names
+from dexnudge.scenes.scene import FRICTION_ENVIRONMENT, FRICTION_HAND, MASS, MAX_NORMAL_FORCE
+from dexnudge.simulation import hold, model
+from dexnudge.synthesis.acceptance import PENETRATION_LIMIT, PRESSING
+from dexnudge.verification.penetration import SURFACE_SPACING
+
+CARD_FILE = "README.md"
+LOADING = """from dexnudge.dataset.loading import load_dataset
+
+dataset = load_dataset(FOLDER)
+print(dataset.q.shape, dataset.direction_margin.shape, dataset.clouds.shape)
+print(dataset.object_names[dataset.object_index[0]], dataset.manifest.joint_names)
+"""
+READING = """from pathlib import Path
+import numpy as np, pyarrow as pa, pyarrow.parquet as pq
+
+rows = pa.concat_tables(pq.read_table(file) for file in sorted(Path(FOLDER).glob("shard-*.parquet")))
+q = np.stack(rows["q"].to_numpy())
+"""
+PURPOSE = """\
+Poses and joint angles of a robot hand that push, press or hook a thin object at rest on a plane, or grasp it in free \
+space; each one verified against penetration and for its contact forces."""
+FILES = """\
+`FOLDER` is the folder of this file. `manifest.json` names the hand, the joints in the order of `q` and the SHA-256 of each \
+object's mesh."""
+
+
+def write_card(folder: Path | str) -> Path:
+    """Write the data card into a dataset's folder and return its path; the same data give the same bytes.
+
+    Raises:
+        DatasetError: the dataset is missing or damaged.
+        OutputError: the folder cannot be written.
+    """
+    path = Path(folder) / CARD_FILE
+    info = describe(folder)
+    licence = "---\nlicense: mit\n---\n" if builtin_set(info.manifest) else ""
+    with replace_atomically(path) as temporary:
+        temporary.write_text(licence + description(info).markdown(), encoding="utf-8")
+    return path
+
+
+def description(info: DatasetInfo) -> Document:
+    """Return the description of a dataset, for the terminal, the card and the page."""
+    failed = [f"- failed object {name}: {reason}" for name, reason in info.manifest.failed_objects.items()]
+    coverage = [table for name, table in info.tables.items() if name != "counts"]
+    return Document(
+        f"Hand configurations for {info.manifest.hand}",
+        f"hand {info.manifest.hand}: {info.num_configurations} configurations of {info.num_objects} objects "
+        f"({info.missing_objects} not generated yet, {len(info.manifest.failed_objects)} failed), "
+        f"{info.bytes_on_disk / 1e6:.1f} MB on disk, {info.bytes_per_row:.0f} bytes per row",
+        (
+            Section("What it is", (PURPOSE, _facts(info)), reference=True),
+            Section("Counts", (info.tables["counts"], "attempted = kept + rejected + failed.")),
+            Section("What a row is", _columns(info.manifest), reference=True),
+            Section("What was verified", (*_criteria(), _holding(info)), reference=True),
+            Section("Coverage", (*coverage, *(["\n".join(failed)] if failed else []))),
+            Section("How to load it", _loading(), reference=True),
+            Section("How it was made", _making(info.manifest), reference=True),
+            Section("Known limitations", (_limitations(info),), reference=True),
+        ),
+    )
+
+
+def builtin_set(manifest: Manifest) -> str | None:
+    """Return the built-in set whose objects these are, all of them; None where they come from elsewhere."""
+    names = {*manifest.objects, *manifest.failed_objects}
+    return next((f"builtin:{kind}" for kind in ("train", "test") if names == set(builtin_names(kind))), None)
+
+
+def _facts(info: DatasetInfo) -> str:
+    manifest = info.manifest
+    kinds = Counter(name.partition("-")[0] for name in manifest.objects)
+    if builtin_set(manifest):
+        objects = (
+            f"the {builtin_set(manifest)} set ({', '.join(f'{count} {kind}' for kind, count in sorted(kinds.items()))}): "
+            "made by a program from their names, nothing was scanned or copied"
+        )
+        licence = "MIT, as dexnudge itself"
+    else:
+        objects = "mesh files of whoever generated this dataset"
+        licence = (
+            "of the rows: MIT, as dexnudge itself; of the surface points: that of the mesh files they were taken from"
+        )
+    behaviours = ", ".join(f"{count.kept} {behaviour}" for behaviour, count in info.counts.items())
+    return (
+        f"- {info.num_configurations} configurations: {behaviours}\n"
+        f"- hand: {manifest.hand}, {len(manifest.joint_names)} joint angles, digits {', '.join(manifest.joint_groups)}\n"
+        f"- {info.num_objects} objects, {info.missing_objects} not generated yet, {len(manifest.failed_objects)} failed; "
+        f"{objects}\n"
+        f"- {info.bytes_on_disk} bytes in all, {info.bytes_per_row:.0f} per configuration\n"
+        f"- licence: {licence}\n"
+        f"- format version {FORMAT_VERSION}"
+    )
+
+
+def _columns(manifest: Manifest) -> tuple[str | Table, ...]:
+    schemas = {
+        "`shard-OBJECT.parquet`, one row for each configuration": configuration_schema(len(manifest.joint_names)),
+        f"`object-OBJECT.parquet`, {CLOUD_POINTS} points of the object's surface": cloud_schema(),
+    }
+    header = ("column", "type", "unit", "frame", "meaning")
+    tables = [
+        Table(title, header, tuple((f"`{field.name}`", _type(field.type), *_said(field.metadata)) for field in schema))
+        for title, schema in schemas.items()
+    ]
+    return (
+        *tables,
+        f"Frame `resting`: {RESTING_FRAME}.",
+        f"Joint angles in `q`, in this order: {', '.join(manifest.joint_names)}.",
+    )
+
+
+def _type(kind: pa.DataType) -> str:
+    """Type and shape of one cell, as numpy would write it."""
+    if pa.types.is_fixed_size_list(kind):
+        return f"{_type(kind.value_type)}[{kind.list_size}]"
+    return f"list of {_type(kind.value_type)}" if pa.types.is_list(kind) else str(kind)
+
+
+def _said(metadata: dict[bytes, bytes]) -> tuple[str, str, str]:
+    unit, frame, meaning = (metadata[key].decode() for key in (b"unit", b"frame", b"description"))
+    return unit, "resting" if frame == RESTING_FRAME else frame, meaning
+
+
+def _criteria() -> tuple[str, ...]:
+    geometry = (
+        "The verification does not share its geometry with what generates: exact mesh distance, points at most "
+        f"{1e3 * SURFACE_SPACING:g} mm apart, both ways. Kept is what meets all of these:"
+    )
+    conditions = f"""\
+- penetration of object, plane and the hand itself at most {1e3 * PENETRATION_LIMIT:g} mm each
+- contact: a surface of the hand that faces the object within {1e3 * HAND_CONTACT_DISTANCE:g} mm
+- push, press, hook: a force margin of {FEASIBLE_MARGIN:g} or more in at least one of {NUM_DIRECTIONS} directions. The \
+margin is the largest factor on the friction of the plane with which contact forces within their cones and limits still \
+balance the sliding object; it ends at {MAX_FACTOR:g}
+- for these forces: friction {FRICTION_HAND:g} of the hand and {FRICTION_ENVIRONMENT:g} of the plane, mass {MASS:g} kg, \
+at most {MAX_NORMAL_FORCE:g} N normal force for each link"""
+    behaviours = (
+        f"A row is a press where the contacts' mean normal has a vertical part above {PRESSING:g}; otherwise a hook where "
+        "the palm's origin lies ahead of the object in the direction with the greatest margin, else a push."
+    )
+    return geometry, conditions, behaviours
+
+
+def _holding(info: DatasetInfo) -> str:
+    """How grasps were held in simulation, where the rows say that they were."""
+    if not info.num_held:
+        return "No row was held in simulation: `hold_translation` and `hold_rotation` are null throughout."
+    return (
+        f"{info.num_held} of {info.counts['grasp'].kept} grasps were held in MuJoCo against a pull of {hold.PULL:g} N in "
+        f"{len(hold.DIRECTIONS)} directions, one after the other, on an object of {model.GRASP_MASS:g} kg with friction "
+        f"{model.GRASP_FRICTION:g}; it moved by less than "
+        f"{1e3 * hold.FARTHEST:g} mm and {np.degrees(hold.MOST_TURNED):g} degrees."
+    )
+
+
+def _loading() -> tuple[str, ...]:
+    return (
+        "With dexnudge, as arrays:",
+        f"```python\n{LOADING}```",
+        "With pyarrow alone:",
+        f"```python\n{READING}```",
+        FILES,
+    )
+
+
+def _making(manifest: Manifest) -> tuple[str, ...]:
+    settings = {"objects": builtin_set(manifest) or "SET", **manifest.config, "seed": manifest.seed}
+    options = " ".join(f"--{name.replace('_', '-')} {value}" for name, value in settings.items() if value is not None)
+    versions = ", ".join(f"{name} {version}" for name, version in sorted(manifest.versions.items()))
+    repeat = (
+        "Same machine, same versions, same command: same rows, whatever the number of workers. "
+        f"Versions: {versions or 'not recorded'}."
+    )
+    return f"```\ndexnudge dataset generate {options} --out FOLDER\n```", repeat
+
+
+def _limitations(info: DatasetInfo) -> str:
+    def without_row(table: Table) -> list[str]:
+        return [name for k, name in enumerate(table.header) if k and not any(row[k] for row in table.rows)]
+
+    found = {
+        "behaviours without a row": [behaviour for behaviour, count in info.counts.items() if not count.kept],
+        "faces that no push, press or hook touches": without_row(info.tables["face_objects"]),
+        "digits that no row uses": without_row(info.tables["digits"]),
+        "objects that failed": sorted(info.manifest.failed_objects),
+    }
+    feasible = info.tables["directions"].row("rows").values()
+    lines = [f"{what}: {', '.join(names)}" for what, names in found.items() if names]
+    lines += [
+        f"the {NUM_DIRECTIONS} directions are feasible in {min(feasible)} to {max(feasible)} rows each",
+        "forces are quasi-static; margins hold for one mass and one pair of frictions, and say nothing of impacts",
+        "non-prehensile rows know no surroundings but a plane; grasps know none",
+        "the yaw of an object at rest is that of its mesh laid down: turn rows about the vertical to train for any yaw",
+        "where directions share the greatest margin, the middle of their widest arc tells push from hook",
+    ]
+    return "\n".join(f"- {line}" for line in lines)
