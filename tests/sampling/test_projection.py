@@ -28,7 +28,7 @@ def exact(hand, problem, scene, q):
     transforms = hand.forward_kinematics(world).numpy()
     found = PenetrationCheck(hand, scene)(transforms, reach=HAND_CONTACT_DISTANCE)
     touches = np.isin(np.arange(len(q)), found.near_object.configuration)
-    return np.max([found.object, found.environment, found.itself], axis=0), touches
+    return np.max([found.object, found.environment, found.self_collision], axis=0), touches
 
 
 def guiding_depth(hand, problem, q):

@@ -1,9 +1,9 @@
-"""The space from which the object can be seen, and how deep a point is in the shadow of the environment.
+"""Occluded space: where the environment hides the object, and how deep a point lies in it.
 
-Signed distance alone misleads a hand that stands on both sides of a thin wall: every link is pushed out of the wall on the
-side where it happens to be. A hand that works on an object reaches it through free space, and mostly straight. So while
-a hand is guided, what cannot be seen from the object's surface counts as solid, and its depth is the distance to where
-the object can be seen. Projection counts the shadow in its first steps only; judging knows nothing of it.
+Signed distance alone misleads a hand on both sides of a thin wall: each link is pushed out of the wall on its own side. But
+a hand reaches an object through free space, and mostly straight. So while a hand is guided, space from which the object
+cannot be seen counts as solid, and its depth is the distance to where the object can be seen. Projection counts it in its
+first steps only; verification never does.
 """
 
 import numpy as np
@@ -16,8 +16,8 @@ from dexnudge.geometry.exact_distance import ExactDistance
 from dexnudge.geometry.surface_points import dart_throwing
 from dexnudge.geometry.warp_runtime import wp
 
-SHADOW_CELL = 0.018  # [m] edge of the cells whose visibility is asked
-SOURCE_LIFT = 0.004  # [m] of the points that look, above the object's surface
+OCCLUSION_CELL = 0.018  # [m] edge of the cells whose visibility is tested
+SOURCE_LIFT = 0.004  # [m] of the viewpoints above the object's surface
 SOURCE_CLEARANCE = 0.003  # [m] that they keep from the environment
 SOURCE_GAP = 0.03  # [m] between them
 
@@ -35,13 +35,13 @@ def _sees(
             return
 
 
-def shadowed_grid(
+def occluded_grid(
     grid: DistanceGrid, object_mesh: trimesh.Trimesh, environment_mesh: trimesh.Trimesh, environment: ExactDistance
 ) -> DistanceGrid:
-    """The grid of the environment's distances, lowered to minus the depth in the shadow where that is less.
+    """Return the grid of the environment's distances, lowered to minus the depth in occluded space where that is less.
 
     Args:
-        grid: signed distances [m] to the environment. Without a point that sees anything it is returned as it is.
+        grid: signed distances [m] to the environment. Where no point of the object sees anything, it is returned as it is.
         object_mesh: in the frame of the grid [m].
         environment_mesh: in the frame of the grid [m].
         environment: exact distance to the environment.
@@ -50,17 +50,17 @@ def shadowed_grid(
     if len(sources) == 0:
         return grid
     extent = (np.asarray(grid.values.shape) - 1) * grid.cell
-    counts = np.maximum(np.ceil(extent / SHADOW_CELL).astype(int), 1) + 1
-    axes = [grid.origin[axis] + SHADOW_CELL * np.arange(counts[axis]) for axis in range(3)]
+    counts = np.maximum(np.ceil(extent / OCCLUSION_CELL).astype(int), 1) + 1
+    axes = [grid.origin[axis] + OCCLUSION_CELL * np.arange(counts[axis]) for axis in range(3)]
     cells = np.stack(np.meshgrid(*axes, indexing="ij"), axis=-1).reshape(-1, 3)
     visible = _visible(environment_mesh, cells, sources).reshape(counts)
     if visible.all() or not visible.any():
         return grid
-    # Half a cell is uncertain: a cell in the shadow next to a visible one is not deep at all.
-    depth = np.maximum(distance_transform_edt(~visible) - 1.0, 0.0) * SHADOW_CELL
-    scale = np.full(3, grid.cell / SHADOW_CELL)
-    shadow = -affine_transform(depth, scale, output_shape=grid.values.shape, order=1, mode="nearest")
-    lowered = np.where(shadow < 0.0, np.minimum(grid.values, shadow), grid.values)
+    # Half a cell is uncertain: an occluded cell next to a visible one is not deep at all.
+    depth = np.maximum(distance_transform_edt(~visible) - 1.0, 0.0) * OCCLUSION_CELL
+    scale = np.full(3, grid.cell / OCCLUSION_CELL)
+    below = -affine_transform(depth, scale, output_shape=grid.values.shape, order=1, mode="nearest")
+    lowered = np.where(below < 0.0, np.minimum(grid.values, below), grid.values)
     return DistanceGrid(lowered.astype(np.float32), grid.origin, grid.cell)
 
 
@@ -78,11 +78,11 @@ def _visible(
         points=wp.array(np.asarray(environment_mesh.vertices, dtype=np.float32), dtype=wp.vec3, device="cpu"),
         indices=wp.array(np.asarray(environment_mesh.faces, dtype=np.int32).ravel(), dtype=wp.int32, device="cpu"),
     )
-    looking = wp.array(sources.astype(np.float32), dtype=wp.vec3, device="cpu")
+    viewpoints = wp.array(sources.astype(np.float32), dtype=wp.vec3, device="cpu")
 
     def seen(part: Float[np.ndarray, "m 3"]) -> Bool[np.ndarray, " m"]:
         visible = wp.zeros(len(part), dtype=wp.uint8, device="cpu")
-        inputs = [mesh.id, wp.array(part.astype(np.float32), dtype=wp.vec3, device="cpu"), looking, visible]
+        inputs = [mesh.id, wp.array(part.astype(np.float32), dtype=wp.vec3, device="cpu"), viewpoints, visible]
         wp.launch(_sees, dim=len(part), inputs=inputs, device="cpu")
         return visible.numpy().astype(bool)
 

@@ -8,7 +8,7 @@ from scipy.ndimage import map_coordinates, minimum_filter1d
 from dexnudge.energies.grid_kernel import pack_grids
 from dexnudge.energies.hand_model import cluster_points
 from dexnudge.energies.kernel_structs import SceneFields
-from dexnudge.energies.occlusion import shadowed_grid
+from dexnudge.energies.occlusion import occluded_grid
 from dexnudge.geometry.distance_grid import DistanceGrid, cached_distance_grid, distance_grid
 from dexnudge.geometry.exact_distance import ExactDistance
 from dexnudge.geometry.surface_points import surface_points
@@ -18,7 +18,7 @@ from dexnudge.geometry.warp_runtime import WarpStruct
 def swept_grid(
     grid: DistanceGrid, displacement: Float[np.ndarray, " 3"], *, around: DistanceGrid | None = None
 ) -> DistanceGrid:
-    """The least distance [m] that each corner of a grid meets on its way; exact up to half a cell at the way's end.
+    """Return the least distance [m] that each corner of a grid meets on its way; exact up to half a cell at the way's end.
 
     Args:
         grid: signed distances [m] to the environment.
@@ -67,7 +67,7 @@ NO_ENVIRONMENT = 10.0  # [m] distance everywhere when there is none
 def build_scene_fields(
     object_mesh: trimesh.Trimesh, environment_mesh: trimesh.Trimesh | None, *, device: str = "cpu"
 ) -> WarpStruct:
-    """Grids and test points from meshes that are already in the working frame [m]: a `SceneFields` of the kernel."""
+    """Return grids and test points from meshes that are already in the working frame [m]: a `SceneFields` of the kernel."""
     return build_guided_fields(object_mesh, environment_mesh, device=device, guiding=False)[0]
 
 
@@ -79,7 +79,7 @@ def build_guided_fields(
     guiding: bool = True,
     displacement: Float[np.ndarray, " 3"] | None = None,
 ) -> tuple[WarpStruct, WarpStruct]:
-    """(fields of the scene, the same with the environment's shadow as solid for guidance); equal without `guiding`.
+    """Return (fields of the scene, the same with occluded space as solid, for guidance); equal without `guiding`.
 
     Args:
         object_mesh: in the working frame [m].
@@ -95,7 +95,7 @@ def build_guided_fields(
     )
     empty = DistanceGrid(np.full((2, 2, 2), NO_ENVIRONMENT, dtype=np.float32), np.zeros(3), 1.0e-6)
     environment, edge_points = [empty, empty], np.zeros((0, 3))
-    shadowed = environment
+    occluded = environment
     swept: list[DistanceGrid] = []
     if environment_mesh is not None:
         around = ExactDistance(environment_mesh, device=device)
@@ -108,7 +108,7 @@ def build_guided_fields(
             swept = [swept_grid(near, displacement, around=far), swept_grid(far, displacement)]
         edge_points = sharp_edge_points(environment_mesh, lower - FAR_REACH, upper + FAR_REACH)
         if guiding:
-            shadowed = [shadowed_grid(grid, object_mesh, environment_mesh, around) for grid in environment]
+            occluded = [occluded_grid(grid, object_mesh, environment_mesh, around) for grid in environment]
     spread = surface_points(object_mesh, spacing=OBJECT_POINT_SPACING).points
     on_object, on_edges = (
         cluster_points(points, np.zeros(len(points), dtype=np.int32), 1, device=device)[:2]
@@ -117,7 +117,7 @@ def build_guided_fields(
 
     def fields(grids: list[DistanceGrid], *, jumps: bool) -> WarpStruct:
         packed = SceneFields()
-        # The shadow belongs to where the hand stands now, so it is not swept; but nothing swept is above it.
+        # Occlusion belongs to where the hand stands now, so it is not swept; but nothing swept is above it.
         lowest = [_lower(*pair) for pair in zip(grids, swept, strict=False)]
         packed.grids = pack_grids([object_grid, *grids, *lowest], device=device)
         packed.object_points, packed.object_clusters = on_object
@@ -128,7 +128,7 @@ def build_guided_fields(
         return packed
 
     plain = fields(environment, jumps=False)
-    return plain, fields(shadowed, jumps=True) if guiding and environment_mesh is not None else plain
+    return plain, fields(occluded, jumps=True) if guiding and environment_mesh is not None else plain
 
 
 def _lower(one: DistanceGrid, other: DistanceGrid) -> DistanceGrid:
@@ -139,7 +139,7 @@ def _lower(one: DistanceGrid, other: DistanceGrid) -> DistanceGrid:
 def sharp_edge_points(
     mesh: trimesh.Trimesh, lower: Float[np.ndarray, " 3"], upper: Float[np.ndarray, " 3"]
 ) -> Float[np.ndarray, "n 3"]:
-    """Points along convex sharp edges inside a box [m]: they can enter a link between two of the link's own points."""
+    """Return points along convex sharp edges inside a box [m]: they can enter a link between two of its points."""
     sharp = (mesh.face_adjacency_angles > SHARP_EDGE) & mesh.face_adjacency_convex
     ends = mesh.vertices[mesh.face_adjacency_edges[sharp]]
     points = [np.zeros((0, 3))]

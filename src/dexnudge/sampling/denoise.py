@@ -12,6 +12,7 @@ from dexnudge.diffusion.prior import DiffusionPrior
 from dexnudge.energies.descent import pose_from_configuration
 from dexnudge.energies.force_residual import ForceResidual
 from dexnudge.energies.weights import TermWeights
+from dexnudge.errors import InputError
 from dexnudge.hands.hand import Hand
 from dexnudge.sampling.guidance.active_contacts import active_contacts
 from dexnudge.sampling.guidance.paper import unguided
@@ -70,6 +71,7 @@ class _Run:
         energy = self.problem.hand_energy(self.hand, len(x), config.weights)
         balance = self.problem.balance if config.weights.force > 0 else None
         force = ForceResidual(balance, len(x), len(self.hand.fingertip_links)) if balance is not None else None
+        shape = x.shape
         for t, t_previous in zip(timesteps, [*timesteps[1:], -1], strict=True):
             x = rule(
                 ReverseStep(
@@ -86,6 +88,11 @@ class _Run:
                     force,
                 )
             )
+            if not isinstance(x, Tensor) or x.shape != shape:
+                found = tuple(x.shape) if isinstance(x, Tensor) else type(x).__name__
+                raise InputError(f"guidance rule {rule!r} returned {found}; expected x_(t-1), a tensor {tuple(shape)}")
+        if not torch.isfinite(x).all():
+            raise InputError(f"guidance rule {rule!r} ended in NaN or infinity; expected finite samples")
         return x
 
 

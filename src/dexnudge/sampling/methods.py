@@ -1,10 +1,11 @@
-"""Named ways to draw configurations: ours, the paper's, and the baselines, all with the same data, checks and projection."""
+"""Named ways to draw configurations: the default, the paper's, and baselines, all with the same data and checks."""
 
 from collections.abc import Callable, Mapping
 from dataclasses import asdict, dataclass, field, replace
 
 from dexnudge.energies.weights import TermWeights
-from dexnudge.errors import UnknownNameError, did_you_mean
+from dexnudge.errors import InputError, UnknownNameError, did_you_mean
+from dexnudge.plugins import load_plugin, plugin_names
 from dexnudge.sampling.denoise import DenoisingConfig
 from dexnudge.sampling.guidance.clean import CleanDescent, CleanGradient
 from dexnudge.sampling.guidance.paper import PaperGuidance, unguided
@@ -13,7 +14,8 @@ from dexnudge.sampling.guidance.spherical import CleanSpherical, Resampled, Sphe
 from dexnudge.sampling.projection import ProjectionConfig
 
 GUIDING_WEIGHTS = TermWeights(contact=6.0, sweep=1.0, base=1.0, clearance_base=0.010)
-"""Of the energy that chooses among coarse hands and guides; that of the projection is `PROJECTION_WEIGHTS`."""
+"""Of the energy that chooses among coarse hands and guides; the projection has `PROJECTION_WEIGHTS`."""
+PLUGIN_KIND = "guidance rule"
 
 
 @dataclass(frozen=True)
@@ -21,7 +23,7 @@ class Method:
     """How configurations are drawn.
 
     Attributes:
-        summary: one line for `--help` and reports.
+        summary: one line for help and reports.
         start: "prior" (reverse diffusion), "random" (no model) or "nearest" (stored poses of a dataset, no model).
         behaviour: class asked of the prior.
         make_rule: makes the guidance rule of one run; rules may keep state.
@@ -36,7 +38,7 @@ class Method:
     projection: ProjectionConfig | None = field(default_factory=ProjectionConfig)
 
     def with_weights(self, changes: Mapping[str, float]) -> "Method":
-        """The same with other weights and clearances, by their names in `TermWeights`, in guidance and projection alike.
+        """Return the same with other weights and clearances, by their names in `TermWeights`, in guidance and projection.
 
         Raises:
             InputError: a value that is negative or not finite.
@@ -48,7 +50,7 @@ class Method:
         return replace(self, denoising=denoising, projection=projection)
 
     def weights(self) -> dict[str, dict[str, float]]:
-        """The weights and clearances of each stage that uses an energy, for reports."""
+        """Return the weights and clearances of each stage that uses an energy, for reports."""
         stages = {} if self.start != "prior" else {"guidance": asdict(self.denoising.weights)}
         return stages if self.projection is None else {**stages, "projection": asdict(self.projection.weights)}
 
@@ -67,7 +69,7 @@ METHODS: dict[str, Method] = {
     "steered_noise": STEERED_NOISE,
     "resampled": replace(
         STEERED_NOISE,
-        summary="ours, with promising draws of a call taking the places of hopeless ones (SMC): no independent draws",
+        summary="steered_noise, its draws resampled by their energy now and then (SMC): not independent",
         make_rule=Resampled,
     ),
     "coarse_hands": COARSE_HANDS,
@@ -76,7 +78,7 @@ METHODS: dict[str, Method] = {
         summary="a few steps of descent on the clean estimate in each step, then projected",
         denoising=DenoisingConfig(weights=GUIDING_WEIGHTS),
     ),
-    "guidance_only": replace(STEERED_NOISE, summary="ours without the projection", projection=None),
+    "guidance_only": replace(STEERED_NOISE, summary="steered_noise without the projection", projection=None),
     "paper": Method("Eq. 5 as printed, then projected", make_rule=PaperGuidance),
     "paper_guidance_only": Method("Eq. 5 as printed, not projected", make_rule=PaperGuidance, projection=None),
     "spherical": Method("spherical-Gaussian guidance (DSG, eta 1), then projected", make_rule=SphericalGuidance),
@@ -102,9 +104,30 @@ METHODS: dict[str, Method] = {
 
 
 def find_method(name: str) -> Method:
-    """The method of that name; UnknownNameError that lists those that exist."""
-    if name not in METHODS:
+    """Return the method of that name: a built-in one, or one that an installed package brings.
+
+    A package names in the entry-point group `dexnudge.guidance_rules` either a `Method`, or a class of `GuidanceRule` (any
+    callable that makes a rule for one run); such a rule takes the place of the one of `steered_noise`.
+
+    Raises:
+        UnknownNameError: no such method; the message lists those that exist.
+        InputError: what a package brings fails at import, or is neither a method nor makes a rule.
+    """
+    if name in METHODS:
+        return METHODS[name]
+    brought = plugin_names(PLUGIN_KIND)
+    if name not in brought:
+        names = [*METHODS, *brought]
         raise UnknownNameError(
-            f"unknown method {name!r}{did_you_mean(name, METHODS)}; expected one of {', '.join(METHODS)}"
+            f"unknown method {name!r}{did_you_mean(name, names)}; expected one of {', '.join(names)}"
         )
-    return METHODS[name]
+    found = load_plugin(PLUGIN_KIND, name)
+    if isinstance(found, Method):
+        return found
+    if not callable(found):
+        raise InputError(
+            f"guidance rule '{name}' is a {type(found).__name__}; expected a `Method`, or a class whose objects are called "
+            "with a `ReverseStep` and return x_{t-1}"
+        )
+    summary = (found.__doc__ or "a rule of an installed package").partition("\n")[0]
+    return replace(STEERED_NOISE, summary=summary, make_rule=found)

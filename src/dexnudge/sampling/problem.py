@@ -22,17 +22,17 @@ from dexnudge.mechanics.contacts import support_contacts
 from dexnudge.mechanics.sliding_task import sliding_task
 from dexnudge.scenes.scene import Scene
 
-FACING_MOTION = (
-    0.5  # cosine of outward normal and motion from which a contact pushes back more than friction carries on
-)
-WORKING = 0.2  # the same cosine up to which a place is worth going to
-TIP_RADIUS = 0.008  # [m] of a fingertip, the way from its keypoint to the surface that it touches
+# Cosines of the object's outward normal and the motion: above the first a contact pushes back more than friction pulls on;
+# up to the second a place is worth going to.
+FACING_MOTION, PUSHABLE = 0.5, 0.2
+TIP_RADIUS = 0.008  # [m] of a fingertip, from its keypoint to the surface that it touches
 ROOM = 0.006  # [m] that the environment must leave around the keypoint; fingertips are flat in front
+FRICTION_MARGIN = 1.6  # factor on friction_environment that the contacts are asked to overcome: above robust's 1.5
 
 
 @dataclass(frozen=True)
 class PushableSurface:
-    """Places for the keypoint of a fingertip, frame C; `places` may be empty.
+    """Where a fingertip can push the object: places for its keypoint, frame C; there may be none.
 
     Attributes:
         motion: unit vector. places: [m], a fingertip's radius above the object's surface.
@@ -42,13 +42,13 @@ class PushableSurface:
     places: Float[Tensor, "place 3"]
 
     def idle(self, normals: Float[Tensor, "batch digit 3"]) -> Bool[Tensor, "batch digit"]:
-        """Which contacts face the motion, by the object's outward normals; none where there is no better place."""
+        """Return which contacts face the motion, by the object's outward normals; none where there is no better place."""
         return (normals @ self.motion > FACING_MOTION) & bool(len(self.places))
 
     def nearest(
         self, points: Float[Tensor, "batch digit 3"], normals: Float[Tensor, "batch digit 3"]
     ) -> Float[Tensor, "batch digit 3"]:
-        """The place nearest to that of a fingertip which touches at `points` [m]; any where there is no place."""
+        """Return the place nearest to a fingertip that touches at `points` [m]; its own where there is no place."""
         here = (points + TIP_RADIUS * normals).flatten(0, 1)
         if len(self.places) == 0:
             return here.view(points.shape)
@@ -58,24 +58,21 @@ class PushableSurface:
 def pushable_surface(
     cloud: Float[Tensor, "point 6"], motion: Float[Tensor, " 3"], environment: ExactDistance
 ) -> PushableSurface:
-    """From points and outward normals of the object [m], and the distance to what surrounds it; one frame."""
+    """Return where on the object a fingertip fits and can push, from its points and outward normals [m]; one frame."""
     points, normals = cloud[:, :3], cloud[:, 3:]
     places = points + TIP_RADIUS * normals
     room = torch.as_tensor(environment(places.double().numpy()).distance)
-    return PushableSurface(motion, places[(normals @ motion < WORKING) & (room > ROOM)])
-
-
-FRICTION_MARGIN = 1.6  # factor on friction_environment that the contacts are asked to overcome: above robust's 1.5
+    return PushableSurface(motion, places[(normals @ motion < PUSHABLE) & (room > ROOM)])
 
 
 @dataclass(frozen=True)
 class SamplingProblem:
-    """Everything about a scene that a sampler needs, in the canonical frame C (x the motion, z up).
+    """What a sampler needs to know of a scene, in the canonical frame C (x the motion, z up).
 
     Attributes:
         T_world_canonical: frame C in the world.
         fields: distance grids of object and environment for the fused kernel.
-        guiding_fields: the same, with what cannot be seen from the object as solid (see `occlusion`).
+        guiding_fields: the same, with occluded space as solid (see `occlusion`).
         balance: the force balance to reach; None when nothing supports the object or its supports block the motion.
         cloud: (1024, 6) points [m] and outward normals of the object.
         pushable: where on the object a fingertip can push for the motion.
@@ -99,12 +96,12 @@ class SamplingProblem:
         return HandEnergy(hand, self.guiding_fields, batch, weights, terms=terms)
 
     def to_world(self, q: Float[Tensor, "n coordinates"]) -> Float[np.ndarray, "n coordinates"]:
-        """Configurations of frame C in the world, as they are written to files."""
+        """Return configurations of frame C in the world, as they are written to files."""
         return transform_configurations(self.T_world_canonical, q.double().numpy()).astype(np.float32)
 
 
 def prepare(scene: Scene, *, device: str = "cpu") -> SamplingProblem:
-    """Builds the fields of a scene in its canonical frame."""
+    """Make a scene ready: fields, balance and pushable surface in its canonical frame."""
     T_world_canonical = canonical_frame(scene.object_in_world(), scene.motion)
     T_canonical_world = np.linalg.inv(T_world_canonical)
     object_mesh = scene.object_in_world()

@@ -10,7 +10,7 @@ import trimesh
 from dexnudge.geometry.exact_distance import ExactDistance
 from dexnudge.geometry.surface_points import object_cloud
 from dexnudge.objects.builtin import builtin_object
-from dexnudge.sampling.problem import ROOM, TIP_RADIUS, WORKING, prepare, pushable_surface
+from dexnudge.sampling.problem import PUSHABLE, ROOM, TIP_RADIUS, prepare, pushable_surface
 from dexnudge.sampling.projection import ProjectionConfig, project
 from dexnudge.sampling.starts import random_start
 from dexnudge.scenes.families import build_scene
@@ -60,7 +60,7 @@ def test_the_nearest_place_of_a_fingertip_in_front_is_on_the_exposed_end(slot):
     distance = (surface.places - (touching[0, 0] + TIP_RADIUS * FORWARD)).norm(dim=1)
     torch.testing.assert_close(place, surface.places[distance.argmin()])
     nearest = cloud[(cloud[:, :3] + TIP_RADIUS * cloud[:, 3:] - place).norm(dim=1).argmin()]
-    assert float(nearest[3:] @ FORWARD) < WORKING
+    assert float(nearest[3:] @ FORWARD) < PUSHABLE
 
 
 @pytest.mark.slow
