@@ -15,7 +15,7 @@ from dataclasses import dataclass
 from importlib.metadata import EntryPoint, entry_points
 from typing import Any
 
-from dexnudge.errors import InputError, UnknownNameError, did_you_mean
+from dexnudge.errors import DexnudgeError, InputError, UnknownNameError, did_you_mean
 
 GROUPS = {
     "hand": "dexnudge.hands",
@@ -87,6 +87,35 @@ def load_plugin(kind: str, name: str, *, known: tuple[str, ...] = ()) -> Any:
             f"{kind} '{name}' of package {_source(entry)} cannot be imported from '{entry.value}': "
             f"{type(error).__name__}: {error}; mend or uninstall the package"
         ) from error
+
+
+def call_plugin(kind: str, name: str, expected: type, *arguments: Any, **options: Any) -> Any:
+    """Call what a package registered under a name, and return what it makes.
+
+    Raises:
+        UnknownNameError, InputError: as `load_plugin`; also where the call fails, or makes something that is not of the
+            `expected` class.
+    """
+    found = load_plugin(kind, name)
+    try:
+        made = found(*arguments, **options)
+    except DexnudgeError:
+        raise
+    except FOREIGN_FAILURES as error:
+        raise InputError(
+            f"{kind} '{name}' of package {plugin_source(kind, name)} failed: {type(error).__name__}: {error}"
+        ) from error
+    if not isinstance(made, expected):
+        raise InputError(
+            f"{kind} '{name}' of package {plugin_source(kind, name)} made a {type(made).__name__}; expected a "
+            f"{expected.__name__}"
+        )
+    return made
+
+
+def plugin_source(kind: str, name: str) -> str:
+    """Return name and version of the package that brings it."""
+    return _source(_entries(kind)[name])
 
 
 def usable_plugins(kind: str) -> dict[str, Any]:

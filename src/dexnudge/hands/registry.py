@@ -8,6 +8,7 @@ from dexnudge.errors import HandError, UnknownNameError, did_you_mean
 from dexnudge.hands.hand import Hand
 from dexnudge.hands.shadow_lite import shadow_lite
 from dexnudge.hands.urdf import hand_from_urdf
+from dexnudge.plugins import call_plugin, plugin_names
 
 
 def _shadow_full(*, base: bool) -> Hand:
@@ -30,7 +31,7 @@ def load_hand(name_or_urdf: str | Path, *, base: bool = True) -> Hand:
     """The hand of that name, or the one in a URDF (.urdf) or MJCF (.xml) file with its YAML beside it.
 
     Args:
-        name_or_urdf: a name in `HANDS` or a path.
+        name_or_urdf: a name in `HANDS`, the name of a hand that an installed package brings, or a path.
         base: whether the forearm or adapter behind the palm is part of the hand.
 
     Raises:
@@ -48,7 +49,11 @@ def load_hand(name_or_urdf: str | Path, *, base: bool = True) -> Hand:
         raise HandError(
             f"{path}: expected a description that ends in {' or '.join(READERS)}, got '{path.suffix}'; mend the path"
         )
+    brought = plugin_names("hand")
+    if name in brought:
+        return call_plugin("hand", name, Hand, base=base)
+    names = [*sorted(HANDS), *brought]
     raise UnknownNameError(
-        f"unknown hand '{name}'{did_you_mean(name, HANDS)}: expected one of {', '.join(sorted(HANDS))}, "
+        f"unknown hand '{name}'{did_you_mean(name, names)}: expected one of {', '.join(names)}, "
         f"or the path of a {' or '.join(READERS)} file; mend the name"
     )

@@ -12,6 +12,7 @@ import trimesh
 
 from dexnudge.errors import SceneError, UnknownNameError, did_you_mean
 from dexnudge.objects.sets import object_mesh
+from dexnudge.plugins import call_plugin, plugin_names, usable_plugins
 from dexnudge.scenes.clutter import clutter
 from dexnudge.scenes.corner import corner
 from dexnudge.scenes.drawer import drawer
@@ -34,8 +35,8 @@ PHYSICS = ("motion_length", "mass", "friction_hand", "friction_environment", "ma
 
 
 def scene_families() -> tuple[str, ...]:
-    """Return the names that `build_scene` knows."""
-    return tuple(SCENE_FAMILIES)
+    """Return the names that `build_scene` knows: the built-in ones, and what installed packages bring."""
+    return (*SCENE_FAMILIES, *usable_plugins("scene"))
 
 
 def build_scene(family: str, object: str | Path | trimesh.Trimesh, *, seed: int = 0, **physics: Any) -> Scene:  # noqa: A002 - the public name
@@ -53,13 +54,18 @@ def build_scene(family: str, object: str | Path | trimesh.Trimesh, *, seed: int 
         MeshError: the object's file cannot be used.
         SceneError: the object does not fit, or a physical number is out of its domain.
     """
-    if family not in SCENE_FAMILIES:
+    names = tuple(SCENE_FAMILIES) if family in SCENE_FAMILIES else (*SCENE_FAMILIES, *plugin_names("scene"))
+    if family not in names:
         raise UnknownNameError(
-            f"unknown scene {family!r}{did_you_mean(family, SCENE_FAMILIES)}; expected one of {', '.join(SCENE_FAMILIES)}, "
+            f"unknown scene {family!r}{did_you_mean(family, names)}; expected one of {', '.join(names)}, "
             "or your own surroundings through `environment`"
         )
     unknown = sorted(set(physics) - set(PHYSICS))
     if unknown:
         raise SceneError(f"unknown physical parameter {unknown[0]!r}; expected {', '.join(PHYSICS)}")
-    scene = SCENE_FAMILIES[family](object_mesh(object), np.random.default_rng(seed))
+    mesh, generator = object_mesh(object), np.random.default_rng(seed)
+    if family in SCENE_FAMILIES:
+        scene = SCENE_FAMILIES[family](mesh, generator)
+    else:
+        scene = call_plugin("scene", family, Scene, mesh, generator)
     return replace(scene, seed=seed, **physics)

@@ -18,7 +18,7 @@ from dexnudge.errors import InputError
 from dexnudge.hands.batch import HandBatch
 from dexnudge.hands.hand import ROOT_COORDINATES, Hand
 from dexnudge.mechanics.balance import MOTION_TOLERANCE
-from dexnudge.plugins import FOREIGN_FAILURES, load_plugin
+from dexnudge.plugins import FOREIGN_FAILURES, call_plugin, load_plugin
 from dexnudge.scenes.scene import Scene
 from dexnudge.verification.measurements import Measurements, measure
 
@@ -228,11 +228,8 @@ def find_criterion(name: str) -> Criterion:
         if criterion.name == name:
             return criterion
     found = load_plugin("criterion", name, known=tuple(criterion.name for criterion in _BUILTIN))
-    if not hasattr(found, "name") or isinstance(found, type):
-        try:
-            found = found()
-        except FOREIGN_FAILURES as error:
-            raise InputError(f"criterion '{name}' cannot be made: {type(error).__name__}: {error}") from error
+    if isinstance(found, type) or not hasattr(found, "name"):  # a class or a function that makes one
+        found = call_plugin("criterion", name, Criterion)
     check_criteria([found])
     if found.name != name:
         raise InputError(f"criterion '{name}' of a package is named '{found.name}'; expected its entry point's name")
