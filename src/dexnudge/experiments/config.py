@@ -1,9 +1,8 @@
 """What an experiment evaluates, and the tasks that it consists of."""
 
 import zlib
-from collections.abc import Mapping, Sequence
+from collections.abc import Collection, Sequence
 from dataclasses import dataclass
-from typing import Any
 
 import numpy as np
 
@@ -74,12 +73,12 @@ def all_tasks(config: ExperimentConfig) -> list[Task]:
         InputError: a name, count or loss in the config is not valid. MeshError: the set of objects cannot be found.
     """
     from dexnudge.sampling.methods import METHODS, find_method
-    from dexnudge.scenes.families import SCENE_FAMILIES
+    from dexnudge.scenes.families import scene_families
 
     for name, count in (("num", config.num), ("max-objects", config.max_objects)):
         if count is not None and count < 1:
             raise InputError(f"--{name} is {count}; expected at least 1")
-    _check_names("scene", config.scenes, SCENE_FAMILIES)
+    _check_names("scene", config.scenes, scene_families())
     _check_names("method", config.methods, METHODS)
     for method in config.methods:
         find_method(method).with_weights(config.losses or {})  # refuses what makes no sense
@@ -106,7 +105,7 @@ def _object_names(config: ExperimentConfig) -> list[str]:
     return [names[index * len(names) // config.max_objects] for index in range(config.max_objects)]
 
 
-def _check_names(what: str, names: Sequence[str], table: Mapping[str, Any]) -> None:
+def _check_names(what: str, names: Sequence[str], table: Collection[str]) -> None:
     if not names:
         raise InputError(f"no {what} is named; expected some of {', '.join(table)}")
     for name in names:

@@ -25,12 +25,18 @@ from dexnudge.scenes.table import table
 
 SceneFamily = Callable[[trimesh.Trimesh, np.random.Generator], Scene]
 
-MAIN_FAMILIES: dict[str, SceneFamily] = {"table": table, "layers": layers, "shelf": shelf}
-HARD_FAMILIES: dict[str, SceneFamily] = {"slot": slot, "deep": deep, "corner": corner, "clutter": clutter}
-# Nothing is ever tuned on these.
-GENERALISATION_FAMILIES: dict[str, SceneFamily] = {"drawer": drawer, "ramp": ramp, "stack": stack}
-SCENE_FAMILIES: dict[str, SceneFamily] = {**MAIN_FAMILIES, **HARD_FAMILIES, **GENERALISATION_FAMILIES}
-
+SCENE_FAMILIES: dict[str, SceneFamily] = {
+    "table": table,
+    "layers": layers,
+    "shelf": shelf,
+    "slot": slot,
+    "deep": deep,
+    "corner": corner,
+    "clutter": clutter,
+    "drawer": drawer,  # nothing is ever tuned on this one and those below
+    "ramp": ramp,
+    "stack": stack,
+}
 PHYSICS = ("motion_length", "mass", "friction_hand", "friction_environment", "max_normal_force")
 
 
