@@ -5,9 +5,10 @@ import pytest
 import trimesh
 
 from dexnudge.execution.retreat import DISTANCES, opening_path, retreat
-from dexnudge.planning.hand_clearance import HandClearance, SelfPenetration
+from dexnudge.planning.hand_clearance import HandClearance
 from dexnudge.scenes.boxes import box
 from dexnudge.scenes.scene import Scene
+from dexnudge.verification.penetration import self_penetration
 
 BENT = 1.5  # [rad]
 
@@ -61,12 +62,11 @@ def test_a_hand_in_a_closed_box_has_no_way(small_hand):
 def test_fingers_that_would_cross_open_one_after_the_other(shadow_hand):
     hand = shadow_hand
     angles = np.array([0.10, 0.23, 0.05, 0.05, 0.22, 1.41, 1.05, 1.05, 0.03, 1.45, 0.64, 0.64, 0.75, 0.04, 0.32, 0.06])
-    depth = SelfPenetration(hand)
     opened = np.clip(0.0, hand.lower, hand.upper)
-    assert depth(angles + np.linspace(0.0, 1.0, 40)[:, None] * (opened - angles)).max() > 0.001
+    assert self_penetration(hand, angles + np.linspace(0.0, 1.0, 40)[:, None] * (opened - angles)).max() > 0.001
     path = opening_path(hand, angles)
     np.testing.assert_allclose(path[-1], opened)
     here = angles
     for there in path:
-        assert depth(here + np.linspace(0.0, 1.0, 40)[:, None] * (there - here)).max() <= 0.00105
+        assert self_penetration(hand, here + np.linspace(0.0, 1.0, 40)[:, None] * (there - here)).max() <= 0.00105
         here = there

@@ -7,12 +7,12 @@ import numpy as np
 from jaxtyping import Float
 
 from dexnudge.hands.hand import ROOT_COORDINATES, Hand
-from dexnudge.jobs.cached import cached_per_instance
 from dexnudge.planning.approach import GOAL_PENETRATION, OPENING_ALLOWANCE
-from dexnudge.planning.hand_clearance import HandClearance, SelfPenetration
+from dexnudge.planning.hand_clearance import HandClearance
 from dexnudge.planning.hand_states import palm_pose, state_space
 from dexnudge.planning.motion_check import CLEARANCE
 from dexnudge.scenes.scene import Scene
+from dexnudge.verification.penetration import self_penetration
 
 DISTANCES = (0.0, 0.03, 0.06, 0.10, 0.15, 0.20, 0.30)  # [m] the first that is free is taken
 STEP = 0.002  # [m] between the places that are checked
@@ -67,7 +67,6 @@ def opening_path(hand: Hand, angles: Float[np.ndarray, " joint"]) -> list[Float[
     All digits open at once if that is clean, else one of them before the others, or after them.
     """
     opened = state_space(hand, angles).opened
-    depth = _self_penetration(hand)
     paths = [[opened]]
     for digit in hand.fingertips:
         mine = np.zeros(hand.num_joints, dtype=bool)
@@ -75,13 +74,8 @@ def opening_path(hand: Hand, angles: Float[np.ndarray, " joint"]) -> list[Float[
             if joint is not None and joint.index is not None:
                 mine[joint.index] |= hand.digit_of_link[name] == digit
         paths += [[np.where(mine, opened, angles), opened], [np.where(mine, angles, opened), opened]]
-    allowed = max(GOAL_PENETRATION, float(depth(angles[None])[0]) + OPENING_ALLOWANCE)
-    return next((path for path in paths if depth(_between([angles, *path])).max() <= allowed), None)
-
-
-@cached_per_instance
-def _self_penetration(hand: Hand) -> SelfPenetration:
-    return SelfPenetration(hand)
+    allowed = max(GOAL_PENETRATION, float(self_penetration(hand, angles[None])[0]) + OPENING_ALLOWANCE)
+    return next((path for path in paths if self_penetration(hand, _between([angles, *path])).max() <= allowed), None)
 
 
 def _between(path: list[Float[np.ndarray, " joint"]]) -> Float[np.ndarray, "n joint"]:

@@ -9,12 +9,13 @@ from jaxtyping import Bool, Float
 from dexnudge.errors import InputError
 from dexnudge.hands.hand import ROOT_COORDINATES, Hand
 from dexnudge.planning.connect import connect, outside_states
-from dexnudge.planning.hand_clearance import HandClearance, SelfPenetration
+from dexnudge.planning.hand_clearance import HandClearance
 from dexnudge.planning.hand_states import State, States, StateSpace, between, palm_pose, state, state_space
 from dexnudge.planning.motion_check import CLEARANCE, Blocked, MotionCheck, blocked_by, blocked_by_itself
 from dexnudge.planning.pre_contact import back_off_directions, pre_contacts
 from dexnudge.planning.trajectory import SpeedLimits, Trajectory, joined, timed
 from dexnudge.scenes.scene import Scene
+from dexnudge.verification.penetration import self_penetration
 
 CLEARANCES = (CLEARANCE, 0.002, 0.0015)  # [m] kept on the way, the less the nearer the goal is to its surroundings
 BUDGET = 20_000  # states that the planner may look at; one takes 10 microseconds to a millisecond
@@ -72,7 +73,6 @@ class ApproachPlanner:
         self.hand, self.scene = hand, scene
         self.limits = limits or SpeedLimits()
         self._measure = HandClearance(hand, scene)
-        self._self_penetration = SelfPenetration(hand)
 
     def plan(
         self,
@@ -159,7 +159,7 @@ class ApproachPlanner:
         """The states of a hand that closes to these angles, opening as far as it does not touch itself; its depth now."""
         space = state_space(self.hand, closed)
         openings = np.linspace(0.0, 1.0, OPENING_STEPS)
-        depth = self._self_penetration(space.joint_angles(openings))
+        depth = self_penetration(self.hand, space.joint_angles(openings))
         too_deep = np.flatnonzero(depth > max(OPENING_PENETRATION, depth[0] + OPENING_ALLOWANCE))
         largest = openings[too_deep[0] - 1] if len(too_deep) else 1.0
         if largest == 1.0:
@@ -182,7 +182,7 @@ class ApproachPlanner:
         if blocked is not None:
             closed[7] = blocked
             return self._blocked(fingers, closed, "start", "the hand cannot open its fingers where it starts"), None
-        depth = float(self._self_penetration(own.joint_angles(np.linspace(0.0, 1.0, OPENING_STEPS))).max())
+        depth = float(self_penetration(self.hand, own.joint_angles(np.linspace(0.0, 1.0, OPENING_STEPS))).max())
         if depth > GOAL_PENETRATION:
             return blocked_by_itself("start", depth), None
         return here, timed(own, np.stack([closed, here]), self.hand.joint_names, self.limits, contact_from=2)

@@ -7,51 +7,12 @@ import torch
 import trimesh
 from jaxtyping import Float, Int
 
-from dexnudge.geometry.exact_distance import ExactDistance
 from dexnudge.geometry.warp_runtime import WarpStruct, wp
-from dexnudge.hands.hand import ROOT_COORDINATES, Hand
+from dexnudge.hands.hand import Hand
 from dexnudge.hands.kinematics import kinematic_tree
 from dexnudge.jobs.cached import cached_per_instance
 from dexnudge.planning.clearance_kernel import ClearanceHand, HandStates, Obstacle, PointBalls, clearances, point_balls
 from dexnudge.scenes.scene import Scene
-
-
-class SelfPenetration:
-    """Measures one hand; made once for it."""
-
-    def __init__(self, hand: Hand) -> None:
-        self.hand = hand
-        dense = hand.dense_points
-        pairs = hand.self_collision_pairs
-        self._pairs = [*pairs, *((other, one) for one, other in pairs)]
-        links = {link for pair in self._pairs for link in pair}
-        self._points = {link: dense.points[dense.link == link] for link in links}
-        self._bounds = {link: hand.link_meshes[link].bounds for link in links}
-        self._solids = {link: ExactDistance(hand.link_meshes[link]) for link in links}
-
-    def __call__(self, joint_angles: Float[np.ndarray, "n joint"]) -> Float[np.ndarray, " n"]:
-        """Depth of the deepest point of any link in a link that it must not touch [m]; 0 where none is inside."""
-        q = np.zeros((len(joint_angles), ROOT_COORDINATES + self.hand.num_joints))
-        q[:, 3] = q[:, 7] = 1.0
-        q[:, ROOT_COORDINATES:] = joint_angles
-        T = self.hand.forward_kinematics(torch.as_tensor(q)).numpy()
-        deepest = np.zeros(len(joint_angles))
-        for solid, other in self._pairs:
-            T_solid_other = np.linalg.inv(T[:, solid]) @ T[:, other]
-            low, high = self._bounds[solid]
-            own_low, own_high = self._bounds[other]
-            corners = trimesh.bounds.corners((own_low, own_high))
-            placed = np.einsum("nij,kj->nki", T_solid_other[:, :3, :3], corners) + T_solid_other[:, None, :3, 3]
-            rows = np.flatnonzero(((placed.min(axis=1) < high) & (placed.max(axis=1) > low)).all(axis=1))
-            if len(rows) == 0:
-                continue
-            local = self._points[other] @ np.swapaxes(T_solid_other[rows, :3, :3], 1, 2)
-            local += T_solid_other[rows, None, :3, 3]
-            row, point = np.nonzero(((local > low) & (local < high)).all(axis=2))
-            if len(row):
-                np.maximum.at(deepest, rows[row], -self._solids[solid](local[row, point]).distance)
-        return deepest
-
 
 CAP = 0.10  # [m] clearances are measured up to here; beyond, all that counts is that it is far
 BATCH = 128  # states of one launch; the buffers are that long
@@ -136,8 +97,6 @@ class HandClearance:
         self, ball: int, T_world_palm: Float[np.ndarray, "4 4"], joint_angles: Float[np.ndarray, " joint"]
     ) -> tuple[str, Float[np.ndarray, "3"]]:
         """Name of the link that a ball belongs to and the place of its centre [m, world] for one state."""
-        import torch
-
         q = np.concatenate([T_world_palm[:3, 3], T_world_palm[:3, 0], T_world_palm[:3, 1], joint_angles])
         balls = self._model[1]
         link = int(balls.link[ball])

@@ -6,11 +6,12 @@ from concurrent.futures import ThreadPoolExecutor
 from dataclasses import dataclass
 
 import numpy as np
+import torch
 import trimesh
 from jaxtyping import Float
 
 from dexnudge.geometry.surface_lattice import Boxes, lattice_in_boxes
-from dexnudge.hands.hand import Hand
+from dexnudge.hands.hand import ROOT_COORDINATES, Hand
 from dexnudge.jobs.cached import cached_per_instance
 from dexnudge.scenes.scene import Scene
 from dexnudge.verification.point_tree import PointHits, SolidDistance, build_tree, query_tree
@@ -91,7 +92,7 @@ class PenetrationCheck:
             empty = np.zeros(0, dtype=np.int64)
             return Penetrations(nothing, nothing, nothing, PointHits(empty, empty, nothing, *np.zeros((2, 0, 3))))
         with ThreadPoolExecutor(THREADS) as pool:
-            self_collision = pool.submit(self._in_itself, T_world_link)
+            self_collision = pool.submit(_self_penetration, self._hand, T_world_link)
             environment = pool.submit(self._in_environment, T_world_link)
             in_object = pool.submit(self._in_object, T_world_link, reach)
             object_depth, near_object = in_object.result()
@@ -112,14 +113,6 @@ class PenetrationCheck:
             self._hand.tree, T_world_link, self._scene.environment, links=self._all_links, reach=0.0, deepest=deepest
         )
         self._into_links(self._scene.environment_triangles, T_world_link, deepest)
-        return deepest
-
-    def _in_itself(self, T_world_link: np.ndarray) -> np.ndarray:
-        deepest = np.zeros(len(T_world_link))
-        for link, solid in self._hand.solids.items():
-            T_solid_link = np.linalg.inv(T_world_link[:, link])[:, None] @ T_world_link
-            partners = self._hand.partners[link]
-            query_tree(self._hand.tree, T_solid_link, solid, links=partners, reach=0.0, deepest=deepest)
         return deepest
 
     def _into_links(self, triangles: np.ndarray, T_world_link: np.ndarray, deepest: np.ndarray) -> None:
@@ -143,3 +136,19 @@ class PenetrationCheck:
             room = (self._hand.extent[link] - local[mine] @ DIRECTIONS.T).min(axis=1)
             mine = mine[room > deepest[configuration[mine]]]
             np.maximum.at(deepest, configuration[mine], -solid.query(local[mine]).distance)
+
+
+def self_penetration(hand: Hand, joint_angles: Float[np.ndarray, "n joint"]) -> Float[np.ndarray, " n"]:
+    """Return the greatest depth of any link in one that it must not touch [m], 0 where none is inside."""
+    q = np.zeros((len(joint_angles), ROOT_COORDINATES + hand.num_joints))
+    q[:, 3] = q[:, 7] = 1.0
+    q[:, ROOT_COORDINATES:] = joint_angles
+    return _self_penetration(hand_solids(hand), hand.forward_kinematics(torch.as_tensor(q)).numpy())
+
+
+def _self_penetration(hand: HandSolids, T_world_link: np.ndarray) -> np.ndarray:
+    deepest = np.zeros(len(T_world_link))
+    for link, solid in hand.solids.items():
+        T_solid_link = np.linalg.inv(T_world_link[:, link])[:, None] @ T_world_link
+        query_tree(hand.tree, T_solid_link, solid, links=hand.partners[link], reach=0.0, deepest=deepest)
+    return deepest
