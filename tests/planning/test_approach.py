@@ -7,7 +7,7 @@ from dexnudge.errors import InputError
 from dexnudge.hands.registry import load_hand
 from dexnudge.objects.builtin import builtin_object
 from dexnudge.planning.approach import ApproachPlanner
-from dexnudge.planning.hand_states import palm_pose
+from dexnudge.planning.hand_motion import palm_pose
 from dexnudge.sampling.sampler import Sampler
 from dexnudge.scenes import build_scene
 from dexnudge.verification.penetration import PenetrationCheck

@@ -149,7 +149,7 @@ class Episode:
         """Write trace and film into a folder that exists; the trace is an npz archive without pickles.
 
         `configuration_000.npz`: the arrays of `Trace`; of a push also those of PushForces by place of the way,
-        `contact_force`, `motor_torque` and `base_wrench`. `..._approach.npz`: a `planning.trajectory.Trajectory`.
+        `contact_force`, `motor_torque` and `base_wrench`. `..._approach.npz`: `times`, `q` and `joint_names`.
         `..._diverged.npz`: `state`, MuJoCo's mjSTATE_INTEGRATION after `last_step` steps, and the step `diverged_at`.
         `configuration_000/`: the film.
         """
@@ -161,8 +161,9 @@ class Episode:
             forces = self.result.forces
             arrays |= {"contact_force": forces.force, "motor_torque": forces.motor_torque}
             arrays["base_wrench"] = forces.base_wrench
-            if self.result.approach.trajectory is not None:
-                self.result.approach.trajectory.save(folder / f"{stem}_approach.npz")
+            way, names = self.result.approach.trajectory, np.array(self.simulation.hand.joint_names)
+            if way is not None:
+                np.savez(folder / f"{stem}_approach.npz", times=way.times, q=way.q, joint_names=names)
         np.savez_compressed(folder / trace_file(self.configuration), **arrays)
         if self.divergence is not None:
             found = self.divergence

@@ -13,7 +13,7 @@ from dexnudge.hands.hand import ROOT_COORDINATES, Hand
 from dexnudge.mechanics.sliding_task import sliding_task
 from dexnudge.planning.approach import Approach, ApproachPlanner
 from dexnudge.planning.hand_clearance import HandClearance
-from dexnudge.planning.hand_states import palm_pose
+from dexnudge.planning.hand_motion import palm_pose
 from dexnudge.planning.outcomes import Outcome
 from dexnudge.scenes.scene import Scene
 from dexnudge.simulation.hand_path import along_line, along_way, waiting

@@ -9,7 +9,7 @@ from jaxtyping import Float
 from dexnudge.hands.hand import ROOT_COORDINATES, Hand
 from dexnudge.planning.approach import GOAL_PENETRATION, OPENING_ALLOWANCE
 from dexnudge.planning.hand_clearance import HandClearance
-from dexnudge.planning.hand_states import palm_pose, state_space
+from dexnudge.planning.hand_motion import palm_pose, state_space
 from dexnudge.planning.motion_check import CLEARANCE
 from dexnudge.scenes.scene import Scene
 from dexnudge.verification.penetration import self_penetration

@@ -8,8 +8,8 @@ from jaxtyping import Float
 from dexnudge.execution.retreat import retreat
 from dexnudge.mechanics.sliding_task import sliding_task
 from dexnudge.planning.approach import Approach
+from dexnudge.planning.hand_motion import SpeedLimits
 from dexnudge.planning.outcomes import Outcome
-from dexnudge.planning.trajectory import SpeedLimits
 from dexnudge.scenes.scene import Scene
 from dexnudge.simulation.hand_path import along_line, along_way, bending, waiting
 from dexnudge.simulation.model import SimulationModel

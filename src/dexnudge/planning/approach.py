@@ -1,6 +1,5 @@
-"""A way for the hand from outside the surroundings to where it touches the object, without touching anything before."""
+"""A way for the hand from outside the surroundings to contact with the object, without touching anything before."""
 
-import time
 from dataclasses import dataclass, replace
 
 import numpy as np
@@ -10,10 +9,21 @@ from dexnudge.errors import InputError
 from dexnudge.hands.hand import ROOT_COORDINATES, Hand
 from dexnudge.planning.connect import connect, outside_states
 from dexnudge.planning.hand_clearance import HandClearance
-from dexnudge.planning.hand_states import State, States, StateSpace, between, palm_pose, state, state_space
+from dexnudge.planning.hand_motion import (
+    SpeedLimits,
+    State,
+    States,
+    StateSpace,
+    Trajectory,
+    between,
+    joined,
+    palm_pose,
+    state,
+    state_space,
+    timed,
+)
 from dexnudge.planning.motion_check import CLEARANCE, Blocked, MotionCheck, blocked_by, blocked_by_itself
 from dexnudge.planning.pre_contact import back_off_directions, pre_contacts
-from dexnudge.planning.trajectory import SpeedLimits, Trajectory, joined, timed
 from dexnudge.scenes.scene import Scene
 from dexnudge.verification.penetration import self_penetration
 
@@ -29,22 +39,19 @@ MOST_STARTS = 6  # outside states offered to the planner
 
 @dataclass(frozen=True)
 class Approach:
-    """What planning came to: exactly one of `trajectory` and `blocked` is None.
+    """The result of planning: exactly one of `trajectory` and `blocked` is None.
 
     Attributes:
         trajectory: from outside, or from the given start, to the goal.
         blocked: what stands in the way where no way was found.
         pre_contact_time: when the straight last stretch begins [s]; NaN without a trajectory.
         planner: "straight" when no way around anything was needed, else "RRT-Connect".
-        states_checked: states whose clearance was measured. seconds: wall time.
     """
 
     trajectory: Trajectory | None
     blocked: Blocked | None
     pre_contact_time: float
     planner: str
-    states_checked: int
-    seconds: float
 
     @property
     def transit(self) -> tuple[Float[np.ndarray, " sample"], Float[np.ndarray, "sample coordinates"]]:
@@ -82,7 +89,7 @@ class ApproachPlanner:
         seed: int = 0,
         budget: int = BUDGET,
     ) -> Approach:
-        """A way to the configuration `q`.
+        """Plan a way to the configuration `q`.
 
         First straight ways from states outside (see `outside_states`) to pre-contact states (see `pre_contacts`), then
         RRT-Connect between them. The hand keeps 3 mm from everything until pre-contact, 1.5 mm where there is no
@@ -97,13 +104,11 @@ class ApproachPlanner:
         Raises:
             InputError: `q` or `start` has the wrong length or is not finite.
         """
-        began, counted = time.perf_counter(), self._measure.count
         found = self._plan(self._configuration("q", q), start, seed, budget)
-        seconds, checked = time.perf_counter() - began, self._measure.count - counted
         if isinstance(found, Blocked):
-            return Approach(None, found, float("nan"), "", checked, seconds)
+            return Approach(None, found, float("nan"), "")
         trajectory, pre_contact_time, planner = found
-        return Approach(trajectory, None, pre_contact_time, planner, checked, seconds)
+        return Approach(trajectory, None, pre_contact_time, planner)
 
     def _plan(
         self, q: np.ndarray, start: np.ndarray | None, seed: int, budget: int
@@ -140,8 +145,8 @@ class ApproachPlanner:
             where = between(starts[0], ends[0], np.array([check.blocked_at(starts[0], ends[0]) or 0.0]))
             return self._blocked(check, where[0], "transit", f"no way found within {budget} states")
         states = np.concatenate([path, goal[None]])
-        after = timed(space, states, self.hand.joint_names, self.limits, contact_from=len(path) - 1)
-        last_stretch = timed(space, states[-2:], self.hand.joint_names, self.limits, contact_from=0).duration
+        after = timed(space, states, self.limits, contact_from=len(path) - 1)
+        last_stretch = timed(space, states[-2:], self.limits, contact_from=0).duration
         whole = joined(before, after)
         return whole, float(whole.times[-1] - last_stretch), planner
 
@@ -156,7 +161,7 @@ class ApproachPlanner:
         return connect(check, unique, goals, seed=seed, budget=budget), "RRT-Connect"
 
     def _space(self, closed: np.ndarray) -> tuple[StateSpace, float]:
-        """The states of a hand that closes to these angles, opening as far as it does not touch itself; its depth now."""
+        """Return the states of a hand that closes to these angles and opens until it would touch itself; its depth now."""
         space = state_space(self.hand, closed)
         openings = np.linspace(0.0, 1.0, OPENING_STEPS)
         depth = self_penetration(self.hand, space.joint_angles(openings))
@@ -168,7 +173,7 @@ class ApproachPlanner:
         return replace(space, opened=opened, sweep=space.sweep * largest), float(depth[0])
 
     def _begin(self, check: MotionCheck, start: np.ndarray | None) -> tuple[State | Blocked | None, Trajectory | None]:
-        """Where the way begins, and the motion of the fingers alone before that; all None without a given start."""
+        """Return where the way begins, and the motion of the fingers alone before that; None without a given start."""
         if start is None:
             return None, None
         start = self._configuration("start", start)
@@ -185,7 +190,7 @@ class ApproachPlanner:
         depth = float(self_penetration(self.hand, own.joint_angles(np.linspace(0.0, 1.0, OPENING_STEPS))).max())
         if depth > GOAL_PENETRATION:
             return blocked_by_itself("start", depth), None
-        return here, timed(own, np.stack([closed, here]), self.hand.joint_names, self.limits, contact_from=2)
+        return here, timed(own, np.stack([closed, here]), self.limits, contact_from=2)
 
     def _blocked(self, check: MotionCheck, where: State, stage: str, reason: str) -> Blocked:
         return blocked_by(check, self.scene, where, stage=stage, reason=reason)

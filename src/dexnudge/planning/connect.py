@@ -6,7 +6,7 @@ import numpy as np
 from jaxtyping import Float
 
 from dexnudge.errors import InputError
-from dexnudge.planning.hand_states import QUATERNION, State, States
+from dexnudge.planning.hand_motion import QUATERNION, State, States
 from dexnudge.planning.motion_check import MotionCheck
 from dexnudge.scenes.scene import Scene
 

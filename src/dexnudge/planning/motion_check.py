@@ -8,7 +8,7 @@ from jaxtyping import Bool, Float
 
 from dexnudge.geometry.exact_distance import ExactDistance
 from dexnudge.planning.hand_clearance import CAP, NO_STOP, OBSTACLES, Clearances, HandClearance
-from dexnudge.planning.hand_states import State, States, StateSpace, between, matrices
+from dexnudge.planning.hand_motion import State, States, StateSpace, between, matrices
 from dexnudge.scenes.scene import Scene
 
 CLEARANCE = 0.003  # [m] asked for at every state that is looked at

@@ -10,7 +10,7 @@ from jaxtyping import Float
 from dexnudge.geometry.exact_distance import ExactDistance
 from dexnudge.hands.hand import Hand
 from dexnudge.mechanics.contacts import HAND_CONTACT_DISTANCE, hand_contacts
-from dexnudge.planning.hand_states import State, States, between, palm_pose, state
+from dexnudge.planning.hand_motion import State, States, between, palm_pose, state
 from dexnudge.planning.motion_check import MotionCheck, nearest_obstacle
 from dexnudge.scenes.scene import Scene
 

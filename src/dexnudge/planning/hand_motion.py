@@ -1,16 +1,18 @@
-"""States of a hand that travels: palm pose and how far the fingers are opened, eight numbers.
+"""A hand that travels: its states, eight numbers of palm pose and opening of the fingers, and its motion over time.
 
 state = [translation (3) [m, world] | quaternion wxyz (4) of the palm | opening (1)]. Opening 0 is the grip of the goal,
 1 the hand with joint angles as near zero as its limits allow; between them the joint angles are linear.
 """
 
 from dataclasses import dataclass
+from itertools import pairwise
 
 import numpy as np
 import torch
 from jaxtyping import Float
 from scipy.spatial.transform import Rotation
 
+from dexnudge.errors import InputError
 from dexnudge.hands.hand import ROOT_COORDINATES, Hand
 
 STATE = 8
@@ -24,7 +26,7 @@ State = Float[np.ndarray, "8"]
 
 @dataclass(frozen=True)
 class StateSpace:
-    """What a hand's states mean, and how far the hand's points move between two of them.
+    """The meaning of a hand's states, and how far the hand's points move between two of them.
 
     closed, opened: joint angles [rad] at opening 0 and 1. reach: of the hand's farthest point from the palm's origin,
     at any opening [m]. sweep: the longest way of a point, in the palm's frame, from opening 0 to 1 [m].
@@ -36,23 +38,23 @@ class StateSpace:
     sweep: float
 
     def joint_angles(self, opening: Float[np.ndarray, " n"]) -> Float[np.ndarray, "n joint"]:
-        """Joint angles [rad] of each opening."""
+        """Return the joint angles [rad] of each opening."""
         return self.closed + np.asarray(opening)[:, None] * (self.opened - self.closed)
 
     def displacement(self, start: State, end: State) -> float:
-        """Bound on the way of any point of the hand on the straight motion between two states [m]."""
+        """Return a bound on the way of any point of the hand on the straight motion between two states [m]."""
         turn = rotation_angle(start, end)
         return float(np.linalg.norm(end[:3] - start[:3]) + turn * self.reach + abs(end[7] - start[7]) * self.sweep)
 
     def configurations(self, states: States) -> Float[np.ndarray, "n coordinates"]:
-        """The states as q = [translation | 6D rotation | joint angles]."""
+        """Return the states as q = [translation | 6D rotation | joint angles]."""
         columns = matrices(states)[:, :, :2]
         rotation_6d = np.concatenate([columns[:, :, 0], columns[:, :, 1]], axis=1)
         return np.concatenate([states[:, :3], rotation_6d, self.joint_angles(states[:, 7])], axis=1)
 
 
 def state_space(hand: Hand, closed: Float[np.ndarray, " joint"]) -> StateSpace:
-    """The space of a hand that is to close to the joint angles `closed` [rad]."""
+    """Return the space of a hand that is to close to the joint angles `closed` [rad]."""
     wanted = torch.zeros(1, ROOT_COORDINATES + hand.num_joints, dtype=torch.float64)
     wanted[0, 3], wanted[0, 7] = 1.0, 1.0
     opened = hand.clamp(wanted)[0, ROOT_COORDINATES:].numpy()
@@ -67,13 +69,13 @@ def state_space(hand: Hand, closed: Float[np.ndarray, " joint"]) -> StateSpace:
 
 
 def state(T_world_palm: Float[np.ndarray, "4 4"] | Float[np.ndarray, "3 4"], opening: float) -> State:
-    """One state from the palm's pose."""
+    """Return the state of a palm's pose."""
     x, y, z, w = Rotation.from_matrix(T_world_palm[:3, :3]).as_quat()
     return np.array([*T_world_palm[:3, 3], w, x, y, z, opening])
 
 
 def palm_pose(q: Float[np.ndarray, " coordinates"]) -> Float[np.ndarray, "4 4"]:
-    """T_world_palm of a configuration; the two stored columns are made orthonormal."""
+    """Return T_world_palm of a configuration; the two stored columns are made orthonormal."""
     x = q[3:6] / np.linalg.norm(q[3:6])
     y = q[6:9] - (q[6:9] @ x) * x
     pose = np.eye(4)
@@ -84,7 +86,7 @@ def palm_pose(q: Float[np.ndarray, " coordinates"]) -> Float[np.ndarray, "4 4"]:
 
 
 def matrices(states: States) -> Float[np.ndarray, "n 3 3"]:
-    """Rotation of each state's palm."""
+    """Return the rotation of each state's palm."""
     w, x, y, z = states[:, QUATERNION].T
     rows = [
         [1 - 2 * (y * y + z * z), 2 * (x * y - w * z), 2 * (x * z + w * y)],
@@ -95,7 +97,7 @@ def matrices(states: States) -> Float[np.ndarray, "n 3 3"]:
 
 
 def rotation_angle(start: State, end: State) -> float:
-    """Angle of the shortest turn from one state's palm to the other's [rad]."""
+    """Return the angle of the shortest turn from one state's palm to the other's [rad]."""
     chord = min(
         np.linalg.norm(start[QUATERNION] - end[QUATERNION]), np.linalg.norm(start[QUATERNION] + end[QUATERNION])
     )
@@ -103,7 +105,7 @@ def rotation_angle(start: State, end: State) -> float:
 
 
 def between(start: State, end: State, fraction: Float[np.ndarray, " n"]) -> States:
-    """States at fractions of the straight motion: translation and opening linear, rotation by slerp, the short way."""
+    """Return states at fractions of the straight motion: translation and opening linear, rotation by slerp."""
     t = np.asarray(fraction, dtype=float)[:, None]
     states = start + t * (end - start)
     first, last = start[QUATERNION], end[QUATERNION]
@@ -116,3 +118,77 @@ def between(start: State, end: State, fraction: Float[np.ndarray, " n"]) -> Stat
         turned = (np.sin((1 - t) * angle) * first + np.sin(t * angle) * last) / np.sin(angle)
     states[:, QUATERNION] = turned / np.linalg.norm(turned, axis=1, keepdims=True)
     return states
+
+
+@dataclass(frozen=True, kw_only=True)
+class SpeedLimits:
+    """Limits that a trajectory keeps.
+
+    base: of the palm's origin [m/s]. base_rotation: of the palm's turning [rad/s]. joint: of every finger joint [rad/s].
+    contact: of the palm's origin on the last stretch, where the fingers meet the object [m/s].
+
+    Raises:
+        InputError: a limit that is not a finite number above 0.
+    """
+
+    base: float = 0.25
+    base_rotation: float = 1.5  # a wrist's usual half of its rated speed
+    joint: float = 2.0
+    contact: float = 0.05
+
+    def __post_init__(self) -> None:
+        for name, value in vars(self).items():
+            if not (np.isfinite(value) and value > 0):
+                raise InputError(f"the speed limit {name} is {value}; expected a finite number above 0")
+
+
+SAMPLE_INTERVAL = 0.02  # [s] most between two samples: 5 mm at the base's default speed
+
+
+@dataclass(frozen=True)
+class Trajectory:
+    """Configurations of a hand at increasing times.
+
+    times: [s], from 0. q: world frame. Between two samples everything but the rotation is linear; the rotation turns about
+    one axis.
+    """
+
+    times: Float[np.ndarray, " sample"]
+    q: Float[np.ndarray, "sample coordinates"]
+
+    @property
+    def duration(self) -> float:
+        """From the first to the last sample [s]."""
+        return float(self.times[-1] - self.times[0])
+
+
+def timed(space: StateSpace, path: States, limits: SpeedLimits, *, contact_from: int) -> Trajectory:
+    """Time a path of states: as fast as the limits allow, each straight piece at constant speed.
+
+    Duration of a piece = the longest of translation / base, turn / base_rotation and the greatest change of a joint angle
+    / joint. From the state `contact_from` on, the base keeps to the slower limit `contact`.
+    """
+    fastest_joint = float(np.abs(space.opened - space.closed).max())
+    times, states = [0.0], [path[:1]]
+    for index, (start, end) in enumerate(pairwise(path)):
+        speed = limits.contact if index >= contact_from else limits.base
+        seconds = max(
+            float(np.linalg.norm(end[:3] - start[:3])) / speed,
+            rotation_angle(start, end) / limits.base_rotation,
+            abs(end[7] - start[7]) * fastest_joint / limits.joint,
+        )
+        if seconds == 0.0:
+            continue
+        count = int(np.ceil(seconds / SAMPLE_INTERVAL))
+        fraction = np.arange(1, count + 1) / count
+        times += list(times[-1] + fraction * seconds)
+        states.append(between(start, end, fraction))
+    return Trajectory(np.array(times), space.configurations(np.concatenate(states)))
+
+
+def joined(first: Trajectory | None, second: Trajectory) -> Trajectory:
+    """Join `first` and `second`, which begins where `first` ends."""
+    if first is None or first.duration == 0.0:
+        return second
+    times = np.concatenate([first.times, first.times[-1] + second.times[1:]])
+    return Trajectory(times, np.concatenate([first.q, second.q[1:]]))
