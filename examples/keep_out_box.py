@@ -34,16 +34,16 @@ class KeepOutBox:
         return torch.minimum(above, below).amin(dim=2).clamp_min(0.0)
 
 
-def main() -> None:
+def main(num: int = 32) -> None:
     """Draw hands for a phone on a table, anywhere and then only on one side of it."""
     hand, scene = dn.load_hand("shadow_lite"), dn.build_scene("table", "phone", seed=0)
     x, y, z = scene.T_world_object[:3, 3].tolist()
     box = KeepOutBox(lower=(x - 0.5, y, z - 0.1), upper=(x + 0.5, y + 0.5, z + 0.5))
     for terms in ([], [box]):
-        samples = dn.Sampler(hand, terms=terms).sample(scene, num=32, seed=0)
+        samples = dn.Sampler(hand, terms=terms).sample(scene, num=num, seed=0)
         hands = dn.HandBatch(hand, torch.as_tensor(samples.q))
         outside = (box.depths(hands) <= box.clearance).all(dim=1)
-        print(f"{len(terms)} terms: {samples.num_verified} of 32 verified, {int(outside.sum())} outside the box")
+        print(f"{len(terms)} terms: {samples.num_verified} of {num} verified, {int(outside.sum())} outside the box")
 
 
 if __name__ == "__main__":

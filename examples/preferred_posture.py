@@ -23,14 +23,14 @@ class PreferredPosture:
         return (hands.joint_angles - torch.tensor(self.joint_angles)).square().mean(dim=1)
 
 
-def main() -> None:
+def main(num: int = 32) -> None:
     """Draw hands for a phone on a table, in any posture and then near the middle of all joint ranges."""
     hand, scene = dn.load_hand("shadow_lite"), dn.build_scene("table", "phone", seed=0)
     middle = (hand.lower + hand.upper) / 2
     for terms in ([], [PreferredPosture(tuple(middle.tolist()))]):
-        samples = dn.Sampler(hand, terms=terms).sample(scene, num=32, seed=0)
+        samples = dn.Sampler(hand, terms=terms).sample(scene, num=num, seed=0)
         deviation = abs(samples.q[:, 9:] - middle).mean()
-        print(f"{len(terms)} terms: {samples.num_verified} of 32 verified, {deviation:.2f} rad from the posture")
+        print(f"{len(terms)} terms: {samples.num_verified} of {num} verified, {deviation:.2f} rad from the posture")
 
 
 if __name__ == "__main__":

@@ -8,7 +8,7 @@ import torch
 from dexnudge.diffusion.prior import DiffusionPrior
 from dexnudge.sampling import denoise as denoising
 from dexnudge.sampling.denoise import DenoisingConfig, denoise
-from dexnudge.sampling.guidance.paper import unguided
+from dexnudge.sampling.guidance.rule import unguided
 
 NUM, FIRST, PARTICLES = 3, 4, 16
 CONFIG = DenoisingConfig(particles=PARTICLES, first_particles=FIRST, coarse_steps=2)
@@ -84,7 +84,7 @@ def test_each_draw_keeps_its_own_best(hand, problem, counting, monkeypatch):
     condition = counting.condition(problem.cloud[None], "non_prehensile")
     generator = torch.Generator().manual_seed(0)
     run = denoising._Run(hand, problem, counting, condition, replace(CONFIG, good_enough=0.0), generator)
-    chosen = denoising._chosen_coarse_hands(run, NUM)
+    chosen = denoising._best_coarse_hands(run, NUM)
     for draw in range(NUM):
         own = [
             (e.unflatten(0, (NUM, -1))[draw], x.unflatten(0, (NUM, -1))[draw])

@@ -12,7 +12,6 @@ from dexnudge.energies.descent import pose_from_configuration
 from dexnudge.energies.force_residual import ForceResidual
 from dexnudge.hands.hand import ROOT_COORDINATES
 from dexnudge.sampling.denoise import DenoisingConfig
-from dexnudge.sampling.guidance.active_contacts import active_contacts, pull_to_balance, set_active_contacts
 from dexnudge.sampling.guidance.clean import CleanDescent, CleanGradient
 from dexnudge.sampling.guidance.gradient import (
     configuration_energy,
@@ -21,8 +20,8 @@ from dexnudge.sampling.guidance.gradient import (
     squared_violation,
     unit,
 )
-from dexnudge.sampling.guidance.paper import PaperGuidance, unguided
-from dexnudge.sampling.guidance.rule import ReverseStep
+from dexnudge.sampling.guidance.paper import PaperGuidance
+from dexnudge.sampling.guidance.rule import ReverseStep, active_contacts, unguided
 from dexnudge.sampling.guidance.spherical import CleanSpherical, Resampled, SphericalGuidance, resampled
 
 BATCH = 6
@@ -254,11 +253,11 @@ def balanced_step(make_step, hand, problem, use, weight: float) -> ReverseStep:
 def test_the_force_balance_guides_contacts_by_its_own_gradient(make_step, hand, problem, prior, starts):
     clean = hand.clamp(starts[:BATCH])
     step = balanced_step(make_step, hand, problem, Knowing(prior, clean), weight=0.002)
-    set_active_contacts(step, clean)
+    step.set_active_contacts(clean)
     tips = hand.fingertip_indices
     torch.testing.assert_close(step.energy.extra_force[:, tips], 0.002 * step.force.gradient)
-    torch.testing.assert_close(pull_to_balance(step), 0.001 * step.force.residual.square())
-    assert pull_to_balance(make_step()) == 0.0
+    torch.testing.assert_close(step.pull_to_balance(), 0.001 * step.force.residual.square())
+    assert make_step().pull_to_balance() == 0.0
 
 
 def test_descent_with_the_force_balance_ends_nearer_to_it(make_step, hand, problem, prior, starts):

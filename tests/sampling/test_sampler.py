@@ -6,7 +6,6 @@ import torch
 
 from dexnudge.errors import CheckpointError, InputError, UnknownNameError
 from dexnudge.results.samples import Sample, Samples
-from dexnudge.sampling.denoise import inference_timesteps
 from dexnudge.sampling.methods import METHODS
 from dexnudge.sampling.sampler import Sampler
 from dexnudge.verification.verdicts import verify
@@ -141,12 +140,3 @@ def test_the_world_and_the_canonical_frame_agree(hand, problem, starts):
     T = torch.as_tensor(problem.T_world_canonical, dtype=torch.float32)
     carried = hand.keypoints(starts) @ T[:3, :3].T + T[:3, 3]
     torch.testing.assert_close(hand.keypoints(world), carried, atol=1e-5, rtol=0)
-
-
-@pytest.mark.parametrize(("train", "steps"), [(1000, 20), (1000, 7), (50, 50), (1000, 1)])
-def test_timesteps_begin_with_the_noisiest_and_fall_evenly(train, steps):
-    found = inference_timesteps(train, steps)
-    assert (len(found), found[0]) == (steps, train - 1)
-    assert found[-1] >= 0
-    gaps = -np.diff(found)
-    assert (np.abs(gaps - train / steps) <= 1).all()

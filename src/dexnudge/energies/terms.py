@@ -27,24 +27,13 @@ from dexnudge.energies.descent import HandPose, configuration_from_pose
 from dexnudge.errors import InputError
 from dexnudge.hands.batch import HandBatch
 from dexnudge.hands.hand import Hand
+from dexnudge.plugins import FOREIGN_FAILURES
 from dexnudge.scenes.scene import Scene
 
 NO_GRADIENT = (
     "has no gradient in the configuration; expected torch operations on `hands.q`, `hands.T_world_link` or "
     "`hands.points`, without detach() or numpy"
 )
-FAILURES = (
-    ArithmeticError,
-    AssertionError,
-    AttributeError,
-    ImportError,
-    LookupError,
-    NameError,
-    OSError,
-    RuntimeError,
-    TypeError,
-    ValueError,
-)  # what code of a user may raise; all that Python and torch raise themselves
 
 
 @runtime_checkable
@@ -139,7 +128,7 @@ class TermEnergy:
             value = term(hands, self.scene)
             found = self._misfit(value, len(hands))
             slope = None if found else torch.autograd.grad(value.sum(), q, retain_graph=True, allow_unused=True)[0]
-        except FAILURES as error:
+        except FOREIGN_FAILURES as error:
             raise InputError(f"energy term '{term.name}' failed: {type(error).__name__}: {error}") from error
         if found is None and slope is not None and not torch.isfinite(slope).all():
             found = (

@@ -2,7 +2,6 @@
 
 from dataclasses import dataclass
 
-import numpy as np
 import torch
 from jaxtyping import Float
 from torch import Tensor
@@ -14,9 +13,7 @@ from dexnudge.energies.force_residual import ForceResidual
 from dexnudge.energies.weights import TermWeights
 from dexnudge.errors import InputError
 from dexnudge.hands.hand import Hand
-from dexnudge.sampling.guidance.active_contacts import active_contacts
-from dexnudge.sampling.guidance.paper import unguided
-from dexnudge.sampling.guidance.rule import GuidanceRule, ReverseStep
+from dexnudge.sampling.guidance.rule import GuidanceRule, ReverseStep, active_contacts, unguided
 from dexnudge.sampling.problem import SamplingProblem
 
 SELECTION_SWEEPS = 60  # of the balance solver, from a cold start
@@ -31,9 +28,9 @@ class DenoisingConfig:
         num_inference_steps: of DDIM. eta: 0 deterministic, 1 as much noise as DDPM.
         guidance_scale: of classifier-free guidance; 1 is the plain conditional model.
         particles: of each draw; 1 is plain denoising. With more, each draw first denoises up to that many coarse hands
-            without guidance, keeps the one of its own with the least energy in the scene, and denoises it again from
-            `restart`, guided. Nothing is judged in between, and draws never see each other.
-        first_particles, good_enough: a draw begins with so many coarse hands, and takes no more once one of them has an
+            without guidance, keeps the one with the least energy in the scene, and denoises it again from `restart`,
+            guided. Draws are independent.
+        first_particles, good_enough: a draw begins with so many coarse hands, and makes no more once one of them has an
             energy [m^2] below `good_enough`.
         coarse_steps: DDIM steps of the coarse hands. selection_force: weight [m^2] of the squared force residual in
             choosing among them. restart: share of training steps to which the chosen one is noised.
@@ -66,7 +63,7 @@ class _Run:
     def denoise(
         self, x: Float[Tensor, "batch dimension"], timesteps: list[int], rule: GuidanceRule
     ) -> Float[Tensor, "batch dimension"]:
-        """x_0 from x at the first of `timesteps`."""
+        """Return x_0 from x at the first of `timesteps`."""
         config = self.config
         energy = self.problem.hand_energy(self.hand, len(x), config.weights)
         balance = self.problem.balance if config.weights.force > 0 else None
@@ -75,17 +72,17 @@ class _Run:
         for t, t_previous in zip(timesteps, [*timesteps[1:], -1], strict=True):
             x = rule(
                 ReverseStep(
-                    self.prior,
-                    self.condition,
-                    self.hand,
-                    energy,
-                    x,
-                    t,
-                    t_previous,
-                    config.guidance_scale,
-                    config.eta,
-                    self.generator,
-                    force,
+                    prior=self.prior,
+                    condition=self.condition,
+                    hand=self.hand,
+                    energy=energy,
+                    x_t=x,
+                    t=t,
+                    t_previous=t_previous,
+                    guidance_scale=config.guidance_scale,
+                    eta=config.eta,
+                    generator=self.generator,
+                    force=force,
                 )
             )
             if not isinstance(x, Tensor) or x.shape != shape:
@@ -107,65 +104,58 @@ def denoise(
     config: DenoisingConfig,
     generator: torch.Generator,
 ) -> Float[Tensor, "num coordinates"]:
-    """`num` configurations in frame C from the prior, guided by the scene's energy; nothing is projected or checked."""
+    """Return `num` configurations in frame C from the prior, guided by the scene's energy; neither projected nor checked."""
     condition = prior.condition(problem.cloud[None], behaviour, toward_motion=behaviour != "grasp")
     run = _Run(hand, problem, prior, condition, config, generator)
-    total = prior.schedule.num_train_timesteps
-    timesteps = inference_timesteps(total, config.num_inference_steps)
+    timesteps = prior.schedule.timesteps(config.num_inference_steps)
     if config.particles > 1:
-        timesteps = [t for t in timesteps if t <= config.restart * total]
+        timesteps = [t for t in timesteps if t <= config.restart * prior.schedule.num_train_timesteps]
         alpha_bar = float(prior.schedule.alphas_cumprod[timesteps[0]])
         noise = prior.noise(num, generator=generator)
-        x = alpha_bar**0.5 * _chosen_coarse_hands(run, num) + (1.0 - alpha_bar) ** 0.5 * noise
+        x = alpha_bar**0.5 * _best_coarse_hands(run, num) + (1.0 - alpha_bar) ** 0.5 * noise
     else:
         x = prior.noise(num, generator=generator)
     return hand.clamp(prior.denormalise(run.denoise(x, timesteps, rule)))
 
 
-def _chosen_coarse_hands(run: _Run, num: int) -> Float[Tensor, "num dimension"]:
-    """For each draw the one of its own coarse hands with the least energy in the scene.
+def _best_coarse_hands(run: _Run, num: int) -> Float[Tensor, "num dimension"]:
+    """Return for each draw the one of its own coarse hands with the least energy in the scene.
 
-    A draw looks at `first_particles` of them, then at twice as many in all, and so on, until one is good enough or it has
-    seen `particles`: an easy scene takes few, a hard one all.
+    A draw makes `first_particles` of them, then twice as many in all, and so on, until one is good enough or there are
+    `particles`: an easy scene takes few, a hard one all.
     """
     config = run.config
-    timesteps = inference_timesteps(run.prior.schedule.num_train_timesteps, config.coarse_steps)
+    timesteps = run.prior.schedule.timesteps(config.coarse_steps)
     chosen = torch.zeros(num, run.prior.config.dimension)
     least = torch.full((num,), torch.inf)
-    seen, looking = 0, torch.arange(num)
-    while len(looking) and seen < config.particles:
-        count = min(max(seen, config.first_particles), config.particles - seen)
-        x = run.prior.noise(len(looking) * count, generator=run.generator)
+    made, searching = 0, torch.arange(num)
+    while len(searching) and made < config.particles:
+        count = min(max(made, config.first_particles), config.particles - made)
+        x = run.prior.noise(len(searching) * count, generator=run.generator)
         x = run.denoise(x, timesteps, unguided)
-        energy, best = _scene_energy(run, x).unflatten(0, (len(looking), count)).min(dim=1)
-        better = energy < least[looking]
-        places = looking[better]
+        energy, best = _scene_energy(run, x).unflatten(0, (len(searching), count)).min(dim=1)
+        better = energy < least[searching]
+        places = searching[better]
         least[places] = energy[better]
-        chosen[places] = x.unflatten(0, (len(looking), count))[better, best[better]]
-        seen += count
-        looking = looking[least[looking] > config.good_enough]
+        chosen[places] = x.unflatten(0, (len(searching), count))[better, best[better]]
+        made += count
+        searching = searching[least[searching] > config.good_enough]
     return chosen
 
 
 def _scene_energy(run: _Run, x: Float[Tensor, "particle dimension"]) -> Float[Tensor, " particle"]:
-    """Energy of coarse hands in the scene [m^2], their force balance included."""
+    """Return the energy of coarse hands in the scene [m^2], their force balance included."""
     q = run.hand.equalise_tendon_joints(run.prior.denormalise(x))
     energy = run.problem.hand_energy(run.hand, len(x), run.config.weights)
     tips = run.hand.fingertip_indices
     energy.contact_weight[:, tips] = 1.0
     pose = pose_from_configuration(q)
     energy(pose)
-    wanted = active_contacts(energy.contact_distance[:, tips], reach=SELECTION_REACH)
-    energy.contact_weight[:, tips] = wanted
+    active = active_contacts(energy.contact_distance[:, tips], reach=SELECTION_REACH)
+    energy.contact_weight[:, tips] = active
     value = energy(pose)
     if run.problem.balance is not None:
         force = ForceResidual(run.problem.balance, len(x), len(tips))
-        force(energy.contact_point[:, tips], energy.contact_normal[:, tips], wanted, sweeps=SELECTION_SWEEPS)
+        force(energy.contact_point[:, tips], energy.contact_normal[:, tips], active, sweeps=SELECTION_SWEEPS)
         value = value + run.config.selection_force * force.residual.square()
     return value
-
-
-def inference_timesteps(num_train_timesteps: int, num_inference_steps: int) -> list[int]:
-    """Timesteps from the noisiest to the cleanest, evenly spaced, the last training step included ("trailing")."""
-    steps = np.arange(num_train_timesteps, 0, -num_train_timesteps / num_inference_steps)
-    return [round(step) - 1 for step in steps.tolist()]

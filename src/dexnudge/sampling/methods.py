@@ -8,8 +8,8 @@ from dexnudge.errors import InputError, UnknownNameError, did_you_mean
 from dexnudge.plugins import load_plugin, plugin_names
 from dexnudge.sampling.denoise import DenoisingConfig
 from dexnudge.sampling.guidance.clean import CleanDescent, CleanGradient
-from dexnudge.sampling.guidance.paper import PaperGuidance, unguided
-from dexnudge.sampling.guidance.rule import GuidanceRule
+from dexnudge.sampling.guidance.paper import PaperGuidance
+from dexnudge.sampling.guidance.rule import GuidanceRule, unguided
 from dexnudge.sampling.guidance.spherical import CleanSpherical, Resampled, SphericalGuidance
 from dexnudge.sampling.projection import ProjectionConfig
 

@@ -3,8 +3,8 @@
 Paper III-C b: descend the loss with a collision check at each step until nothing penetrates. Here the loss also holds the
 contacts, lowers the residual of the force balance, draws idle fingertips to where they can push, keeps the hand's path along
 the motion free, and holds the user's terms. A hand stops once it is clean and touches, its forces balance, its path is free
-and the user's terms have settled. When the patience is over, clean and touching is enough, and the user's terms no longer
-pull: penetration comes first.
+and the user's terms have settled. When the patience is over, clean and touching is enough. Penetration comes first: in the
+second half of the steps the user's terms no longer pull.
 """
 
 from dataclasses import dataclass
@@ -23,7 +23,7 @@ from dexnudge.energies.evaluator import HandEnergy
 from dexnudge.energies.force_residual import ForceResidual
 from dexnudge.energies.weights import TermWeights
 from dexnudge.hands.hand import Hand
-from dexnudge.sampling.guidance.active_contacts import active_contacts
+from dexnudge.sampling.guidance.rule import active_contacts
 from dexnudge.sampling.problem import SamplingProblem
 
 PROJECTION_WEIGHTS = TermWeights(
@@ -59,6 +59,9 @@ class ProjectionConfig:
     first_force_sweeps: int = 200  # before the first step, from a cold start
     idle_steps: int = 120  # first steps, in which fingertips that cannot push are drawn to where they can
     guided_steps: int = 40  # first steps, which still count what the object cannot see as solid
+    term_steps: int = (
+        80  # first steps, in which the user's terms pull; the others must still get a hand out of what it penetrates
+    )
     patience: int = 120  # steps after which a hand that is clean and touching waits for nothing else
 
 
@@ -112,7 +115,9 @@ def project(
     balanced = settled = torch.ones(batch, dtype=torch.bool)
     for step in range(config.max_steps):
         energy.scene = problem.guiding_fields if step < config.guided_steps else problem.fields
-        energy.terms = terms if step < config.patience else None
+        if terms is not None and step == config.term_steps:
+            energy.terms, settled = None, torch.ones_like(settled)
+            descent = HandDescent(hand, batch, steps=config.steps, tied=True)  # the terms' moments would slow the rest
         if step == config.guided_steps:
             energy.active.fill_(1)  # the fields change, so a hand that has stopped may have to go on
             if force is not None:

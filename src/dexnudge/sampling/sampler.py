@@ -215,6 +215,7 @@ class Sampler:
         Raises:
             UnknownNameError: no such method.
             CheckpointError, InputError, DatasetError: what the method starts from is missing or broken; see `load`.
+            InputError: naming a term that fails or whose energy or gradient is of no use.
         """
         method = _method(method)
         problem = replace(problem, terms=self.terms)
@@ -227,6 +228,8 @@ class Sampler:
             q, projection = project(self.hand, problem, q, config=method.projection)
             order = torch.argsort(projection.residual_after + NOT_CONVERGED * (~projection.converged), stable=True)
             q, report = q[order], _summary(projection)
+            if self.terms:
+                report |= {name: float(getattr(projection, name).mean()) for name in ("terms_before", "terms_after")}
         seconds = {"draw": drawn - begin, "project": time.perf_counter() - drawn}
         return Draws(problem.to_world(q), seconds, report)
 

@@ -9,13 +9,10 @@ gradients of consecutive steps stay correlated.
 
 from dataclasses import dataclass, field
 
-import torch
 from jaxtyping import Float
 from torch import Tensor
 
-from dexnudge.diffusion.schedule import ddim_step
 from dexnudge.energies.descent import HandDescent, StepSizes, configuration_from_pose, pose_from_configuration
-from dexnudge.sampling.guidance.active_contacts import pull_to_balance, set_active_contacts
 from dexnudge.sampling.guidance.gradient import gradient_at_clean_estimate, unit
 from dexnudge.sampling.guidance.rule import ReverseStep
 
@@ -27,14 +24,10 @@ class CleanGradient:
     strength: float = 0.05
 
     def __call__(self, step: ReverseStep) -> Float[Tensor, "batch dimension"]:
-        """x_{t-1} from the corrected clean estimate."""
-        with torch.no_grad():
-            x0_hat = step.prior.predict_clean(step.x_t, step.t, step.condition, guidance_scale=step.guidance_scale)
+        """Return x_{t-1} from the corrected clean estimate."""
+        x0_hat = step.clean_estimate()
         _, gradient = gradient_at_clean_estimate(step, x0_hat)
-        corrected = x0_hat - self.strength * unit(gradient)
-        return ddim_step(
-            step.prior.schedule, step.x_t, corrected, step.t, step.t_previous, eta=step.eta, generator=step.generator
-        )
+        return step.ddim(x0_hat - self.strength * unit(gradient))
 
 
 @dataclass
@@ -52,24 +45,18 @@ class CleanDescent:
     _descent: HandDescent | None = field(default=None, repr=False)
 
     def __call__(self, step: ReverseStep) -> Float[Tensor, "batch dimension"]:
-        """x_{t-1} from the corrected clean estimate."""
-        with torch.inference_mode():
-            x0_hat = step.prior.predict_clean(step.x_t, step.t, step.condition, guidance_scale=step.guidance_scale)
-            x0_hat = x0_hat.clone()
-        if step.alpha_bar >= self.begin:
-            x0_hat = self._correct(step, x0_hat)
-        return ddim_step(
-            step.prior.schedule, step.x_t, x0_hat, step.t, step.t_previous, eta=step.eta, generator=step.generator
-        )
+        """Return x_{t-1} from the corrected clean estimate."""
+        x0_hat = step.clean_estimate()
+        return step.ddim(self._correct(step, x0_hat) if step.alpha_bar >= self.begin else x0_hat)
 
     def _correct(self, step: ReverseStep, x0_hat: Float[Tensor, "batch dimension"]) -> Float[Tensor, "batch dimension"]:
         q = step.prior.denormalise(x0_hat)
-        set_active_contacts(step, q)
+        step.set_active_contacts(q)
         if self._descent is None:
             self._descent = HandDescent(step.hand, len(q), steps=self.step_sizes, tied=True)
         pose = pose_from_configuration(q)
         for _ in range(self.inner_steps):
-            energy = (step.energy(pose) + pull_to_balance(step))[:, None]
+            energy = (step.energy(pose) + step.pull_to_balance())[:, None]
             # Adam alone would take full steps on a hand that is almost right.
             pose = self._descent.step(pose, step.energy.gradient, scale=(energy / (energy + self.negligible)).sqrt())
         return step.prior.normalise(configuration_from_pose(pose))

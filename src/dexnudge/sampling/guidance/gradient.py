@@ -7,7 +7,6 @@ from torch import Tensor
 from dexnudge.energies.evaluator import HandEnergy, HandPose
 from dexnudge.geometry.transforms import rotation_6d_to_matrix
 from dexnudge.hands.hand import ROOT_COORDINATES, Hand
-from dexnudge.sampling.guidance.active_contacts import set_active_contacts
 from dexnudge.sampling.guidance.rule import ReverseStep
 
 SMALLEST_NORM = 1.0e-12
@@ -16,11 +15,11 @@ SMALLEST_NORM = 1.0e-12
 def gradient_through_network(
     step: ReverseStep,
 ) -> tuple[Float[Tensor, "batch dimension"], Float[Tensor, "batch dimension"]]:
-    """(x0_hat, g) with g = grad_{x_t} L(x0_hat(x_t)) of each sample's own energy."""
+    """Return (x0_hat, g) with g = grad_{x_t} L(x0_hat(x_t)) of each sample's own energy."""
     x_t = step.x_t.detach().requires_grad_()
-    x0_hat = step.prior.predict_clean(x_t, step.t, step.condition, guidance_scale=step.guidance_scale)
+    x0_hat = step.predict_clean(x_t)
     q = step.prior.denormalise(x0_hat)
-    set_active_contacts(step, q.detach())
+    step.set_active_contacts(q.detach())
     (gradient,) = torch.autograd.grad(configuration_energy(q, step.energy).sum(), x_t)
     return x0_hat.detach(), gradient
 
@@ -28,32 +27,22 @@ def gradient_through_network(
 def gradient_at_clean_estimate(
     step: ReverseStep, x0_hat: Float[Tensor, "batch dimension"]
 ) -> tuple[Float[Tensor, " batch"], Float[Tensor, "batch dimension"]]:
-    """(L, g) with g = grad_{x0_hat} L(x0_hat) of each sample's own energy, without the network's derivative."""
+    """Return (L, g) with g = grad_{x0_hat} L(x0_hat) of each sample's own energy, without the network's derivative."""
     x0 = x0_hat.detach().clone().requires_grad_()
     q = step.prior.denormalise(x0)
-    set_active_contacts(step, q.detach())
+    step.set_active_contacts(q.detach())
     energy = configuration_energy(q, step.energy)
     (gradient,) = torch.autograd.grad(energy.sum(), x0)
     return energy.detach(), gradient
 
 
-def clean_estimate(
-    step: ReverseStep,
-) -> tuple[Float[Tensor, "batch dimension"], Float[Tensor, " batch"], Float[Tensor, "batch dimension"]]:
-    """(x0_hat, L, g): the prior's clean estimate, and `gradient_at_clean_estimate` there."""
-    with torch.inference_mode():
-        x0_hat = step.prior.predict_clean(step.x_t, step.t, step.condition, guidance_scale=step.guidance_scale)
-    x0_hat = x0_hat.clone()
-    return (x0_hat, *gradient_at_clean_estimate(step, x0_hat))
-
-
 def unit(gradient: Float[Tensor, "batch dimension"]) -> Float[Tensor, "batch dimension"]:
-    """g / |g| per sample; 0 where the energy has no slope."""
+    """Return g / |g| per sample; 0 where the energy has no slope."""
     return gradient / gradient.norm(dim=1, keepdim=True).clamp_min(SMALLEST_NORM)
 
 
 def configuration_energy(q: Float[Tensor, "batch coordinates"], energy: HandEnergy) -> Float[Tensor, " batch"]:
-    """Energy of each configuration, differentiable in q (first derivatives, from the fused kernel)."""
+    """Return the energy of each configuration, differentiable in q (first derivatives, from the fused kernel)."""
     rotation = rotation_6d_to_matrix(q[:, 3:9])
     angles = q[:, ROOT_COORDINATES:]
     total = _KernelEnergy.apply(q[:, :3], rotation, angles, energy)
@@ -63,7 +52,7 @@ def configuration_energy(q: Float[Tensor, "batch coordinates"], energy: HandEner
 
 
 def squared_violation(hand: Hand, angles: Float[Tensor, "batch joint"]) -> Float[Tensor, " batch"]:
-    """Sum of the squared violations of joint limits and couplings [rad^2]."""
+    """Return the sum of the squared violations of joint limits and couplings [rad^2]."""
     lower, upper = (
         torch.as_tensor(bound, dtype=angles.dtype, device=angles.device) for bound in (hand.lower, hand.upper)
     )

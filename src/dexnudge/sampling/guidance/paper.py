@@ -6,22 +6,11 @@ nothing is wrong; with a deterministic sampler it is a heuristic, not the spheri
 
 from dataclasses import dataclass
 
-import torch
 from jaxtyping import Float
 from torch import Tensor
 
-from dexnudge.diffusion.schedule import ddim_step
 from dexnudge.sampling.guidance.gradient import gradient_through_network, unit
 from dexnudge.sampling.guidance.rule import ReverseStep
-
-
-def unguided(step: ReverseStep) -> Float[Tensor, "batch dimension"]:
-    """x_{t-1} of the prior alone."""
-    with torch.inference_mode():
-        x0_hat = step.prior.predict_clean(step.x_t, step.t, step.condition, guidance_scale=step.guidance_scale)
-        return ddim_step(
-            step.prior.schedule, step.x_t, x0_hat, step.t, step.t_previous, eta=step.eta, generator=step.generator
-        ).clone()
 
 
 @dataclass(frozen=True)
@@ -31,9 +20,6 @@ class PaperGuidance:
     strength: float = 0.05
 
     def __call__(self, step: ReverseStep) -> Float[Tensor, "batch dimension"]:
-        """x_{t-1}, each sample guided by its own gradient's direction."""
+        """Return x_{t-1}, each sample guided by its own gradient's direction."""
         x0_hat, gradient = gradient_through_network(step)
-        plain = ddim_step(
-            step.prior.schedule, step.x_t, x0_hat, step.t, step.t_previous, eta=step.eta, generator=step.generator
-        )
-        return plain - self.strength * unit(gradient)
+        return step.ddim(x0_hat) - self.strength * unit(gradient)

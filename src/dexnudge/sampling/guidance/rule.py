@@ -1,4 +1,7 @@
-"""What a guidance rule is given and returns."""
+"""What a guidance rule is given and returns, and what every rule needs: the clean estimate, DDIM's step, the contacts.
+
+A rule of one's own is any object that fits `GuidanceRule`; a package offers it as a method, see `methods`.
+"""
 
 from dataclasses import dataclass
 from typing import Protocol, runtime_checkable
@@ -9,18 +12,26 @@ from torch import Tensor
 
 from dexnudge.diffusion.network import Condition
 from dexnudge.diffusion.prior import DiffusionPrior
+from dexnudge.diffusion.schedule import ddim_step
+from dexnudge.energies.descent import pose_from_configuration
 from dexnudge.energies.evaluator import HandEnergy
 from dexnudge.energies.force_residual import ForceResidual
 from dexnudge.hands.hand import Hand
 
+REACH_CLEAN, REACH_NOISY = 0.010, 0.030  # [m] of a fingertip from the object at the end and at the start
+FORCE_SWEEPS = 20  # of the balance solver per evaluation, warm-started
+
 
 @dataclass(frozen=True)
 class ReverseStep:
-    """One step of the reverse diffusion from t to t_previous.
+    """One step of the reverse diffusion from t to t_previous, of a batch of draws.
 
     Attributes:
-        energy: of the scene. force: the force balance of the same batch, weighed by the energy's weight `force`; None where
-            it does not guide.
+        prior, condition: the network, and what it is asked for. hand: what is configured.
+        energy: of the scene, the user's terms included.
+        x_t: normalised samples. t, t_previous: timesteps, -1 for clean data.
+        guidance_scale: of classifier-free guidance. eta: DDIM's noise. generator: of every draw.
+        force: the force balance of the same batch; None where it does not guide.
     """
 
     prior: DiffusionPrior
@@ -40,10 +51,57 @@ class ReverseStep:
         """Share of signal in x_t; 1 for clean data."""
         return float(self.prior.schedule.alphas_cumprod[self.t])
 
+    def predict_clean(self, x_t: Float[Tensor, "batch dimension"]) -> Float[Tensor, "batch dimension"]:
+        """Return x0_hat(x_t), differentiable in x_t."""
+        return self.prior.predict_clean(x_t, self.t, self.condition, guidance_scale=self.guidance_scale)
+
+    def clean_estimate(self) -> Float[Tensor, "batch dimension"]:
+        """Return x0_hat of this step's x_t, without the network's derivative."""
+        with torch.inference_mode():
+            x0_hat = self.predict_clean(self.x_t)
+        return x0_hat.clone()
+
+    def ddim(self, x0_hat: Float[Tensor, "batch dimension"]) -> Float[Tensor, "batch dimension"]:
+        """Return x_{t-1} of DDIM from a clean estimate, guided or not."""
+        schedule = self.prior.schedule
+        return ddim_step(schedule, self.x_t, x0_hat, self.t, self.t_previous, eta=self.eta, generator=self.generator)
+
+    def set_active_contacts(self, q: Float[Tensor, "batch coordinates"]) -> None:
+        """Set the energy's contact weights, and the pull of the force balance, from the clean estimate q (frame C)."""
+        energy, tips = self.energy, self.hand.fingertip_indices
+        energy.find_fingertip_contacts(pose_from_configuration(q))
+        reach = REACH_CLEAN + (REACH_NOISY - REACH_CLEAN) * (1.0 - self.alpha_bar)
+        energy.contact_weight[:, tips] = active_contacts(energy.contact_distance[:, tips], reach=reach)
+        self.pull_to_balance()
+
+    def pull_to_balance(self) -> Float[Tensor, " batch"] | float:
+        """Have the next evaluation of the energy pull its contacts to where they balance the forces.
+
+        Returns the term's energy, 1/2 force |residual|^2 [m^2], at the contacts of the last evaluation; 0 without it.
+        """
+        force, energy, tips = self.force, self.energy, self.hand.fingertip_indices
+        if force is None:
+            return 0.0
+        active = (energy.contact_weight[:, tips] > 0).float()
+        force(energy.contact_point[:, tips], energy.contact_normal[:, tips], active, sweeps=FORCE_SWEEPS)
+        energy.extra_force[:, tips] = energy.weights.force * force.gradient
+        return 0.5 * energy.weights.force * force.residual.square()
+
+
+def active_contacts(distance: Float[Tensor, "batch digit"], *, reach: float) -> Float[Tensor, "batch digit"]:
+    """Return 1 for the fingertips within `reach` [m] of the object, and for the nearest one in any case."""
+    nearest = torch.zeros_like(distance).scatter_(1, distance.argmin(dim=1, keepdim=True), 1.0)
+    return torch.maximum((distance < reach).float(), nearest)
+
 
 @runtime_checkable
 class GuidanceRule(Protocol):
-    """Turns x_t into x_{t-1} under the guidance of the energy."""
+    """Turns x_t into x_{t-1} under the guidance of the energy; may keep state during the one run that it is made for."""
 
     def __call__(self, step: ReverseStep) -> Float[Tensor, "batch dimension"]:
-        """x at `step.t_previous`."""
+        """Return x at `step.t_previous`."""
+
+
+def unguided(step: ReverseStep) -> Float[Tensor, "batch dimension"]:
+    """Return x_{t-1} of the prior alone."""
+    return step.ddim(step.clean_estimate())

@@ -1,9 +1,10 @@
-"""Ours with sequential Monte Carlo: now and then promising draws of a call take the places of hopeless ones.
+"""Guidance on the sphere about DDIM's mean: noise that is turned towards descent of the energy, its length kept.
 
-Every few steps the draws of a call are weighed by exp(-L / temperature), L the energy at their clean estimates. Where the
-weights are so uneven that they are worth less than half of the draws, as many are drawn from them anew, evenly (systematic
-resampling). The noise of later steps parts those that come from one. So draws of a call are no longer independent, and a
-call of one is `CleanSpherical`.
+`SphericalGuidance` is DSG (Yang et al., ICML 2024), its gradient taken through the network. `CleanSpherical` takes the
+gradient at the clean estimate, and turns less where the energy is low and for joint angles. `Resampled` adds sequential
+Monte Carlo: every few steps the draws of a call are weighed by exp(-L / temperature), L the energy at their clean estimates;
+where the effective sample size falls below half of the draws, they are drawn anew from the weights (systematic resampling),
+and the noise of later steps parts those that come from one. Such draws of a call are not independent.
 """
 
 from dataclasses import dataclass, field, replace
@@ -14,7 +15,12 @@ from torch import Tensor
 
 from dexnudge.diffusion.schedule import ddim_mean_and_sigma
 from dexnudge.hands.hand import ROOT_COORDINATES
-from dexnudge.sampling.guidance.gradient import SMALLEST_NORM, clean_estimate, gradient_through_network, unit
+from dexnudge.sampling.guidance.gradient import (
+    SMALLEST_NORM,
+    gradient_at_clean_estimate,
+    gradient_through_network,
+    unit,
+)
 from dexnudge.sampling.guidance.rule import ReverseStep
 
 
@@ -25,7 +31,7 @@ class SphericalGuidance:
     rate: float = 0.2
 
     def __call__(self, step: ReverseStep) -> Float[Tensor, "batch dimension"]:
-        """x_{t-1} on the sphere about DDIM's mean."""
+        """Return x_{t-1} on the sphere about DDIM's mean."""
         x0_hat, gradient = gradient_through_network(step)
         return spherical_step(step, x0_hat, gradient, rate=self.rate)
 
@@ -37,7 +43,7 @@ def spherical_step(
     *,
     rate: float | Float[Tensor, "batch dimension"],
 ) -> Float[Tensor, "batch dimension"]:
-    """x_{t-1} on the sphere about DDIM's mean, from the noise towards -gradient by `rate`, of each coordinate or of all."""
+    """Return x_{t-1} on the sphere about DDIM's mean: noise turned towards -gradient by `rate`, each coordinate or all."""
     mean, sigma = ddim_mean_and_sigma(step.prior.schedule, step.x_t, x0_hat, step.t, step.t_previous, eta=1.0)
     radius = mean.shape[1] ** 0.5 * sigma
     noise = sigma * torch.randn(mean.shape, generator=step.generator, device=mean.device, dtype=mean.dtype)
@@ -48,7 +54,7 @@ def spherical_step(
 
 @dataclass(frozen=True)
 class CleanSpherical:
-    """How much of the noise is replaced by steepest descent.
+    """The default rule: noise steered by the gradient at the clean estimate.
 
     rate: in [0, 1]; 0 keeps the noise, 1 replaces it where the energy is high. joints: share of that for joint angles.
     negligible: energy [m^2] at which half of it is left.
@@ -59,12 +65,13 @@ class CleanSpherical:
     negligible: float = 1.0e-3
 
     def __call__(self, step: ReverseStep) -> Float[Tensor, "batch dimension"]:
-        """x_{t-1} on the sphere about DDIM's mean."""
-        x0_hat, energy, gradient = clean_estimate(step)
+        """Return x_{t-1} on the sphere about DDIM's mean."""
+        x0_hat = step.clean_estimate()
+        energy, gradient = gradient_at_clean_estimate(step, x0_hat)
         return spherical_step(step, x0_hat, gradient, rate=self.rates(energy, x0_hat.shape[1]))
 
     def rates(self, energy: Float[Tensor, " batch"], dimension: int) -> Float[Tensor, "batch dimension"]:
-        """w of each sample and coordinate, for energies L [m^2]; one without energy has no slope either."""
+        """Return the rate of each sample and coordinate, for energies L [m^2]; 0 without energy."""
         share = torch.ones(dimension, dtype=energy.dtype, device=energy.device)
         share[ROOT_COORDINATES:] = self.joints
         steered = self.rate * energy / (energy + self.negligible).clamp_min(torch.finfo(energy.dtype).tiny)
@@ -77,7 +84,7 @@ LAST = 0.15  # of the training steps: later, noise no longer parts draws that co
 
 @dataclass
 class Resampled:
-    """One run's rule. temperature: of the weights [m^2]. every: steps between two looks."""
+    """State of one run. temperature: of the weights [m^2]. every: steps between two resamplings."""
 
     steering: CleanSpherical = field(default_factory=CleanSpherical)
     temperature: float = 1.0e-2
@@ -85,8 +92,9 @@ class Resampled:
     steps: int = field(default=0, init=False)
 
     def __call__(self, step: ReverseStep) -> Float[Tensor, "batch dimension"]:
-        """x_{t-1} on the sphere about DDIM's mean."""
-        x0_hat, energy, gradient = clean_estimate(step)
+        """Return x_{t-1} on the sphere about DDIM's mean."""
+        x0_hat = step.clean_estimate()
+        energy, gradient = gradient_at_clean_estimate(step, x0_hat)
         self.steps += 1
         if self.steps % self.every == 0 and step.t >= LAST * len(step.prior.schedule.alphas_cumprod):
             chosen = resampled(energy, temperature=self.temperature, generator=step.generator)
@@ -98,7 +106,7 @@ class Resampled:
 def resampled(
     energy: Float[Tensor, " batch"], *, temperature: float, generator: torch.Generator
 ) -> Int[Tensor, " batch"]:
-    """Which draws go on, ascending; each once where the weights are even enough."""
+    """Return which draws go on, ascending; each once where the weights are even enough."""
     weight, count = torch.softmax(-energy / temperature, dim=0), len(energy)
     if 1 / (weight**2).sum() >= LEAST_WORTH * count:
         return torch.arange(count, device=energy.device)
