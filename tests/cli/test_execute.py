@@ -39,6 +39,21 @@ def test_the_best_configuration_pushes_a_phone_over_a_table(dexnudge, sampled, t
 
 
 @pytest.mark.slow
+def test_a_hand_too_slippery_exits_3_and_a_folder_that_is_left_out_is_numbered(dexnudge, sampled, tmp_path):
+    folder = tmp_path / "slippery"
+    shutil.copytree(sampled, folder)
+    scene = json.loads((folder / "scene.json").read_text(encoding="utf-8"))
+    (folder / "scene.json").write_text(json.dumps({**scene, "friction_hand": 1e-3}), encoding="utf-8")
+    (folder / "execution").mkdir()
+    outcome = dexnudge("execute", folder, "--films", 0)
+    assert outcome.code == 3, outcome.err
+    assert "0 of 1 succeed" in outcome.out
+    assert f"written: {folder / 'execution-2'}\n" in outcome.out
+    summary = json.loads((folder / "execution-2" / "summary.json").read_text(encoding="utf-8"))
+    assert (summary["attempted"], summary["succeeded"]) == (1, 0)
+
+
+@pytest.mark.slow
 def test_folders_that_cannot_be_executed_are_refused(dexnudge, sampled, tmp_path):
     none = tmp_path / "none verified"
     shutil.copytree(sampled, none)

@@ -4,6 +4,7 @@ from __future__ import annotations
 
 from collections.abc import Sequence
 from dataclasses import dataclass, fields
+from pathlib import Path
 from typing import TYPE_CHECKING, Annotated, Any, Literal, TypeVar
 
 import tyro
@@ -56,6 +57,15 @@ def settings(kind: type[Settings], options: object, **others: Any) -> Settings:
     """Return a configuration of the library: its fields are the options of the same names, and `others`."""
     known = {field.name for field in fields(kind)}  # type: ignore[arg-type]  # a dataclass
     return kind(**{name: value for name, value in {**vars(options), **others}.items() if name in known})
+
+
+def out_folder(given: str | None, default: Path, *, overwrite: bool) -> Path:
+    """Return the folder to write: the given one, else `default`, numbered where it is taken and not to be replaced."""
+    from dexnudge.jobs.folders import free_folder
+
+    if given is not None:
+        return Path(given)
+    return default if overwrite else free_folder(default)
 
 
 @dataclass(frozen=True, kw_only=True)

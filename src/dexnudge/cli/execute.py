@@ -1,14 +1,20 @@
 """`dexnudge execute`: verified configurations played out in MuJoCo."""
 
-from __future__ import annotations
-
 from dataclasses import dataclass
 from pathlib import Path
-from typing import Annotated, Any
+from typing import Any
 
-import tyro
-
-from dexnudge.cli.arguments import Count, OptionalFolder, check_at_least, metavar
+from dexnudge.cli.arguments import (
+    NOTHING_SUCCEEDED,
+    Count,
+    OptionalFolder,
+    ResultFolder,
+    check_at_least,
+    out_folder,
+    say,
+    stdout,
+    table,
+)
 from dexnudge.errors import InputError
 
 
@@ -18,10 +24,10 @@ class Execute:
 
     A push succeeds if the object advances 80 % of the way, turns less than 15 degrees and is not dropped, and the hand
     never gets deeper than 2 mm into the surroundings. With --then-grasp the object is pushed until it can be grasped,
-    grasped, lifted by 10 cm and held for 2 s, in one continuous simulation.
+    grasped, lifted by 10 cm and held for 2 s, in one continuous simulation. Exit code 3: nothing succeeds.
     """
 
-    folder: tyro.conf.Positional[Annotated[str, metavar("DIR")]]
+    folder: ResultFolder
     """Folder that `sample` wrote."""
     top: Count = 1
     """Execute this many, best first."""
@@ -36,7 +42,7 @@ class Execute:
     weights: OptionalFolder = None
     """With --then-grasp: folder of the model; the shipped one unless given."""
     out: OptionalFolder = None
-    """Folder to write; DIR/execution unless given, with --then-grasp DIR/slide_grasp_lift."""
+    """Folder to write; unless given DIR/execution, with --then-grasp DIR/slide_grasp_lift, numbered where taken."""
     overwrite: bool = False
     """Replace an existing folder of an earlier execution."""
     films: Count = 1
@@ -46,17 +52,29 @@ class Execute:
         """Execute, write, print."""
         check_at_least(1, top=self.top, workers=self.workers, attempts=self.attempts)
         check_at_least(0, seed=self.seed, films=self.films)
-        if self.then_grasp:
-            return self._then_grasp()
+        if self.then_grasp and self.top != 1:
+            raise InputError(
+                f"`top` is {self.top} with `then_grasp`, which goes through the configurations by itself, best first; "
+                "expected no `top`; use `attempts`"
+            )
+        succeeded, out = self._then_grasp() if self.then_grasp else self._push()
+        say(f"written: {out}")
+        from dexnudge.execution.film import PAGE_FILE
+
+        for film in sorted(out.glob(f"*/{PAGE_FILE}"))[:1]:
+            say(f"watch it: {film}")
+        say(f"open the model: python -m mujoco.viewer --mjcf={out / 'scene.xml'}")
+        return 0 if succeeded else NOTHING_SUCCEEDED
+
+    def _push(self) -> tuple[bool, Path]:
         from dexnudge.execution.folder import PUSH_FOLDER, push_folder
         from dexnudge.jobs.progress import progress
 
-        folder = Path(self.folder)
-        out = folder / PUSH_FOLDER if self.out is None else Path(self.out)
+        out = out_folder(self.out, Path(self.folder) / PUSH_FOLDER, overwrite=self.overwrite)
         with progress() as bars:
             bar = bars.add_task("executing", total=None)
             summary = push_folder(
-                folder,
+                Path(self.folder),
                 top=self.top,
                 workers=self.workers,
                 out=out,
@@ -64,24 +82,18 @@ class Execute:
                 films=self.films,
                 on_done=lambda *_: bars.advance(bar),
             )
-        _print_pushes(summary, out)
-        return 0
+        _print_pushes(summary)
+        return summary["succeeded"] > 0, out
 
-    def _then_grasp(self) -> int:
-        if self.top != 1:
-            raise InputError(
-                f"--top is {self.top} with --then-grasp, which goes through the configurations by itself, best first; "
-                "expected no --top; use --attempts"
-            )
+    def _then_grasp(self) -> tuple[bool, Path]:
         from dexnudge.execution.folder import LIFT_FOLDER, lift_folder
         from dexnudge.jobs.progress import progress
 
-        folder = Path(self.folder)
-        out = folder / LIFT_FOLDER if self.out is None else Path(self.out)
+        out = out_folder(self.out, Path(self.folder) / LIFT_FOLDER, overwrite=self.overwrite)
         with progress() as bars:
             bars.add_task("slide, grasp, lift", total=None)
             summary = lift_folder(
-                folder,
+                Path(self.folder),
                 attempts=self.attempts,
                 seed=self.seed,
                 weights=self.weights,
@@ -89,13 +101,11 @@ class Execute:
                 overwrite=self.overwrite,
                 films=self.films > 0,
             )
-        _print_attempts(summary, out)
-        return 0
+        _print_attempts(summary)
+        return summary["success"], out
 
 
-def _print_pushes(summary: dict[str, Any], out: Path) -> None:
-    from dexnudge.cli.arguments import stdout, table
-
+def _print_pushes(summary: dict[str, Any]) -> None:
     shown = table("configuration", "outcome", "moved [mm]", "turned [deg]", "hand in surroundings [mm]")
     for row in summary["configurations"]:
         figures = ["", "", ""]
@@ -106,15 +116,11 @@ def _print_pushes(summary: dict[str, Any], out: Path) -> None:
                 f"{1e3 * row['hand_environment']:.2f}",
             ]
         shown.add_row(str(row["configuration"]), _outcome(row), *figures)
-    console = stdout()
-    console.print(shown)
-    console.print(f"{summary['succeeded']} of {summary['attempted']} succeed")
-    _print_where(out)
+    stdout().print(shown)
+    say(f"{summary['succeeded']} of {summary['attempted']} succeed")
 
 
-def _print_attempts(summary: dict[str, Any], out: Path) -> None:
-    from dexnudge.cli.arguments import stdout, table
-
+def _print_attempts(summary: dict[str, Any]) -> None:
     shown = table("attempt", "slid by", "moved [mm]", "overhang", "grasps", "raised [mm]", "outcome")
     for row in summary["attempts"]:
         moved = row["length_reached"]
@@ -127,15 +133,13 @@ def _print_attempts(summary: dict[str, Any], out: Path) -> None:
             "" if row["raised"] is None else f"{1e3 * row['raised']:.0f}",
             f"{row['phase']}: {_outcome(row)}" if row["phase"] else "lifted and held",
         )
-    console = stdout()
-    console.print(shown)
+    stdout().print(shown)
     first = "yes" if summary["success_first_attempt"] else "no"
-    console.print(f"success: {'yes' if summary['success'] else 'no'}; at the first attempt: {first}")
+    say(f"success: {'yes' if summary['success'] else 'no'}; at the first attempt: {first}")
     if summary["ended"]:
         from dexnudge.planning.outcomes import Outcome
 
-        console.print(f"no further attempt: {Outcome(summary['ended']).sentence}", soft_wrap=True)
-    _print_where(out)
+        say(f"no further attempt: {Outcome(summary['ended']).sentence}")
 
 
 def _outcome(row: dict[str, Any]) -> str:
@@ -143,14 +147,3 @@ def _outcome(row: dict[str, Any]) -> str:
 
     detail = f" ({row['detail']})" if row["detail"] else ""
     return Outcome(row["outcome"]).sentence + detail
-
-
-def _print_where(out: Path) -> None:
-    from dexnudge.cli.arguments import stdout
-    from dexnudge.execution.film import PAGE_FILE
-
-    console = stdout()
-    console.print(f"written: {out}", soft_wrap=True)
-    for film in sorted(out.glob(f"*/{PAGE_FILE}"))[:1]:
-        console.print(f"watch it: {film}", soft_wrap=True)
-    console.print(f"open the model: python -m mujoco.viewer --mjcf={out / 'scene.xml'}", soft_wrap=True)

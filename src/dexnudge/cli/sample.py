@@ -21,6 +21,7 @@ from dexnudge.cli.arguments import (
     Text,
     check_at_least,
     metavar,
+    out_folder,
     say,
 )
 from dexnudge.errors import InputError
@@ -45,7 +46,7 @@ def nothing_verified(summary: dict[str, Any]) -> str:
 
 
 MARKER = "configurations.npz"
-DEFAULT_OUT = Path("runs")
+RUNS = Path("runs")  # unless --out is given
 
 
 @dataclass(frozen=True, kw_only=True)
@@ -96,19 +97,15 @@ class Sample(MeshOptions):
     def run(self) -> int:
         """Sample, verify, write, print."""
         self._check_options()
-        from dexnudge.jobs.folders import free_folder, new_folder
+        from dexnudge.jobs.folders import new_folder
 
-        out = Path(self.out) if self.out is not None else self._default_out()
-        if self.out is None and not self.overwrite:
-            out = free_folder(out)
+        place = self.scene or Path(self.environment or "").stem
+        out = out_folder(self.out, RUNS / f"{Path(self.object).stem}-{place}", overwrite=self.overwrite)
         with new_folder(out, overwrite=self.overwrite, marker=MARKER) as folder:
             summary = self._sample_into(folder)
         _print(summary)
         say(f"written: {out}")
         return 0 if summary["verified"] else NOTHING_SUCCEEDED
-
-    def _default_out(self) -> Path:
-        return DEFAULT_OUT / f"{Path(self.object).stem}-{self.scene or Path(self.environment or '').stem}"
 
     def _check_options(self) -> None:
         if (self.scene is None) == (self.environment is None):
