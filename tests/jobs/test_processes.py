@@ -179,8 +179,20 @@ def test_a_container_may_lend_fewer_cores_than_the_machine_has(monkeypatch, tmp_
 
 def test_the_users_number_of_threads_stands(monkeypatch):
     monkeypatch.setenv("OMP_NUM_THREADS", "7")
-    monkeypatch.setenv("MKL_NUM_THREADS", "x")
-    monkeypatch.delenv("MKL_NUM_THREADS")
+    for name in ("MKL_NUM_THREADS", "GOMP_SPINCOUNT"):
+        monkeypatch.setenv(name, "x")
+        monkeypatch.delenv(name)
     processes.limit_threads()
     assert os.environ["OMP_NUM_THREADS"] == "7"
     assert os.environ["MKL_NUM_THREADS"] == str(processes.available_cores())
+
+
+@pytest.mark.parametrize("policy", [None, "active"])
+def test_idle_threads_soon_sleep_unless_the_user_has_said_how_they_wait(monkeypatch, policy):
+    for name in ("GOMP_SPINCOUNT", "OMP_WAIT_POLICY"):
+        monkeypatch.setenv(name, policy or "x")
+        monkeypatch.delenv(name)
+    if policy:
+        monkeypatch.setenv("OMP_WAIT_POLICY", policy)
+    processes.limit_threads()
+    assert os.environ.get("GOMP_SPINCOUNT") == (None if policy else processes.SPIN_COUNT)
