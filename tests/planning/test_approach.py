@@ -4,7 +4,6 @@ import torch
 from scipy.spatial.transform import Rotation
 
 from dexnudge.errors import InputError
-from dexnudge.hands.registry import load_hand
 from dexnudge.objects.builtin import builtin_object
 from dexnudge.planning.approach import ApproachPlanner
 from dexnudge.planning.hand_motion import palm_pose
@@ -99,9 +98,8 @@ def test_bad_configurations_are_refused(boxy_hand, block_scene, touching):
 
 @pytest.mark.slow
 @pytest.mark.parametrize("name", ["table", "layers", "shelf"])
-def test_sampled_configurations_are_reached_without_penetration(name):
-    hand = load_hand("shadow_lite")
-    scene = build_scene(name, builtin_object("phone"), seed=0)
+def test_sampled_configurations_are_reached_without_penetration(shadow_hand, name):
+    hand, scene = shadow_hand, build_scene(name, builtin_object("phone"), seed=0)
     draws = Sampler(hand).sample(scene, num=4)
     planner = ApproachPlanner(hand, scene)
     planned = [planner.plan(np.asarray(q, dtype=float)) for q in np.asarray(draws.q)[: draws.num_verified]]

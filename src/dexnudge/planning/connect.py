@@ -25,7 +25,7 @@ def outside_states(
     *,
     directions: Float[np.ndarray, "direction 3"],
 ) -> tuple[States, States]:
-    """Free states outside, with open fingers, and the state of `waiting` that each was moved out from, nearest first.
+    """Return free states outside, with open fingers, and the state of `waiting` that each was moved out from, nearest first.
 
     Each is a state of `waiting` moved along an axis of the world or one of `directions` (unit) until a ball about the
     hand is clear of the box around surroundings and object, at most `FARTHEST`.
@@ -51,7 +51,7 @@ def outside_states(
 def _way_out(
     point: Float[np.ndarray, "3"], direction: Float[np.ndarray, "3"], low: np.ndarray, high: np.ndarray
 ) -> float:
-    """Distance along `direction` to where it leaves the box [m]; 0 from outside."""
+    """Return the distance along `direction` to where it leaves the box [m]; 0 from outside."""
     if (point < low).any() or (point > high).any():
         return 0.0
     moving = np.abs(direction) > 1e-9
@@ -69,7 +69,7 @@ SHORTCUT_RANGE = 0.5  # of the path, spanned by one shortcut at most
 
 
 def connect(check: MotionCheck, starts: States, goals: States, *, seed: int, budget: int) -> States | None:
-    """A path of free straight motions from one of `starts` to one of `goals`; None where the budget runs out.
+    """Plan a path of free straight motions from one of `starts` to one of `goals`; None where the budget runs out.
 
     Args:
         check: decides which motions are free; all starts and goals must be.
@@ -101,7 +101,7 @@ def connect(check: MotionCheck, starts: States, goals: States, *, seed: int, bud
     information = base.SpaceInformation(space)
 
     class Validator(base.MotionValidator):
-        """Asks `check`; the budget once spent, nothing is free any more, so that shortening ends too."""
+        """Asks `check`; with the budget spent nothing is free, so that shortening ends too."""
 
         def checkMotion(self, first: Any, second: Any) -> bool:
             return check.measure.count < last and check.free(_read(first), _read(second))
@@ -135,7 +135,7 @@ def connect(check: MotionCheck, starts: States, goals: States, *, seed: int, bud
 
 
 def _box(base: Any, low: np.ndarray, high: np.ndarray) -> Any:
-    """OMPL's space of real vectors between two corners."""
+    """Return OMPL's space of real vectors between two corners."""
     box, bounds = base.RealVectorStateSpace(len(low)), base.RealVectorBounds(len(low))
     for axis in range(len(low)):
         bounds.setLow(axis, float(low[axis]))

@@ -72,7 +72,7 @@ class HandClearance:
         *,
         stop: float = NO_STOP,
     ) -> Clearances:
-        """Clearances of the palm poses (world, [m]) and joint angles [rad].
+        """Return the clearances of the palm poses (world, [m]) and joint angles [rad].
 
         A state that comes closer than `stop` [m] is not searched further: its distance is then only known to be
         below `stop`, and that to the object may not have been looked at.
@@ -96,7 +96,7 @@ class HandClearance:
     def link_and_point(
         self, ball: int, T_world_palm: Float[np.ndarray, "4 4"], joint_angles: Float[np.ndarray, " joint"]
     ) -> tuple[str, Float[np.ndarray, "3"]]:
-        """Name of the link that a ball belongs to and the place of its centre [m, world] for one state."""
+        """Return the name of the link that a ball belongs to and the place of its centre [m, world] for one state."""
         q = np.concatenate([T_world_palm[:3, 3], T_world_palm[:3, 0], T_world_palm[:3, 1], joint_angles])
         balls = self._model[1]
         link = int(balls.link[ball])
@@ -119,7 +119,7 @@ class HandClearance:
 
 @cached_per_instance
 def _model(hand: Hand) -> tuple[WarpStruct, PointBalls]:
-    """(struct for the kernel, the same balls for Python) of a hand."""
+    """Return the hand as a struct for the kernel, and its balls for Python."""
     balls = point_balls(hand.dense_points)
 
     def array(values: np.ndarray, dtype: type) -> wp.array:

@@ -1,4 +1,4 @@
-"""An object on its support, as points from which rays tell what is around it wherever it is shifted along the support."""
+"""An object on its support, as points from which rays measure its surroundings wherever it is shifted along the support."""
 
 from dataclasses import dataclass
 
@@ -17,9 +17,7 @@ from dexnudge.scenes.scene import Scene
 SPACING = 0.003  # [m] between the points that look for obstacles
 SIDE_SPACING = 0.005  # [m] between the points of the upper and lower side
 LEADING = -0.1  # cosine with the motion from which a surface can run into something
-LIFT = (
-    0.0015  # [m] by which the object is raised off its support to look for other obstacles; a lower step is no obstacle
-)
+LIFT = 0.0015  # [m] by which the object is raised off its support to find obstacles; a lower step is none
 INSET = 0.0003  # [m] by which its points are drawn inward: a wall that it touches and slides along is no obstacle
 FACING = 0.5  # cosine with the support's normal from which a surface counts as upper or lower side
 UPWARD = 0.5  # z of a normal from which a surface can be a support
@@ -30,7 +28,7 @@ SEEN = 1.0  # [m] clearances above and below are measured up to here
 
 @dataclass(frozen=True)
 class AtRest:
-    """How an object rests.
+    """A pose in which an object rests.
 
     margin: from its centre of mass, seen along gravity, to the edge of what carries it [m]; negative: it tips; -inf where
     fewer than three points are carried. T_rocked: world to world, what turned it there.
@@ -63,7 +61,7 @@ class LyingObject:
         self.centre = scene.T_world_object[:3, :3] @ centre_of_mass(scene.object_mesh) + scene.T_world_object[:3, 3]
 
     def _surface(self, spacing: float) -> tuple[Float[np.ndarray, "n 3"], Float[np.ndarray, "n 3"]]:
-        """Points of the surface, drawn inward a little, and the outward normals there; each place once."""
+        """Return points of the surface, drawn inward a little, and the outward normals there; each place once."""
         points, face = surface_lattice(np.asarray(self.mesh.triangles, dtype=np.float64), spacing=spacing)
         normals = np.asarray(self.mesh.face_normals)[face]
         keys = np.round(np.concatenate([points * 1e6, normals * 10], axis=1))
@@ -71,7 +69,7 @@ class LyingObject:
         return points[first] - INSET * normals[first], normals[first]
 
     def free_travel(self, shift: Float[np.ndarray, "3"], direction: Float[np.ndarray, "3"], *, reach: float) -> float:
-        """How far the shifted object can translate along the unit `direction` before it meets the surroundings [m].
+        """Return how far the shifted object can translate along the unit `direction` before it meets the surroundings [m].
 
         Rays from the object's points forward, and from the surroundings' points in the swept volume backward, so that
         neither a thin post nor a small corner slips between the rays of the other.
@@ -90,7 +88,7 @@ class LyingObject:
         return min(forward, float(back.min()))
 
     def below(self, shift: Float[np.ndarray, "3"]) -> Float[np.ndarray, " n"]:
-        """Way from each point of the lower side down along the support's normal to the surroundings [m], up to `SEEN`."""
+        """Return the way [m] from each point of the lower side straight down to the surroundings, up to `SEEN`."""
         return (
             self._environment(self.lower + shift + LIFT * self.normal, -self.normal, reach=SEEN + LIFT + INSET)
             - LIFT
@@ -98,17 +96,17 @@ class LyingObject:
         )
 
     def front_is_carried(self, shift: Float[np.ndarray, "3"], direction: Float[np.ndarray, "3"], room: float) -> bool:
-        """Whether the foremost points of the lower side, in `direction`, have less than `room` [m] below: a quick no."""
+        """Return whether the foremost points of the lower side have less than `room` [m] below; quicker than `below`."""
         along = self.lower @ direction
         front = self.lower[along > along.max() - SIDE_SPACING] + shift + LIFT * self.normal
         return bool((self._environment(front, -self.normal, reach=SEEN) < room + LIFT + INSET).any())
 
     def above(self, shift: Float[np.ndarray, "3"]) -> Float[np.ndarray, " n"]:
-        """Way from each point of the upper side up along the support's normal to the surroundings [m], up to `SEEN`."""
+        """Return the way [m] from each point of the upper side straight up to the surroundings, up to `SEEN`."""
         return self._environment(self.upper + shift, self.normal, reach=SEEN + INSET) - INSET
 
     def at_rest(self, shift: Float[np.ndarray, "3"], *, least: float) -> AtRest:
-        """How the shifted object comes to rest: as it is, or rocked onto what lies below it.
+        """Return how the shifted object comes to rest: as it is, or rocked onto what lies below it.
 
         Where the centre of mass is less than `least` [m] within what carries it, the object turns about the edge that it is
         nearest to, until a further point of its lower side is carried, and so on, up to `MOST_TILT`. So an arched object
@@ -148,7 +146,7 @@ class LyingObject:
         return best
 
     def plane_axes(self) -> Float[np.ndarray, "2 3"]:
-        """Two unit axes of the support's plane; the first as near the world's x as can be."""
+        """Return two unit axes of the support's plane; the first as near the world's x as can be."""
         first = np.array([1.0, 0.0, 0.0]) - self.normal[0] * self.normal
         first /= np.linalg.norm(first)
         return np.stack([first, np.cross(self.normal, first)])
@@ -156,12 +154,12 @@ class LyingObject:
 
 @cached_per_instance
 def lying_object(scene: Scene) -> LyingObject:
-    """The scene's object; made once per scene."""
+    """Return the scene's object; made once per scene."""
     return LyingObject(scene)
 
 
 def _turned(rotation: Float[np.ndarray, "3"], *, about: Float[np.ndarray, "3"]) -> Float[np.ndarray, "4 4"]:
-    """A turn by a rotation vector [rad] about an axis through a point [m]."""
+    """Return the turn by a rotation vector [rad] about an axis through a point [m]."""
     turn = np.eye(4)
     turn[:3, :3] = Rotation.from_rotvec(rotation).as_matrix()
     turn[:3, 3] = about - turn[:3, :3] @ about

@@ -11,16 +11,16 @@ from dexnudge.planning.hand_clearance import CAP, NO_STOP, OBSTACLES, Clearances
 from dexnudge.planning.hand_motion import State, States, StateSpace, between, matrices
 from dexnudge.scenes.scene import Scene
 
-CLEARANCE = 0.003  # [m] asked for at every state that is looked at
+CLEARANCE = 0.003  # [m] kept at every state that is checked
 ASSURED = 0.0005  # [m] what is left of it between them, by the bound on how far any point of the hand moves
 
 
 @dataclass(frozen=True)
 class MotionCheck:
-    """Straight motions, checked so finely that nothing can slip through.
+    """Checks straight motions so finely that nothing can slip through.
 
-    A state with clearance c vouches for all states that no point of the hand moves farther than c to; where that is not
-    enough to cover the motion, its halves are looked at. States next to each other are at most 2 (clearance - 0.5 mm)
+    A state with clearance c vouches for all states to which no point of the hand moves farther than c; where that does not
+    cover the motion, its halves are checked. States next to each other are at most 2 (clearance - 0.5 mm)
     apart, 5 mm, in the motion of the hand's fastest point, whatever the clearance.
     """
 
@@ -29,21 +29,21 @@ class MotionCheck:
     clearance: float = CLEARANCE
 
     def clearances(self, states: States, *, stop: float = NO_STOP) -> Clearances:
-        """Least distances to environment and object; see `HandClearance`."""
+        """Return the least distances to environment and object; see `HandClearance`."""
         return self.measure(states[:, :3], matrices(states), self.space.joint_angles(states[:, 7]), stop=stop)
 
     def states_free(self, states: States) -> Bool[np.ndarray, " n"]:
-        """Which states keep the clearance."""
+        """Return which states keep the clearance."""
         return self.clearances(states, stop=self.clearance).distance.min(axis=1) >= self.clearance
 
     def free(self, start: State, end: State) -> bool:
-        """Whether the whole straight motion keeps the clearance; both ends are looked at."""
+        """Return whether the whole straight motion keeps the clearance, both ends included."""
         return self.blocked_at(start, end) is None
 
     def blocked_at(self, start: State, end: State) -> float | None:
-        """None where the motion is free; otherwise a fraction of it at which the clearance is not kept.
+        """Return a fraction of the motion at which the clearance is not kept; None where the motion is free.
 
-        The coarsest state that shows the obstacle, not the first along the way.
+        It is that of the coarsest state that shows the obstacle, not of the first along the way.
         """
         way = self.space.displacement(start, end)
         ends = self.states_free(between(start, end, np.array([1.0, 0.0])))
@@ -99,7 +99,7 @@ class Nearest:
 def nearest_obstacle(
     check: MotionCheck, scene: Scene, where: State, *, among: Sequence[str] = OBSTACLES
 ) -> Nearest | None:
-    """What the hand is nearest to in the state `where`; None where all of `among` is beyond `CAP`."""
+    """Return what the hand is nearest to in the state `where`; None where all of `among` is beyond `CAP`."""
     found = check.clearances(where[None])
     column = min((OBSTACLES.index(name) for name in among), key=lambda index: found.distance[0, index])
     ball = int(found.nearest[0, column])
@@ -117,14 +117,14 @@ def nearest_obstacle(
 
 
 def blocked_by(check: MotionCheck, scene: Scene, where: State, *, stage: str, reason: str) -> Blocked:
-    """What the hand is nearest to in the state `where`, which is known to be blocked."""
+    """Return what the hand is nearest to in the state `where`, which is known to be blocked."""
     near = nearest_obstacle(check, scene, where)
     assert near is not None
     return Blocked(stage, near.obstacle, near.link, near.point, near.clearance, reason)
 
 
 def blocked_by_itself(stage: str, depth: float) -> Blocked:
-    """The hand's links are `depth` [m] in one another."""
+    """Return that the hand's links are `depth` [m] in one another."""
     return Blocked(
         stage, "hand", "", np.full(3, np.nan), -depth, f"the hand's links are {1e3 * depth:.1f} mm in one another"
     )

@@ -18,10 +18,9 @@ BACK_OFF = (0.02, 0.03, 0.01, 0.005)  # [m] along the straight way, the preferre
 SHORT, SHORT_COST = 0.01, 1.0  # [m] a shorter way is taken where there is no room for more
 OPENINGS = (0.0, 0.1, 0.2, 0.35, 0.5)  # of the way to the open hand
 STRETCH_STEP = 0.002  # [m] of the fastest point between two states of the last stretch
-STRETCH_SHARE = (
-    2 / 3
-)  # of the clearance is kept from the environment on the last stretch, as far as the goal keeps it: an
-# edge could dig in between the hand's points; the object may be touched
+# Of the clearance, kept from the environment on the last stretch as far as the goal keeps it: an edge could dig in between
+# the hand's points. The object may be touched.
+STRETCH_SHARE = 2 / 3
 GOAL_ALLOWANCE = 0.0002  # [m] by which the last stretch may be closer than the goal itself: lattice and rounding
 NEAR_ENVIRONMENT = 0.02  # [m] to the surroundings, within which moving away from them is tried too
 WANTED = 6  # pre-contact states offered to the planner
@@ -31,9 +30,10 @@ OPENING_COST, ASIDE_COST, DISTANCE_COST = 1.0, 0.5, 5.0  # order of preference, 
 
 @dataclass(frozen=True)
 class PreContacts:
-    """`states`: where to wait, most preferred first; `stuck`: the state nearest to being one, where there is none.
+    """States from which a hand can go straight to contact, most preferred first.
 
-    `stuck_stage`: "pre-contact" when that is the waiting state itself, "contact" when it lies on the last stretch.
+    stuck: the state nearest to being one, where there is none.
+    stuck_stage: "pre-contact" when that is the waiting state itself, "contact" when it lies on the last stretch.
     """
 
     states: States
@@ -42,7 +42,7 @@ class PreContacts:
 
 
 def contact_normals(hand: Hand, scene: Scene, q: Float[np.ndarray, " coordinates"]) -> Float[np.ndarray, "contact 3"]:
-    """Outward unit normals of the object where the hand touches it, world; by the definition of contact in use."""
+    """Return the object's outward unit normals at its contacts with the hand, world."""
     T = hand.forward_kinematics(torch.as_tensor(q[None], dtype=torch.float64))[0].numpy()
     dense = hand.dense_points
     rotation = T[dense.link, :3, :3]
@@ -60,7 +60,7 @@ def contact_normals(hand: Hand, scene: Scene, q: Float[np.ndarray, " coordinates
 def back_off_directions(
     hand: Hand, scene: Scene, check: MotionCheck, q: Float[np.ndarray, " coordinates"]
 ) -> tuple[Float[np.ndarray, "n 3"], Float[np.ndarray, " n"]]:
-    """Unit directions in which the hand could draw back, world, and the cosine of each with the contact normals' mean.
+    """Return unit directions in which the hand could draw back, world, and their cosines with the contact normals' mean.
 
     The mean of the contact normals, up, along the fingers backward, back of the hand first, the scene's motion, away from
     the surroundings where they are within 2 cm, and the sums of two and three of them. Where nothing touches or the
@@ -85,7 +85,7 @@ def back_off_directions(
 
 
 def pre_contacts(hand: Hand, scene: Scene, check: MotionCheck, q: Float[np.ndarray, " coordinates"]) -> PreContacts:
-    """States 10 to 30 mm back, 5 mm where there is no more room, that keep the clearance and lead straight to `q`.
+    """Return states 10 to 30 mm back, 5 mm where there is no more room, that keep the clearance and lead straight to `q`.
 
     The fingers are opened where that is needed.
     """
@@ -122,13 +122,13 @@ def pre_contacts(hand: Hand, scene: Scene, check: MotionCheck, q: Float[np.ndarr
 
 
 def contact_floor(check: MotionCheck, goal: State) -> Float[np.ndarray, "2"]:
-    """Least signed distance to environment and object on the last stretch [m]."""
+    """Return the least signed distance to environment and object on the last stretch [m]."""
     at_goal = check.clearances(goal[None]).distance[0]
     return np.minimum([STRETCH_SHARE * check.clearance, 0.0], at_goal - GOAL_ALLOWANCE)
 
 
 def blocked_on_stretch(check: MotionCheck, start: State, goal: State, *, floor: Float[np.ndarray, "2"]) -> State | None:
-    """First state on the straight way to contact that is nearer than `floor` [m]; None where there is none."""
+    """Return the first state on the straight way to contact that is nearer than `floor` [m]; None where there is none."""
     count = int(np.ceil(check.space.displacement(start, goal) / STRETCH_STEP))
     states = between(start, goal, np.linspace(0.0, 1.0, count + 1))
     near = (check.clearances(states, stop=float(floor.min())).distance < floor).any(axis=1)
