@@ -47,9 +47,9 @@ bench: $(VENV)/.dev.stamp  ## time energies, grids, grasps, data generation, sam
 	$(BIN)/python benchmarks/sampling.py
 	$(BIN)/python benchmarks/execution.py
 
-results: $(VENV)/.run.stamp  ## the paper's tables and more: docs/results.md, its plots and the README's table; RESULTS_ARGS=--quick
-	$(BIN)/dexnudge reproduce --out runs/results $(RESULTS_ARGS)
-	$(BIN)/python benchmarks/publish.py runs/results
+results: $(VENV)/.run.stamp  ## run what is published (RUN=NAME of benchmarks/published_runs.yaml, or all) and write its tables and pages
+	$(PIP) -e ".[plots]"
+	$(BIN)/python benchmarks/publish.py $(or $(RUN),all)
 
 clean:  ## remove everything that the other targets made
 	rm -rf $(VENV) demo runs build dist src/*.egg-info .pytest_cache .mypy_cache .ruff_cache .hypothesis

@@ -1,150 +1,261 @@
-"""Writes the tables of runs into docs/results.md and the README, from their reports alone."""
+"""Runs what is published, and writes docs/data/*.csv, docs/results.md, docs/images and the README's table from it.
 
+The list of runs is published_runs.yaml. Pages are written from docs/data alone, so that one run can be published anew
+without the folders of the others.
+"""
+
+import csv
 import json
-import re
+import shlex
 import shutil
+import subprocess
+import sys
 from dataclasses import dataclass
 from pathlib import Path
 from typing import Annotated, Any
 
 import tyro
+import yaml
 
-from dexnudge.experiments.markdown import markdown_table
-from dexnudge.experiments.method_names import method_name
-from dexnudge.experiments.paper_tables import FULL, TABLE_1
-from dexnudge.experiments.reproduction_parts import MAIN, STEERED_NOISE, WITH_BASE
+from dexnudge.experiments.comparisons import MAIN, PAPER_SUCCESS, STEERED_NOISE
+from dexnudge.experiments.reproduction import HARD_SCENES, NEW_SCENES
+from dexnudge.experiments.tables import Table, csv_text, method_name
 
 ROOT = Path(__file__).parents[1]
+RUNS = Path(__file__).with_name("published_runs.yaml")
 BEGIN, END = "<!-- results:begin -->", "<!-- results:end -->"
-Rates = dict[tuple[str, str], dict[str, float]]  # (scene, method) -> rate with its interval
-PLOT = re.compile(r"\]\(plots/([^)]+)\)")
+KINDS = ("", "executed", "lifted")  # folders of a run that may hold a report
+WITH_BASE = "with_base"
+SHOWN = {  # columns of the page: name in docs/data -> header
+    "single": "single draw",
+    "single_robust": "robust",
+    "top": "top-ranked",
+    "top_robust": "top-ranked robust",
+    "length_asked_mm": "length asked, mm",
+    "length_reached_mm": "reached, mm",
+    "lifted": "lifted",
+    "at_first": "at the first attempt",
+    "verified_per_second": "verified/s",
+}
+NOT_PERCENT = {"length_asked_mm": 0, "length_reached_mm": 0, "verified_per_second": 1, "joint_diversity": 2}  # digits
+FIGURES = (  # that matter: what, run, kind, column
+    ("single draw verified, %", "test42", "", "single"),
+    ("single draw verified and robust, %", "test42", "", "single_robust"),
+    ("top-ranked verified, %", "test42", "", "top"),
+    ("top-ranked verified and robust, %", "test42", "", "top_robust"),
+    ("top-ranked executed in physics, %", "executed", "executed", "top"),
+    ("length asked for, mm", "executed", "executed", "length_asked_mm"),
+    ("length reached, mm", "executed", "executed", "length_reached_mm"),
+    ("slid, grasped, lifted, %", "lifted", "lifted", "lifted"),
+    ("verified per second, two cores", "test42", "", "verified_per_second"),
+    ("joint diversity, rad", "test42", "", "joint_diversity"),
+)
+ABOUT = (
+    "Rates in % of everything that was attempted; in brackets, 95 % intervals by bootstrap over objects. Robust: with a "
+    "force margin of at least 1.5. Written by `python benchmarks/publish.py`; `make results RUN=NAME` makes a table "
+    "again, `benchmarks/published_runs.yaml` lists the runs. Every figure, with all others of its run, is in [data](data)."
+)
+ORDER = (*PAPER_SUCCESS, *HARD_SCENES, *NEW_SCENES)  # of scenes in tables
+Row = dict[str, str]
 
 
 @dataclass(frozen=True)
 class Publish:
-    """Write the published tables and copy the plots that they show."""
+    """Run some of the published runs, and write their tables and the pages."""
 
-    runs: Annotated[tuple[Path, ...], tyro.conf.Positional]
-    """Folders that `dexnudge reproduce` or `dexnudge evaluate` wrote; the README's table is that of the first."""
-    executed: tuple[Path, ...] = ()
-    """Folders that `dexnudge evaluate --execute` wrote: their texts come next, rates of the first into the README."""
-    effects: tuple[Path, ...] = ()
-    """Folders that `dexnudge evaluate --execute` wrote with something left out, and one without: one table of them all."""
-    lifted: tuple[Path, ...] = ()
-    """Folders that `dexnudge evaluate --then-grasp` wrote: their texts come last, all their rates into the README."""
+    runs: Annotated[tuple[str, ...], tyro.conf.Positional] = ()
+    """Names in published_runs.yaml that are run and whose tables are written; "all" for every one. None: pages only."""
+    folder: Path = Path("runs")
+    """Folder of the runs' folders."""
     root: Path = ROOT
     """Folder that README.md and docs/ lie in."""
+    only_write: bool = False
+    """Do not run anything; the folders are there."""
 
     def run(self) -> None:
-        """Write both files and the plots beside them."""
-        report = json.loads((self.runs[0] / "report.json").read_text(encoding="utf-8"))
+        """Run, collect, write."""
+        listed = yaml.safe_load(RUNS.read_text(encoding="utf-8"))
+        names = list(listed) if self.runs == ("all",) else list(self.runs)
+        if unknown := [name for name in names if name not in listed]:
+            raise SystemExit(f"no published run is called {unknown[0]!r}; expected some of {', '.join(listed)}, or all")
+        for name in names:
+            if not self.only_write:
+                command = [*shlex.split(listed[name]["command"]), "--out", str(self.folder / name)]
+                subprocess.run([sys.executable, "-m", "dexnudge", *command], check=True)
+            collect(self.folder / name, name, self.root / "docs")
+        data = {file.stem: read(file) for file in sorted((self.root / "docs" / "data").glob("*.csv"))}
+        (self.root / "docs" / "results.md").write_text(page(listed, data, self.root / "docs"), encoding="utf-8")
         readme = self.root / "README.md"
         before, rest = readme.read_text(encoding="utf-8").split(BEGIN)
         after = rest.split(END)[1]
-        texts = [self._with_plots(run) for run in self.runs]
-        executed: Rates = {}
-        lifted: Rates = {}
-        if self.executed:
-            texts += [self._with_calibration(run) for run in self.executed]
-            executed = rates(self.executed[0] / "executed.json", "top")
-        if self.effects:
-            texts.append(effects_table(self.effects))
-        for run in self.lifted:
-            texts.append((run / "lifted.md").read_text(encoding="utf-8"))
-            lifted |= rates(run / "lifted.json", "lifted")
-        if len(texts) > 1:
-            texts.insert(0, contents(texts))
-        (self.root / "docs" / "results.md").write_text("\n".join(texts), encoding="utf-8")
-        readme.write_text(f"{before}{BEGIN}\n{readme_table(report, executed, lifted)}\n{END}{after}", encoding="utf-8")
-
-    def _with_calibration(self, run: Path) -> str:
-        """What the run's executions say, their chart copied to docs/images under a name that holds the run's."""
-        name = f"{run.resolve().name}-calibration.svg"
-        shutil.copyfile(run / "calibration.svg", self.root / "docs" / "images" / name)
-        return (run / "executed.md").read_text(encoding="utf-8").replace("](calibration.svg)", f"](images/{name})")
-
-    def _with_plots(self, run: Path) -> str:
-        """The run's report, its plots copied to docs/images under names that hold the run's."""
-        text = (run / "report.md").read_text(encoding="utf-8")
-        images = self.root / "docs" / "images"
-        images.mkdir(parents=True, exist_ok=True)
-        name = run.resolve().name
-        for plot in PLOT.findall(text):
-            shutil.copyfile(run / "plots" / plot, images / f"{name}-{plot}")
-        return PLOT.sub(rf"](images/{name}-\1)", text)
+        readme.write_text(f"{before}{BEGIN}\n{main_table(data, 'docs/data')}\n{END}{after}", encoding="utf-8")
 
 
-def rates(path: Path, name: str) -> Rates:
-    """That rate of each line of a report."""
-    lines = json.loads(path.read_text(encoding="utf-8"))["lines"]
-    return {(line["scene"], line["method"]): line[name] for line in lines}
+def collect(run: Path, name: str, docs: Path) -> None:
+    """Copy the tables of a run's reports into docs/data, each row with what it was made with, and charts beside them."""
+    for kind in KINDS:
+        report = run / kind / "report.json"
+        if not report.is_file():
+            continue
+        content = json.loads(report.read_text(encoding="utf-8"))
+        config = content["config"]
+        made = {
+            "set": Path(config["objects"]).name,
+            "draws_each": config["num"],
+            "seed": config["seed"],
+            "hand": config["hand"],
+            "version": content["versions"]["dexnudge"],
+            "machine": f"{content['machine']['processor']}, {content['machine']['cores']} cores",
+        }
+        stem = f"{name}-{kind}" if kind else name
+        (docs / "data").mkdir(parents=True, exist_ok=True)
+        (docs / "images").mkdir(parents=True, exist_ok=True)
+        rows = [{**row, **made} for row in read(run / kind / "report.csv")]
+        (docs / "data" / f"{stem}.csv").write_text(csv_text(rows), encoding="utf-8")
+        for title, groups in content.get("sections", {}).items():
+            if isinstance(groups, dict):  # rates by group, of all scenes and of each
+                table = [
+                    {"scenes": scene, "group": group, **_flat(rate), **made}
+                    for scene, rates in groups.items()
+                    for group, rate in rates.items()
+                ]
+                file = docs / "data" / f"{stem}-{title.lower().replace(' ', '-')}.csv"
+                file.write_text(csv_text(table), encoding="utf-8")
+        for chart in ("rates", "calibration"):
+            if (run / kind / f"{chart}.png").is_file():
+                shutil.copyfile(run / kind / f"{chart}.png", docs / "images" / f"{stem}-{chart}.png")
 
 
-def contents(texts: list[str]) -> str:
-    """What the page holds: a link to each text's heading."""
-    titles = [text.splitlines()[0].removeprefix("# ") for text in texts]
-    anchors = [re.sub(r"[^\w\- ]", "", title.lower()).replace(" ", "-") for title in titles]
-    again = [anchors[:place].count(anchor) for place, anchor in enumerate(anchors)]
-    links = [f"#{anchor}-{count}" if count else f"#{anchor}" for anchor, count in zip(anchors, again, strict=True)]
-    return "".join(f"- [{title}]({link})\n" for title, link in zip(titles, links, strict=True))
+def page(listed: dict[str, Any], data: dict[str, list[Row]], docs: Path) -> str:
+    """The results page: the figures that matter, a short table of each run, its charts, and where the rest is."""
+    parts = [
+        "# Results",
+        ABOUT,
+        "## The figures that matter",
+        figures_that_matter(data),
+        main_table(data),
+    ]
+    for title in dict.fromkeys(run["title"] for run in listed.values() if run.get("page", True)):
+        runs = {name: run for name, run in listed.items() if run["title"] == title}
+        stems = {
+            name: next((s for s in (f"{name}-lifted", f"{name}-executed", name) if s in data), "") for name in runs
+        }
+        found = [(data[stem], runs[name]) for name, stem in stems.items() if stem]
+        if not found:
+            continue
+        stem = next(filter(None, stems.values()))
+        groups = data.get(f"{stem}-{runs[next(iter(runs))].get('groups', '')}")
+        parts += [f"## {title}", groups_table(groups) if groups else run_table(found), made_with(data[stem], stem)]
+        chart = docs / "images" / f"{stem}-{'calibration' if stem.endswith('-executed') else 'rates'}.png"
+        parts += [f"![{title}](images/{chart.name})"] if chart.is_file() else []
+    return "\n\n".join(parts) + "\n"
 
 
-def effects_table(runs: tuple[Path, ...]) -> str:
-    """How many single draws are verified and how often the best-ranked one succeeds in physics, run by run."""
-    reports = [json.loads((run / "executed.json").read_text(encoding="utf-8")) for run in runs]
-    first = reports[0]["config"]
-    for config in (report["config"] for report in reports):
-        if any(config[name] != first[name] for name in ("objects", "max_objects", "num", "seed")):
-            raise SystemExit("the runs of --effects differ in objects, draws or seed; expected the same of all")
+def figures_that_matter(data: dict[str, list[Row]]) -> str:
+    """Ten figures of dexnudge by main scene."""
+    scenes = tuple(PAPER_SUCCESS)
     rows = []
-    for run, report in zip(runs, reports, strict=True):
-        single = rates(run / "report.json", "single")
-        left_out = "".join(f", weight {name} {value:g}" for name, value in (report["config"]["losses"] or {}).items())
-        for line in report["lines"]:
-            row = [method_name(line["method"]) + left_out, line["scene"], line["objects"]]
-            verified = percent(single[line["scene"], line["method"]])
-            rows.append([*row, verified, line["unverified"], percent(line["top"])])
-    header = ["what", "scene", "objects", "single draw verified", "without verified", "top-ranked in physics"]
+    for what, run, kind, column in FIGURES:
+        found = {row["scene"]: row for row in _of(data, run, kind) if row["method"] == STEERED_NOISE}
+        cells = [text(found.get(scene), column) for scene in scenes]
+        rows += [[what, *cells]] if any(cells) else []
+    return Table(["figure", *scenes], rows, labels=1).markdown()
+
+
+def main_table(data: dict[str, list[Row]], link: str = "data") -> str:
+    """Rates of the main methods beside the paper's."""
+    played = {
+        (column, row["scene"], row["method"]): row
+        for run, kind, column in (("executed", "executed", "top"), ("lifted", "lifted", "lifted"))
+        for row in _of(data, run, kind)
+    }
+    rows = []
+    for scene, paper in PAPER_SUCCESS.items():
+        for method in MAIN:
+            for row in _of(data, "test42", ""):
+                if (row["scene"], row["method"]) == (scene, method):
+                    cells = [text(row, name) for name in ("single", "single_robust", "top", "top_robust")]
+                    cells += [text(played.get((column, scene, method)), column) for column in ("top", "lifted")]
+                    rows.append([scene, method_name(method), *cells, paper if method == STEERED_NOISE else ""])
+    header = ["scene", "method", "single draw", "robust", "top-ranked", "top-ranked robust", "pushed in physics"]
+    table = Table([*header, "slid, grasped, lifted", "the paper, its own scenes"], rows).markdown()
+    made = made_with(_of(data, "test42", ""), "test42", link)
+    return f"{table}\n\n% of everything attempted, 95 % intervals over objects. {made}"
+
+
+def run_table(found: list[tuple[list[Row], dict[str, Any]]]) -> str:
+    """The columns of `SHOWN` that runs have, of the methods that their entries name, with their labels."""
+    rows = [
+        {**row, "label": run.get("label", "")}
+        for data, run in found
+        for row in sorted(data, key=lambda row: ORDER.index(row["scene"]) if row["scene"] in ORDER else len(ORDER))
+        if row["method"] in run.get("methods", MAIN)
+    ]
+    columns = {name: header for name, header in SHOWN.items() if any(row.get(name) for row in rows)}
+    if any("executed" in row for row in rows):
+        columns.pop("single", None)  # the share of all that were executed; of one for each object it is `top`
+    labels = ["left out"] if any(row["label"] for row in rows) else []
+    table = [
+        [
+            *([row["label"]] if labels else []),
+            row["scene"],
+            method_name(row["method"]),
+            *(text(row, each) for each in columns),
+        ]
+        for row in rows
+    ]
+    return Table([*labels, "scene", "method", *columns.values()], table, labels=2 + len(labels)).markdown()
+
+
+def groups_table(rows: list[Row]) -> str:
+    """Rates by group, a column for each scene."""
+    scenes = list(dict.fromkeys(row["scenes"] for row in rows))
+    cells = {(row["group"], row["scenes"]): text(row, "rate") for row in rows}
+    groups = dict.fromkeys(row["group"] for row in rows)
+    table = [[group, *(cells.get((group, scene), "") for scene in scenes)] for group in groups]
+    return Table(["setting", *scenes], table, labels=1).markdown()
+
+
+def made_with(rows: list[Row], stem: str, link: str = "data") -> str:
+    """Objects, draws, seed, version and machine of a table, and where all of its figures are."""
+    if not rows:
+        return ""
+    row = rows[0]
     return (
-        "# Executed in physics: with parts left out\n\n"
-        "Each run draws anew without that part. Top-ranked: share of all objects whose best verified draw succeeds in "
-        f"physics. In %; in brackets, 95 % intervals over objects. {Path(first['objects']).name}, {first['num']} draws for "
-        f"each object and scene, seed {first['seed']}, dexnudge {reports[0]['versions']['dexnudge']}.\n\n"
-        f"{markdown_table(header, rows, names=2)}\n"
+        f"{row['objects']} objects of `{row['set']}`, {row['draws_each']} draws each, seed {row['seed']}, dexnudge "
+        f"{row['version']}, {row['machine']}: [{stem}.csv]({link}/{stem}.csv)."
     )
 
 
-def readme_table(report: dict[str, Any], executed: Rates, lifted: Rates) -> str:
-    """Rates [%] with 95 % intervals over objects, beside the paper's."""
-    config = report["config"]
-    header = ["scene", "method", "single draw", "single, robust", "top-ranked", "robust"]
-    header += ["pushed in physics", "slid, grasped, lifted", "the paper, its own scenes"]
-    rows = [f"| {' | '.join(header)} |", "|---|---|---:|---:|---:|---:|---:|---:|---:|"]
-    order = [(scene, method) for scene in config["scenes"] for method in MAIN]
-    shown = [line for line in report["lines"] if line.get("part", WITH_BASE) == WITH_BASE]  # evaluate has no parts
-    lines = {(line["scene"], line["method"]): line for line in shown}
-    for key in order:
-        if key in lines:
-            line = lines[key]
-            cells = [percent(line[name]) for name in ("single", "single_robust", "top", "top_robust")]
-            cells += [percent(played[key]) if key in played else "" for played in (executed, lifted)]
-            paper = (
-                f"{TABLE_1[line['scene']][FULL]}"
-                if line["method"] == STEERED_NOISE and line["scene"] in TABLE_1
-                else ""
-            )
-            rows.append(f"| {line['scene']} | {method_name(line['method'])} | {' | '.join(cells)} | {paper} |")
-    objects = max(line["objects"] for line in shown)
-    note = (
-        f"\n% of everything attempted, 95 % intervals over objects: {objects} objects of `{Path(config['objects']).name}`, "
-        f"{config['num']} draws each, seed {config['seed']}. [All methods and reasons for rejection](docs/results.md)."
+def text(row: Row | None, column: str) -> str:
+    """A figure with its interval; empty where there is none."""
+    if row is None or not row.get(column):
+        return ""
+    numbers = [float(row[name]) for name in (column, f"{column}_low", f"{column}_high") if row.get(name)]
+    digits = NOT_PERCENT.get(column)
+    if digits is None:
+        value, *ends = (100 * number for number in numbers)
+        return f"{value:.1f}" + (f" ({ends[0]:.0f}–{ends[1]:.0f})" if len(ends) == 2 else "")
+    return f"{numbers[0]:.{digits}f}" + (
+        f" ({numbers[1]:.{digits}f}–{numbers[2]:.{digits}f})" if len(numbers) == 3 else ""
     )
-    return "\n".join(rows) + "\n" + note
 
 
-def percent(rate: dict[str, float]) -> str:
-    """A rate with its interval."""
-    return f"{100 * rate['value']:.1f} ({100 * rate['low']:.0f}–{100 * rate['high']:.0f})"
+def read(file: Path) -> list[Row]:
+    """The rows of a CSV file."""
+    with file.open(encoding="utf-8", newline="") as lines:
+        return list(csv.DictReader(lines))
+
+
+def _of(data: dict[str, list[Row]], run: str, kind: str) -> list[Row]:
+    """Rows of a run; of a reproduction, those with the forearm."""
+    rows = data.get(f"{run}-{kind}" if kind else run, [])
+    return [row for row in rows if row.get("part", WITH_BASE) == WITH_BASE]
+
+
+def _flat(group: dict[str, Any]) -> dict[str, Any]:
+    rate = group["rate"]
+    return {**group, "rate": rate["value"], "rate_low": rate["low"], "rate_high": rate["high"]}
 
 
 if __name__ == "__main__":

@@ -18,19 +18,20 @@ def test_an_experiment_is_executed_and_a_second_call_computes_nothing_anew(dexnu
     assert outcome.code == 0
     assert "# Executed in physics" in outcome.out
     rows = [json.loads(line) for line in (out / "executed" / "results.jsonl").read_text().splitlines()]
-    assert {row["object"]: row["status"] for row in rows} == {"box": "executed", "broken": "failed"}
+    assert {row["object"]: row["status"] for row in rows} == {"box": "done", "broken": "failed"}
     (box,) = (row for row in rows if row["object"] == "box")
     (own,) = (
         row for row in map(json.loads, (out / "results.jsonl").read_text().splitlines()) if row["object"] == "box"
     )
     assert box["verified"] == sum(own["success"])
-    assert len(box["configurations"]) == min(2, box["verified"]) > 0
-    assert [each["force_margin"] for each in box["configurations"]] == own["force_margin"][: len(box["configurations"])]
-    first = box["configurations"][0]
-    assert len(first["changed"]) == 6
-    (line,) = json.loads((out / "executed.json").read_text())["lines"]
-    assert (line["objects"], line["failed"]) == (2, 1)
-    assert line["top"]["value"] == 0.5 * first["success"]
+    assert len(box["executed"]) == min(2, box["verified"]) > 0
+    assert [each["force_margin"] for each in box["executed"]] == own["force_margin"][: len(box["executed"])]
+    first = box["executed"][0]
+    assert len(first["disturbed"]) == 6
+    (row,) = json.loads((out / "executed" / "report.json").read_text())["metrics"]
+    assert (row["objects"], row["failed"]) == (2, 1)
+    assert row["top"]["value"] == 0.5 * (first["outcome"] == "success")
+    assert row["length_asked_mm"]["value"] == pytest.approx(1e3 * first["length_asked"])
     before = (out / "executed" / "results.jsonl").read_bytes()
     again = dexnudge(*command, *options)
     assert again.out.partition("# Executed")[2] == outcome.out.partition("# Executed")[2]

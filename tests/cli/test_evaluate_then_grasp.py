@@ -19,16 +19,16 @@ def test_an_experiment_is_lifted_and_goes_on_where_it_was_stopped(dexnudge, tmp_
     assert "# Slid, grasped, lifted" in outcome.out
     file = out / "lifted" / "results.jsonl"
     rows = {row["object"]: row for row in map(json.loads, file.read_text().splitlines())}
-    assert {name: row["status"] for name, row in rows.items()} == {"box": "played", "broken": "failed"}
-    box, last = rows["box"], rows["box"]["tries"][-1]
+    assert {name: row["status"] for name, row in rows.items()} == {"box": "done", "broken": "failed"}
+    box, last = rows["box"], rows["box"]["attempts"][-1]
     own = next(row for row in map(json.loads, (out / "results.jsonl").read_text().splitlines()) if row["success"])
     assert (box["verified"], box["seed"]) == (sum(own["success"]), own["seed"])
-    assert 1 <= len(box["tries"]) <= 2
+    assert 1 <= len(box["attempts"]) <= 2
     assert last["phase"] == ""
     assert last["least_held"] >= 0.08
-    (line,) = json.loads((out / "lifted.json").read_text())["lines"]
-    assert (line["objects"], line["failed"]) == (2, 1)
-    assert line["lifted"]["value"] == 0.5
+    (row,) = json.loads((out / "lifted" / "report.json").read_text())["metrics"]
+    assert (row["objects"], row["failed"]) == (2, 1)
+    assert row["lifted"]["value"] == 0.5
     file.write_text(json.dumps(rows["broken"]) + "\n" + json.dumps(box)[:40])
     assert dexnudge(*command, *options).code == 0
     again = {row["object"]: row for row in map(json.loads, file.read_text().splitlines())}

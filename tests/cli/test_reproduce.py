@@ -31,7 +31,7 @@ def rows(out: Path) -> list[bytes]:
         (["--parts", "harder"], "unknown part 'harder'; expected some of with_base, without_base"),
         (
             ["--methods", "mine"],
-            "no part of this run has the method 'mine'; expected some of ours, random_start_projection",
+            "no part of this run has the method 'mine'; expected some of steered_noise, random_start_projection",
         ),
         (["--prediction-weights", "epsilon"], "got 'epsilon'; expected NAME=DIR with a name of letters"),
         (["--prediction-weights", "a/b=c"], "got 'a/b=c'; expected NAME=DIR with a name of letters"),
@@ -61,10 +61,8 @@ def test_a_killed_run_goes_on_and_reports(tmp_path):
     command = [sys.executable, "-m", "dexnudge", "reproduce", *map(str, options), "--out", str(out)]
 
     process = subprocess.Popen(command, stdout=subprocess.DEVNULL, stderr=subprocess.DEVNULL)
-    deadline = time.monotonic() + 120
     while len(rows(out)) < 3:
         assert process.poll() is None
-        assert time.monotonic() < deadline
         time.sleep(0.02)
     process.send_signal(signal.SIGKILL)
     process.wait()
@@ -77,13 +75,13 @@ def test_a_killed_run_goes_on_and_reports(tmp_path):
     found = [json.loads(line) for line in after]
     methods = [(row["method"], index >= 8) for index, row in enumerate(found)]
     assert len(methods) == len(set(methods)) == 12
-    assert all(row["status"] == "sampled" and len(row["success"]) == row["num"] == 2 for row in found)
+    assert all(row["status"] == "done" and len(row["success"]) == row["num"] == 2 for row in found)
     assert all(len(flags) == 2 for row in found for flags in row["swept"].values())
     assert [len(row["swept"]) for row in found] == [6] * 8 + [0] * 4
     report = (out / "report.md").read_text()
     assert done.stdout.startswith(report)
-    assert "| table | dexnudge | 1 | 0 | 2 |" in report
+    assert "| table | dexnudge | 1 | 0 | 2 |" in (out / "with_base" / "report.md").read_text()
     assert "nearest training pose + projection: needs a dataset, --data DIR" in report
-    pictures = set(re.findall(r"\]\((plots/failure[^)]+)\)", report))
-    assert {f"plots/{path.name}" for path in (out / "plots").glob("failure-*.png")} == pictures
+    pictures = set(re.findall(r"\]\((pictures/failure[^)]+)\)", report))
+    assert {f"pictures/{path.name}" for path in (out / "pictures").glob("failure-*.png")} == pictures
     assert pictures or "No draw of dexnudge was rejected." in report

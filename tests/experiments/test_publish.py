@@ -1,40 +1,36 @@
 """`benchmarks/publish.py` writes the pages from the reports of either command."""
 
+import csv
 import importlib.util
 import json
+import sys
 from contextlib import closing
 from dataclasses import asdict, replace
 from pathlib import Path
 
 import pytest
+import yaml
 
-from dexnudge.experiments import reproduction_report
+from dexnudge.cli.main import main
 from dexnudge.experiments.config import ExperimentConfig
-from dexnudge.experiments.experiments import FILE, FORMAT_VERSION
+from dexnudge.experiments.execution_trial import ExecutionRecord, ExecutionTrial
+from dexnudge.experiments.records import RecordWriter
 from dexnudge.experiments.report import write_report
-from dexnudge.experiments.reproduction import FILE as REPRODUCTION_FILE
-from dexnudge.experiments.reproduction import FORMAT_VERSION as REPRODUCTION_VERSION
-from dexnudge.experiments.reproduction_parts import ReproductionConfig, parts
-from dexnudge.experiments.reproduction_report import write_reproduction_report
-from dexnudge.experiments.rows import RowWriter
+from dexnudge.experiments.run import FILE, FORMAT_VERSION
+from dexnudge.experiments.sampling_trial import SamplingTrial
 from dexnudge.jobs.folders import claim_folder
 
 SCRIPT = Path(__file__).parents[2] / "benchmarks" / "publish.py"
 README = "before\n<!-- results:begin -->\nold\n<!-- results:end -->\nafter\n"
-STEERED_NOISE = "| table | dexnudge | 25.0 ("  # of the made-up rows
 
 
 @pytest.fixture(scope="module")
-def publish_module():
+def publish():
     spec = importlib.util.spec_from_file_location("publish", SCRIPT)
     module = importlib.util.module_from_spec(spec)
+    sys.modules["publish"] = module
     spec.loader.exec_module(module)
     return module
-
-
-@pytest.fixture(scope="module")
-def publish(publish_module):
-    return publish_module.Publish
 
 
 @pytest.fixture
@@ -46,121 +42,76 @@ def root(tmp_path):
 
 
 @pytest.fixture
-def evaluated(tmp_path, made_up_rows):
-    folder = tmp_path / "evaluated"
-    config = asdict(ExperimentConfig(objects="some", scenes=("table",), num=4))
-    claim_folder(folder, FILE, config, format_version=FORMAT_VERSION, device="cpu")
-    with closing(RowWriter(folder)) as writer:
-        for row in made_up_rows:
-            writer.append(row)
-    write_report(folder)
-    return folder
+def runs(tmp_path, four_records, executed):
+    """The run "test42", and "executed" with executions in it."""
+    for name in ("test42", "executed"):
+        config = asdict(ExperimentConfig(objects="a/some.txt", scenes=("table",), num=4))
+        claim_folder(tmp_path / "runs" / name, FILE, config, format_version=FORMAT_VERSION, device="cpu")
+        with closing(RecordWriter(tmp_path / "runs" / name)) as writer:
+            for record in [*four_records, *(replace(each, method="random_start_projection") for each in four_records)]:
+                writer.append(record)
+        write_report(SamplingTrial(), tmp_path / "runs" / name)
+    claim_folder(tmp_path / "runs/executed/executed", FILE, config, format_version=FORMAT_VERSION, device="cpu")
+    with closing(RecordWriter(tmp_path / "runs/executed/executed")) as writer:
+        common = {"scene": "table", "method": "steered_noise", "seed": 0, "num": 4, "verified": 1}
+        writer.append(ExecutionRecord(object="a", executed=[executed(0, 3.0)], **common))
+        writer.append(ExecutionRecord(object="b", executed=[executed(0, 1.2, "turned")], **common))
+    write_report(ExecutionTrial(), tmp_path / "runs" / "executed")
+    return tmp_path / "runs"
 
 
-@pytest.fixture
-def reproduced(tmp_path, made_up_rows, monkeypatch):
-    """Without the forearm nothing succeeds, so that the README's table shows which part it is made from."""
-    folder = tmp_path / "reproduced"
-    objects = tmp_path / "objects"
-    objects.mkdir()
-    for row in made_up_rows:
-        (objects / f"{row.object}.obj").write_text("")
-    config = ReproductionConfig(objects=str(objects), scenes=("table",), num=4, quick=True)
-    claim_folder(folder, REPRODUCTION_FILE, config.as_json(), format_version=REPRODUCTION_VERSION, device="cpu")
-    for part in parts(config):
-        claim_folder(folder / part.folder, FILE, asdict(part.config), format_version=FORMAT_VERSION, device="cpu")
-        with closing(RowWriter(folder / part.folder)) as writer:
-            for method in part.config.methods:
-                for row in made_up_rows:
-                    success = row.success if part.config.base else [False] * len(row.success)
-                    writer.append(replace(row, method=method, success=success))
-    monkeypatch.setattr(reproduction_report, "picture_rejected", lambda cases, folder: [None] * len(cases))
-    write_reproduction_report(folder)
-    return folder
-
-
-def test_a_run_of_evaluate(publish, root, evaluated):
-    publish((evaluated,), root=root).run()
+def test_tables_say_what_they_were_made_with_and_pages_are_made_from_them(publish, root, runs):
+    publish.Publish(("test42", "executed"), folder=runs, root=root, only_write=True).run()
+    with (root / "docs" / "data" / "test42.csv").open() as file:
+        rows = list(csv.DictReader(file))
+    report = json.loads((runs / "test42" / "report.json").read_text())
+    assert [(row["scene"], row["method"]) for row in rows] == [
+        ("table", "steered_noise"),
+        ("table", "random_start_projection"),
+    ]
+    assert (rows[0]["objects"], rows[0]["set"], rows[0]["draws_each"], rows[0]["seed"]) == ("4", "some.txt", "4", "0")
+    assert rows[0]["version"] == report["versions"]["dexnudge"]
+    assert report["machine"]["processor"] in rows[0]["machine"]
+    assert float(rows[0]["single"]) == report["metrics"][0]["single"]["value"]
     readme = (root / "README.md").read_text()
     assert readme.startswith("before\n<!-- results:begin -->\n| scene |")
     assert readme.endswith("<!-- results:end -->\nafter\n")
-    assert STEERED_NOISE in readme
-    assert "4 objects of `some`, 4 draws each, seed 0" in readme
-    assert (root / "docs" / "results.md").read_text() == (evaluated / "report.md").read_text()
-
-
-def test_a_run_of_reproduce_with_its_plots(publish, root, reproduced, evaluated):
-    publish((reproduced, evaluated), root=root).run()
-    readme = (root / "README.md").read_text()
-    assert STEERED_NOISE in readme
     assert "| table | random start + projection | 25.0 (" in readme
+    assert "4 objects of `some.txt`, 4 draws each, seed 0, dexnudge " in readme
     results = (root / "docs" / "results.md").read_text()
-    assert "](plots/" not in results
-    assert "](images/reproduced-with_base-single.svg)" in results
-    assert results.endswith((evaluated / "report.md").read_text())
-    titles = [line.removeprefix("# ") for line in results.splitlines() if line.startswith("# ")]
-    assert [line.split("](")[0].removeprefix("- [") for line in results.splitlines()[:2]] == titles
-    copied = root / "docs" / "images" / "reproduced-with_base-single.svg"
-    assert copied.read_bytes() == (reproduced / "plots" / "with_base-single.svg").read_bytes()
-    shown = {part.split(")")[0] for part in results.split("](images/")[1:]}
-    assert shown == {file.name for file in (root / "docs" / "images").iterdir()}
+    assert "| top-ranked executed in physics, % | 50.0 (0–100) |" in results
+    assert "| length asked for, mm | 100 (100–100) |" in results
+    assert "| table | dexnudge | 50.0 (0–100) | 100 (100–100) | 90 (90–90) |" in results
+    pictures = {part.split(")")[0] for part in results.split("](images/")[1:]}
+    assert pictures == {"executed-executed-calibration.png"}
+    assert pictures <= {file.name for file in (root / "docs" / "images").iterdir()}
+    with (root / "docs" / "data" / "executed-executed-by-force-margin.csv").open() as file:
+        bins = {(row["scenes"], row["group"]): row["rate"] for row in csv.DictReader(file)}
+    assert (bins["all", "3 (cap)"], bins["table", "1 to 1.25"]) == ("1", "0")
 
 
-def test_rates_in_physics_stand_beside_the_others(publish, root, evaluated, tmp_path):
-    runs = tmp_path / "physics", tmp_path / "elsewhere"
-    for run, value in zip(runs, (0.625, 0.125), strict=True):
-        run.mkdir()
-        top = {"value": value, "low": 0.5, "high": 0.75}
-        (run / "executed.json").write_text(
-            json.dumps({"lines": [{"scene": "table", "method": "steered_noise", "top": top}]})
-        )
-        (run / "executed.md").write_text(f"# Executed {value}\n\n![calibration](calibration.svg)\n")
-        (run / "calibration.svg").write_text(f"<svg>{value}</svg>")
-    lifted = tmp_path / "lifted"
-    lifted.mkdir()
-    rate = {"value": 0.25, "low": 0.0, "high": 0.5}
-    (lifted / "lifted.json").write_text(
-        json.dumps({"lines": [{"scene": "table", "method": "steered_noise", "lifted": rate}]})
-    )
-    (lifted / "lifted.md").write_text("# Lifted\n")
-    publish((evaluated,), executed=runs, lifted=(lifted,), root=root).run()
-    assert " | 62.5 (50–75) | 25.0 (0–50) | 73.2 |" in (root / "README.md").read_text()
-    results = (root / "docs" / "results.md").read_text()
-    assert results.endswith(
-        "# Executed 0.625\n\n![calibration](images/physics-calibration.svg)\n\n"
-        "# Executed 0.125\n\n![calibration](images/elsewhere-calibration.svg)\n\n# Lifted\n"
-    )
-    assert (root / "docs" / "images" / "physics-calibration.svg").read_text() == "<svg>0.625</svg>"
+def test_one_run_is_published_anew_without_the_folders_of_the_others(publish, root, runs):
+    publish.Publish(("test42", "executed"), folder=runs, root=root, only_write=True).run()
+    before = (root / "docs" / "results.md").read_text()
+    publish.Publish(folder=runs / "nowhere", root=root).run()
+    assert (root / "docs" / "results.md").read_text() == before
 
 
-def test_links_to_headings_are_those_that_github_makes(publish_module):
-    texts = ["# Executed: test42.txt\n\nbody", "# With, and without\n", "# Executed: test42.txt\n"]
-    assert publish_module.contents(texts) == (
-        "- [Executed: test42.txt](#executed-test42txt)\n- [With, and without](#with-and-without)\n"
-        "- [Executed: test42.txt](#executed-test42txt-1)\n"
-    )
+def test_a_run_that_is_not_listed_is_refused(publish, root, runs):
+    with pytest.raises(SystemExit, match="no published run is called 'test43'; expected some of test42, "):
+        publish.Publish(("test43",), folder=runs, root=root).run()
 
 
-def test_what_is_left_out_stands_beside_the_whole(publish_module, tmp_path):
-    def run(name, losses, method, value, **changed):
-        folder = tmp_path / name
-        folder.mkdir()
-        rate = {"value": value, "low": 0.5, "high": 0.75}
-        config = {"objects": "a/some.txt", "max_objects": 4, "num": 8, "seed": 1, "losses": losses} | changed
-        line = {"scene": "shelf", "method": method, "objects": 4, "unverified": 1, "top": rate}
-        report = {"config": config, "versions": {"dexnudge": "1.2.3"}, "lines": [line]}
-        (folder / "executed.json").write_text(json.dumps(report))
-        (folder / "report.json").write_text(json.dumps({"lines": [{**line, "single": {**rate, "value": value / 2}}]}))
-        return folder
+def test_every_published_command_is_one_that_the_command_line_takes(publish, tmp_path, capsys, monkeypatch):
+    """Each gets as far as looking for its objects."""
+    monkeypatch.chdir(tmp_path)
+    for name, run in yaml.safe_load(publish.RUNS.read_text()).items():
+        command = run["command"].replace("builtin:test", "nowhere.txt").split()
+        command += ["--objects", "nowhere.txt"] if "--objects" not in command else []
+        assert main([*command, "--out", str(tmp_path / "out")]) == 2, name
+        assert "no such set of objects" in capsys.readouterr().err, name
 
-    whole, without = run("whole", None, "steered_noise", 0.75), run("without", {"sweep": 0.0}, "steered_noise", 0.5)
-    raw = run("raw", None, "guidance_only", 0.25)
-    text = publish_module.effects_table((whole, without, raw))
-    assert "some.txt, 8 draws for each object and scene, seed 1, dexnudge 1.2.3." in text
-    assert text.splitlines()[-3:] == [
-        "| dexnudge | shelf | 4 | 37.5 (50–75) | 1 | 75.0 (50–75) |",
-        "| dexnudge, weight sweep 0 | shelf | 4 | 25.0 (50–75) | 1 | 50.0 (50–75) |",
-        "| dexnudge, not projected | shelf | 4 | 12.5 (50–75) | 1 | 25.0 (50–75) |",
-    ]
-    with pytest.raises(SystemExit, match="differ in objects"):
-        publish_module.effects_table((whole, run("other", None, "steered_noise", 0.5, num=16)))
+
+def test_the_published_page_is_short():
+    page = SCRIPT.parents[1] / "docs" / "results.md"
+    assert len(page.read_text(encoding="utf-8").splitlines()) <= 150

@@ -1,54 +1,159 @@
-"""The report of an experiment, from rows whose rates are known by hand."""
+"""Reports, from records whose figures are known by hand."""
 
+import csv
 import json
 import re
-from dataclasses import asdict
+from contextlib import closing
+from dataclasses import asdict, replace
 
+import numpy as np
 import pytest
+from PIL import Image
 
-from dexnudge.errors import InputError
+from dexnudge.errors import InputError, OutputError
+from dexnudge.experiments import report
+from dexnudge.experiments.charts import calibration_chart, interval_chart
 from dexnudge.experiments.config import ExperimentConfig
-from dexnudge.experiments.experiments import FILE, FORMAT_VERSION
+from dexnudge.experiments.execution_trial import ExecutionRecord, ExecutionTrial
+from dexnudge.experiments.metrics import GroupRate
+from dexnudge.experiments.records import RecordWriter
 from dexnudge.experiments.report import write_report
-from dexnudge.experiments.rows import RowWriter
+from dexnudge.experiments.run import FILE, FORMAT_VERSION
+from dexnudge.experiments.sampling_trial import SamplingTrial
+from dexnudge.experiments.statistics import Estimate
+from dexnudge.experiments.tables import NAMES, csv_text, method_name, method_table
 from dexnudge.jobs.folders import claim_folder
+from dexnudge.sampling.methods import METHODS
+
+SAMPLING = SamplingTrial()
+
+
+def folder_with(folder, records, **options):
+    config = asdict(ExperimentConfig(objects="some", num=4, losses={"sweep": 0.0})) | options
+    claim_folder(folder, FILE, config, format_version=FORMAT_VERSION, device="cpu")
+    with closing(RecordWriter(folder)) as writer:
+        for record in records:
+            writer.append(record)
 
 
 @pytest.fixture
-def folder(tmp_path):
-    """The folder of an experiment that has no rows yet."""
-    config = asdict(ExperimentConfig(objects="some", num=4))
-    claim_folder(tmp_path / "out", FILE, config, format_version=FORMAT_VERSION, device="cpu")
+def out(tmp_path, four_records):
+    folder_with(tmp_path / "out", four_records)
     return tmp_path / "out"
 
 
-def test_files_hold_the_table_and_the_numbers(folder, made_up_rows):
-    writer = RowWriter(folder)
-    for each in made_up_rows:
-        writer.append(each)
-    writer.close()
-    text = write_report(folder)
-    assert (folder / "report.md").read_text() == text
+def test_text_numbers_and_table_hold_the_same_figures(out):
+    text = write_report(SAMPLING, out)
+    assert (out / "report.md").read_text() == text
+    assert "4 draws of each trial, seed 0, hand shadow_lite, dexnudge " in text
+    assert "Losses other than each method's own: sweep 0." in text
     (line,) = [line for line in text.splitlines() if line.startswith("| table | dexnudge | 4 | 1 | 16 | 25.0 (")]
     assert re.search(r"\| 0\.7 \(\d\.\d-\d\.\d\) \|$", line)
-    assert "| dexnudge | `ours` | " in text
-    assert "| table | dexnudge | 8 | 4 |" in text
-    content = json.loads((folder / "report.json").read_text())
-    assert content["lines"][0]["single"]["value"] == 0.25
-    assert content["config"]["objects"] == "some"
-    assert content["versions"]["python"]
+    assert "| table | dexnudge | 8 | 4 |" in text  # rejected by force, and of the failed object
+    content = json.loads((out / "report.json").read_text())
+    (row,) = content["metrics"]
+    assert (row["single"]["value"], row["rejected"]) == (0.25, {"force": 8, "object failed": 4})
+    assert content["config"]["num"] == 4
+    with (out / "report.csv").open() as file:
+        (cells,) = csv.DictReader(file)
+    assert (cells["scene"], cells["method"], cells["objects"], cells["single"]) == (
+        "table",
+        "steered_noise",
+        "4",
+        "0.25",
+    )
+    assert float(cells["single_low"]) == pytest.approx(row["single"]["low"], rel=1e-5)
+    assert cells["rejected.force"] == "8"
 
 
-def test_other_losses_stand_at_the_head(tmp_path, made_up_rows):
-    config = asdict(ExperimentConfig(objects="some", num=4, losses={"sweep": 0.0, "clearance_base": 0.02}))
-    claim_folder(tmp_path / "out", FILE, config, format_version=FORMAT_VERSION, device="cpu")
-    writer = RowWriter(tmp_path / "out")
-    writer.append(made_up_rows[0])
-    writer.close()
-    head = write_report(tmp_path / "out").split("\n|")[0]
-    assert "Losses other than each method's own: sweep 0, clearance_base 0.02. Rates in %" in head
+def test_charts_are_drawn_and_named(out):
+    text = write_report(SAMPLING, out)
+    assert "![Rates](rates.png)" in text
+    assert np.asarray(Image.open(out / "rates.png")).std() > 10
 
 
-def test_no_rows_no_report(folder):
-    with pytest.raises(InputError, match="holds no rows yet"):
-        write_report(folder)
+def test_without_matplotlib_the_report_says_what_to_install(out, monkeypatch):
+    monkeypatch.setattr(report, "AVAILABLE", False)
+    text = write_report(SAMPLING, out)
+    assert "Charts need matplotlib: `pip install 'dexnudge[plots]'`." in text
+    assert "rates.png" not in text
+    assert not (out / "rates.png").exists()
+
+
+def test_a_folder_without_records_or_without_an_experiment_is_refused(tmp_path):
+    with pytest.raises(InputError, match="cannot be read"):
+        write_report(SAMPLING, tmp_path)
+    folder_with(tmp_path / "out", [])
+    with pytest.raises(InputError, match="holds no records yet"):
+        write_report(SAMPLING, tmp_path / "out")
+
+
+def test_a_report_that_cannot_be_written_is_refused(out):
+    (out / "report.json").mkdir()
+    with pytest.raises(OutputError, match="cannot write the report into"):
+        write_report(SAMPLING, out)
+
+
+def test_executions_have_lengths_beside_their_rates_and_a_calibration(out, executed):
+    played = ExecutionRecord(
+        object="a", scene="table", method="steered_noise", seed=0, num=4, verified=2, executed=[executed(0, 3.0)]
+    )
+    folder_with(out / "executed", [played, replace(played, object="b", executed=[executed(0, 1.3, "dropped")])])
+    text = write_report(ExecutionTrial(), out)
+    assert "| scene | method | objects | failed | unverified | top-ranked | length asked, mm | reached, mm |" in text
+    assert "| table | dexnudge | 2 | 0 | 0 | 50.0 (0-100) | 100 (100-100) | 90 (90-90) | 2 | 50.0 (0-100) |" in text
+    assert "| 3 (cap) | 100.0 (100-100), n = 1 | 100.0 (100-100), n = 1 |" in text
+    assert (out / "executed" / "calibration.png").exists()
+    bins = json.loads((out / "executed" / "report.json").read_text())["sections"]["By force margin"]["all"]
+    assert bins["3 (cap)"] == {"number": 1, "objects": 1, "rate": {"value": 1.0, "low": 1.0, "high": 1.0}}
+    assert "drawn otherwise" not in text
+
+
+def test_draws_that_are_not_those_of_the_experiment_are_counted(out):
+    other = ExecutionRecord(object="a", scene="table", method="steered_noise", seed=0, num=4, verified=1)
+    folder_with(out / "executed", [other])
+    assert "1 trials drew otherwise than the experiment's own, as another machine or version does." in write_report(
+        ExecutionTrial(), out
+    )
+
+
+def test_names_are_of_methods_that_exist_and_no_two_are_alike():
+    assert set(NAMES) <= set(METHODS)
+    assert len({method_name(method) for method in METHODS}) == len(METHODS)
+    lines = method_table(["steered_noise", "unguided", "steered_noise"]).markdown().splitlines()
+    assert [line.split(" | ")[1] for line in lines[2:]] == ["`steered_noise`", "`unguided`"]
+
+
+def test_infinite_and_missing_numbers_are_empty_cells():
+    text = csv_text([{"a": Estimate(1.0, 0.5, np.inf), "b": None}, {"a": Estimate(1.0, 1.0, 1.0), "b": {"x": 2}}])
+    assert text == "a,a_low,a_high,b,b.x\n1,0.5,,,\n1,1,1,,2\n"
+
+
+class TestCharts:
+    """What is drawn, read from matplotlib's own objects."""
+
+    def test_bars_and_lines_are_as_long_as_their_numbers(self):
+        groups = {
+            "one": {"a": Estimate(0.8, 0.7, 0.9), "b": Estimate(0.0, 0.0, 0.0)},
+            "two": {"a": Estimate(1.0, 0.4, 1.0)},
+        }
+        (axes,) = interval_chart("Rates", groups, label="success [%]", share=True).axes
+        assert [bar.get_width() for bar in axes.patches] == pytest.approx([80.0, 0.0, 100.0])
+        assert [tuple(line.get_xdata()) for line in axes.lines] == [(70.0, 90.0), (0.0, 0.0), (40.0, 100.0)]
+        assert [label.get_text() for label in axes.get_yticklabels()] == ["a", "b", "a"]
+        assert axes.get_xlim() == (0.0, 100.0)
+
+    def test_infinite_ends_are_cut_at_the_scale(self):
+        bars = {"one": {"fast": Estimate(2.0, 1.0, np.inf), "endless": Estimate(np.inf, 1.0, np.inf)}}
+        (axes,) = interval_chart("Speed", bars, label="1/s").axes
+        assert all(bar.get_width() <= axes.get_xlim()[1] for bar in axes.patches)
+
+    def test_a_calibration_has_a_point_for_each_group_that_has_outcomes(self):
+        groups = {
+            "all": {"low": GroupRate(3, 2, Estimate(0.5, 0.2, 0.8)), "high": GroupRate(1, 1, Estimate(1.0, 1.0, 1.0))}
+        }
+        (axes,) = calibration_chart("Executed", ["low", "middle", "high"], groups).axes
+        points = next(line for line in axes.lines if line.get_marker() == "o")
+        assert list(points.get_xdata()) == [0, 2]
+        assert list(points.get_ydata()) == [50.0, 100.0]
+        assert {text.get_text() for text in axes.texts} == {"3", "1"}

@@ -1,87 +1,43 @@
-"""A reproduction asks for every row, goes on where it was stopped, and reports every row that it asked for."""
+"""A reproduction asks for every trial, goes on where it was stopped, and reports every figure that it asked for."""
 
 import json
-from dataclasses import replace
-from xml.etree import ElementTree
+import re
+from contextlib import closing
+from dataclasses import asdict, replace
 
 import pytest
 
 from dexnudge.errors import InputError, OutputError
-from dexnudge.experiments import experiments, reproduction_report
-from dexnudge.experiments.method_names import method_name
-from dexnudge.experiments.paper_tables import TABLE_1, TABLE_2
-from dexnudge.experiments.rejected_pictures import RejectedDraw
-from dexnudge.experiments.reproduction import read_reproduction, run_reproduction
-from dexnudge.experiments.reproduction_parts import (
-    HARD_SCENES,
-    MAIN,
-    NEW_SCENES,
-    ReproductionConfig,
-    left_out,
-    parts,
-)
-from dexnudge.experiments.reproduction_report import write_reproduction_report
-from dexnudge.experiments.rows import FILE, Row, read_rows
-from dexnudge.experiments.sweeps import SWEEPS, setting_name
+from dexnudge.experiments.comparisons import MAIN
+from dexnudge.experiments.config import ExperimentConfig, trial_keys
+from dexnudge.experiments.disturbances import VERIFIED_AT, setting_name
+from dexnudge.experiments.records import RecordWriter
+from dexnudge.experiments.reproduction import HARD_SCENES, NEW_SCENES, ReproductionConfig, left_out, parts, reproduce
+from dexnudge.experiments.run import FILE, FORMAT_VERSION
+from dexnudge.experiments.sampling_records import SamplingRecord
+from dexnudge.experiments.tables import method_name
+from dexnudge.jobs.folders import claim_folder
 from dexnudge.sampling.methods import METHODS
 
+COMMON = ExperimentConfig(objects="builtin:test", max_objects=3, scenes=("table", "shelf", "slot"), num=8, data="data")
 CONFIG = ReproductionConfig(
-    max_objects=3,
-    scenes=("table", "shelf", "slot"),
-    num=8,
-    grasp_weights="grasps",
-    prediction_weights={"epsilon": "noise", "sample": "clean"},
-    data="data",
+    common=COMMON, grasp_weights="grasps", prediction_weights={"epsilon": "noise", "sample": "clean"}
 )
-SIZES = {"with_base": 15 * 9, "without_base": 6 * 9, "grasps_only": 9, "predictions-epsilon": 9}
-SIZES |= {"predictions-sample": 9, "hard": 2 * 12, "generalisation": 2 * 9}
-SETTINGS = [setting_name(quantity, factor) for quantity, factors in SWEEPS.items() for factor in factors]
+FOLDERS = [
+    "with_base",
+    "without_base",
+    "grasps_only",
+    "predictions-epsilon",
+    "predictions-sample",
+    "hard",
+    "generalisation",
+]
+SETTINGS = [setting_name(quantity, factor) for quantity, factors in VERIFIED_AT.items() for factor in factors]
+GOOD = {"steered_noise": 7, "paper": 4, "guidance_only": 1}  # of 8 draws; 2 of every other method
 
 
-class InstantRowMaker:
-    """Rows without sampling; the first object fails in the slot."""
-
-    made: list[tuple[str, ...]] = []  # noqa: RUF012  shared on purpose: the test looks at it
-
-    def __init__(self, config):
-        self.config = config
-
-    def __call__(self, task):
-        self.made.append((task.object, task.scene, task.method, self.config.base, self.config.weights))
-        if task.scene == "slot" and task.object == "phone-200":
-            return experiments.failed_row(self.config, task, "SceneError: too thick")
-        good = {"steered_noise": 7, "paper": 4, "guidance_only": 1}.get(task.method, 2)
-        success = [True] * good + [False] * (8 - good)
-        return Row(
-            object=task.object,
-            scene=task.scene,
-            method=task.method,
-            status="sampled",
-            num=8,
-            seed=0,
-            success=success,
-            force_margin=[2.0] * good + [0.5] * (8 - good),
-            penetration_mm=[0.5] * 8,
-            own_rank=[*range(8)],
-            joint_diversity=0.2,
-            contact_diversity=0.4,
-            swept=dict.fromkeys(SETTINGS, success),
-            rejected={"force": 8 - good},
-            seconds={"load": 0.1, "prepare": 1.0, "draw": 1.0},
-        )
-
-
-@pytest.fixture(autouse=True)
-def instant(monkeypatch):
-    InstantRowMaker.made = []
-    monkeypatch.setattr(experiments, "RowMaker", InstantRowMaker)
-    monkeypatch.setattr(reproduction_report, "picture_rejected", lambda cases, folder: [None] * len(cases))
-
-
-@pytest.fixture
-def finished(tmp_path):
-    run_reproduction(CONFIG, tmp_path / "out", workers=1)
-    return tmp_path / "out"
+def with_common(**changes):
+    return replace(CONFIG, common=replace(COMMON, **changes))
 
 
 def test_every_method_is_asked_for_with_the_forearm_and_the_tables_without():
@@ -90,30 +46,28 @@ def test_every_method_is_asked_for_with_the_forearm_and_the_tables_without():
     assert len(with_base.config.methods) == len(METHODS)
     assert with_base.config.base
     assert not without_base.config.base
-    assert {"steered_noise", "guidance_only", "grasp_projection", "random_start_projection"} <= set(
-        without_base.config.methods
-    )
+    assert {*MAIN, "guidance_only", "grasp_projection"} <= set(without_base.config.methods)
     assert without_base.config.data is None
     assert (grasps.config.methods, grasps.config.weights) == (("grasp_projection",), "grasps")
-    assert all(part.config.num == 8 and part.config.sweep == (part is with_base) for part in [with_base, without_base])
+    assert [part.config.sweep for part in (with_base, without_base)] == [True, False]
 
 
 def test_hard_and_new_scenes_and_other_models_have_parts_of_their_own():
     found = {part.folder: part.config for part in parts(CONFIG)}
-    assert list(found) == list(SIZES)
+    assert list(found) == FOLDERS
     assert (found["hard"].scenes, found["hard"].methods) == (HARD_SCENES, MAIN)
     assert (found["generalisation"].scenes, found["generalisation"].methods) == (NEW_SCENES, MAIN)
     for name, folder in CONFIG.prediction_weights.items():
-        theirs = found[f"predictions-{name}"]
-        assert (theirs.weights, theirs.methods) == (folder, ("steered_noise",))
-        assert replace(theirs, weights=None, methods=()) == replace(
-            found["with_base"], methods=(), sweep=False, data=None
-        )
+        assert found[f"predictions-{name}"] == replace(COMMON, weights=folder, methods=("steered_noise",), data=None)
+
+
+def test_another_hand_is_that_of_every_part():
+    assert {part.config.hand for part in parts(with_common(hand="shadow_full"))} == {"shadow_full"}
 
 
 def test_what_a_run_cannot_have_is_named():
     assert left_out(CONFIG) == []
-    bare = replace(CONFIG, data=None, grasp_weights=None, prediction_weights={}, quick=True)
+    bare = ReproductionConfig(common=replace(COMMON, data=None), quick=True)
     asked = {method for part in parts(bare) for method in part.config.methods}
     assert left_out(bare) == [
         "part hard: left out by --quick",
@@ -133,136 +87,116 @@ def test_parts_and_methods_are_chosen():
     ]
     assert "part grasps_only: left out by --parts" in left_out(some)
     assert "MPGD + projection: left out by --methods" in left_out(some)
-    with pytest.raises(InputError, match="unknown part 'harder'; expected some of with_base, without_base"):
+    with pytest.raises(InputError, match="unknown part 'harder'"):
         parts(replace(CONFIG, parts=("harder",)))
-    with pytest.raises(InputError, match=r"has the method 'nearest_pose'; expected some of ours, .*needs --data"):
-        parts(replace(CONFIG, data=None, methods=("nearest_pose",)))
-    with pytest.raises(InputError, match="grasps_only needs --grasp-weights"):
+    with pytest.raises(InputError, match=r"has the method 'nearest_pose'; expected some of .*needs `data`"):
+        parts(replace(with_common(data=None), methods=("nearest_pose",)))
+    with pytest.raises(InputError, match="grasps_only needs `grasp_weights`"):
         parts(replace(CONFIG, grasp_weights=None, parts=("grasps_only",)))
 
 
-def test_options_are_read_back_as_they_were_written():
-    for config in (CONFIG, replace(CONFIG, parts=("hard",), methods=("steered_noise",))):
-        assert ReproductionConfig.from_json(json.loads(json.dumps(config.as_json()))) == config
+@pytest.fixture(scope="module")
+def finished(tmp_path_factory):
+    """A run in which every trial is recorded; the first object fails in the slot. (folder, text of the report)."""
+    out = tmp_path_factory.mktemp("runs") / "out"
+    claim_folder(out, "reproduction.json", CONFIG.as_claim(), format_version=FORMAT_VERSION, device="cpu")
+    for part in parts(CONFIG):
+        folder, claim = out / part.folder, asdict(part.config)
+        claim_folder(folder, FILE, claim, format_version=FORMAT_VERSION, device="cpu")
+        with closing(RecordWriter(folder)) as writer:
+            for key in trial_keys(part.config):
+                writer.append(_record(key))
+    return out, reproduce(CONFIG, out, workers=1)
 
 
-def test_the_report_has_every_row_that_was_asked_for(finished):
-    text = write_reproduction_report(finished)
-    content = json.loads((finished / "report.json").read_text())
+def _record(key):
+    common = {**key._asdict(), "seed": 0, "num": 8}
+    if key.scene == "slot" and key.object == "phone-200":
+        return SamplingRecord(**common, status="failed", reason="SceneError: too thick")
+    good = GOOD.get(key.method, 2)
+    success = [True] * good + [False] * (8 - good)
+    return SamplingRecord(
+        **common,
+        verified=good,
+        success=success,
+        force_margin=[2.0] * good + [0.5] * (8 - good),
+        penetration_mm=[0.5] * 8,
+        own_rank=[*range(8)],
+        joint_diversity=0.2,
+        contact_diversity=0.4,
+        swept=dict.fromkeys(SETTINGS, success),
+        rejected={"force": 8 - good},
+        seconds={"load": 0.1, "prepare": 1.0, "draw": 1.0},
+    )
+
+
+def test_the_report_has_every_figure_that_was_asked_for(finished):
+    out, text = finished
+    assert (out / "report.md").read_text() == text
+    content = json.loads((out / "report.json").read_text())
     asked = {
         (part.folder, scene, method)
         for part in parts(CONFIG)
         for scene in part.config.scenes
         for method in part.config.methods
     }
-    assert {(line["part"], line["scene"], line["method"]) for line in content["lines"]} == asked
-    assert {(line["part"], line["scene"], line["method"]) for line in content["sweeps"]} == asked
-    assert {line["setting"] for line in content["sweeps"]} == {"as drawn", *SETTINGS}
-    compared = {(each["part"], each["scene"], each["method"]) for each in content["equal_time"]}
-    with_both = ("with_base", "without_base", "hard", "generalisation")
-    assert compared == {key for key in asked if key[0] in with_both}
-    for _, scene, method in asked:
-        assert f"| {scene} | {method_name(method)} | 3 | {int(scene == 'slot')} | 24 |" in text
+    assert {(row["part"], row["scene"], row["method"]) for row in content["metrics"]} == asked
+    for folder in FOLDERS:
+        own = json.loads((out / folder / "report.json").read_text())
+        assert {(folder, row["scene"], row["method"]) for row in own["metrics"]} == {k for k in asked if k[0] == folder}
+        assert f"({folder}/report.md)" in text
+        assert ("At equal time on the wall clock" in own["sections"]) == (folder in FOLDERS[:2] + FOLDERS[-2:])
+    settings = json.loads((out / "with_base" / "report.json").read_text())["sections"]["At other frictions and masses"]
+    assert len({row["setting"] for row in settings}) == 1 + len(SETTINGS)
     assert "- phone-200, slot: SceneError: too thick" in text
     assert "Nothing is missing." in text
-    for plot in ["with_base-single", "with_base-speed", "with_base-sweeps", "hard-single"]:
-        assert f"![{plot}](plots/{plot}.svg)" in text
-        assert ElementTree.parse(finished / "plots" / f"{plot}.svg").getroot().get("width")  # noqa: S314  our own
 
 
 def test_attempted_is_the_denominator_everywhere(finished):
-    write_reproduction_report(finished)
-    content = json.loads((finished / "report.json").read_text())
-    for kind in ("lines", "sweeps"):
-        for line in content[kind]:
-            good = {"steered_noise": 7, "paper": 4, "guidance_only": 1}.get(line["method"], 2)
-            sampled = 2 / 3 if line["scene"] == "slot" else 1.0  # of the objects
-            assert line["single"]["value"] == pytest.approx(good / 8 * sampled)
-            assert line["top"]["value"] == pytest.approx(sampled)
+    for row in json.loads((finished[0] / "report.json").read_text())["metrics"]:
+        done = 2 / 3 if row["scene"] == "slot" else 1.0  # of the objects
+        assert row["single"]["value"] == pytest.approx(GOOD.get(row["method"], 2) / 8 * done)
+        assert row["top"]["value"] == pytest.approx(done)
 
 
 def test_the_papers_numbers_stand_beside_ours(finished):
-    text = write_reproduction_report(finished)
+    text = finished[1]
     assert "| table | dexnudge | with the forearm | 73.2 | 87.5 (88-88) | 100.0 (100-100) | 100.0" in text
     assert "| table | dexnudge | without the forearm | 73.2 | 87.5 (88-88) |" in text
     assert "| shelf | dexnudge, asked for grasps | a model trained on grasps only | 0.0 | 25.0 (25-25) |" in text
     assert (
         "| table | dexnudge, not projected | with the forearm | 26.8 | 0.0 | 100.0 (100-100) | 12.5 (12-12) |" in text
     )
-    assert "| shelf | Eq. 5 + projection | with the forearm | 73.2 | 63.4 |" in text
     assert "| slot | dexnudge | with the forearm |  | " in text
 
 
 def test_the_main_table_has_no_prior_below_ours(finished):
-    text = write_reproduction_report(finished).split("## Main table")[1].split("##")[0]
-    names = [method_name(method) for method in MAIN]
-    scenes = [*CONFIG.scenes, *HARD_SCENES, *NEW_SCENES]
-    lines = [line for line in text.splitlines() if line.startswith("| ")][2:]
-    assert sorted({tuple(line.split(" | ")[:2]) for line in lines}) == sorted(
-        {(f"| {scene}", name) for scene in scenes for name in names}
-    )
-    assert [line.split(" | ")[1] for line in lines[:4]] == names * 2
+    text = finished[1].split("## Main table")[1].split("##")[0]
+    scenes = [*COMMON.scenes, *HARD_SCENES, *NEW_SCENES]
+    found = [line.split(" | ")[:2] for line in text.splitlines() if line.startswith("| ")][2:]
+    assert sorted(map(tuple, found)) == sorted((f"| {scene}", method_name(each)) for scene in scenes for each in MAIN)
 
 
 def test_other_models_stand_beside_the_runs_own(finished):
-    text = write_reproduction_report(finished).split("## Prediction types")[1].split("\n## ")[0]
+    text = finished[1].split("## Prediction types")[1].split("\n## ")[0]
     rows = [line.split(" | ")[:4] for line in text.splitlines() if line.startswith("| table | dexnudge |")]
     assert [row[2] for row in rows] == ["the run's own", "Weights epsilon", "Weights sample"]
-    assert rows[0][3] == "87.5 (88-88)"
 
 
-def test_the_worst_cases_are_shown_with_picture_and_reason(finished, monkeypatch):
-    asked = []
-
-    def pictured(cases, folder):
-        asked.extend(case.row for case in cases)
-        shown = RejectedDraw(
-            folder / "failure-1.png", "force", 0.0, 0.0004, 0.0, 0.73, ("ffdistal", "thdistal"), "thdistal"
-        )
-        return [shown, None, None]
-
-    monkeypatch.setattr(reproduction_report, "picture_rejected", pictured)
-    text = write_reproduction_report(finished).split("## Three failures, and why")[1].split("\n## ")[0]
-    assert len({row.scene for row in asked}) == 3
-    for row in asked:
-        assert f"### {row.object}, {row.scene}: 7 of 8 draws of dexnudge succeed" in text
-    assert text.count("| force | the contacts cannot move the object") == 3
-    assert "![A rejected draw: force](plots/failure-1.png)" in text
-    assert "0.40 mm in object, 0.00 mm in hand itself (deepest: thdistal)" in text
-    assert "ffdistal, thdistal; force margin 0.73, 1 is needed" in text
-
-
-def test_the_two_tables_of_the_paper_agree_where_they_overlap():
-    assert {scene: row[1][1] for scene, row in TABLE_2.items()} == {scene: row[1] for scene, row in TABLE_1.items()}
-
-
-def test_a_second_run_computes_only_what_is_missing(finished):
-    asked = len(InstantRowMaker.made)
-    assert asked == sum(SIZES.values()) == len(InstantRowMaker.made)
-    file = finished / "without_base" / FILE
-    lines = file.read_bytes().splitlines(keepends=True)
-    file.write_bytes(b"".join(lines[:-2]) + lines[-2][:30])
-    with pytest.raises(InputError, match=r"2 of 54 rows of without_base are missing \(first: .*with the same options"):
-        read_reproduction(finished)
-    InstantRowMaker.made.clear()
-    seen = []
-    run_reproduction(CONFIG, finished, workers=1, on_row=lambda row, done, total: seen.append((done, total)))
-    assert len(InstantRowMaker.made) == 2
-    assert seen == [(15 * 9 + 53, asked), (15 * 9 + 54, asked)]
-    assert len(read_rows(finished / "without_base")) == 54
+def test_the_worst_cases_are_shown(finished):
+    worst = re.findall(r"## (\S+), (\S+): 7 of 8 draws of dexnudge\n", finished[1])
+    assert len({scene for _, scene in worst}) == len(worst) == 3
 
 
 def test_other_options_and_other_folders_are_refused(finished, tmp_path):
     with pytest.raises(InputError, match="seed is 0 there and 1 here"):
-        run_reproduction(replace(CONFIG, seed=1), finished, workers=1)
+        reproduce(with_common(seed=1), finished[0], workers=1)
     (tmp_path / "thesis.tex").write_text("years")
     with pytest.raises(OutputError, match="holds no experiment"):
-        run_reproduction(CONFIG, tmp_path, workers=1)
-    with pytest.raises(InputError, match=r"reproduction\.json cannot be read"):
-        write_reproduction_report(tmp_path)
+        reproduce(CONFIG, tmp_path, workers=1)
 
 
 def test_bad_options_are_refused_before_anything_is_written(tmp_path):
     with pytest.raises(InputError, match="unknown scene 'tabel'"):
-        run_reproduction(replace(CONFIG, scenes=("tabel",)), tmp_path / "out", workers=1)
+        reproduce(with_common(scenes=("tabel",)), tmp_path / "out", workers=1)
     assert not (tmp_path / "out").exists()

@@ -1,10 +1,9 @@
-"""What every depth of is known by hand: the hand of five boxes and a block on a floor; and rows of that kind."""
+"""What every depth of is known by hand: the hand of five boxes and a block on a floor."""
 
 import numpy as np
 import pytest
 import trimesh
 
-from dexnudge.experiments.rows import Row
 from dexnudge.scenes.scene import Scene
 
 TIP = 0.011 + 0.032 + 0.03
@@ -32,31 +31,3 @@ def upright() -> np.ndarray:
     q = np.zeros(13)
     q[3] = q[7] = 1.0
     return q
-
-
-@pytest.fixture
-def made_up_rows() -> list[Row]:
-    """Four objects of four draws each, one of which failed; every figure of theirs is easily found by hand."""
-
-    def row(name: str, success: list[bool], margin: list[float], own_rank: list[int], depths: list[float]) -> Row:
-        return Row(
-            object=name,
-            scene="table",
-            method="steered_noise",
-            status="sampled",
-            num=4,
-            seed=0,
-            success=success,
-            force_margin=margin,
-            penetration_mm=depths,
-            own_rank=own_rank,
-            rejected={"force": success.count(False)} if False in success else {},
-            seconds={"load": 9.0, "prepare": 0.5, "draw": 1.0, "verify": 0.5},
-        )
-
-    return [
-        row("a", [True, True, True, False], [3.0, 1.6, 1.2, 2.9], [1, 0, 2, 3], [0.0, 0.0, 0.5, 2.0]),
-        row("b", [True, False, False, False], [1.2, 0.5, 0.5, 0.5], [3, 2, 1, 0], [0.2, 0.3, 0.4, 0.6]),
-        row("c", [False] * 4, [0.5] * 4, [0, 1, 2, 3], [1.5, 4.0, 0.1, None]),
-        Row(object="d", scene="table", method="steered_noise", status="failed", reason="MeshError: no", num=4, seed=0),
-    ]

@@ -2,7 +2,7 @@
 
 from dataclasses import dataclass, field
 from pathlib import Path
-from typing import TYPE_CHECKING, Annotated
+from typing import TYPE_CHECKING, Annotated, Any
 
 from dexnudge.cli.arguments import (
     Count,
@@ -21,9 +21,7 @@ from dexnudge.errors import InputError
 
 if TYPE_CHECKING:
     from dexnudge.experiments.config import ExperimentConfig
-    from dexnudge.experiments.experiment_rows import ExecutionRow
-    from dexnudge.experiments.lift_experiment_rows import LiftRow
-    from dexnudge.experiments.rows import Row
+    from dexnudge.experiments.trial import TrialKind
 
 TRIES = 3  # with --then-grasp, unless given
 
@@ -79,15 +77,29 @@ class Evaluate:
     """With --then-grasp: most tries for each object; 3 unless given."""
 
     def run(self) -> int:
-        """Compute the missing rows, write and print the report."""
+        """Run the missing trials of each kind, write and print their reports."""
         check_at_least(0, seed=self.seed)
         check_at_least(1, num=self.num, workers=self.workers, execute_num=self.execute_num)
         self._check_tries()
         from dexnudge.cli.arguments import stdout
-        from dexnudge.experiments.config import ExperimentConfig
-        from dexnudge.jobs.folders import owned_folder
 
-        config = ExperimentConfig(
+        console = stdout()
+        for report in self._reports():
+            console.print(report, markup=False, soft_wrap=True)
+        console.print(f"written: {self.out}", soft_wrap=True)
+        return 0
+
+    def _check_tries(self) -> None:
+        if self.tries is None:
+            return
+        if not self.then_grasp:
+            raise InputError(f"--tries is {self.tries} without --then-grasp; expected both; add --then-grasp")
+        check_at_least(1, tries=self.tries)
+
+    def _config(self) -> "ExperimentConfig":
+        from dexnudge.experiments.config import ExperimentConfig
+
+        return ExperimentConfig(
             objects=self.objects,
             max_objects=self.max_objects,
             scenes=self.scenes,
@@ -104,86 +116,36 @@ class Evaluate:
             device=self.device,
             losses=self.losses.given() or None,
         )
-        with owned_folder(self.out):
-            self._run(config)
-        stdout().print(f"written: {self.out}", soft_wrap=True)
-        return 0
 
-    def _run(self, config: "ExperimentConfig") -> None:
-        from dexnudge.cli.arguments import stdout
-        from dexnudge.experiments.experiments import run_experiment
-        from dexnudge.experiments.report import write_report
-        from dexnudge.jobs.progress import progress
+    def _kinds(self) -> "list[TrialKind[Any]]":
+        from dexnudge.experiments.sampling_trial import SamplingTrial
 
-        drawn = verified = 0
-        with progress() as bars:
-            bar = bars.add_task("evaluating", total=None)
-
-            def show(row: "Row", finished: int, total: int) -> None:
-                nonlocal drawn, verified
-                drawn += row.num
-                verified += sum(row.success)
-                description = f"drawn {drawn}, verified {verified} ({verified / drawn:.0%})"
-                bars.update(bar, completed=finished, total=total, description=description)
-
-            run_experiment(config, Path(self.out), workers=self.workers, on_row=show)
-        report = write_report(Path(self.out))
-        console = stdout()
-        console.print(report, markup=False, soft_wrap=True)
+        kinds: list[TrialKind[Any]] = [SamplingTrial()]
         if self.execute:
-            console.print(self._executed(config), markup=False, soft_wrap=True)
+            from dexnudge.experiments.execution_trial import ExecutionTrial
+
+            kinds.append(ExecutionTrial(num=self.execute_num, errors=self.execute_errors))
         if self.then_grasp:
-            console.print(self._lifted(config), markup=False, soft_wrap=True)
+            from dexnudge.experiments.lifting_trial import LiftingTrial
 
-    def _check_tries(self) -> None:
-        if self.tries is None:
-            return
-        if not self.then_grasp:
-            raise InputError(f"--tries is {self.tries} without --then-grasp; expected both; add --then-grasp")
-        check_at_least(1, tries=self.tries)
+            kinds.append(LiftingTrial(tries=TRIES if self.tries is None else self.tries))
+        return kinds
 
-    def _executed(self, config: "ExperimentConfig") -> str:
-        """Compute the missing executions; return their report."""
-        from dexnudge.experiments.execution_experiment import run_executions
-        from dexnudge.experiments.experiment_report import write_execution_report
+    def _reports(self) -> list[str]:
+        """Run the missing trials and write their reports, kind by kind."""
+        from dexnudge.experiments.report import write_report
+        from dexnudge.experiments.run import TrialRunner
         from dexnudge.jobs.progress import progress
 
-        succeeded = 0
+        out, kinds = Path(self.out), self._kinds()
         with progress() as bars:
-            bar = bars.add_task("executing", total=None)
+            tasks = {kind: bars.add_task(kind.title, total=None) for kind in kinds}
+            succeeded = dict.fromkeys(kinds, 0)
 
-            def show(row: "ExecutionRow", finished: int, total: int) -> None:
-                nonlocal succeeded
-                succeeded += row.top_succeeded
-                bars.update(
-                    bar, completed=finished, total=total, description=f"executing, {succeeded} top-ranked succeed"
-                )
+            def show(kind: "TrialKind[Any]", record: Any, finished: int, total: int) -> None:
+                succeeded[kind] += kind.succeeded(record)
+                text = f"{kind.title}: {succeeded[kind]} top-ranked succeed"
+                bars.update(tasks[kind], completed=finished, total=total, description=text)
 
-            run_executions(
-                config,
-                Path(self.out),
-                num=self.execute_num,
-                errors=self.execute_errors,
-                workers=self.workers,
-                on_row=show,
-            )
-        return write_execution_report(Path(self.out))
-
-    def _lifted(self, config: "ExperimentConfig") -> str:
-        """Compute the missing lifts; return their report."""
-        from dexnudge.experiments.lift_experiment import run_lifts
-        from dexnudge.experiments.lift_experiment_report import write_lift_report
-        from dexnudge.jobs.progress import progress
-
-        lifted = 0
-        with progress() as bars:
-            bar = bars.add_task("lifting", total=None)
-
-            def show(row: "LiftRow", finished: int, total: int) -> None:
-                nonlocal lifted
-                lifted += row.lifted
-                bars.update(bar, completed=finished, total=total, description=f"lifting, {lifted} lifted")
-
-            tries = TRIES if self.tries is None else self.tries
-            run_lifts(config, Path(self.out), tries=tries, workers=self.workers, on_row=show)
-        return write_lift_report(Path(self.out))
+            runner = TrialRunner(kinds, self._config(), out)
+            return [write_report(kind, out) for kind, _ in runner.run(workers=self.workers, on_record=show)]

@@ -11,6 +11,7 @@ from dexnudge.cli.arguments import (
     OptionalCount,
     OptionalFolder,
     OptionalNumber,
+    Text,
     Units,
     check_at_least,
     metavar,
@@ -18,8 +19,8 @@ from dexnudge.cli.arguments import (
 from dexnudge.errors import InputError
 
 if TYPE_CHECKING:
-    from dexnudge.experiments.reproduction_parts import ReproductionConfig
-    from dexnudge.experiments.rows import Row
+    from dexnudge.experiments.records import TrialRecord
+    from dexnudge.experiments.reproduction import ReproductionConfig
 
 NAME = re.compile(r"[A-Za-z0-9_-]+")
 
@@ -56,6 +57,8 @@ class Reproduce:
     """Unit of the numbers in mesh files."""
     length: OptionalNumber = None
     """Scale every object so that its longest side has this length [m]."""
+    hand: Text = "shadow_lite"
+    """Built-in hand or URDF file."""
     weights: OptionalFolder = None
     """Folder of the model; the shipped one unless given."""
     grasp_weights: OptionalFolder = None
@@ -68,33 +71,31 @@ class Reproduce:
     """Fewer objects, draws and methods: the rows of the paper's tables and the main baselines."""
 
     def run(self) -> int:
-        """Compute the missing rows, write and print the report."""
+        """Run the missing trials, write and print the report."""
         check_at_least(0, seed=self.seed)
         check_at_least(1, workers=self.workers)
         from dexnudge.cli.arguments import stdout
-        from dexnudge.experiments.reproduction import run_reproduction
-        from dexnudge.experiments.reproduction_report import write_reproduction_report
-        from dexnudge.jobs.folders import owned_folder
+        from dexnudge.experiments.reproduction import reproduce
         from dexnudge.jobs.progress import progress
 
-        with owned_folder(self.out), progress() as bars:
+        with progress() as bars:
             bar = bars.add_task("reproducing", total=None)
 
-            def show(row: "Row", finished: int, total: int) -> None:
-                bars.update(bar, completed=finished, total=total, description=f"{row.scene}, {row.method}")
+            def show(record: "TrialRecord", finished: int, total: int) -> None:
+                bars.update(bar, completed=finished, total=total, description=f"{record.scene}, {record.method}")
 
-            run_reproduction(self._config(), Path(self.out), workers=self.workers, on_row=show)
-            report = write_reproduction_report(Path(self.out))
+            report = reproduce(self._config(), Path(self.out), workers=self.workers, on_record=show)
         console = stdout()
         console.print(report, markup=False, soft_wrap=True)
         console.print(f"written: {self.out}", soft_wrap=True)
         return 0
 
     def _config(self) -> "ReproductionConfig":
-        from dexnudge.experiments.reproduction_parts import FULL_NUM, QUICK_NUM, QUICK_OBJECTS, ReproductionConfig
+        from dexnudge.experiments.config import ExperimentConfig
+        from dexnudge.experiments.reproduction import FULL_NUM, QUICK_NUM, QUICK_OBJECTS, ReproductionConfig
 
         num, max_objects = (QUICK_NUM, QUICK_OBJECTS) if self.quick else (FULL_NUM, None)
-        return ReproductionConfig(
+        common = ExperimentConfig(
             objects=self.objects,
             max_objects=max_objects if self.max_objects is None else self.max_objects,
             scenes=self.scenes,
@@ -102,10 +103,14 @@ class Reproduce:
             seed=self.seed,
             units=self.units,
             length=self.length,
+            hand=self.hand,
             weights=self.weights,
+            data=self.data,
+        )
+        return ReproductionConfig(
+            common=common,
             grasp_weights=self.grasp_weights,
             prediction_weights=named_folders(self.prediction_weights),
-            data=self.data,
             parts=self.parts,
             methods=self.methods,
             quick=self.quick,

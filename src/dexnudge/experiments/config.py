@@ -1,27 +1,26 @@
-"""What an experiment evaluates, and the tasks that it consists of."""
+"""What an experiment evaluates, and the trials that it consists of."""
 
 import zlib
 from collections.abc import Collection, Sequence
 from dataclasses import dataclass
+from typing import NamedTuple
 
 import numpy as np
 
 from dexnudge.errors import InputError, UnknownNameError
-from dexnudge.experiments.rows import RowKey
 
 
 @dataclass(frozen=True, kw_only=True)
 class ExperimentConfig:
-    """What is evaluated; two runs with equal configs and versions give the same rows.
+    """What is evaluated; two runs with equal configs and versions give the same records.
 
     Attributes:
         objects: a set as in `resolve_object_set`.
         max_objects: take this many of the set, evenly spaced in its order; None for all.
         scenes: names of scene families.
         methods: names in `sampling.METHODS`.
-        num: draws for each object, scene and method.
-        seed: of the whole experiment; the seed of a row is derived from it, the object and the scene, so that all
-            methods meet the same scenes.
+        num: draws of each trial.
+        seed: of the whole experiment; `trial_seed` derives that of a trial.
         units: of mesh files, unless the set implies a scale.
         length: longest side of every object [m], or None for the size that the set implies.
         hand: built-in name or URDF file.
@@ -31,7 +30,7 @@ class ExperimentConfig:
         data: dataset folder, for methods that start from stored poses.
         device: where sampling runs.
         losses: weights and clearances that differ from each method's own, by their names in `TermWeights`.
-        sweep: whether draws are judged again at other frictions and masses, see `sweeps.SWEEPS`.
+        sweep: whether draws are verified again at other frictions and masses, see `disturbances.DISTURBANCES`.
     """
 
     objects: str
@@ -52,22 +51,16 @@ class ExperimentConfig:
     sweep: bool = False
 
 
-@dataclass(frozen=True)
-class Task:
-    """One row that is still to be computed."""
+class TrialKey(NamedTuple):
+    """What identifies a trial within an experiment."""
 
     object: str
     scene: str
     method: str
 
-    @property
-    def key(self) -> RowKey:
-        """What identifies the row."""
-        return (self.object, self.scene, self.method)
 
-
-def all_tasks(config: ExperimentConfig) -> list[Task]:
-    """Every row that the experiment asks for; those of one object and scene stand together.
+def trial_keys(config: ExperimentConfig) -> list[TrialKey]:
+    """Return every trial of an experiment; those of one object and scene stand together.
 
     Raises:
         InputError: a name, count or loss in the config is not valid. MeshError: the set of objects cannot be found.
@@ -75,24 +68,24 @@ def all_tasks(config: ExperimentConfig) -> list[Task]:
     from dexnudge.sampling.methods import METHODS, find_method
     from dexnudge.scenes.families import scene_families
 
-    for name, count in (("num", config.num), ("max-objects", config.max_objects)):
+    for name, count in (("num", config.num), ("max_objects", config.max_objects)):
         if count is not None and count < 1:
-            raise InputError(f"--{name} is {count}; expected at least 1")
+            raise InputError(f"`{name}` is {count}; expected at least 1")
     _check_names("scene", config.scenes, scene_families())
     _check_names("method", config.methods, METHODS)
     for method in config.methods:
         find_method(method).with_weights(config.losses or {})  # refuses what makes no sense
     return [
-        Task(name, scene, method)
+        TrialKey(name, scene, method)
         for name in _object_names(config)
         for scene in config.scenes
         for method in config.methods
     ]
 
 
-def row_seed(seed: int, task: Task) -> int:
-    """Seed of a row: the same for all methods, another for each object and scene."""
-    parts = [seed, zlib.crc32(task.object.encode()), zlib.crc32(task.scene.encode())]
+def trial_seed(seed: int, key: TrialKey) -> int:
+    """Return the seed of a trial's scene and draws: the same for all methods, so that they meet the same scenes."""
+    parts = [seed, zlib.crc32(key.object.encode()), zlib.crc32(key.scene.encode())]
     return int(np.random.SeedSequence(parts).generate_state(1)[0])
 
 
@@ -105,11 +98,11 @@ def _object_names(config: ExperimentConfig) -> list[str]:
     return [names[index * len(names) // config.max_objects] for index in range(config.max_objects)]
 
 
-def _check_names(what: str, names: Sequence[str], table: Collection[str]) -> None:
+def _check_names(what: str, names: Sequence[str], known: Collection[str]) -> None:
     if not names:
-        raise InputError(f"no {what} is named; expected some of {', '.join(table)}")
+        raise InputError(f"no {what} is named; expected some of {', '.join(known)}")
     for name in names:
-        if name not in table:
-            raise UnknownNameError(f"unknown {what} {name!r}; expected some of {', '.join(table)}")
+        if name not in known:
+            raise UnknownNameError(f"unknown {what} {name!r}; expected some of {', '.join(known)}")
         if list(names).count(name) > 1:
             raise InputError(f"the {what} {name!r} is named twice; expected each once")

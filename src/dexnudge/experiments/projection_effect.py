@@ -1,6 +1,5 @@
-"""What the projection does to contacts and force margin: the same draws judged without it and with it."""
+"""What the projection does to contacts and force margin: the same draws verified before it and after it."""
 
-from dataclasses import replace
 from typing import Any
 
 import numpy as np
@@ -16,20 +15,16 @@ from dexnudge.verification.verdicts import Verdicts, verify
 def projection_effect(
     sampler: Sampler, hand: Hand, scene: Scene, *, num: int, seed: int, method: Method
 ) -> dict[str, dict[str, float | int]]:
-    """`figures` of the draws "before" and "after" the projection; nothing for a method without one.
-
-    Draws `num` configurations twice from the same seed, which the projection does not touch, and judges all of them.
-    """
+    """Return `figures` of `num` draws "before" and "after" the projection; nothing for a method without one."""
     if method.projection is None:
         return {}
-    problem = prepare(scene, device=sampler.device)
-    stages = {"before": replace(method, projection=None), "after": method}
-    drawn = {name: sampler.draw(problem, num=num, seed=seed, method=stage).q for name, stage in stages.items()}
-    return {name: figures(verify(scene, hand, q)) for name, q in drawn.items()}
+    draws = sampler.draw(prepare(scene, device=sampler.device), num=num, seed=seed, method=method)
+    stages = {"before": draws.unprojected, "after": draws.q}
+    return {name: figures(verify(scene, hand, q)) for name, q in stages.items()}
 
 
 def figures(verdicts: Verdicts) -> dict[str, float | int]:
-    """Verified draws, and means over all: links in contact, force margin, deepest of the three penetrations [mm].
+    """Return how many are verified, and means over all: links in contact, force margin, deepest penetration [mm].
 
     A hand that stands in the object touches it all around, so its margin says little: read it with the penetration.
     """

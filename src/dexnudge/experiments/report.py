@@ -1,93 +1,132 @@
-"""The report of an experiment, made from its rows: report.md for people, report.json for programs."""
+"""The report of one kind of trial: report.md for people, report.json and report.csv for programs, and charts."""
 
 import json
-from collections.abc import Mapping
+from collections.abc import Sequence
 from pathlib import Path
 from typing import Any
 
 from dexnudge.errors import InputError, OutputError
-from dexnudge.experiments.experiments import read_experiment
-from dexnudge.experiments.line_tables import measure_table, rate_table, rejection_table, seconds_table
-from dexnudge.experiments.lines import Line, summarise
-from dexnudge.experiments.method_names import method_table
-from dexnudge.experiments.rows import read_rows
-from dexnudge.experiments.statistics import as_json
+from dexnudge.experiments.charts import AVAILABLE, MISSING, interval_chart, save_chart
+from dexnudge.experiments.metrics import Measured, measure
+from dexnudge.experiments.records import Record, TrialRecord, read_records
+from dexnudge.experiments.run import read_run
+from dexnudge.experiments.statistics import Estimate, as_json
+from dexnudge.experiments.tables import csv_text, method_name, method_table, metric_table
+from dexnudge.experiments.trial import Section, TrialKind
 
-REPORT = "report"  # .md and .json
-COLUMNS_EXPLAINED = (
-    "Rates in % of what was attempted; in brackets, 95 % intervals by bootstrap over objects. Top-ranked: verified ones "
-    "first, best first; top of k: of k draws, mean over all choices of k. First: the sampler's own first choice, before "
-    "verification. Robust: with a force margin of at least 1.5."
-)
-MEASURES_EXPLAINED = (
-    "Worst depth: the deepest of object, surroundings and hand itself. Depth and margin: median over an object's draws, "
-    "mean over objects; 95th percentile: over all draws. Spread: of verified draws, mean over the objects with at least "
-    "two. Joint spread: standard deviation, mean over the joints. Contact spread: mean distance of the fingertips' "
-    "contact places from their mean."
-)
+REPORT = "report"  # .md, .json and .csv
+RATES_CHART = "rates.png"
 
 
-def write_report(folder: Path) -> str:
-    """Write both files into the folder of an experiment and return the markdown.
+def write_report(kind: TrialKind[Record], out: Path) -> str:
+    """Write the report of a kind of trial into the folder of its records and return its text.
 
     Raises:
-        InputError: the folder holds no rows, or damaged ones.
+        InputError: the folder holds no records of this kind, or damaged ones.
         OutputError: the folder cannot be written.
     """
-    experiment, rows = read_experiment(folder), read_rows(folder)
-    if not rows:
-        raise InputError(f"{folder} holds no rows yet; expected a folder that `dexnudge evaluate` has worked on")
-    lines = summarise(rows)
-    markdown = as_markdown(lines, experiment)
-    write_report_files(folder, markdown, {**experiment, "lines": [vars(line) for line in lines]})
+    claim, records = read_run(kind, out)
+    if not records:
+        raise InputError(
+            f"{out / kind.folder} holds no records yet; expected a folder that `dexnudge evaluate` worked on"
+        )
+    measured = measure(records, kind.metrics())
+    config = claim["config"]
+    sections = [
+        Section("", f"{setting(config, claim)} {kind.about}", metric_table(measured, kind.tables[""])),
+        Section("Methods", "", method_table(row["method"] for row in measured)),
+        Section("Rates", "", chart=(RATES_CHART, lambda: rates_chart(kind, measured))),
+        *kind.sections(records),
+        *metric_sections(kind, measured),
+        *_drawn_otherwise(kind, out, records),
+        Section("Made with", made_with(claim)),
+    ]
+    title = f"{kind.title}: {Path(config['objects']).name}"
+    numbers = {
+        **claim,
+        "metrics": measured,
+        "sections": {each.title: each.numbers for each in sections if each.numbers},
+    }
+    return write_files(out / kind.folder, title, sections, numbers, measured)
+
+
+def metric_sections(kind: TrialKind[Any], measured: Sequence[Measured]) -> list[Section]:
+    """Return the tables of a kind of trial beside the first."""
+    return [
+        Section(title, explained(metrics), metric_table(measured, metrics))
+        for title, metrics in kind.tables.items()
+        if title
+    ]
+
+
+def explained(metrics: Sequence[Any]) -> str:
+    """Return what metrics are, where it has to be said."""
+    return " ".join(
+        f"{metric.header[:1].upper()}{metric.header[1:]}: {metric.about}." for metric in metrics if metric.about
+    )
+
+
+def rates_chart(kind: TrialKind[Any], measured: Sequence[Measured], *, title: str = "") -> Any:
+    """Return the figure of the kind's main rate by scene and method."""
+    metric = next(metric for metric in kind.metrics() if metric.name == kind.rate)
+    groups: dict[str, dict[str, Estimate]] = {}
+    for row in measured:
+        if isinstance(row[kind.rate], Estimate):
+            groups.setdefault(row["scene"], {})[method_name(row["method"])] = row[kind.rate]
+    return interval_chart(title or f"{kind.title}: {metric.header}", groups, label="success [%]", share=True)
+
+
+def write_files(
+    folder: Path, title: str, sections: Sequence[Section], numbers: dict[str, Any], rows: Sequence[Measured]
+) -> str:
+    """Write a report's text, numbers, table and charts into a folder and return the text."""
+    parts = [f"# {title}"]
+    missing = False
+    for section in sections:
+        drawn = section.chart is not None and AVAILABLE
+        missing |= section.chart is not None and not AVAILABLE
+        if section.chart is not None and AVAILABLE:
+            name, draw = section.chart
+            save_chart(draw(), folder / name)
+        elif section.chart is not None and not (section.text or section.table):
+            continue
+        parts += [f"## {section.title}"] if section.title else []
+        parts += [section.text] if section.text else []
+        parts += [section.table.markdown()] if section.table else []
+        parts += [f"![{section.title}]({section.chart[0]})"] if drawn and section.chart else []
+    markdown = "\n\n".join([*parts, *([MISSING] if missing else [])]) + "\n"
+    texts = {
+        "md": markdown,
+        "json": json.dumps(as_json(numbers), indent=2, allow_nan=False) + "\n",
+        "csv": csv_text(rows),
+    }
+    try:
+        for suffix, text in texts.items():
+            (folder / f"{REPORT}.{suffix}").write_text(text, encoding="utf-8")
+    except OSError as error:
+        raise OutputError(f"cannot write the report into {folder}: {error.strerror or error}") from error
     return markdown
 
 
-def write_report_files(
-    folder: Path, markdown: str, content: dict[str, Any], *, name: str = REPORT, others: Mapping[str, str] | None = None
-) -> None:
-    """Write a report's text and its numbers, NAME.md and NAME.json, and other files of text; OutputError when that fails."""
-    numbers = json.dumps(as_json(content), indent=2, allow_nan=False)
-    texts = {f"{name}.md": markdown, f"{name}.json": numbers + "\n", **(others or {})}
-    try:
-        for file, text in texts.items():
-            (folder / file).write_text(text, encoding="utf-8")
-    except OSError as error:
-        raise OutputError(f"cannot write the report into {folder}: {error.strerror or error}") from error
+def _drawn_otherwise(kind: TrialKind[Any], out: Path, records: Sequence[TrialRecord]) -> list[Section]:
+    """Trials whose draws are not those of the experiment's own records, where these are there."""
+    own = {record.key: record.verified for record in read_records(out, TrialRecord)} if kind.folder else {}
+    number = sum(own.get(record.key, record.verified) != record.verified for record in records)
+    text = f"{number} trials drew otherwise than the experiment's own, as another machine or version does."
+    return [Section("Other draws", text)] if number else []
 
 
-def as_markdown(lines: list[Line], experiment: dict[str, Any]) -> str:
-    """The report as text."""
-    config = experiment["config"]
-    base = "" if config["base"] else " without base"
-    draws = f"{config['num']} draws for each object and scene, seed {config['seed']}, hand {config['hand']}{base}."
-    losses = losses_changed(config)
-    parts = [
-        f"# Success on {Path(config['objects']).name}",
-        f"{draws} {losses}{COLUMNS_EXPLAINED}",
-        rate_table(lines),
-        "## Methods",
-        method_table(line.method for line in lines),
-        "## Depth, force, variety, cost",
-        MEASURES_EXPLAINED,
-        measure_table(lines),
-        "## Why draws were rejected",
-        rejection_table(lines),
-        "## Seconds per object, scene and method",
-        seconds_table(lines),
-        "## Made with",
-        made_with(experiment),
-    ]
-    return "\n\n".join(parts) + "\n"
-
-
-def losses_changed(config: dict[str, Any]) -> str:
-    """A sentence, and the space after it, on losses that are other than the methods' own; "" where none is."""
-    changed = config.get("losses") or {}
-    text = ", ".join(f"{name} {value:g}" for name, value in changed.items())
-    return f"Losses other than each method's own: {text}. " if text else ""
+def setting(config: dict[str, Any], claim: dict[str, Any]) -> str:
+    """Return with what the figures were made: draws, seed, hand, version, processor, losses that were changed."""
+    base = "" if config.get("base", True) else " without base"
+    text = (
+        f"{config['num']} draws of each trial, seed {config['seed']}, hand {config['hand']}{base}, "
+        f"dexnudge {claim['versions']['dexnudge']}, {claim['machine']['processor']}."
+    )
+    changed = ", ".join(f"{name} {value:g}" for name, value in (config.get("losses") or {}).items())
+    return f"{text} Losses other than each method's own: {changed}." if changed else text
 
 
 def made_with(claim: dict[str, Any]) -> str:
-    """Machine and versions in one line."""
+    """Return machine and versions in one line."""
     return "; ".join(f"{key} {value}" for key, value in {**claim["machine"], **claim["versions"]}.items())

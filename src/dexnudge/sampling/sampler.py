@@ -43,10 +43,12 @@ class Draws:
 
     Attributes:
         q: world frame, in the sampler's own order: converged ones first, then least force residual.
+        unprojected: the same draws before the projection, world frame; `q` where the method has none.
         seconds: by stage. report: what guidance and projection did, means over the draws.
     """
 
     q: Float[np.ndarray, "n coordinates"]
+    unprojected: Float[np.ndarray, "n coordinates"]
     seconds: dict[str, float]
     report: dict[str, Any]
 
@@ -224,14 +226,15 @@ class Sampler:
         q = self._start(problem, num, method, generator)
         drawn = time.perf_counter()
         report: dict[str, Any] = {}
+        unprojected = q
         if method.projection is not None:
             q, projection = project(self.hand, problem, q, config=method.projection)
             order = torch.argsort(projection.residual_after + NOT_CONVERGED * (~projection.converged), stable=True)
-            q, report = q[order], _summary(projection)
+            q, unprojected, report = q[order], unprojected[order], _summary(projection)
             if self.terms:
                 report |= {name: float(getattr(projection, name).mean()) for name in ("terms_before", "terms_after")}
         seconds = {"draw": drawn - begin, "project": time.perf_counter() - drawn}
-        return Draws(problem.to_world(q), seconds, report)
+        return Draws(problem.to_world(q), problem.to_world(unprojected), seconds, report)
 
     def _start(
         self, problem: SamplingProblem, num: int, method: Method, generator: torch.Generator

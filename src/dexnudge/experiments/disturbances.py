@@ -1,0 +1,67 @@
+"""Frictions and masses other than they were thought to be, one quantity at a time, and draws verified again there."""
+
+from dataclasses import replace
+
+import numpy as np
+
+from dexnudge.mechanics.contacts import support_contacts
+from dexnudge.mechanics.fast_balance import force_margins
+from dexnudge.mechanics.sliding_task import sliding_task
+from dexnudge.scenes.scene import Scene
+from dexnudge.verification.criteria import SUCCESS_MARGIN
+from dexnudge.verification.verdicts import Verdicts
+
+VERIFIED_AT: dict[str, tuple[float, ...]] = {
+    "friction_environment": (0.5, 1.5),
+    "friction_hand": (0.75, 1.25),
+    "mass": (0.5, 2.0),
+}
+"""Quantity of the scene -> factors at which draws are verified again."""
+EXECUTED_AT: dict[str, tuple[float, ...]] = {
+    "friction_hand": (0.5, 1.5),
+    "friction_environment": (0.5, 1.5),
+    "mass": (0.5, 1.5),
+}
+"""Quantity of the scene -> factors on it in physics, while approach and forces are planned without them."""
+NAMES = {
+    "friction_environment": "friction on the surroundings",
+    "friction_hand": "friction on the hand",
+    "mass": "mass",
+}
+AS_DRAWN = "as drawn"  # the setting for which draws were made, ranked and planned
+BALANCE_REASONS = ("", "force_margin")
+"""Reasons of draws that have passed all that friction and mass do not change; "" is a verified one."""
+
+
+def setting_name(quantity: str, factor: float) -> str:
+    """Return how records call a setting, such as "mass x 2"."""
+    return f"{quantity} x {factor:g}"
+
+
+def setting_text(setting: str) -> str:
+    """Return how reports call it, such as "mass × 2"."""
+    quantity, times, factor = setting.partition(" x ")
+    return f"{NAMES[quantity]} × {factor}" if times else setting
+
+
+def disturbed_scene(scene: Scene, quantity: str, factor: float) -> Scene:
+    """Return the scene with one quantity multiplied."""
+    return replace(scene, **{quantity: factor * getattr(scene, quantity)})
+
+
+def verify_disturbed(scene: Scene, verdicts: Verdicts) -> dict[str, list[bool]]:
+    """Return whether each draw succeeds at each setting of `VERIFIED_AT`, in the order of the verdicts.
+
+    Equal to verifying in `disturbed_scene`: penetration, limits, contacts and supports do not depend on what changes, so
+    only the force balance is solved again.
+    """
+    places = [place for place, reason in enumerate(verdicts.reasons) if reason in BALANCE_REASONS]
+    contacts, supports = [verdicts.contacts[place] for place in places], support_contacts(scene)
+    found: dict[str, list[bool]] = {}
+    for quantity, factors in VERIFIED_AT.items():
+        for factor in factors:
+            margins = force_margins(contacts, supports, sliding_task(disturbed_scene(scene, quantity, factor)))
+            success = np.zeros(len(verdicts.success), dtype=bool)
+            success[places] = (margins.factor[:, 0] >= SUCCESS_MARGIN) & margins.balanced[:, 0]
+            found[setting_name(quantity, factor)] = success.tolist()
+    return found

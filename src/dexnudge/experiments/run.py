@@ -1,0 +1,116 @@
+"""Run the trials of an experiment that are not recorded yet, in several processes."""
+
+from collections.abc import Callable, Iterator, Sequence
+from contextlib import closing
+from dataclasses import asdict, dataclass
+from functools import partial
+from pathlib import Path
+from typing import Any
+
+from dexnudge.errors import DexnudgeError
+from dexnudge.experiments.config import ExperimentConfig, TrialKey, trial_keys
+from dexnudge.experiments.records import Record, RecordWriter, TrialRecord, read_records
+from dexnudge.experiments.trial import TrialKind
+from dexnudge.jobs.folders import claim_folder, owned_folder, read_claim
+from dexnudge.jobs.processes import WorkerDied, run_tasks
+
+FILE = "experiment.json"
+FORMAT_VERSION = 3  # of the file and of the records beside it
+
+OnRecord = Callable[[TrialKind[Any], Any, int, int], None]
+"""Of kind, record, finished and total."""
+
+
+@dataclass(frozen=True)
+class TrialRunner:
+    """Runs the trials of an experiment, one kind after another; resumes where an earlier run was stopped.
+
+    Attributes:
+        kinds: of trial, with their options; records of each lie in its own folder.
+        config: of the experiment.
+        out: its folder; need not hold anything yet. One that holds another experiment is refused.
+    """
+
+    kinds: Sequence[TrialKind[Any]]
+    config: ExperimentConfig
+    out: Path
+
+    def run(self, *, workers: int = 2, on_record: OnRecord | None = None) -> Iterator[tuple[TrialKind[Any], list[Any]]]:
+        """Run what is not recorded yet; yield each kind when it is finished, with all records in the order of `trial_keys`.
+
+        Draws are made anew with the seed of the experiment, which gives the draws of its own records. Where such a record
+        is there and has no verified draw, a kind that needs one has nothing to run.
+
+        Args:
+            workers: number of processes.
+            on_record: called with (kind, record, finished, total) for each new record.
+
+        Raises:
+            InputError: the folder holds another experiment, or one with other options; a name or count is not valid.
+            OutputError: the folder cannot be written, or another run works on it.
+        """
+        keys = trial_keys(self.config)
+        with owned_folder(self.out):
+            for kind in self.kinds:
+                yield kind, self._run(kind, keys, workers, on_record)
+
+    def _run(
+        self, kind: TrialKind[Record], keys: Sequence[TrialKey], workers: int, on_record: OnRecord | None
+    ) -> list[Record]:
+        config, folder = self.config, self.out / kind.folder
+        claim = {**asdict(config), **{f"{kind.record.kind}_{name}": option for name, option in vars(kind).items()}}
+        claim_folder(folder, FILE, claim, format_version=FORMAT_VERSION, device=config.device)
+        records = {record.key: record for record in read_records(folder, kind.record)}
+        drawn = {record.key: record for record in read_records(self.out, TrialRecord)} if kind.needs_verified else {}
+        with closing(RecordWriter(folder)) as writer:
+
+            def add(record: Record) -> None:
+                writer.append(record)
+                records[record.key] = record
+                if on_record:
+                    on_record(kind, record, len(records), len(keys))
+
+            waiting = []
+            for key in [key for key in keys if key not in records]:
+                known = drawn.get(key)
+                if known is None or known.verified:
+                    waiting.append(key)
+                else:
+                    status = "failed" if known.status == "failed" else "unverified"
+                    add(kind.record_without_trial(config, key, status, known.reason, num=known.num))
+            if not waiting:
+                return [records[key] for key in keys]  # nothing is loaded for nothing
+            for key, result in run_tasks(partial(_start, kind, config), waiting, workers=workers, together=_scene_of):
+                if isinstance(result, WorkerDied):
+                    add(kind.record_without_trial(config, key, "failed", result.reason))
+                else:
+                    add(result)
+        return [records[key] for key in keys]
+
+
+def read_run(kind: TrialKind[Record], out: Path) -> tuple[dict[str, Any], list[Record]]:
+    """Return what a run wrote about itself (format_version, config, versions, machine), and its records so far.
+
+    Raises:
+        InputError: a file is missing, damaged or of another format.
+    """
+    folder = out / kind.folder
+    return read_claim(folder, FILE, format_version=FORMAT_VERSION), read_records(folder, kind.record)
+
+
+def _scene_of(key: TrialKey) -> tuple[str, str]:
+    """Trials of one object and scene share what has to be prepared for them."""
+    return key.object, key.scene
+
+
+def _start(kind: TrialKind[Record], config: ExperimentConfig) -> Callable[[TrialKey], Record]:
+    """In a worker: the function that runs a trial, and makes what cannot be read, placed or run a failed one."""
+    run_trial = kind.start(config)
+
+    def run(key: TrialKey) -> Record:
+        try:
+            return run_trial(key)
+        except DexnudgeError as error:
+            return kind.record_without_trial(config, key, "failed", f"{type(error).__name__}: {error}")
+
+    return run
