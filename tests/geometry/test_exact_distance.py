@@ -64,7 +64,6 @@ def test_to_the_surface_it_is_the_same_without_the_sign_as_far_as_it_looks(name)
     exact = ExactDistance(mesh)
     signed, plain, near = exact(points), exact.to_surface(points), exact.to_surface(points, reach=0.005)
     np.testing.assert_array_equal(plain.distance, np.abs(signed.distance))
-    np.testing.assert_array_equal(exact.distance_to_surface(points), plain.distance)
     within = plain.distance < 0.005
     assert within.any()
     assert not within.all()

@@ -63,7 +63,7 @@ def _signed_by_region(
     No surface passes between two neighbouring corners that are both farther than half a cell from it, so a whole region
     of such corners has one sign. The sign, by the winding number, takes several times longer than the distance.
     """
-    values = in_threads(exact.distance_to_surface, corners.reshape(-1, 3))
+    values = in_threads(lambda points: exact.to_surface(points).distance, corners.reshape(-1, 3))
     values = values.reshape(corners.shape[:3])
     far = values > (0.5 + REGION_MARGIN) * cell
     region, count = label(far)

@@ -80,13 +80,6 @@ def _query_surface(
         face[i] = hit.face
 
 
-@wp.kernel(enable_backward=False)
-def _query_distance(mesh: wp.uint64, points: wp.array(dtype=wp.vec3), reach: float, distance: wp.array(dtype=float)):
-    i = wp.tid()
-    hit = wp.mesh_query_point_no_sign(mesh, points[i], reach)
-    distance[i] = wp.length(points[i] - wp.mesh_eval_position(mesh, hit.face, hit.u, hit.v))
-
-
 class ExactDistance:
     """Signed distance of points to one mesh [m], exact to single precision, negative inside.
 
@@ -122,56 +115,24 @@ class ExactDistance:
         Equal to what a call finds, but that no distance is negative; and where nothing lies within `reach` [m] it is
         infinite, and the rest of the hit means nothing.
         """
-        count = len(points)
-        local = wp.array(np.asarray(points - self.origin, dtype=np.float32), dtype=wp.vec3, device=self.device)
-        distance = wp.empty(count, dtype=float, device=self.device)
-        closest = wp.zeros(count, dtype=wp.vec3, device=self.device)
-        face = wp.zeros(count, dtype=int, device=self.device)
-        wp.launch(
-            _query_surface,
-            dim=count,
-            inputs=[self._mesh.id, local, reach],
-            outputs=[distance, closest, face],
-            device=self.device,
-        )
-        return self._hit(distance, closest, face)
+        return self._launch(_query_surface, points, [reach])
 
     def __call__(self, points: Float[np.ndarray, "n 3"]) -> ExactHit:
         """What lies nearest to each point [m, the mesh's frame]."""
+        bounds = [self._low, self._high, WINDING_ACCURACY, INSIDE_WINDING_NUMBER, SEARCH_RADIUS]
+        return self._launch(_query, points, bounds)
+
+    def _launch(self, kernel: Any, points: Float[np.ndarray, "n 3"], inputs: list[Any]) -> ExactHit:
+        """Run a kernel about the mesh's centre and return what it found, in the mesh's frame."""
         count = len(points)
         if count == 0:
             return ExactHit(np.zeros(0), np.zeros((0, 3)), np.zeros((0, 3)), np.zeros(0, dtype=np.int32))
         local = wp.array(np.asarray(points - self.origin, dtype=np.float32), dtype=wp.vec3, device=self.device)
         distance = wp.empty(count, dtype=float, device=self.device)
-        closest = wp.empty(count, dtype=wp.vec3, device=self.device)
-        face = wp.empty(count, dtype=int, device=self.device)
-        wp.launch(
-            _query,
-            dim=count,
-            inputs=[
-                self._mesh.id,
-                local,
-                self._low,
-                self._high,
-                WINDING_ACCURACY,
-                INSIDE_WINDING_NUMBER,
-                SEARCH_RADIUS,
-            ],
-            outputs=[distance, closest, face],
-            device=self.device,
-        )
-        return self._hit(distance, closest, face)
-
-    def distance_to_surface(self, points: Float[np.ndarray, "n 3"]) -> Float[np.ndarray, " n"]:
-        """The distance alone that `to_surface` finds [m]."""
-        local = wp.array(np.asarray(points - self.origin, dtype=np.float32), dtype=wp.vec3, device=self.device)
-        distance = wp.empty(len(points), dtype=float, device=self.device)
-        inputs = [self._mesh.id, local, SEARCH_RADIUS]
-        wp.launch(_query_distance, dim=len(points), inputs=inputs, outputs=[distance], device=self.device)
-        return distance.numpy().astype(np.float64)
-
-    def _hit(self, distance: Any, closest: Any, face: Any) -> ExactHit:
-        """The kernels' arrays in the mesh's frame."""
+        closest = wp.zeros(count, dtype=wp.vec3, device=self.device)
+        face = wp.zeros(count, dtype=int, device=self.device)
+        outputs = [distance, closest, face]
+        wp.launch(kernel, dim=count, inputs=[self._mesh.id, local, *inputs], outputs=outputs, device=self.device)
         faces = face.numpy()
         return ExactHit(
             distance.numpy().astype(np.float64),

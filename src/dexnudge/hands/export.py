@@ -101,15 +101,8 @@ def _add_motors(model: Element, hand: Hand) -> None:
         for element, sign in ((order, -1.0), (shared, 1.0)):
             SubElement(element, "joint", joint=follower, coef="1")
             SubElement(element, "joint", joint=leader, coef=numbers([sign]))
-        limits = numbers([hand.lower[pair].sum(), hand.upper[pair].sum()])
-        SubElement(
-            actuator,
-            "position",
-            gains,
-            name=shared.get("name") or "",
-            tendon=shared.get("name") or "",
-            ctrlrange=limits,
-        )
+        limits, name = numbers([hand.lower[pair].sum(), hand.upper[pair].sum()]), f"{follower}+{leader}"
+        SubElement(actuator, "position", gains, name=name, tendon=name, ctrlrange=limits)
 
 
 MESH_FOLDER = "meshes"

@@ -181,12 +181,17 @@ class Hand:
             return FINGERTIP_SPACING
         return DIGIT_SPACING if self.digit_of_link[self.link_names[link]] else PALM_SPACING
 
+    @property
+    def _zero(self) -> Float[Tensor, "1 coordinates"]:
+        """The configuration with the root at the origin and all joint angles 0."""
+        zero = torch.zeros(1, ROOT_COORDINATES + self.num_joints, dtype=torch.float64)
+        zero[0, 3], zero[0, 7] = 1.0, 1.0
+        return zero
+
     @cached_property
     def finger_axis(self) -> Float[np.ndarray, " 3"]:
         """Unit direction in which the digits point at zero joint angles, perpendicular to the palm normal; palm frame."""
-        zero = torch.zeros(1, ROOT_COORDINATES + self.num_joints, dtype=torch.float64)
-        zero[0, 3], zero[0, 7] = 1.0, 1.0
-        mean = self.keypoints(zero)[0].mean(dim=0).numpy()
+        mean = self.keypoints(self._zero)[0].mean(dim=0).numpy()
         normal = self.palm_normal / np.linalg.norm(self.palm_normal)
         axis = mean - (mean @ normal) * normal
         return axis / np.linalg.norm(axis)
@@ -194,18 +199,14 @@ class Hand:
     @cached_property
     def thumb(self) -> int:
         """Index of the digit that opposes the others: at zero joint angles its tip is farthest from their mean."""
-        zero = torch.zeros(1, ROOT_COORDINATES + self.num_joints, dtype=torch.float64)
-        zero[0, 3], zero[0, 7] = 1.0, 1.0
-        tips = self.keypoints(zero)[0].numpy()
+        tips = self.keypoints(self._zero)[0].numpy()
         others = (tips.sum(axis=0) - tips) / max(len(tips) - 1, 1)
         return int(np.linalg.norm(tips - others, axis=1).argmax())
 
     @cached_property
     def finger_length(self) -> float:
         """Mean distance of the fingertip keypoints from the palm's origin along the finger axis [m]."""
-        zero = torch.zeros(1, ROOT_COORDINATES + self.num_joints, dtype=torch.float64)
-        zero[0, 3], zero[0, 7] = 1.0, 1.0
-        return float(self.keypoints(zero)[0].mean(dim=0).numpy() @ self.finger_axis)
+        return float(self.keypoints(self._zero)[0].mean(dim=0).numpy() @ self.finger_axis)
 
     def keypoints(self, q: Float[Tensor, "batch coordinates"]) -> Float[Tensor, "batch digit 3"]:
         """The place on each fingertip that reaches for a target: see `fingertip_keypoints` [m]."""
@@ -250,9 +251,7 @@ class Hand:
 
         Neither parent and child, nor grandparent and grandchild, nor overlapping by 1 mm or more at zero joint angles.
         """
-        zero = torch.zeros(1, ROOT_COORDINATES + self.num_joints, dtype=torch.float64)
-        zero[0, 3], zero[0, 7] = 1.0, 1.0
-        transforms = self.forward_kinematics(zero)[0].numpy()
+        transforms = self.forward_kinematics(self._zero)[0].numpy()
         solid = [link for link, mesh in enumerate(self.link_meshes) if len(mesh.faces)]
         distances = {link: ExactDistance(self.link_meshes[link]) for link in solid}
         dense = self.dense_points

@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import os
 from collections.abc import Callable
 from dataclasses import dataclass
 from functools import partial
@@ -39,7 +40,7 @@ def resolve_object(text: str, *, units: str = "m", length: float | None = None) 
     if is_builtin(text):
         return NamedObject(text, scaled_to_length(builtin_object(text), length))
     path = Path(text)
-    if path.suffix.lower().lstrip(".") not in FORMATS and not path.exists() and path.name == text:
+    if path.suffix.lower().lstrip(".") not in FORMATS and path.name == text and not os.path.exists(path):  # noqa: PTH110
         known = [*PLAIN, *builtin_names("train"), *builtin_names("test")]
         raise UnknownNameError(
             f"unknown object {text!r}{did_you_mean(text, known)}; expected a mesh file ({', '.join(FORMATS)}) "
@@ -102,17 +103,17 @@ def resolve_object_set(text: str, *, units: str = "m", length: float | None = No
         names = builtin_names(text.removeprefix(BUILTIN_PREFIX))
         return [ObjectEntry(name, partial(_builtin, name, length)) for name in names]
     path = Path(text)
-    if path.is_dir():
-        files = _files_in(path)
-    elif path.is_file() and path.suffix.lower().lstrip(".") in FORMATS:
-        files = [path]
-    elif path.is_file():
-        files = _listed_in(path)
-    else:
+    if not os.path.exists(path):  # noqa: PTH110 - a name of 300 letters does not exist, which is no error
         raise MeshError(
             f"{text}: no such set of objects; expected builtin:train, builtin:test, a folder of meshes, "
             "a DexGraspNet meshdata folder, or a text file of paths"
         )
+    if path.is_dir():
+        files = _files_in(path)
+    elif path.is_file() and path.suffix.lower().lstrip(".") in FORMATS:
+        files = [path]
+    else:
+        files = _listed_in(path)
     return _entries(files, units, length)
 
 
