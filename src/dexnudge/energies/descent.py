@@ -56,7 +56,7 @@ class HandDescent:
     def step(
         self, pose: HandPose, gradient: Float[Tensor, "batch tangent"], *, scale: float | Tensor = 1.0
     ) -> HandPose:
-        """The next pose; `scale` (a number or (batch, 1)) multiplies the step sizes, 0 holds a hand still."""
+        """Return the next pose; `scale` (a number or (batch, 1)) multiplies the step sizes, 0 holds a hand still."""
         self._count += 1
         self._first.lerp_(gradient, 1 - FIRST_MOMENT)
         square = torch.cat(
@@ -74,7 +74,7 @@ class HandDescent:
 
 
 def retract(hand: Hand, pose: HandPose, move: Float[Tensor, "batch tangent"], *, tied: bool = False) -> HandPose:
-    """The pose moved along a tangent: translation added, rotation vector applied in the working frame, angles clamped.
+    """Return the pose moved along a tangent: translation added, rotation vector applied (working frame), angles clamped.
 
     With `tied` both joints of each tendon turn alike.
     """
@@ -85,10 +85,10 @@ def retract(hand: Hand, pose: HandPose, move: Float[Tensor, "batch tangent"], *,
 
 
 def pose_from_configuration(q: Float[Tensor, "batch coordinates"]) -> HandPose:
-    """q = [translation | 6D rotation | joint angles] as a pose with a proper rotation."""
+    """Return q = [translation | 6D rotation | joint angles] as a pose with a proper rotation."""
     return HandPose(q[:, :3].clone(), rotation_6d_to_matrix(q[:, 3:9]), q[:, ROOT_COORDINATES:].clone())
 
 
 def configuration_from_pose(pose: HandPose) -> Float[Tensor, "batch coordinates"]:
-    """q = [translation | 6D rotation | joint angles]."""
+    """Return q = [translation | 6D rotation | joint angles]."""
     return torch.cat([pose.translation, matrix_to_rotation_6d(pose.rotation), pose.joint_angles], dim=1)

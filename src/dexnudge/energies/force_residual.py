@@ -8,7 +8,7 @@ what the motion needs,
 A the wrenches of the friction cones' edges and of the sliding supports, g gravity's wrench, all in units of the object's
 weight, torques over half of the object's length. By the envelope theorem dE/dc = f x r_torque / half_length for a contact
 at c with force f: no differentiation of the solver. Solved by cyclic coordinate descent, each coordinate exactly, warm
-from the last call. This guides, with one contact per link; it never judges.
+from the last call. It guides, with one contact per link; verification has a balance of its own.
 """
 
 from dataclasses import dataclass
@@ -47,7 +47,7 @@ Vector6 = wp.types.vector(length=6, dtype=wp.float32)
 
 @wp.func
 def contact_wrench(normal: wp.vec3, arm: wp.vec3, friction: float, edge: int) -> Vector6:
-    """Wrench of one edge of the friction cone about the inward normal, per unit normal force."""
+    """Return the wrench of one edge of the friction cone about the inward normal, per unit normal force."""
     helper = wp.vec3(1.0, 0.0, 0.0)
     if wp.abs(normal[0]) > 0.7:
         helper = wp.vec3(0.0, 1.0, 0.0)
@@ -68,7 +68,7 @@ def sweep(
     support: wp.array(dtype=Vector6),
     max_normal: float,
 ) -> Vector6:
-    """The residual after each multiplier of hand i has been set to its best, in turn; a link's share one limit."""
+    """Return the residual after each multiplier of hand i has been set to its best, in turn; a link's share one limit."""
     contacts = columns.shape[1] / CONE_EDGES
     for c in range(contacts):
         normal_force = float(0.0)  # noqa: UP018 - declares a variable of Warp
@@ -148,7 +148,7 @@ def support_wrenches(
     half_length: float,
     friction: float,
 ) -> Float[Tensor, "s 6"]:
-    """Force n - friction * t and its torque for each support that slides along the motion (t its sliding direction)."""
+    """Return force n - friction * t and its torque for each support that slides along the motion in direction t."""
     sliding = motion - (normals @ motion)[:, None] * normals
     force = normals - friction * torch.nn.functional.normalize(sliding, dim=1)
     torque = torch.linalg.cross((points - centre_of_mass) / half_length, force)
@@ -187,7 +187,7 @@ class ForceResidual:
         *,
         sweeps: int,
     ) -> None:
-        """Updates `residual` and `gradient`; `normals` point out of the object, `counts` is 1 where a contact counts."""
+        """Update `residual` and `gradient`; `normals` point out of the object, `counts` is 1 where a contact counts."""
         balance = self.balance
         wp.launch(
             solve_balance,

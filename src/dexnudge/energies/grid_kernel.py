@@ -9,7 +9,7 @@ from dexnudge.geometry.warp_runtime import wp
 
 EDGE = 1.0e-4  # [cells] keeps the upper corner of a lookup inside the grid
 HALF_DIAGONAL = wp.constant(0.8660254)  # [cells] most by which an interpolated value is under the exact distance
-OVER_THE_BOX = wp.constant(1.4142136)  # slope outside the box, where the way there and the value at its end both change
+OVER_THE_BOX = wp.constant(1.4142136)  # slope outside the box, where distance to the box and value at it both change
 NOTHING_NEAR = wp.constant(1.0e6)  # [m] least distance in a sphere that does not reach the grid's box
 
 
@@ -34,7 +34,7 @@ class PackedGrids:
 
 
 def pack_grids(grids: Sequence[DistanceGrid], *, device: str = "cpu") -> PackedGrids:
-    """Copies grids into one flat array on the device, in order."""
+    """Copy grids into one flat array on the device, in order."""
     headers, flat, start = [], [], 0
     for grid in grids:
         header = GridHeader()
@@ -110,9 +110,9 @@ def grid_distance(header: GridHeader, values: wp.array(dtype=float), p: wp.vec3)
 
 @wp.func
 def corner_distance(header: GridHeader, values: wp.array(dtype=float), p: wp.vec3) -> wp.vec2:
-    """(lower bound of the exact distance at the point of the grid's box nearest to p, way from p to that point) [m].
+    """(lower bound of the exact distance at the point of the grid's box nearest to p, distance from p to that point) [m].
 
-    One corner instead of eight: exact distances are 1-Lipschitz, so the bound is the nearest corner's, less the way to it.
+    One corner instead of eight: exact distances are 1-Lipschitz, so the bound is the nearest corner's less that far.
     """
     g = (p - header.origin) / header.cell
     inner = wp.vec3(
@@ -132,7 +132,7 @@ def corner_distance(header: GridHeader, values: wp.array(dtype=float), p: wp.vec
 def least_distance(header: GridHeader, values: wp.array(dtype=float), centre: wp.vec3, radius: float) -> float:
     """Lower bound [m] of the distances that the grid holds in its box and in a sphere.
 
-    A point of both is within sqrt(radius^2 - gap^2) of the box's point nearest to the centre, `gap` being the way from
+    A point of both is within sqrt(radius^2 - gap^2) of the box's point nearest to the centre, `gap` being the distance from
     the centre to the box, because the box is convex.
     """
     found = corner_distance(header, values, centre)

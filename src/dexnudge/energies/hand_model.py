@@ -20,7 +20,7 @@ LARGEST_CLUSTER = 12  # points; smaller ones cost more lookups than they save
 def cluster_points(
     points: Float[np.ndarray, "p 3"], group: Int[np.ndarray, " p"], groups: int, *, device: str = "cpu"
 ) -> tuple[WarpStruct, WarpStruct, Int[np.ndarray, " group_and_one"]]:
-    """(points by cluster, clusters, where the clusters of each group begin): no cluster holds points of two groups.
+    """Return (points by cluster, clusters, where the clusters of each group begin): no cluster holds points of two groups.
 
     Args:
         points: [m].
@@ -48,7 +48,7 @@ def cluster_points(
 
 
 def _split(points: Float[np.ndarray, "p 3"], chosen: Int[np.ndarray, " k"]) -> list[Int[np.ndarray, " part"]]:
-    """Halves along the longest side of the bounding box until every part is small enough."""
+    """Halve along the longest side of the bounding box until every part is small enough."""
     if len(chosen) == 0:
         return []
     if len(chosen) <= LARGEST_CLUSTER:
@@ -66,7 +66,7 @@ FREE = 1.0  # [m] distance reported by the grid of a link without geometry
 
 
 def build_hand_model(hand: Hand, *, device: str = "cpu") -> WarpStruct:
-    """Packs the tree, the sparse points, the bounding spheres and the link grids; cached per hand object."""
+    """Pack the tree, the sparse points, the bounding spheres and the link grids; cached per hand object."""
     models = _models(hand)
     if device not in models:
         models[device] = _build(hand, device)
@@ -74,8 +74,8 @@ def build_hand_model(hand: Hand, *, device: str = "cpu") -> WarpStruct:
 
 
 @cached_per_instance
-def _models(hand: Hand) -> dict[str, WarpStruct]:  # noqa: ARG001 - what is kept is the hand's
-    """Device -> the model there, as far as one was asked for."""
+def _models(hand: Hand) -> dict[str, WarpStruct]:  # noqa: ARG001 - the cache is per hand
+    """Return the models built so far, by device."""
     return {}
 
 

@@ -186,7 +186,7 @@ def points_in_environment(
 ) -> wp.vec2:
     """(energy, deepest [m]) of the points of link l that are inside the environment or closer than the clearance.
 
-    Also rates the same points on their way along the motion, and the base's clearance.
+    Also rates the same points carried along the motion, and the base's clearance.
     """
     rotation = state.link_rotation[i, l]
     translation = state.link_translation[i, l]
@@ -214,7 +214,7 @@ def points_in_environment(
                     if lowest == SWEPT_NEAR_GRID:
                         hinge = weights.clearance_environment - hit[0]
                         if hinge > 0.0:
-                            # What the way adds to where the hand stands: nothing where nothing is in the way.
+                            # What the path adds to where the hand stands: nothing where it is free.
                             here = wp.max(here - weights.sweep, 0.0)
                             energy_sweep += weights.sweep * hinge * hinge
                             deepest_swept = wp.max(deepest_swept, -hit[0])

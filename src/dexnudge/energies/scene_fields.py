@@ -18,13 +18,13 @@ from dexnudge.geometry.warp_runtime import WarpStruct
 def swept_grid(
     grid: DistanceGrid, displacement: Float[np.ndarray, " 3"], *, around: DistanceGrid | None = None
 ) -> DistanceGrid:
-    """Return the least distance [m] that each corner of a grid meets on its way; exact up to half a cell at the way's end.
+    """Return the least distance [m] that each corner of a grid meets along its path; exact up to half a cell at the end.
 
     Args:
         grid: signed distances [m] to the environment.
         displacement: m times L [m], in the frame of the grid, along one of its axes; what it has across the axis of its
             largest component is neglected. Where it is shorter than half a cell, `grid` itself is returned.
-        around: a larger grid of the same distances, looked up where the way leaves `grid`; without it that part of the way
+        around: a larger grid of the same distances, looked up where the path leaves `grid`; without it that part of the path
             does not count.
     """
     axis = int(np.abs(displacement).argmax())
@@ -33,10 +33,10 @@ def swept_grid(
     if steps == 0:
         return grid
     count = grid.values.shape[axis]
-    way = grid.values
+    along = grid.values
     if around is not None:
-        way = np.concatenate([grid.values, _ahead(grid, around, axis, sign, steps)][::sign], axis=axis)
-    forward = np.flip(way, axis) if sign < 0 else way
+        along = np.concatenate([grid.values, _ahead(grid, around, axis, sign, steps)][::sign], axis=axis)
+    forward = np.flip(along, axis) if sign < 0 else along
     # Shifted so that the window of each corner begins at the corner itself.
     least = minimum_filter1d(forward, steps + 1, axis=axis, origin=-((steps + 1) // 2), mode="nearest")
     least = np.take(least, np.arange(count), axis=axis)
@@ -44,7 +44,7 @@ def swept_grid(
 
 
 def _ahead(grid: DistanceGrid, around: DistanceGrid, axis: int, sign: int, steps: int) -> Float[np.ndarray, "x y z"]:
-    """Distances of the larger grid at the corners by which `grid` would be continued in the direction of the way."""
+    """Distances of the larger grid at the corners by which `grid` would be continued in the direction of the path."""
     counts = list(grid.values.shape)
     counts[axis] = steps
     origin = np.array(grid.origin, dtype=np.float64)

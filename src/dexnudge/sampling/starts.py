@@ -1,4 +1,4 @@
-"""A start from stored data: hands of the training object that is most like this one, stretched to its size."""
+"""Starts without the prior: random hands around the object, or stored hands of the most similar training object."""
 
 from dataclasses import dataclass
 from pathlib import Path
@@ -22,7 +22,7 @@ MEAN_FLEXION, FLEXION_SPREAD = 0.4, 0.2  # of a joint's range
 def random_start(
     hand: Hand, cloud: Float[Tensor, "point 6"], *, count: int, generator: torch.Generator
 ) -> Float[Tensor, "count coordinates"]:
-    """Configurations in the frame of `cloud`: any direction from the object above its support, palm toward it."""
+    """Return configurations in the frame of `cloud`: any direction from the object above its support, palm toward it."""
 
     def uniform(low: float, high: float, *shape: int) -> Tensor:
         return low + (high - low) * torch.rand(*shape, generator=generator)
@@ -49,7 +49,7 @@ def random_start(
     return hand.clamp(q)
 
 
-FEASIBLE_MARGIN = 1.0  # force margin from which a stored configuration can move its object; as in judging
+FEASIBLE_MARGIN = 1.0  # force margin from which a stored configuration can move its object; as in verification
 SAME = 9  # decimals of the sum of squares [m^2] that count: (0.03 mm)^2
 GRASP = BEHAVIOURS.index("grasp")
 
@@ -69,7 +69,7 @@ class TrainingPoses:
 
     @classmethod
     def load(cls, folder: Path | str, hand: Hand) -> "TrainingPoses":
-        """Those in a dataset folder that was generated for this hand.
+        """Load those in a dataset folder that was generated for this hand.
 
         Raises:
             DatasetError: no dataset, a damaged one, one for another hand, or one without a feasible configuration.
@@ -92,7 +92,7 @@ class TrainingPoses:
         return cls(torch.as_tensor(dataset.q[kept]), dataset.object_index[kept], feasible[kept], clouds)
 
     def nearest(self, cloud: Float[Tensor, "point 3"]) -> tuple[int, int]:
-        """(object, direction k) whose reach differs least from that of `cloud` (frame C) and that has a feasible row.
+        """Return (object, direction k) whose reach differs least from that of `cloud` (frame C) and that has a feasible row.
 
         The reach of an object is max_p p · u over its points, for u up, and for 16 planar directions u counted from the
         motion; so like objects are meant that also lie alike to the motion. Least: sum of squares; of equals the first.
@@ -114,7 +114,7 @@ class TrainingPoses:
 def nearest_pose_start(
     poses: TrainingPoses, cloud: Float[Tensor, "point 6"], *, count: int, generator: torch.Generator
 ) -> Float[Tensor, "count coordinates"]:
-    """`count` stored hands of the nearest training object (frame C), their positions stretched to this one.
+    """Return `count` stored hands of the nearest training object (frame C), their positions stretched to this one.
 
     cloud: points [m] and normals of the object, frame C, in which the motion is +x. Only hands that can move their own
     object along the same direction are taken, at random, none twice before all were taken once. The palm's position is
