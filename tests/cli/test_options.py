@@ -5,8 +5,9 @@ import re
 import pytest
 
 import dexnudge as package
+from dexnudge.cli.arguments import with_flags
 from dexnudge.cli.evaluate import Evaluate
-from dexnudge.cli.main import COMMANDS, parse, with_flags
+from dexnudge.cli.main import COMMANDS, parse
 from dexnudge.cli.sample import Sample
 
 

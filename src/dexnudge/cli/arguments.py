@@ -2,8 +2,9 @@
 
 from __future__ import annotations
 
+import re
 from collections.abc import Sequence
-from dataclasses import dataclass, fields
+from dataclasses import dataclass, fields, is_dataclass
 from pathlib import Path
 from typing import TYPE_CHECKING, Annotated, Any, Literal, TypeVar
 
@@ -19,14 +20,21 @@ TABLE_WIDTH = 100  # columns when the output is a file or a pipe, so that tables
 MOST_LISTED = 20  # differences in one message: as many as fit on a screen
 NOTHING_SUCCEEDED = 3  # exit code of what is done and written without a single success
 
+ARGUMENT = re.compile(r"`(\w+)`")  # how messages of the library name one
+
 
 def metavar(name: str) -> Any:
     """Return what the help shows for the value of an option."""
-    return tyro.conf.arg(metavar=name)
+    return tyro.conf.arg(metavar=name, help_behavior_hint=_default_in_help)
+
+
+def _default_in_help(default: str) -> str:
+    return "" if default in ("None", "") else f"(default: {default})"
 
 
 Units = Literal["m", "cm", "mm", "in"]
 Device = Literal["cpu"]
+Flag = Annotated[bool, tyro.conf.arg(help_behavior_hint="")]
 Count = Annotated[int, metavar("N")]
 Text = Annotated[str, metavar("NAME")]
 Set = Annotated[str, metavar("SET")]
@@ -57,6 +65,21 @@ def settings(kind: type[Settings], options: object, **others: Any) -> Settings:
     """Return a configuration of the library: its fields are the options of the same names, and `others`."""
     known = {field.name for field in fields(kind)}  # type: ignore[arg-type]  # a dataclass
     return kind(**{name: value for name, value in {**vars(options), **others}.items() if name in known})
+
+
+def with_flags(message: str, kind: Any) -> str:
+    """Return a message of the library, which names arguments as `num_draws`, with a command's options: --num-draws."""
+    flags = _flags(kind)
+    return ARGUMENT.sub(lambda found: flags.get(found[1], found[0]), message)
+
+
+def _flags(kind: Any) -> dict[str, str]:
+    """Return how the arguments that are options of a command are typed, by name."""
+    flags: dict[str, str] = {}
+    for field in fields(kind):
+        group = field.default_factory
+        flags |= _flags(group) if is_dataclass(group) else {field.name: f"--{field.name.replace('_', '-')}"}
+    return flags
 
 
 def out_folder(given: str | None, default: Path, *, overwrite: bool) -> Path:
@@ -110,6 +133,34 @@ class Physics:
     def given(self) -> dict[str, float]:
         """Return those that the user gave, by the names that scenes use."""
         return {name: value for name, value in vars(self).items() if value is not None}
+
+
+@dataclass(frozen=True)
+class Plugins:
+    """What installed packages bring; `dexnudge plugins` lists it."""
+
+    term: tyro.conf.UseAppendAction[Annotated[tuple[str, ...], metavar("NAME=WEIGHT")]] = ()
+    """Further energy term for guidance and projection; its own weight without =WEIGHT. Repeatable."""
+    criterion: tyro.conf.UseAppendAction[Annotated[tuple[str, ...], metavar("NAME")]] = ()
+    """Further condition that a draw must meet to be verified. Repeatable."""
+
+    def weights(self) -> dict[str, float | None]:
+        """Return the weight of each term, by name; None for its own.
+
+        Raises:
+            InputError: a weight that is no number, or a term that is named twice.
+        """
+        weights: dict[str, float | None] = {}
+        for entry in self.term:
+            name, _, weight = entry.partition("=")
+            try:
+                number = float(weight) if weight else None
+            except ValueError as error:
+                raise InputError(f"`term` got {entry!r}; expected NAME=WEIGHT with a number above 0") from error
+            if name in weights:
+                raise InputError(f"`term` names {name!r} twice; expected each name once")
+            weights[name] = number
+        return weights
 
 
 @dataclass(frozen=True)

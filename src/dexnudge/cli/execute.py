@@ -7,6 +7,7 @@ from typing import Any
 from dexnudge.cli.arguments import (
     NOTHING_SUCCEEDED,
     Count,
+    Flag,
     OptionalFolder,
     ResultFolder,
     check_at_least,
@@ -33,7 +34,7 @@ class Execute:
     """Execute this many, best first."""
     workers: Count = 2
     """Processes; one core each."""
-    then_grasp: bool = False
+    then_grasp: Flag = False
     """Slide, grasp and lift."""
     attempts: Count = 3
     """With --then-grasp: most attempts; each goes on from where the one before left hand and object."""
@@ -43,7 +44,7 @@ class Execute:
     """With --then-grasp: folder of the model; the shipped one unless given."""
     out: OptionalFolder = None
     """Folder to write; unless given DIR/execution, with --then-grasp DIR/slide_grasp_lift, numbered where taken."""
-    overwrite: bool = False
+    overwrite: Flag = False
     """Replace an existing folder of an earlier execution."""
     films: Count = 1
     """Draw film.png and film.gif of the first N, which takes some seconds each; the page film.html is of each."""

@@ -8,7 +8,7 @@ from typing import TYPE_CHECKING, Annotated
 
 import tyro
 
-from dexnudge.cli.arguments import OptionalFolder, metavar, say, stdout, table
+from dexnudge.cli.arguments import Flag, OptionalFolder, metavar, say, stdout, table
 
 if TYPE_CHECKING:
     from rich.table import Table
@@ -26,9 +26,9 @@ class HandCommand:
     """Built-in hand, or a URDF or MJCF file with its YAML beside it; an unknown name lists the built-in ones."""
     export: OptionalFolder = None
     """Folder to write URDF, meshes, YAML and MJCF to; must not exist."""
-    base: bool = True
-    """Whether the forearm is part of the hand's geometry."""
-    overwrite: bool = False
+    base: Flag = True
+    """Leave the forearm out of the hand's geometry."""
+    overwrite: Flag = False
     """Replace an existing exported hand."""
 
     def run(self) -> int:

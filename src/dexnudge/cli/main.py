@@ -1,12 +1,10 @@
 """Entry point: reads the arguments, runs one subcommand, turns its outcome into an exit code."""
 
 import itertools
-import re
 import signal
 import sys
 from collections.abc import Sequence
 from contextlib import redirect_stderr
-from dataclasses import fields, is_dataclass
 from importlib import import_module
 from io import StringIO
 from typing import Any
@@ -31,11 +29,11 @@ COMMANDS = {
     "dataset info": ("dataset", "Info", "what a dataset holds, in tables and as a page"),
     "dataset check": ("dataset", "CheckDataset", "read a dataset again, and verify it from the meshes"),
     "train": ("train", "Train", "train the diffusion model on a dataset"),
+    "plugins": ("plugins", "Plugins", "list what is built in and what installed packages bring"),
     "hand": ("hand", "HandCommand", "show what a hand consists of, and export it"),
 }
 WHAT = "Hand configurations that push, press or hook thin objects that a robot hand cannot grasp."
 VECTORS = {"--motion": "DX DY DZ"}
-ARGUMENT = re.compile(r"`(\w+)`")
 
 
 def main(argv: Sequence[str] | None = None) -> int:
@@ -60,7 +58,12 @@ def main(argv: Sequence[str] | None = None) -> int:
         kind = command_class(name)
         return parse(name, kind, arguments[len(name.split()) :]).run()
     except DexnudgeError as error:
-        print(f"dexnudge: {with_flags(str(error), kind)}", file=sys.stderr)
+        message = str(error)
+        if kind:
+            from dexnudge.cli.arguments import with_flags
+
+            message = with_flags(message, kind)
+        print(f"dexnudge: {message}", file=sys.stderr)
         return BAD_INPUT
     except KeyboardInterrupt:
         print("dexnudge: interrupted", file=sys.stderr)
@@ -111,10 +114,11 @@ def parse(name: str, kind: Any, options: Sequence[str]) -> Any:
     """
     import tyro
 
+    config = (tyro.conf.OmitArgPrefixes, tyro.conf.FlagCreatePairsOff)
     _check_vectors(options)
     try:
         with redirect_stderr(StringIO()) as said:
-            return tyro.cli(kind, args=options, prog=f"dexnudge {name}", config=(tyro.conf.OmitArgPrefixes,))
+            return tyro.cli(kind, args=options, prog=f"dexnudge {name}", config=config)
     except SystemExit as exit_:
         refused: BaseException | None = exit_
         while refused and not isinstance(refused, DexnudgeError):
@@ -141,21 +145,6 @@ def _is_number(text: str) -> bool:
     except ValueError:
         return False
     return True
-
-
-def with_flags(message: str, kind: Any) -> str:
-    """Return a message of the library, which names arguments as `num_draws`, with a command's options: --num-draws."""
-    flags = _flags(kind) if kind else {}
-    return ARGUMENT.sub(lambda found: flags.get(found[1], found[0]), message)
-
-
-def _flags(kind: Any) -> dict[str, str]:
-    """Return how the arguments that are options of a command are typed, by name."""
-    flags: dict[str, str] = {}
-    for field in fields(kind):
-        group = field.default_factory
-        flags |= _flags(group) if is_dataclass(group) else {field.name: f"--{field.name.replace('_', '-')}"}
-    return flags
 
 
 def run() -> None:

@@ -13,16 +13,19 @@ from dexnudge.cli.arguments import (
     NOTHING_SUCCEEDED,
     Count,
     Device,
+    Flag,
     Losses,
     MeshOptions,
     OptionalCount,
     OptionalFolder,
     Physics,
+    Plugins,
     Text,
     check_at_least,
     metavar,
     out_folder,
     say,
+    with_flags,
 )
 from dexnudge.errors import InputError
 
@@ -69,7 +72,7 @@ class Sample(MeshOptions):
     """Direction in which the object should slide, world frame; with --environment."""
     out: OptionalFolder = None
     """Folder to write; unless given runs/OBJECT-SCENE, numbered where that is taken."""
-    overwrite: bool = False
+    overwrite: Flag = False
     """Replace an existing result folder."""
     num: Count = 32
     """Number of draws; all of them are written, verified ones first."""
@@ -81,15 +84,16 @@ class Sample(MeshOptions):
     """Same machine, seed and versions: same output."""
     hand: Text = "shadow_lite"
     """Built-in hand or URDF file; an unknown name lists them."""
-    base: bool = True
-    """Whether the forearm is part of the hand's geometry."""
+    base: Flag = True
+    """Leave the forearm out of the hand's geometry."""
     physics: Physics = field(default_factory=Physics)
     weights: OptionalFolder = None
     """Folder of the model; the shipped one unless given."""
     method: Text = "steered_noise"
     """Sampling method; an unknown name lists them."""
     losses: Losses = field(default_factory=Losses)
-    projection_report: bool = False
+    plugins: Plugins = field(default_factory=Plugins)
+    projection_report: Flag = False
     """Also judge the draws as they were before the projection, for the summary; takes about twice as long."""
     device: Device = "cpu"
     """torch device; this version samples on the CPU only."""
@@ -125,20 +129,24 @@ class Sample(MeshOptions):
         check_at_least(0, seed=self.seed)
 
     def _sample_into(self, folder: Path) -> dict[str, Any]:
+        from dexnudge.energies.terms import find_term
         from dexnudge.hands.registry import load_hand
         from dexnudge.jobs.progress import progress
         from dexnudge.results.writing import write_inputs, write_results
         from dexnudge.sampling.methods import find_method
         from dexnudge.sampling.sampler import Sampler, check_counts
+        from dexnudge.verification.criteria import default_criteria, find_criterion
 
         check_counts(self.num, self.verified, self.max_draws)
+        terms = [find_term(name, weight=weight) for name, weight in self.plugins.weights().items()]
+        criteria = [*default_criteria(), *map(find_criterion, self.plugins.criterion)]
         method = find_method(self.method).with_weights(self.losses.given())
         start = time.perf_counter()
         name, scene = self._scene()
         scene.validate()
         say(*(f"note: {note}" for note in scene.notes))
         hand = load_hand(self.hand, base=self.base)
-        sampler = Sampler(hand, weights=self.weights, device=self.device)
+        sampler = Sampler(hand, terms=terms, weights=self.weights, device=self.device)
         sampler.load(method)
         written_scene, written_hand = write_inputs(folder, scene, hand)
         seconds = {"load": time.perf_counter() - start}
@@ -158,6 +166,7 @@ class Sample(MeshOptions):
                 num=self.num,
                 seed=self.seed,
                 method=method,
+                criteria=criteria,
                 verified=self.verified,
                 max_draws=self.max_draws,
                 on_progress=show,
@@ -168,6 +177,7 @@ class Sample(MeshOptions):
             "hand": hand.name,
             "method": self.method,
             "energy": method.weights(),
+            "terms": {term.name: term.weight for term in terms},
             "seed": self.seed,
             "weights": self.weights or "shipped",
             "device": self.device,
@@ -217,5 +227,5 @@ def _print(summary: dict[str, Any]) -> None:
     best = summary["best_force_margin"]
     say(f"{summary['object']}, {summary['scene']}, {summary['hand']}")
     stdout().print(counts)
-    say(nothing_verified(summary) if best is None else f"best force margin: {best:.2f}")
+    say(with_flags(nothing_verified(summary), Sample) if best is None else f"best force margin: {best:.2f}")
     say(f"seconds: {stages}; total {summary['seconds_total']:.1f}; memory {summary['peak_memory_mb']:.0f} MB")

@@ -16,6 +16,7 @@ what a term must not allow costs about as much.
 
 import math
 from collections.abc import Sequence
+from copy import copy
 from typing import Any, Protocol, runtime_checkable
 
 import numpy as np
@@ -27,7 +28,7 @@ from dexnudge.energies.descent import HandPose, configuration_from_pose
 from dexnudge.errors import InputError
 from dexnudge.hands.batch import HandBatch
 from dexnudge.hands.hand import Hand
-from dexnudge.plugins import FOREIGN_FAILURES
+from dexnudge.plugins import FOREIGN_FAILURES, load_plugin
 from dexnudge.scenes.scene import Scene
 
 NO_GRADIENT = (
@@ -80,6 +81,23 @@ def check_terms(terms: Sequence[Any]) -> tuple[EnergyTerm, ...]:
             raise InputError(f"two terms are named '{name}'; expected a name of its own for each; rename one")
         names.append(name)
     return tuple(terms)
+
+
+def find_term(name: str, *, weight: float | None = None) -> EnergyTerm:
+    """Return the term that an installed package brings under a name, with its own weight unless one is given.
+
+    Raises:
+        UnknownNameError: no package brings it; the message lists those that exist.
+        InputError: it cannot be imported or made, is no term, or the weight makes no sense.
+    """
+    found = load_plugin("energy term", name)
+    try:
+        term = found() if isinstance(found, type) or not hasattr(found, "name") else copy(found)
+        if weight is not None:
+            object.__setattr__(term, "weight", weight)  # of frozen dataclasses, too
+    except FOREIGN_FAILURES as error:
+        raise InputError(f"energy term '{name}' cannot be made: {type(error).__name__}: {error}") from error
+    return check_terms([term])[0]
 
 
 class TermEnergy:

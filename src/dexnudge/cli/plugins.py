@@ -1,0 +1,42 @@
+"""`dexnudge plugins`: what is built in, what installed packages bring, and what of it is broken."""
+
+from dataclasses import dataclass
+
+from dexnudge.cli.arguments import say
+
+
+@dataclass(frozen=True)
+class Plugins:
+    """List hands, scene families, energy terms, criteria and guidance rules, built-in ones and those of packages.
+
+    A package names what it brings as entry points: dexnudge.hands, dexnudge.scenes, dexnudge.energy_terms,
+    dexnudge.criteria, dexnudge.guidance_rules.
+    """
+
+    def run(self) -> int:
+        """Print a line for each kind, and one for each thing that a package brings."""
+        from dexnudge.plugins import find_plugins
+
+        for kind, names in builtin_names().items():
+            say(f"{kind}: {', '.join(names)}")
+            for found in find_plugins(kind, builtin=names)[len(names) :]:
+                say(f"  {found.name}, from {found.source}" + (f"; broken: {found.broken}" if found.broken else ""))
+        return 0
+
+
+def builtin_names() -> dict[str, tuple[str, ...]]:
+    """Return the built-in names of each kind."""
+    from dexnudge.energies.weights import TermWeights
+    from dexnudge.hands.registry import HANDS
+    from dexnudge.sampling.methods import METHODS
+    from dexnudge.scenes.families import SCENE_FAMILIES
+    from dexnudge.verification.criteria import default_criteria
+
+    distances = ("clearance", "contact_gap")
+    return {
+        "hand": tuple(HANDS),
+        "scene": tuple(SCENE_FAMILIES),
+        "energy term": tuple(name for name in vars(TermWeights()) if not name.startswith(distances)),
+        "criterion": tuple(criterion.name for criterion in default_criteria()),
+        "guidance rule": tuple(METHODS),
+    }
