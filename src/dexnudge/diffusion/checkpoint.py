@@ -27,6 +27,8 @@ WEIGHTS_NAME = "model.safetensors"
 CONFIG_NAME = "config.json"
 _NETWORK, _NORMALISER = "network.", "normaliser."
 
+ROOMY = 8  # times the weights of a file: what its network may take while it is built to compare shapes
+
 
 def save_model(
     folder: Path | str,
@@ -106,7 +108,7 @@ def load_model(folder: Path | str) -> tuple[ConditionalDenoiser, Normaliser]:
 
 def _check_tensors(path: Path, tensors: dict[str, Tensor], config: ModelConfig) -> None:
     """Refuse tensors of other shapes than the config's, and values that no trained model has."""
-    with torch.device("meta"):  # shapes alone: takes no memory, whatever sizes the config names
+    with torch.device(_building_device(tensors, config)):
         expected = {_NETWORK + name: tensor.shape for name, tensor in ConditionalDenoiser(config).state_dict().items()}
     expected |= {_NORMALISER + name: torch.Size([config.dimension]) for name in ("mean", "std")}
     found = {name: tensor.shape for name, tensor in tensors.items()}
@@ -121,6 +123,18 @@ def _check_tensors(path: Path, tensors: dict[str, Tensor], config: ModelConfig) 
             raise CheckpointError(f"{path} holds {name} that is not finite; copy or train it again.")
     if not (tensors[_NORMALISER + "std"] > 0.0).all():
         raise CheckpointError(f"{path} holds a normaliser whose std is not above 0; copy or train it again.")
+
+
+def _building_device(tensors: dict[str, Tensor], config: ModelConfig) -> str:
+    """Return "meta" (shapes alone, no memory) for a config of more weights than there are, else "cpu".
+
+    What torch imports for the first costs a second, so it is kept for configs that name absurd sizes.
+    """
+    shape = config.architecture
+    widest = max(shape.width * shape.mlp_ratio, shape.feature_width, *shape.encoder_widths, config.dimension)
+    layers = shape.depth + len(shape.encoder_widths)
+    there = sum(tensor.numel() for tensor in tensors.values())
+    return "cpu" if layers * widest**2 <= ROOMY * there else "meta"
 
 
 def read_provenance(folder: Path | str) -> dict[str, Any]:
