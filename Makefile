@@ -6,7 +6,7 @@ PIP := $(BIN)/python -m pip install -q -c constraints.txt
 # One file stays on one worker, so that what a file prepares is prepared once.
 PYTEST := $(BIN)/python -m pytest -n 2 --dist loadfile
 
-.PHONY: help demo test test-fast check bench results clean
+.PHONY: help demo test test-fast check docs bench results clean
 .DEFAULT_GOAL := help
 
 help:  ## list the targets
@@ -38,6 +38,10 @@ check: $(VENV)/.dev.stamp  ## style, types, import layers
 	$(BIN)/mypy
 	$(BIN)/lint-imports --no-cache
 
+docs: $(VENV)/.dev.stamp  ## the documentation site, in site/; every link and reference is checked
+	$(PIP) -e ".[dev,docs]"
+	NO_MKDOCS_2_WARNING=1 $(BIN)/mkdocs build --strict --quiet
+
 bench: $(VENV)/.dev.stamp  ## time energies, grids, grasps, data generation, sampling and execution; prints machine and versions
 	$(PIP) -e ".[dev,bench]"
 	$(BIN)/python benchmarks/energies.py
@@ -52,4 +56,4 @@ results: $(VENV)/.run.stamp  ## run what is published (RUN=NAME of benchmarks/pu
 	$(BIN)/python benchmarks/publish.py $(or $(RUN),all)
 
 clean:  ## remove everything that the other targets made
-	rm -rf $(VENV) demo runs build dist src/*.egg-info .pytest_cache .mypy_cache .ruff_cache .hypothesis
+	rm -rf $(VENV) demo runs site build dist src/*.egg-info .pytest_cache .mypy_cache .ruff_cache .hypothesis

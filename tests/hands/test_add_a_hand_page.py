@@ -6,7 +6,7 @@ from pathlib import Path
 
 from dexnudge.hands.config import HandConfig, read_hand_config
 
-PAGE = Path(__file__).parents[2] / "docs" / "add_a_hand.md"
+PAGE = Path(__file__).parents[2] / "docs" / "hands.md"
 
 
 def test_the_pages_yaml_is_read_and_shows_every_key(tmp_path):
