@@ -15,8 +15,9 @@ from jaxtyping import Float
 
 from dexnudge.energies.force_residual import SlidingBalance
 from dexnudge.geometry.transforms import transform_configurations
+from dexnudge.hands.batch import HandBatch
 from dexnudge.hands.hand import Hand
-from dexnudge.mechanics.contacts import HAND_CONTACT_DISTANCE, HandContacts
+from dexnudge.mechanics.contacts import HandContacts
 from dexnudge.mechanics.sliding_task import sliding_task
 from dexnudge.sampling.denoise import DenoisingConfig
 from dexnudge.sampling.guidance.clean import CleanDescent
@@ -25,9 +26,8 @@ from dexnudge.sampling.problem import SamplingProblem, prepare
 from dexnudge.sampling.sampler import Sampler
 from dexnudge.scenes.scene import Scene
 from dexnudge.simulation.hold import FARTHEST, MOST_TURNED, HoldTest, LiftRehearsal
-from dexnudge.synthesis.acceptance import contacts_per_configuration
 from dexnudge.verification.criteria import PENETRATION_LIMIT
-from dexnudge.verification.penetration import PenetrationCheck
+from dexnudge.verification.measurements import Measurements
 
 TILT = np.radians(60.0)  # of the weight that the projection balances: beyond the angle of friction of any fingertip
 NARROWED = 0.6  # of the hand's friction that it may use for that: forces stay away from the edges of their cones
@@ -121,15 +121,13 @@ class GraspFinder:
         environment = scene.environment_mesh.copy()
         environment.apply_transform(np.linalg.inv(scene.T_world_object))
         own = replace(scene, environment_mesh=environment, T_world_object=np.eye(4))
-        T_object_link = self._hand.forward_kinematics(torch.as_tensor(q)).numpy()
-        found = PenetrationCheck(self._hand, own)(T_object_link, reach=HAND_CONTACT_DISTANCE)
-        contacts = contacts_per_configuration(self._hand, T_object_link, found.near_object)
-        reasons = []
-        for row, contact in enumerate(contacts):
+        measured = Measurements(HandBatch(self._hand, torch.as_tensor(q)), own)
+        found, reasons = measured.penetrations, []
+        for row, contact in enumerate(measured.contacts):
             depths = {"object": found.object, "environment": found.environment, "self": found.self_collision}
             deep = [f"penetration {name}" for name, depth in depths.items() if depth[row] > PENETRATION_LIMIT]
             reasons.append(deep[0] if deep else ("" if len(contact.points) else "no contact"))
-        return reasons, contacts
+        return reasons, measured.contacts
 
 
 def contacts_in_world(contacts: HandContacts, T_world_object: Float[np.ndarray, "4 4"]) -> HandContacts:

@@ -12,19 +12,15 @@ import trimesh
 from jaxtyping import Bool, Float
 
 from dexnudge.dataset.schema import INFEASIBLE, NUM_DIRECTIONS, best_direction, direction_angles
+from dexnudge.hands.batch import HandBatch
 from dexnudge.hands.hand import Hand
-from dexnudge.mechanics.contacts import (
-    HAND_CONTACT_DISTANCE,
-    HandContacts,
-    hand_contacts,
-    support_contacts,
-)
+from dexnudge.mechanics.contacts import HandContacts, support_contacts
 from dexnudge.mechanics.fast_balance import force_margins
 from dexnudge.mechanics.sliding_task import sliding_task
 from dexnudge.scenes.scene import Scene
 from dexnudge.simulation.hold import HoldTest
 from dexnudge.verification.criteria import PENETRATION_LIMIT, SUCCESS_MARGIN
-from dexnudge.verification.penetration import PenetrationCheck, PointHits
+from dexnudge.verification.measurements import Measurements
 
 PRESSING = 0.7  # mean vertical part of the contacts' normals above which a hand presses
 FAR_BELOW = 5.0  # [m]
@@ -86,88 +82,61 @@ class GraspVerifier:
     """
 
     def __init__(self, hand: Hand, scene: Scene) -> None:
-        self._hand = hand
-        self._check = PenetrationCheck(hand, scene)
+        self._hand, self._scene = hand, scene
         self._hold = HoldTest(hand, scene.object_mesh)
 
     def __call__(self, q: Float[np.ndarray, "n coordinates"]) -> Verified:
         """Return the verdicts on grasps in the frame of the object's mesh."""
-        transforms = self._hand.forward_kinematics(torch.as_tensor(q, dtype=torch.float64)).numpy()
-        penetration, reason, contacts = _clean(self._hand, self._check, transforms)
-        clean = [row for row, text in enumerate(reason) if not text]
-        translation, rotation = np.full((2, len(q)), np.nan)
-        for row, held in zip(clean, self._hold(q[clean], [contacts[row] for row in clean]), strict=True):
-            translation[row], rotation[row] = held.translation, held.rotation
-            reason[row] = held.reason
-        margin = np.full((len(q), NUM_DIRECTIONS), INFEASIBLE)
-        return Verified(reason, penetration, margin, translation, rotation, contacts, self._hand)
+        verified = _clean(self._hand, self._scene, q)
+        clean = np.flatnonzero(verified.kept)
+        for row, held in zip(clean, self._hold(q[clean], [verified.contacts[row] for row in clean]), strict=True):
+            verified.hold_translation[row], verified.hold_rotation[row] = held.translation, held.rotation
+            verified.reason[row] = held.reason
+        return verified
 
 
 class NonPrehensileVerifier:
     """Verifies configurations of one hand against one object at rest on a plane."""
 
     def __init__(self, hand: Hand, scene: Scene) -> None:
-        self._hand = hand
-        self._check = PenetrationCheck(hand, scene)
-        self._supports = support_contacts(scene)
-        self._task = sliding_task(scene)
+        self._hand, self._scene = hand, scene
+        self._supports, self._task = support_contacts(scene), sliding_task(scene)
         angles = direction_angles()
         self._motions = np.stack([np.cos(angles), np.sin(angles), np.zeros(NUM_DIRECTIONS)], axis=1)
 
     def __call__(self, q: Float[np.ndarray, "n coordinates"]) -> Verified:
         """Return the verdicts on configurations in the resting frame."""
-        transforms = self._hand.forward_kinematics(torch.as_tensor(q, dtype=torch.float64)).numpy()
-        penetration, reason, contacts = _clean(self._hand, self._check, transforms)
-        clean = [row for row, text in enumerate(reason) if not text]
-        margin = np.full((len(q), NUM_DIRECTIONS), INFEASIBLE)
-        if clean:
-            margins = force_margins(
-                [contacts[row] for row in clean], self._supports, self._task, motions=self._motions, threads=1
-            )
-            margin[clean] = np.where(margins.factor > 0, margins.factor, INFEASIBLE)
-        for row, text in enumerate(reason):
-            if not text and margin[row].max() < SUCCESS_MARGIN:
-                reason[row] = "force"
-        nothing = np.full(len(q), np.nan)
-        return Verified(reason, penetration, margin, nothing, nothing, contacts, self._hand)
+        verified = _clean(self._hand, self._scene, q)
+        clean = np.flatnonzero(verified.kept)
+        if len(clean):
+            contacts = [verified.contacts[row] for row in clean]
+            margins = force_margins(contacts, self._supports, self._task, motions=self._motions, threads=1)
+            verified.direction_margin[clean] = np.where(margins.factor > 0, margins.factor, INFEASIBLE)
+        for row in clean:
+            if verified.direction_margin[row].max() < SUCCESS_MARGIN:
+                verified.reason[row] = "force"
+        return verified
 
 
-def _clean(
-    hand: Hand, check: PenetrationCheck, T_world_link: Float[np.ndarray, "n link 4 4"]
-) -> tuple[Float[np.ndarray, "n 3"], list[str], list[HandContacts]]:
-    """(penetration, reason per configuration, its contacts): what both kinds of verification begin with."""
-    found = check(T_world_link, reach=HAND_CONTACT_DISTANCE)
-    penetration = np.stack([found.object, found.environment, found.self_collision], axis=1)
-    contacts = contacts_per_configuration(hand, T_world_link, found.near_object)
+def _clean(hand: Hand, scene: Scene, q: Float[np.ndarray, "n coordinates"]) -> Verified:
+    """What both kinds of verification begin with: penetrations and contacts."""
+    found = Measurements(HandBatch(hand, torch.as_tensor(q, dtype=torch.float64)), scene)
+    depths = found.penetrations
+    penetration = np.stack([depths.object, depths.environment, depths.self_collision], axis=1)
     reason = []
-    for depths, contact in zip(penetration, contacts, strict=True):
-        if depths.max() > PENETRATION_LIMIT:
-            reason.append("penetration " + ("object", "environment", "self")[int(depths.argmax())])
-        else:
-            reason.append("" if len(contact.points) else "no contact")
-    return penetration, reason, contacts
-
-
-def contacts_per_configuration(
-    hand: Hand, T_world_link: Float[np.ndarray, "n link 4 4"], hits: PointHits
-) -> list[HandContacts]:
-    """Return the contacts of each configuration from the hits of one penetration check, object frame = world."""
-    points = hand.dense_points
-    rotation = T_world_link[hits.configuration, points.link[hits.point], :3, :3]
-    normals = np.einsum("nij,nj->ni", rotation, points.normals[hits.point])
-    found = []
-    for row in range(len(T_world_link)):
-        mine = hits.configuration == row
-        found.append(
-            hand_contacts(
-                normals[mine],
-                points.link[hits.point[mine]],
-                distance=hits.distance[mine],
-                closest=hits.closest[mine],
-                object_normals=hits.normal[mine],
-            )
-        )
-    return found
+    for row, contacts in zip(penetration, found.contacts, strict=True):
+        deepest = ("object", "environment", "self")[int(row.argmax())]
+        touching = "" if len(contacts.points) else "no contact"
+        reason.append(f"penetration {deepest}" if row.max() > PENETRATION_LIMIT else touching)
+    return Verified(
+        reason=reason,
+        penetration=penetration,
+        direction_margin=np.full((len(q), NUM_DIRECTIONS), INFEASIBLE),
+        hold_translation=np.full(len(q), np.nan),
+        hold_rotation=np.full(len(q), np.nan),
+        contacts=found.contacts,
+        hand=hand,
+    )
 
 
 def behaviour_of(
