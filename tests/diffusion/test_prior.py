@@ -1,7 +1,5 @@
 """What a sampler relies on."""
 
-from types import SimpleNamespace
-
 import pytest
 import torch
 
@@ -16,15 +14,13 @@ def prior(network, normaliser):
     return DiffusionPrior(network, normaliser)
 
 
-def test_only_its_own_hand_may_use_a_model(network, normaliser, config, toy, tmp_path):
+def test_only_its_own_hand_may_use_a_model(network, normaliser, config, shadow_hand, boxy_hand, tmp_path):
     save_model(tmp_path, config, network.state_dict(), normaliser)
-    own = SimpleNamespace(name="toy", joint_names=toy.JOINT_NAMES)
-    assert DiffusionPrior.from_folder(tmp_path, own).config == config
-    other = SimpleNamespace(name="allegro", joint_names=toy.JOINT_NAMES[:-1])
+    assert DiffusionPrior.from_folder(tmp_path, shadow_hand).config == config  # its joints are those of the toy
     with pytest.raises(
-        CheckpointError, match=r"was trained for hand 'toy' .* but hand 'allegro' has joints .*`dexnudge train`"
+        CheckpointError, match=r"was trained for hand 'toy' .* but hand 'boxy' has joints one, two, .*`dexnudge train`"
     ):
-        DiffusionPrior.from_folder(tmp_path, other)
+        DiffusionPrior.from_folder(tmp_path, boxy_hand)
 
 
 def test_guidance_scale_extrapolates_from_no_intent(prior, points):

@@ -183,33 +183,19 @@ def _header(manifest: Manifest, object_name: str, counts: dict[str, BehaviourCou
 
 def _table(object_name: str, rows: Sequence[ConfigurationRow], num_joints: int) -> pa.Table:
     schema = configuration_schema(num_joints)
-    margins = [floor_margin(np.asarray(row.direction_margin, dtype=np.float64)) for row in rows]
-    contact_points = [round_to(row.contact_points, POINT_STEP).astype(np.float32) for row in rows]
-    columns = {
-        "object": [object_name] * len(rows),
-        "behaviour": [row.behaviour for row in rows],
-        "q": _fixed_lists([row.q for row in rows], POSE_DIMENSIONS + num_joints),
-        "direction_margin": _fixed_lists(margins, NUM_DIRECTIONS),
-        "contact_links": [list(row.contact_links) for row in rows],
-        "contact_points": [list(points) for points in contact_points],
-        "digits": [list(row.digits) for row in rows],
-        "penetration_object": [row.penetration_object for row in rows],
-        "penetration_environment": [row.penetration_environment for row in rows],
-        "penetration_self": [row.penetration_self for row in rows],
-        "seed": [row.seed for row in rows],
-        "hold_translation": [row.hold_translation for row in rows],
-        "hold_rotation": [row.hold_rotation for row in rows],
-    }
-    arrays = [
-        column if isinstance(column, pa.Array) else pa.array(column, type=schema.field(name).type)
-        for name, column in columns.items()
-    ]
+    columns: dict[str, list] = {"object": [object_name] * len(rows)}
+    columns |= {name: [getattr(row, name) for row in rows] for name in schema.names if name != "object"}
+    columns["direction_margin"] = [floor_margin(np.asarray(m, dtype=np.float64)) for m in columns["direction_margin"]]
+    columns["contact_points"] = [list(round_to(p, POINT_STEP).astype(np.float32)) for p in columns["contact_points"]]
+    arrays = []
+    for field in schema:
+        values = columns[field.name]
+        if pa.types.is_fixed_size_list(field.type):
+            flat = pa.array(np.asarray(values, dtype=np.float32).reshape(-1))
+            arrays.append(pa.FixedSizeListArray.from_arrays(flat, field.type.list_size))
+        else:
+            arrays.append(pa.array(values, type=field.type))
     return pa.Table.from_arrays(arrays, schema=schema)
-
-
-def _fixed_lists(vectors: Sequence[np.ndarray], width: int) -> pa.FixedSizeListArray:
-    values = np.asarray(vectors, dtype=np.float32).reshape(-1)
-    return pa.FixedSizeListArray.from_arrays(pa.array(values), width)
 
 
 def _check_rows(

@@ -1,7 +1,6 @@
 """The learned prior as a sampler sees it: clean estimates, and the way between x and q."""
 
 from pathlib import Path
-from typing import Protocol, runtime_checkable
 
 import torch
 from jaxtyping import Float
@@ -12,21 +11,9 @@ from dexnudge.diffusion.config import ModelConfig
 from dexnudge.diffusion.network import CLASSES, NULL_CLASS, Condition, ConditionalDenoiser, Normaliser
 from dexnudge.diffusion.schedule import NoiseSchedule
 from dexnudge.errors import CheckpointError, UnknownNameError
+from dexnudge.hands.hand import Hand
 
 MOTION_IN_FRAME_C = (1.0, 0.0, 0.0)  # frame C is turned so that the desired planar motion is +x
-
-
-@runtime_checkable
-class HasJoints(Protocol):
-    """What the prior needs to know of a hand."""
-
-    @property
-    def name(self) -> str:
-        """Its name."""
-
-    @property
-    def joint_names(self) -> tuple[str, ...]:
-        """Its joints in the order of q."""
 
 
 class DiffusionPrior:
@@ -39,7 +26,7 @@ class DiffusionPrior:
 
     @classmethod
     def from_folder(
-        cls, folder: Path | str, hand: HasJoints | None = None, *, device: torch.device | str = "cpu"
+        cls, folder: Path | str, hand: Hand | None = None, *, device: torch.device | str = "cpu"
     ) -> "DiffusionPrior":
         """Load a model folder; raises CheckpointError for a bad folder or a model of another hand."""
         network, normaliser = load_model(folder)
