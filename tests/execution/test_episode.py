@@ -22,7 +22,7 @@ from dexnudge.simulation.rollout import Rollout
 def sample(pad_hand, pad_grasp, block_scene):
     q, contacts = pad_grasp
     scene = replace(block_scene, motion_length=0.04)
-    return Sample(scene, pad_hand, q, True, "", 1.5, contacts, ("pad0", "pad1"))
+    return Sample(scene, pad_hand, q, True, "", {"force_margin": 1.5}, contacts, ("pad0", "pad1"))
 
 
 @pytest.fixture(scope="module")

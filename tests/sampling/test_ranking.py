@@ -9,7 +9,7 @@ import trimesh
 from dexnudge.mechanics.balance import force_margin
 from dexnudge.mechanics.contacts import HandContacts, support_contacts
 from dexnudge.mechanics.sliding_task import sliding_task
-from dexnudge.sampling.ranking import best_first, lead, mean_help, path_margins, pressing_margins
+from dexnudge.sampling.ranking import best_first, forward_offset, mean_help, path_margins, pressing_margins
 from dexnudge.scenes.boxes import box
 from dexnudge.scenes.scene import Scene
 from dexnudge.verification.verdicts import Verdicts
@@ -92,7 +92,9 @@ NOBODY = HandContacts(points=np.zeros((0, 3)), normals=np.zeros((0, 3)), link=np
 
 def test_the_lead_is_the_mean_over_all_contacts(at_the_edge):
     centre = sliding_task(at_the_edge).centre
-    found = lead(at_the_edge, [touching(centre, (0.05, UP), (0.02, SIDE)), touching(centre, (-0.06, BEHIND)), NOBODY])
+    found = forward_offset(
+        at_the_edge, [touching(centre, (0.05, UP), (0.02, SIDE)), touching(centre, (-0.06, BEHIND)), NOBODY]
+    )
     np.testing.assert_allclose(found, [0.035, 0.0, np.inf])
 
 

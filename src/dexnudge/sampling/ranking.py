@@ -52,8 +52,8 @@ def mean_help(scene: Scene, contacts: Sequence[HandContacts]) -> Float[np.ndarra
     return np.array([helping(each, scene.motion).mean() if len(each.points) else -1.0 for each in contacts])
 
 
-def lead(scene: Scene, contacts: Sequence[HandContacts]) -> Float[np.ndarray, " configuration"]:
-    """How far in front of the object's centre of mass its contacts are, on average [m]; 0 behind it, infinite without any.
+def forward_offset(scene: Scene, contacts: Sequence[HandContacts]) -> Float[np.ndarray, " configuration"]:
+    """Return how far in front of the centre of mass the contacts are on average [m]; 0 behind it, infinite without any.
 
     As the object comes over an edge, what presses near its centre keeps it on what carries it.
     """
@@ -74,7 +74,7 @@ def best_first(scene: Scene, verdicts: Verdicts) -> Int[np.ndarray, " n"]:
     if len(verified) > 1:
         contacts = [verdicts.contacts[row] for row in verified]
         pressing[verified] = pressing_margins(scene, contacts)
-        ahead[verified], helping[verified] = lead(scene, contacts), mean_help(scene, contacts)
+        ahead[verified], helping[verified] = forward_offset(scene, contacts), mean_help(scene, contacts)
     deepest = verdicts.deepest_penetration
     order = (-np.minimum(margin, ROBUST_MARGIN), -np.minimum(pressing, SUCCESS_MARGIN), ahead, -helping, deepest)
     return np.lexsort((*reversed(order), ~verdicts.success))
