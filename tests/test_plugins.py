@@ -48,9 +48,10 @@ def broken(tmp_path, monkeypatch):
     make_package(tmp_path, "bad_import", "import does_not_exist\n", "[dexnudge.scenes]\nfog = bad_import:fog\n")
     module = (
         "class Other:\n    name = 'other'\n    def __call__(self, hands, scene): ...\n\n"
-        "def fails(*_, **__):\n    return 1 / 0\n"
+        "def fails(*_, **__):\n    return 1 / 0\n\n"
+        "class Explodes:\n    name = 'explodes'\n    def __call__(self, hands, scene):\n        return 1 / 0\n"
     )
-    criteria = {"none": "missing", "misnamed": "Other", "fails": "fails", "contact": "Other"}
+    criteria = {"none": "missing", "misnamed": "Other", "fails": "fails", "explodes": "Explodes", "contact": "Other"}
     points = "[dexnudge.criteria]\n" + "".join(f"{name} = strange:{place}\n" for name, place in criteria.items())
     make_package(tmp_path, "strange", module, points + "[dexnudge.hands]\nclaw = strange:fails\n")
     monkeypatch.syspath_prepend(tmp_path)
@@ -145,8 +146,16 @@ def test_a_built_in_name_cannot_be_taken_over(broken):
     assert dn.find_criterion("contact") in dn.default_criteria()
 
 
-@pytest.mark.parametrize("options", [["--scene", "fog"], ["--scene", "table", "--criterion", "none"]])
-def test_the_command_line_exits_with_2_and_writes_nothing(broken, options, tmp_path, capsys):
-    assert main(["sample", "phone", *options, "--out", str(tmp_path / "out")]) == 2
-    assert "of package" in capsys.readouterr().err
-    assert not (tmp_path / "out").exists()
+@pytest.mark.parametrize(
+    ("options", "message"),
+    [
+        (["--scene", "fog"], "scene 'fog' of package bad_import 1.2"),
+        (["--scene", "table", "--criterion", "none"], "criterion 'none' of package strange 1.2"),
+        (["--scene", "table", "--criterion", "explodes"], "criterion 'explodes' failed: ZeroDivisionError"),
+    ],
+)
+def test_the_command_line_exits_with_2_and_leaves_nothing_behind(broken, options, message, tmp_path, capsys):
+    out = tmp_path / "results" / "out"
+    assert main(["sample", "phone", *options, "--num", "1", "--method", RANDOM, "--out", str(out)]) == 2
+    assert f"dexnudge: {message}" in capsys.readouterr().err
+    assert not out.parent.exists()

@@ -15,7 +15,7 @@ from importlib import import_module
 from typing import TYPE_CHECKING, Any
 
 if TYPE_CHECKING:
-    from dexnudge.energies.terms import EnergyTerm
+    from dexnudge.energies.terms import EnergyTerm, find_term
     from dexnudge.errors import (
         CheckpointError,
         DatasetError,
@@ -79,6 +79,7 @@ __all__ = [
     "execute",
     "export_hand",
     "find_criterion",
+    "find_term",
     "load_environment",
     "load_hand",
     "load_mesh",
@@ -114,7 +115,7 @@ _MODULES = {
     "sampling.sampler": ("Sampler",),
     "scenes.families": ("build_scene", "scene_families"),
     "scenes.scene": ("Scene", "load_scene"),
-    "energies.terms": ("EnergyTerm",),
+    "energies.terms": ("EnergyTerm", "find_term"),
     "verification.criteria": ("Criterion", "CriterionResult", "default_criteria", "find_criterion"),
     "verification.measurements": ("Measurements", "measure"),
     "verification.verdicts": ("Verdicts", "verify"),

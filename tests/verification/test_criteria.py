@@ -44,6 +44,7 @@ def test_nothing_succeeds_that_fails_a_criterion_of_ones_own(boxy_hand, block_sc
     assert found.success.tolist() == [True, False, False, False]
     assert found.reasons == ["", "low", "contact", "valid_pose"]
     assert found.sentences["low"] == "the palm is too high"
+    assert repr(found) == "Verdicts on 4 configurations: 1 verified; rejected: 1 low, 1 contact, 1 valid_pose"
     np.testing.assert_allclose(found.values["low"], [*presses[:3, 2].tolist(), np.nan])
     assert list(found.values) == [criterion.name for criterion in dn.default_criteria()] + ["low"]
 
