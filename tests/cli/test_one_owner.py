@@ -37,7 +37,7 @@ def test_of_two_samples_the_second_is_refused_and_goes_once_the_first_was_killed
                 f"dexnudge: the output folder {tmp_path / 'out'} is being written by process {first.pid} on "
             )
             assert re.search(
-                r"\(__main__\.py sample phone --scene table .*\); expected one run at a time; wait for it to end, or "
+                r"\(dexnudge sample phone --scene table .*\); expected one run at a time; wait for it to end, or "
                 r"choose another --out\n$",
                 second.err,
             )

@@ -5,6 +5,7 @@ import os
 
 import numpy as np
 import pytest
+import trimesh
 
 MODULE = """
 import dexnudge as dn
@@ -98,3 +99,20 @@ def test_terms_and_criteria_are_used_written_and_checked(dexnudge, tmp_path):
     checked = dexnudge("check", out)
     assert checked.code == 0, checked.err
     assert "above_floor" in checked.out
+
+
+@pytest.mark.slow
+def test_an_experiment_judges_by_them_too(dexnudge, tmp_path):
+    trimesh.creation.box((0.15, 0.07, 0.02)).export(tmp_path / "box.obj")
+    command = ["evaluate", "--objects", tmp_path / "box.obj", "--scenes", "table", "--out", tmp_path / "out"]
+    quick = ["--method", "random_start_projection", "--num", 2, "--workers", 1]
+    refused = dexnudge(*command, *quick, "--criterion", "nevr")
+    assert refused.code == 2
+    assert refused.err.startswith("dexnudge: unknown criterion 'nevr' (did you mean 'never'?)")
+    assert not (tmp_path / "out").exists()
+    outcome = dexnudge(*command, *quick, "--criterion", "never", "--term", "high_palm=0.5")
+    assert outcome.code == 0, outcome.err
+    (line,) = (tmp_path / "out" / "results.jsonl").read_text().splitlines()
+    assert json.loads(line)["success"] == [False, False]
+    config = json.loads((tmp_path / "out" / "experiment.json").read_text())["config"]
+    assert (config["terms"], config["criteria"]) == ({"high_palm": 0.5}, ["never"])

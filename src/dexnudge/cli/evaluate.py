@@ -6,16 +6,19 @@ from typing import TYPE_CHECKING, Annotated, Any
 
 from dexnudge.cli.arguments import (
     Count,
-    Folder,
+    Device,
+    Flag,
     Losses,
     OptionalCount,
     OptionalFolder,
-    OptionalNumber,
     Physics,
-    Text,
-    Units,
+    Plugins,
+    Scenes,
+    SetOptions,
     check_at_least,
     metavar,
+    say,
+    settings,
 )
 from dexnudge.errors import InputError
 
@@ -26,52 +29,39 @@ if TYPE_CHECKING:
 TRIES = 3  # with --then-grasp, unless given
 
 
-@dataclass(frozen=True)
-class Evaluate:
+@dataclass(frozen=True, kw_only=True)
+class Evaluate(SetOptions):
     """Success of sampling over a set of objects and scenes, with 95 % intervals over objects.
 
     Stopped runs go on where they were: give the same options and the same --out again.
     """
 
-    objects: Annotated[str, metavar("SET")]
-    """Folder of meshes, text file of paths, builtin:test, or a DexGraspNet meshdata folder (scale 0.08)."""
-    out: Folder
-    """Folder of the experiment."""
     max_objects: OptionalCount = None
     """Take this many of the set, evenly spaced; all unless given."""
-    scenes: Annotated[tuple[str, ...], metavar("FAMILY...")] = ("table", "layers", "shelf")
+    scenes: Scenes = ("table", "layers", "shelf")
     """Scene families."""
     method: Annotated[tuple[str, ...], metavar("NAME...")] = ("steered_noise",)
     """Sampling methods to compare; an unknown name lists them."""
     num: Count = 32
     """Draws for each object, scene and method."""
-    seed: Count = 0
-    """Of the experiment; objects and scenes get seeds derived from it."""
-    workers: Count = 2
-    """Processes; one core each."""
-    units: Units = "m"
-    """Unit of the numbers in mesh files."""
-    length: OptionalNumber = None
-    """Scale every object so that its longest side has this length [m]."""
-    hand: Text = "shadow_lite"
-    """Built-in hand or URDF file."""
-    base: bool = True
-    """Whether the forearm is part of the hand's geometry."""
+    base: Flag = True
+    """Leave the forearm out of the hand's geometry."""
     physics: Physics = field(default_factory=Physics)
     losses: Losses = field(default_factory=Losses)
+    plugins: Plugins = field(default_factory=Plugins)
     weights: OptionalFolder = None
     """Folder of the model; the shipped one unless given."""
     data: OptionalFolder = None
     """Dataset folder, for the method nearest_pose."""
-    device: Text = "cpu"
-    """torch device to sample on."""
-    execute: bool = False
+    device: Device = "cpu"
+    """torch device; this version samples on the CPU only."""
+    execute: Flag = False
     """Also play the best verified draw of each in physics, for the executed rate."""
     execute_num: Count = 1
     """With --execute: play this many of each, best first."""
-    execute_errors: bool = False
+    execute_errors: Flag = False
     """With --execute: play the best one with other frictions and masses, too."""
-    then_grasp: bool = False
+    then_grasp: Flag = False
     """Also slide, grasp and lift each object with its verified draws, for the lifted rate."""
     tries: OptionalCount = None
     """With --then-grasp: most tries for each object; 3 unless given."""
@@ -81,40 +71,27 @@ class Evaluate:
         check_at_least(0, seed=self.seed)
         check_at_least(1, num=self.num, workers=self.workers, execute_num=self.execute_num)
         self._check_tries()
-        from dexnudge.cli.arguments import stdout
-
-        console = stdout()
-        for report in self._reports():
-            console.print(report, markup=False, soft_wrap=True)
-        console.print(f"written: {self.out}", soft_wrap=True)
+        say(*self._reports(), f"written: {self.out}")
         return 0
 
     def _check_tries(self) -> None:
         if self.tries is None:
             return
         if not self.then_grasp:
-            raise InputError(f"--tries is {self.tries} without --then-grasp; expected both; add --then-grasp")
+            raise InputError(f"`tries` is {self.tries} without `then_grasp`; expected both; add `then_grasp`")
         check_at_least(1, tries=self.tries)
 
     def _config(self) -> "ExperimentConfig":
         from dexnudge.experiments.config import ExperimentConfig
 
-        return ExperimentConfig(
-            objects=self.objects,
-            max_objects=self.max_objects,
-            scenes=self.scenes,
+        return settings(
+            ExperimentConfig,
+            self,
             methods=self.method,
-            num=self.num,
-            seed=self.seed,
-            units=self.units,
-            length=self.length,
-            hand=self.hand,
-            base=self.base,
             physics=self.physics.given(),
-            weights=self.weights,
-            data=self.data,
-            device=self.device,
             losses=self.losses.given() or None,
+            terms=self.plugins.weights() or None,
+            criteria=self.plugins.criterion,
         )
 
     def _kinds(self) -> "list[TrialKind[Any]]":

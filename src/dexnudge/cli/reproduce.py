@@ -6,15 +6,16 @@ from pathlib import Path
 from typing import TYPE_CHECKING, Annotated
 
 from dexnudge.cli.arguments import (
-    Count,
-    Folder,
+    Flag,
     OptionalCount,
     OptionalFolder,
-    OptionalNumber,
-    Text,
-    Units,
+    Scenes,
+    Set,
+    SetOptions,
     check_at_least,
     metavar,
+    say,
+    settings,
 )
 from dexnudge.errors import InputError
 
@@ -25,8 +26,8 @@ if TYPE_CHECKING:
 NAME = re.compile(r"[A-Za-z0-9_-]+")
 
 
-@dataclass(frozen=True)
-class Reproduce:
+@dataclass(frozen=True, kw_only=True)
+class Reproduce(SetOptions):
     """Tables I and II of the paper, every guidance rule and baseline, with and without the forearm, as one report.
 
     The draws are also judged again at other frictions and masses, all methods are compared at equal time, and the worst
@@ -34,13 +35,11 @@ class Reproduce:
     minutes. Stopped runs go on where they were: give the same options and the same --out again.
     """
 
-    out: Folder
-    """Folder of the run; the report is report.md in it."""
-    objects: Annotated[str, metavar("SET")] = "builtin:test"
+    objects: Set = "builtin:test"
     """Folder of meshes, text file of paths, builtin:test, or a DexGraspNet meshdata folder (scale 0.08)."""
     max_objects: OptionalCount = None
     """Take this many of the set, evenly spaced; all unless given, 16 with --quick."""
-    scenes: Annotated[tuple[str, ...], metavar("FAMILY...")] = ("table", "layers", "shelf")
+    scenes: Scenes = ("table", "layers", "shelf")
     """Scene families of the tables; the parts hard and generalisation have their own."""
     parts: Annotated[tuple[str, ...] | None, metavar("PART...")] = None
     """Only these parts: with_base, without_base, grasps_only, predictions, hard (slot, deep, corner, clutter),
@@ -49,16 +48,6 @@ class Reproduce:
     """Only these of each part's methods; all unless given, an unknown name lists them."""
     num: OptionalCount = None
     """Draws for each object, scene and method; 32 unless given, 16 with --quick."""
-    seed: Count = 0
-    """Of the run; objects and scenes get seeds derived from it."""
-    workers: Count = 2
-    """Processes; one core each."""
-    units: Units = "m"
-    """Unit of the numbers in mesh files."""
-    length: OptionalNumber = None
-    """Scale every object so that its longest side has this length [m]."""
-    hand: Text = "shadow_lite"
-    """Built-in hand or URDF file."""
     weights: OptionalFolder = None
     """Folder of the model; the shipped one unless given."""
     grasp_weights: OptionalFolder = None
@@ -67,14 +56,13 @@ class Reproduce:
     """Models to compare with, such as one for each prediction type: epsilon=DIR sample=DIR v_prediction=DIR."""
     data: OptionalFolder = None
     """Dataset folder that the nearest training pose is taken from; without it that row is left out."""
-    quick: bool = False
+    quick: Flag = False
     """Fewer objects, draws and methods: the rows of the paper's tables and the main baselines."""
 
     def run(self) -> int:
         """Run the missing trials, write and print the report."""
         check_at_least(0, seed=self.seed)
         check_at_least(1, workers=self.workers)
-        from dexnudge.cli.arguments import stdout
         from dexnudge.experiments.reproduction import reproduce
         from dexnudge.jobs.progress import progress
 
@@ -85,9 +73,7 @@ class Reproduce:
                 bars.update(bar, completed=finished, total=total, description=f"{record.scene}, {record.method}")
 
             report = reproduce(self._config(), Path(self.out), workers=self.workers, on_record=show)
-        console = stdout()
-        console.print(report, markup=False, soft_wrap=True)
-        console.print(f"written: {self.out}", soft_wrap=True)
+        say(report, f"written: {self.out}")
         return 0
 
     def _config(self) -> "ReproductionConfig":
@@ -95,26 +81,15 @@ class Reproduce:
         from dexnudge.experiments.reproduction import FULL_NUM, QUICK_NUM, QUICK_OBJECTS, ReproductionConfig
 
         num, max_objects = (QUICK_NUM, QUICK_OBJECTS) if self.quick else (FULL_NUM, None)
-        common = ExperimentConfig(
-            objects=self.objects,
+        common = settings(
+            ExperimentConfig,
+            self,
+            methods=ExperimentConfig.methods,  # each part has its own
             max_objects=max_objects if self.max_objects is None else self.max_objects,
-            scenes=self.scenes,
             num=num if self.num is None else self.num,
-            seed=self.seed,
-            units=self.units,
-            length=self.length,
-            hand=self.hand,
-            weights=self.weights,
-            data=self.data,
         )
-        return ReproductionConfig(
-            common=common,
-            grasp_weights=self.grasp_weights,
-            prediction_weights=named_folders(self.prediction_weights),
-            parts=self.parts,
-            methods=self.methods,
-            quick=self.quick,
-        )
+        models = named_folders(self.prediction_weights)
+        return settings(ReproductionConfig, self, common=common, prediction_weights=models)
 
 
 def named_folders(entries: tuple[str, ...]) -> dict[str, str]:
@@ -128,10 +103,10 @@ def named_folders(entries: tuple[str, ...]) -> dict[str, str]:
         name, _, folder = entry.partition("=")
         if not folder or not NAME.fullmatch(name):
             raise InputError(
-                f"--prediction-weights got {entry!r}; expected NAME=DIR with a name of letters, digits, _ and -, such as "
+                f"`prediction_weights` got {entry!r}; expected NAME=DIR with a name of letters, digits, _ and -, such as "
                 "epsilon=runs/epsilon/model"
             )
         if name in found:
-            raise InputError(f"--prediction-weights names {name!r} twice; expected each name once")
+            raise InputError(f"`prediction_weights` names {name!r} twice; expected each name once")
         found[name] = folder
     return found

@@ -3,11 +3,15 @@
 import zlib
 from collections.abc import Collection, Sequence
 from dataclasses import dataclass
-from typing import NamedTuple
+from typing import TYPE_CHECKING, NamedTuple
 
 import numpy as np
 
 from dexnudge.errors import InputError, UnknownNameError
+
+if TYPE_CHECKING:
+    from dexnudge.energies.terms import EnergyTerm
+    from dexnudge.verification.criteria import Criterion
 
 
 @dataclass(frozen=True, kw_only=True)
@@ -30,6 +34,8 @@ class ExperimentConfig:
         data: dataset folder, for methods that start from stored poses.
         device: where sampling runs.
         losses: weights and clearances that differ from each method's own, by their names in `TermWeights`.
+        terms: energy terms of installed packages with their weights, None for a term's own.
+        criteria: further conditions of success, by name, from installed packages.
         sweep: whether draws are verified again at other frictions and masses, see `disturbances.DISTURBANCES`.
     """
 
@@ -48,6 +54,8 @@ class ExperimentConfig:
     data: str | None = None
     device: str = "cpu"
     losses: dict[str, float] | None = None
+    terms: dict[str, float | None] | None = None
+    criteria: tuple[str, ...] = ()
     sweep: bool = False
 
 
@@ -75,12 +83,27 @@ def trial_keys(config: ExperimentConfig) -> list[TrialKey]:
     _check_names("method", config.methods, METHODS)
     for method in config.methods:
         find_method(method).with_weights(config.losses or {})  # refuses what makes no sense
+    own_terms(config), own_criteria(config)
     return [
         TrialKey(name, scene, method)
         for name in _object_names(config)
         for scene in config.scenes
         for method in config.methods
     ]
+
+
+def own_terms(config: ExperimentConfig) -> "list[EnergyTerm]":
+    """Return the energy terms of installed packages that the config names."""
+    from dexnudge.energies.terms import find_term
+
+    return [find_term(name, weight=weight) for name, weight in (config.terms or {}).items()]
+
+
+def own_criteria(config: ExperimentConfig) -> "list[Criterion]":
+    """Return the conditions of success: the default ones, and those of installed packages that the config names."""
+    from dexnudge.verification.criteria import default_criteria, find_criterion
+
+    return [*default_criteria(), *map(find_criterion, config.criteria)]
 
 
 def trial_seed(seed: int, key: TrialKey) -> int:

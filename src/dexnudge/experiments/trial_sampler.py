@@ -3,7 +3,7 @@
 import time
 from dataclasses import dataclass
 
-from dexnudge.experiments.config import ExperimentConfig, TrialKey, trial_seed
+from dexnudge.experiments.config import ExperimentConfig, TrialKey, own_criteria, own_terms, trial_seed
 from dexnudge.results.samples import Samples
 from dexnudge.sampling.methods import find_method
 from dexnudge.sampling.problem import SamplingProblem, prepare
@@ -42,7 +42,10 @@ class TrialSampler:
         entries = resolve_object_set(config.objects, units=config.units, length=config.length)
         self._objects = {entry.name: entry for entry in entries}
         self.hand = load_hand(config.hand, base=config.base)
-        self._sampler = Sampler(self.hand, weights=config.weights, poses=config.data, device=config.device)
+        self._sampler = Sampler(
+            self.hand, terms=own_terms(config), weights=config.weights, poses=config.data, device=config.device
+        )
+        self._criteria = own_criteria(config)
         self._sampler.load(*config.methods)
         self._last: tuple[tuple[str, str], _Prepared] | None = None
         self._warm = False
@@ -62,6 +65,7 @@ class TrialSampler:
             num=num,
             seed=trial_seed(self._config.seed, key),
             method=find_method(key.method).with_weights(self._config.losses or {}),
+            criteria=self._criteria,
             problem=prepared.problem,
         )
 

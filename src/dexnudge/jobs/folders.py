@@ -271,7 +271,8 @@ def _is_owned(folder: Path, lock: Path, argument: str) -> OutputError:
 
 
 def _command() -> str:
-    return " ".join([Path(sys.argv[0]).name, *sys.argv[1:]])
+    name = Path(sys.argv[0]).name
+    return " ".join(["dexnudge" if name == "__main__.py" else name, *sys.argv[1:]])
 
 
 def _now() -> str:
