@@ -1,4 +1,4 @@
-"""Repairs of meshes as scanners and CAD programs write them; each returns what it did in a sentence, or nothing.
+"""Repairs of meshes as scanners and CAD programs write them; those in place return what they did in a sentence.
 
 A mesh that needs none of them leaves as it came, bit by bit.
 """
@@ -168,19 +168,19 @@ def _volume(triangles: np.ndarray) -> float:
     return float(np.einsum("ij,ij->", triangles[:, 0], np.cross(triangles[:, 1], triangles[:, 2])))
 
 
-def close_small_holes(mesh: trimesh.Trimesh) -> str | None:
-    """Close holes of at most 30 edges and a quarter of the longest side by triangles around their centres.
+def without_small_holes(mesh: trimesh.Trimesh) -> trimesh.Trimesh:
+    """Return the mesh with holes of at most 30 edges and a quarter of the longest side closed by triangles.
 
-    For what needs a closed body, such as a convex decomposition; distances do not.
+    They meet at the middle of each hole. For what needs a closed body, such as a convex decomposition; distances do not.
     """
     if mesh.is_watertight:
-        return None
+        return mesh
     edges = np.asarray(mesh.edges)
     border = edges[trimesh.grouping.group_rows(np.sort(edges, axis=1), require_count=1)]
     follows: dict[int, list[int]] = {}
     for start, end in border[:, ::-1].tolist():  # along the new faces, against the mesh's own
         follows.setdefault(start, []).append(end)
-    vertices, faces, closed = [np.asarray(mesh.vertices)], [np.asarray(mesh.faces)], 0
+    vertices, faces = [np.asarray(mesh.vertices)], [np.asarray(mesh.faces)]
     for start in list(follows):
         path = [start]
         while follows.get(path[-1]):
@@ -195,8 +195,4 @@ def close_small_holes(mesh: trimesh.Trimesh) -> str | None:
                 centre = sum(map(len, vertices))
                 vertices.append(corners.mean(axis=0, keepdims=True))
                 faces.append(np.array([[one, other, centre] for one, other in pairwise([*loop, loop[0]])]))
-                closed += 1
-    if not closed:
-        return None
-    mesh.vertices, mesh.faces = np.concatenate(vertices), np.concatenate(faces)
-    return f"{closed} small holes were closed"
+    return mesh if len(faces) == 1 else trimesh.Trimesh(np.concatenate(vertices), np.concatenate(faces), process=False)

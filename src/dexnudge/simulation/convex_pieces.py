@@ -14,6 +14,7 @@ from scipy.spatial import ConvexHull, QhullError
 
 from dexnudge.errors import MeshError
 from dexnudge.geometry.exact_distance import ExactDistance
+from dexnudge.geometry.mesh_repair import without_small_holes
 from dexnudge.geometry.surface_points import surface_points
 from dexnudge.hands.hand import Hand
 from dexnudge.jobs.cached import cached_per_instance
@@ -87,7 +88,7 @@ def object_pieces(mesh: trimesh.Trimesh) -> list[Vertices]:
         MeshError: the mesh cannot be decomposed.
     """
     pieces: list[Vertices] = []
-    for body in bodies_of(mesh):
+    for body in bodies_of(without_small_holes(mesh)):  # an open one takes CoACD minutes
         convex = body.is_watertight and body.volume > CONVEX_ENOUGH * body.convex_hull.volume
         pieces.extend([np.asarray(body.convex_hull.vertices)] if convex else decomposed(body, DECOMPOSE_OBJECT))
     return [simple_hull(piece, tolerance=TOLERANCE) for piece in pieces]
@@ -172,6 +173,7 @@ def environment_pieces(mesh: trimesh.Trimesh) -> list[Vertices]:
 
 
 def _pieces_of_part(part: trimesh.Trimesh, name: str) -> list[Vertices]:
+    part = without_small_holes(part)
     x, y, z = part.bounds.mean(axis=0)
     name = f"{name} ({len(part.faces)} triangles around ({x:.3f}, {y:.3f}, {z:.3f}))"
     hull_volume = _hull_volume(part.vertices)
