@@ -37,7 +37,11 @@ def write_report(kind: TrialKind[Record], out: Path) -> str:
         Section("Methods", "", method_table(row["method"] for row in measured)),
         Section("Rates", "", chart=(RATES_CHART, lambda: rates_chart(kind, measured))),
         *kind.sections(records),
-        *metric_sections(kind, measured),
+        *(
+            Section(each, explained(chosen), metric_table(measured, chosen))
+            for each, chosen in kind.tables.items()
+            if each
+        ),
         *_drawn_otherwise(kind, out, records),
         Section("Made with", made_with(claim)),
     ]
@@ -48,15 +52,6 @@ def write_report(kind: TrialKind[Record], out: Path) -> str:
         "sections": {each.title: each.numbers for each in sections if each.numbers},
     }
     return write_files(out / kind.folder, title, sections, numbers, measured)
-
-
-def metric_sections(kind: TrialKind[Any], measured: Sequence[Measured]) -> list[Section]:
-    """Return the tables of a kind of trial beside the first."""
-    return [
-        Section(title, explained(metrics), metric_table(measured, metrics))
-        for title, metrics in kind.tables.items()
-        if title
-    ]
 
 
 def explained(metrics: Sequence[Any]) -> str:
@@ -81,20 +76,18 @@ def write_files(
 ) -> str:
     """Write a report's text, numbers, table and charts into a folder and return the text."""
     parts = [f"# {title}"]
-    missing = False
     for section in sections:
-        drawn = section.chart is not None and AVAILABLE
-        missing |= section.chart is not None and not AVAILABLE
-        if section.chart is not None and AVAILABLE:
+        body = [section.text] if section.text else []
+        body += [section.table.markdown()] if section.table else []
+        if section.chart and AVAILABLE:
             name, draw = section.chart
             save_chart(draw(), folder / name)
-        elif section.chart is not None and not (section.text or section.table):
-            continue
-        parts += [f"## {section.title}"] if section.title else []
-        parts += [section.text] if section.text else []
-        parts += [section.table.markdown()] if section.table else []
-        parts += [f"![{section.title}]({section.chart[0]})"] if drawn and section.chart else []
-    markdown = "\n\n".join([*parts, *([MISSING] if missing else [])]) + "\n"
+            body.append(f"![{section.title}]({name})")
+        if body:
+            parts += [f"## {section.title}", *body] if section.title else body
+    if not AVAILABLE:
+        parts.append(MISSING)
+    markdown = "\n\n".join(parts) + "\n"
     texts = {
         "md": markdown,
         "json": json.dumps(as_json(numbers), indent=2, allow_nan=False) + "\n",
