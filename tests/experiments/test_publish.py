@@ -45,7 +45,8 @@ def root(tmp_path):
 def runs(tmp_path, four_records, executed):
     """The run "test42", and "executed" with executions in it."""
     for name in ("test42", "executed"):
-        config = asdict(ExperimentConfig(objects="a/some.txt", scenes=("table",), num=4))
+        methods = ("steered_noise", "random_start_projection")
+        config = asdict(ExperimentConfig(objects="a/some.txt", scenes=("table",), methods=methods, num=4))
         claim_folder(tmp_path / "runs" / name, FILE, config, format_version=FORMAT_VERSION, device="cpu")
         with closing(RecordWriter(tmp_path / "runs" / name)) as writer:
             for record in [*four_records, *(replace(each, method="random_start_projection") for each in four_records)]:

@@ -66,6 +66,13 @@ def test_text_numbers_and_table_hold_the_same_figures(out):
     assert cells["rejected.force"] == "8"
 
 
+def test_the_order_in_which_trials_finished_does_not_matter(out, tmp_path, four_records):
+    records = [*four_records, *(replace(each, scene="shelf") for each in four_records)]
+    folder_with(tmp_path / "one", records)
+    folder_with(tmp_path / "other", records[::-1])
+    assert write_report(SAMPLING, tmp_path / "one") == write_report(SAMPLING, tmp_path / "other")
+
+
 def test_charts_are_drawn_and_named(out):
     text = write_report(SAMPLING, out)
     assert "![Rates](rates.png)" in text

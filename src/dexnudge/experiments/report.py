@@ -30,8 +30,10 @@ def write_report(kind: TrialKind[Record], out: Path) -> str:
         raise InputError(
             f"{out / kind.folder} holds no records yet; expected a folder that `dexnudge evaluate` worked on"
         )
-    measured = measure(records, kind.metrics())
     config = claim["config"]
+    place = {name: index for index, name in enumerate([*config["scenes"], *config["methods"]])}
+    records.sort(key=lambda record: (place[record.scene], place[record.method], record.object))  # not as they finished
+    measured = measure(records, kind.metrics())
     sections = [
         Section("", f"{setting(config, claim)} {kind.about}", metric_table(measured, kind.tables[""])),
         Section("Methods", "", method_table(row["method"] for row in measured)),
