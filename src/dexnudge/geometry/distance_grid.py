@@ -32,7 +32,7 @@ class DistanceGrid:
 def grid_box(
     lower: Float[np.ndarray, " 3"], upper: Float[np.ndarray, " 3"], *, cell: float
 ) -> tuple[Float[np.ndarray, " 3"], tuple[int, int, int]]:
-    """(origin [m], number of corners along each axis) of the grid over the box from `lower` to `upper`, or a little more.
+    """Return (origin [m], number of corners along each axis) of the grid over a box, or a little more.
 
     Corners lie in the box's middle planes: there a slab's distance has its ridge, which cells across it would flatten.
     """
@@ -58,7 +58,7 @@ def distance_grid(
 def _signed_by_region(
     exact: ExactDistance, corners: Float[np.ndarray, "x y z 3"], cell: float
 ) -> Float[np.ndarray, "x y z"]:
-    """The signed distance [m] at the corners of a grid, whose sign is asked for at few of them.
+    """Return the signed distance [m] at the corners of a grid, whose sign is asked for at few of them.
 
     No surface passes between two neighbouring corners that are both farther than half a cell from it, so a whole region
     of such corners has one sign. The sign, by the winding number, takes several times longer than the distance.
@@ -78,7 +78,7 @@ def _signed_by_region(
 def in_threads(
     query: Callable[[Float[np.ndarray, "m 3"]], Shaped[np.ndarray, " m"]], points: Float[np.ndarray, "n 3"]
 ) -> Shaped[np.ndarray, " n"]:
-    """What a query that releases the interpreter finds for each point, on two cores."""
+    """Return what a query that releases the interpreter finds for each point, on two cores."""
     with ThreadPoolExecutor(BUILD_THREADS) as pool:
         return np.concatenate(list(pool.map(query, np.array_split(points, BUILD_THREADS))))
 

@@ -110,7 +110,7 @@ class ExactDistance:
         return bool(self._solid.is_watertight and self._solid.is_winding_consistent)
 
     def to_surface(self, points: Float[np.ndarray, "n 3"], *, reach: float = SEARCH_RADIUS) -> ExactHit:
-        """What lies nearest to each point [m, the mesh's frame], without the sign, which takes longer than the rest.
+        """Return what lies nearest to each point [m, the mesh's frame], without the sign, which takes longer than the rest.
 
         Equal to what a call finds, but that no distance is negative; and where nothing lies within `reach` [m] it is
         infinite, and the rest of the hit means nothing.
@@ -118,7 +118,7 @@ class ExactDistance:
         return self._launch(_query_surface, points, [reach])
 
     def __call__(self, points: Float[np.ndarray, "n 3"]) -> ExactHit:
-        """What lies nearest to each point [m, the mesh's frame]."""
+        """Return what lies nearest to each point [m, the mesh's frame]."""
         bounds = [self._low, self._high, WINDING_ACCURACY, INSIDE_WINDING_NUMBER, SEARCH_RADIUS]
         return self._launch(_query, points, bounds)
 

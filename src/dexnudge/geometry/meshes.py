@@ -28,7 +28,7 @@ SMALLEST_AREA = 1e-12  # surface / longest side^2
 
 
 def load_mesh(path: str | Path, *, units: str = "m", length: float | None = None) -> trimesh.Trimesh:
-    """The object in a mesh file, in metres, in the file's own frame.
+    """Return the object in a mesh file, in metres, in the file's own frame.
 
     Args:
         path: obj, stl, ply, glb, off or dae. Several bodies in one file become one mesh. Materials, textures and
@@ -62,7 +62,7 @@ def load_scaled_mesh(path: str | Path, scale: float) -> trimesh.Trimesh:
 
 
 def load_environment(path: str | Path, *, units: str = "m") -> trimesh.Trimesh:
-    """The surroundings in a mesh file, in metres, world frame; the same checks as `load_mesh`, without a lower size.
+    """Return the surroundings in a mesh file, in metres, world frame; the same checks as `load_mesh`, without a lower size.
 
     Open meshes (a single sheet of triangles for a table top) are accepted; their inside is where the surface winds
     around a point, so a closed box is the safer description.
@@ -119,7 +119,7 @@ def check_object_size(mesh: trimesh.Trimesh, name: str, *, units: str = "m") -> 
 
 
 def centre_of_mass(mesh: trimesh.Trimesh) -> np.ndarray:
-    """Centre of mass (3,) [m] of a body of even density, in the mesh's frame.
+    """Return the centre of mass (3,) [m] of a body of even density, in the mesh's frame.
 
     That of the enclosed volume where the mesh is closed and wound outward; that of the convex hull otherwise, since
     the volume integral of an open mesh means nothing.

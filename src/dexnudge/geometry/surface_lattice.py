@@ -11,7 +11,7 @@ from jaxtyping import Float, Int, Num
 
 
 def distinct_rows(rows: Num[np.ndarray, "n column"]) -> tuple[Int[np.ndarray, " distinct"], Int[np.ndarray, " n"]]:
-    """(index of the first of each distinct row, in ascending order of rows; which of these each row equals).
+    """Return (index of the first of each distinct row, in ascending order of rows; which of these each row equals).
 
     The same as `return_index` and `return_inverse` of `numpy.unique(rows, axis=0)`, which compares whole rows as one
     record. `rows` holds no NaN and at least one column.
@@ -40,7 +40,7 @@ class Boxes:
 def surface_lattice(
     triangles: Float[np.ndarray, "face 3 3"], *, spacing: float
 ) -> tuple[Float[np.ndarray, "n 3"], Int[np.ndarray, " n"]]:
-    """Points on all triangles and the triangle of each; neighbours at most `spacing` [m] apart.
+    """Return points on all triangles and the triangle of each; neighbours at most `spacing` [m] apart.
 
     Edges and corners are there once for each triangle that has them.
     """
@@ -55,7 +55,7 @@ def surface_lattice(
 def lattice_in_boxes(
     triangles: Float[np.ndarray, "face 3 3"], boxes: Boxes, *, spacing: float
 ) -> tuple[Float[np.ndarray, "n 3"], Int[np.ndarray, " n"]]:
-    """Those points of `surface_lattice` that lie in a box, and the box of each; a point in two boxes is there twice."""
+    """Return the points of `surface_lattice` in a box, and the box of each; a point in two boxes is there twice."""
     box, face = _touching_pairs(triangles, boxes)
     corners = triangles[face]
     origin, plane = _plane_axes(corners)
@@ -170,7 +170,7 @@ def _clip_edges(
 
 
 def _ragged(count: Int[np.ndarray, " row"]) -> tuple[Int[np.ndarray, " n"], Int[np.ndarray, " n"]]:
-    """Row and place within it of every item, for rows of `count` items."""
+    """Return the row and place within it of every item, for rows of `count` items."""
     row = np.repeat(np.arange(len(count)), count)
     return row, np.arange(len(row)) - np.repeat(np.cumsum(count) - count, count)
 

@@ -59,7 +59,7 @@ def cached_surface_points(mesh: trimesh.Trimesh, *, spacing: float, seed: int = 
 
 
 def dart_throwing(candidates: Float[np.ndarray, "n 3"], radius: float) -> np.ndarray:
-    """Indices of a maximal subset, earliest first, whose members are more than `radius` [m] apart."""
+    """Return indices of a maximal subset, earliest first, whose members are more than `radius` [m] apart."""
     tree = cKDTree(candidates)
     free = np.ones(len(candidates), dtype=bool)
     kept = []

@@ -16,7 +16,7 @@ def rotation_6d_to_matrix(rotation_6d: Float[Tensor, "*batch 6"]) -> Float[Tenso
 
 
 def matrix_to_rotation_6d(matrix: Float[Tensor, "*batch 3 3"]) -> Float[Tensor, "*batch 6"]:
-    """First two columns of R, stacked."""
+    """Return the first two columns of R, stacked."""
     return torch.cat([matrix[..., :, 0], matrix[..., :, 1]], dim=-1)
 
 
@@ -35,7 +35,7 @@ PARALLEL = 0.99  # |cosine| above which a motion counts as vertical
 
 
 def resting_origin(mesh: trimesh.Trimesh) -> Float[np.ndarray, " 3"]:
-    """Origin of the resting frame [m], in the frame of `mesh` whose z axis is up.
+    """Return the origin of the resting frame [m], in the frame of `mesh` whose z axis is up.
 
     x, y: centroid of the convex hull, which turns with the object about z; z: half way up.
     """
@@ -63,7 +63,7 @@ def canonical_frame(object_in_world: trimesh.Trimesh, motion: Float[np.ndarray, 
 def transform_configurations(
     T_new_old: Float[np.ndarray, "4 4"], q: Float[np.ndarray, "n coordinates"]
 ) -> Float[np.ndarray, "n coordinates"]:
-    """Hand configurations given in another frame: the root moves, the joint angles stay."""
+    """Return hand configurations given in another frame: the root moves, the joint angles stay."""
     moved = np.array(q, copy=True)
     rotation, translation = T_new_old[:3, :3], T_new_old[:3, 3]
     moved[:, :3] = q[:, :3] @ rotation.T + translation

@@ -38,7 +38,7 @@ class HandConfig:
 
 
 def read_hand_config(path: Path) -> HandConfig:
-    """The configuration in a YAML file.
+    """Return the configuration in a YAML file.
 
     Raises:
         HandError: missing file, not YAML, an unknown or missing key, or a value of another kind.

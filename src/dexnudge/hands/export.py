@@ -28,7 +28,7 @@ NO_LOWER_LIMIT = -100.0  # [rad] farther than any joint turns
 
 
 def mjcf_of_hand(hand: Hand, files: list[str | None], mesh_folder: str) -> Element:
-    """The MJCF's root element; `files` names each link's mesh in `mesh_folder`."""
+    """Return the MJCF's root element; `files` names each link's mesh in `mesh_folder`."""
     model = Element("mujoco", model=hand.name)
     SubElement(model, "compiler", angle="radian", meshdir=mesh_folder, autolimits="true")
     default = SubElement(model, "default")
@@ -140,7 +140,7 @@ def export_hand(hand: Hand, folder: Path | str) -> Path:
 
 
 def mesh_files(hand: Hand) -> list[str | None]:
-    """A file name for each link with geometry, safe on every file system whatever the link is called."""
+    """Return a file name for each link with geometry, safe on every file system whatever the link is called."""
     safe = [re.sub(r"[^A-Za-z0-9_-]", "_", name) for name in hand.link_names]
     return [f"{link:02d}_{safe[link]}.obj" if len(mesh.faces) else None for link, mesh in enumerate(hand.link_meshes)]
 
@@ -153,7 +153,7 @@ def obj_text(mesh: trimesh.Trimesh) -> str:
 
 
 def urdf_of_hand(hand: Hand, files: list[str | None]) -> Element:
-    """The URDF's root element; independent joints stand first, in the order of q."""
+    """Return the URDF's root element; independent joints stand first, in the order of q."""
     robot = Element("robot", name=hand.name)
     # MuJoCo's own defaults would drop the folder of the meshes and merge fixed links into their parents.
     compiler = {"strippath": "false", "discardvisual": "true", "fusestatic": "false", "balanceinertia": "true"}
@@ -173,7 +173,7 @@ def urdf_of_hand(hand: Hand, files: list[str | None]) -> Element:
 
 
 def euler_angles(rotation: Float[np.ndarray, "3 3"]) -> tuple[float, float, float]:
-    """Roll, pitch, yaw [rad] with R = Rz(yaw) Ry(pitch) Rx(roll), exact also where pitch comes near 90 degrees."""
+    """Return roll, pitch, yaw [rad] with R = Rz(yaw) Ry(pitch) Rx(roll), exact also where pitch comes near 90 degrees."""
     yaw = np.arctan2(rotation[1, 0], rotation[0, 0])
     rest = np.array([[np.cos(yaw), np.sin(yaw), 0], [-np.sin(yaw), np.cos(yaw), 0], [0, 0, 1]]) @ rotation
     return (

@@ -147,7 +147,7 @@ class Hand:
         return torch.stack(transforms, dim=1)
 
     def clamp(self, q: Float[Tensor, "batch coordinates"]) -> Float[Tensor, "batch coordinates"]:
-        """q with joint angles within limits and every follower at most its leader, by the least move of each pair."""
+        """Return q with joint angles within limits and every follower at most its leader, by the least move of each pair."""
         lower = torch.as_tensor(self.lower, dtype=q.dtype, device=q.device)
         upper = torch.as_tensor(self.upper, dtype=q.dtype, device=q.device)
         angles = q[:, ROOT_COORDINATES:]
@@ -174,7 +174,7 @@ class Hand:
         return q
 
     def link_spacing(self, link: int, *, dense: bool) -> float:
-        """Distance between neighbouring surface points of a link [m]."""
+        """Return the distance between neighbouring surface points of a link [m]."""
         if dense:
             return DENSE_SPACING
         if self.link_names[link] in self.fingertip_links:
@@ -209,7 +209,7 @@ class Hand:
         return float(self.keypoints(self._zero)[0].mean(dim=0).numpy() @ self.finger_axis)
 
     def keypoints(self, q: Float[Tensor, "batch coordinates"]) -> Float[Tensor, "batch digit 3"]:
-        """The place on each fingertip that reaches for a target: see `fingertip_keypoints` [m]."""
+        """Return the place on each fingertip that reaches for a target: see `fingertip_keypoints` [m]."""
         transforms = self.forward_kinematics(q)
         links = self.fingertip_indices
         own = torch.as_tensor(self.fingertip_keypoints, dtype=q.dtype, device=q.device)
@@ -292,7 +292,7 @@ def _depth(
     distance_b: ExactDistance,
     T_world_b: Float[np.ndarray, "4 4"],
 ) -> float:
-    """Depth [m] of the deepest of link a's points inside link b; 0 if none is inside."""
+    """Return the depth [m] of the deepest of link a's points inside link b; 0 if none is inside."""
     in_b = trimesh.transform_points(points, np.linalg.inv(T_world_b) @ T_world_a)
     low, high = mesh_b.bounds
     near = in_b[((in_b >= low - BOX_MARGIN) & (in_b <= high + BOX_MARGIN)).all(axis=1)]

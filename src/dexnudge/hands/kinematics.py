@@ -32,7 +32,7 @@ def place_links(
     link_rotation: wp.array2d(dtype=wp.mat33),
     link_translation: wp.array2d(dtype=wp.vec3),
 ):
-    """Pose of every link of hand i in the frame of its root's pose."""
+    """Compute the pose of every link of hand i in the frame of its root's pose."""
     for l in range(tree.parent.shape[0]):
         if tree.parent[l] < 0:
             link_rotation[i, l] = root_rotation
@@ -48,7 +48,7 @@ def place_links(
 
 
 def kinematic_tree(hand: Hand, *, device: str = "cpu") -> WarpStruct:
-    """The `KinematicTree` of a hand, in single precision."""
+    """Return the `KinematicTree` of a hand, in single precision."""
     joints = hand.joints
     origins = np.stack([np.eye(4) if joint is None else joint.origin for joint in joints])
 

@@ -56,7 +56,7 @@ def mesh_path(filename: str, folder: Path) -> Path:
 
 
 def load_link_mesh(path: Path, scale: Float[np.ndarray, " 3"]) -> trimesh.Trimesh:
-    """A link's mesh in metres: faces and vertices in the file's order, normals outward.
+    """Return a link's mesh in metres: faces and vertices in the file's order, normals outward.
 
     Raises:
         HandError: a format that is not read, or a mesh that is unreadable, empty, not finite or too large.
@@ -104,7 +104,7 @@ def _parse(path: Path) -> trimesh.Trimesh:
 
 
 def gymnasium_assets() -> Path:
-    """The package's `envs/assets` folder, found without importing the package (its import starts a renderer).
+    """Return the package's `envs/assets` folder, found without importing the package (its import starts a renderer).
 
     Raises:
         HandError: the package is not installed.
@@ -119,7 +119,7 @@ def gymnasium_assets() -> Path:
 
 
 def gymnasium_mesh(stem: str, transform: np.ndarray | None = None) -> trimesh.Trimesh:
-    """One link mesh in metres, moved by `transform` (4, 4) into its link frame."""
+    """Return one link mesh in metres, moved by `transform` (4, 4) into its link frame."""
     mesh = trimesh.load_mesh(gymnasium_assets() / "stls" / "hand" / f"{stem}.stl")
     mesh.apply_scale(MILLIMETRE)
     mesh.merge_vertices()

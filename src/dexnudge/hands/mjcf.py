@@ -27,7 +27,7 @@ MAX_PIXELS = 4096  # a side of a texture
 
 
 def hand_from_mjcf(path: Path | str, config: HandConfig | Path | str | None = None, *, base: bool = True) -> Hand:
-    """The hand that an MJCF file describes, its palm as the root.
+    """Return the hand that an MJCF file describes, its palm as the root.
 
     Args:
         path: the MJCF. Every file that it names must lie in its folder or below.
@@ -56,7 +56,7 @@ def hand_from_mjcf(path: Path | str, config: HandConfig | Path | str | None = No
 
 
 def tree_of_model(model: mujoco.MjModel, name: str, palm: str | None, select: Callable[[int], bool]) -> Tree:
-    """The bodies of the tree in which the palm hangs, with the geoms that `select` admits.
+    """Return the bodies of the tree in which the palm hangs, with the geoms that `select` admits.
 
     A body with several joints, or with one away from its origin, becomes several links.
 
@@ -146,7 +146,7 @@ def _bodies(model: mujoco.MjModel, palm: str | None) -> list[int]:
 
 
 def _chain(model: mujoco.MjModel, body: int, parent: str, link: str, mimics: dict[int, Mimic]) -> list[TreeJoint]:
-    """The joints from a body's parent to the body; several, with empty links between, where one hinge does not say it."""
+    """Return the joints from a body's parent to the body; several, with empty links between, where one does not say it."""
     origin = _transform(model.body_pos[body], model.body_quat[body])
     hinges = [joint for joint in range(model.njnt) if model.jnt_bodyid[joint] == body]
     if not hinges:
@@ -172,7 +172,7 @@ def _chain(model: mujoco.MjModel, body: int, parent: str, link: str, mimics: dic
 
 
 def _mimics(model: mujoco.MjModel) -> dict[int, Mimic]:
-    """Joints that an equality ties to another: angle - zero = c0 + c1 (leader - leader's zero)."""
+    """Return the joints that an equality ties to another: angle - zero = c0 + c1 (leader - leader's zero)."""
     mimics = {}
     for equality in range(model.neq):
         follower, leader = int(model.eq_obj1id[equality]), int(model.eq_obj2id[equality])

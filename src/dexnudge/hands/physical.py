@@ -26,7 +26,7 @@ class BodyInertia:
 
 
 def body_inertia(mesh: trimesh.Trimesh) -> BodyInertia:
-    """Of a box as large as the mesh's bounding box, with the mass of its convex hull."""
+    """Return the inertia of a box as large as the mesh's bounding box, with the mass of its convex hull."""
     if len(mesh.faces) == 0:
         return BodyInertia(MIN_MASS, np.zeros(3), np.full(3, MIN_INERTIA))
     mass = max(MIN_MASS, DENSITY * mesh.convex_hull.volume)

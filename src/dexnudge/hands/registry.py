@@ -28,7 +28,7 @@ READERS: dict[str, Callable[..., Hand]] = {".urdf": hand_from_urdf, ".xml": _han
 
 
 def load_hand(name_or_urdf: str | Path, *, base: bool = True) -> Hand:
-    """The hand of that name, or the one in a URDF (.urdf) or MJCF (.xml) file with its YAML beside it.
+    """Return the hand of that name, or the one in a URDF (.urdf) or MJCF (.xml) file with its YAML beside it.
 
     Args:
         name_or_urdf: a name in `HANDS`, the name of a hand that an installed package brings, or a path.

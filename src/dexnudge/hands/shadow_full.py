@@ -30,7 +30,7 @@ CONFIG = HandConfig(
 
 
 def shadow_full(*, base: bool = True) -> Hand:
-    """The full hand: 24 joint angles with the base (wrist and forearm), 22 without.
+    """Return the full hand: 24 joint angles with the base (wrist and forearm), 22 without.
 
     Raises:
         HandError: the package gymnasium-robotics is not installed.
@@ -47,7 +47,7 @@ def shadow_full(*, base: bool = True) -> Hand:
 
 
 def compiled_model() -> mujoco.MjModel:
-    """The package's hand alone, without its scene; only the classes that `robot.xml` refers to are set."""
+    """Return the package's hand alone, without its scene; only the classes that `robot.xml` refers to are set."""
     assets = gymnasium_assets()
     classes = "".join(f'<default class="{PREFIX}{name}"/>' for name in ("asset_class", "DC_Hand", "D_Touch"))
     return mujoco.MjModel.from_xml_string(

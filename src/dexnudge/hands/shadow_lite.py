@@ -27,7 +27,7 @@ Vector = tuple[float, float, float]
 
 
 def shadow_lite(*, base: bool = True) -> Hand:
-    """The Lite with 16 joint angles FFJ4..FFJ1, MFJ4..MFJ1, RFJ4..RFJ1, THJ5, THJ4, THJ2, THJ1.
+    """Return the Lite with 16 joint angles FFJ4..FFJ1, MFJ4..MFJ1, RFJ4..RFJ1, THJ5, THJ4, THJ2, THJ1.
 
     Args:
         base: whether the forearm box behind the palm is part of the collision geometry.

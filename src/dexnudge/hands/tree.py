@@ -51,7 +51,7 @@ class Tree:
 
 
 def hand_from_tree(tree: Tree, config: HandConfig, *, base: bool = True) -> Hand:
-    """The hand with the palm as its root.
+    """Return the hand with the palm as its root.
 
     Links keep the file's order as far as parents come before children; joints keep it strictly.
 
@@ -194,7 +194,7 @@ def _solid_tip(tip: str, digit: str, tree: Tree, carrier: dict[str, TreeJoint], 
 
 
 def rerooted(tree: Tree, palm: str) -> Tree:
-    """The same tree hanging from `palm`.
+    """Return the same tree hanging from `palm`.
 
     A joint on the way from the old root, T_parent_child = O R(a, t), is turned round: the former child carries the former
     parent by R(-a, t). For that the former parent's frame moves by O, and its geometry and other joints by O^-1; the
@@ -254,7 +254,7 @@ def _check_names(tree: Tree, config: HandConfig) -> None:
 
 
 def _without_base(tree: Tree, config: HandConfig) -> Tree:
-    """The tree without the links on the base's side of the palm that lead to no fingertip."""
+    """Return the tree without the links on the base's side of the palm that lead to no fingertip."""
     parent = {joint.child: joint.parent for joint in tree.joints}
 
     def above(link: str) -> list[str]:

@@ -28,7 +28,7 @@ CONTINUOUS_LIMIT = np.pi  # [rad] either way: a joint without limits still needs
 
 
 def hand_from_urdf(path: Path | str, config: HandConfig | Path | str | None = None, *, base: bool = True) -> Hand:
-    """The hand that a URDF describes, its palm as the root.
+    """Return the hand that a URDF describes, its palm as the root.
 
     Args:
         path: the URDF. Meshes must lie in its folder or below.
@@ -59,7 +59,7 @@ def hand_from_urdf(path: Path | str, config: HandConfig | Path | str | None = No
 
 
 def config_path(path: Path, config: Path | str | None, tree: Tree) -> Path:
-    """The YAML of a description file; without one, HandError says what to write, filled in as far as the tree tells."""
+    """Return the YAML of a description file; without one, HandError says what to write, as far as the tree tells."""
     if config is not None:
         return Path(config)
     for candidate in (path.with_suffix(".yaml"), path.with_name("hand.yaml")):
@@ -181,7 +181,7 @@ def _origin(element: Element, where: str) -> Float[np.ndarray, "4 4"]:
 
 
 def _numbers(element: Element | None, key: str, default: tuple[float, ...], where: str) -> np.ndarray:
-    """The numbers in an attribute, as many as the default has; the default where there is no such attribute."""
+    """Return the numbers in an attribute, as many as the default has; the default where there is no such attribute."""
     text = None if element is None else element.get(key)
     if text is None:
         return np.asarray(default)

@@ -9,7 +9,7 @@ from dexnudge.errors import HandError
 
 
 def numbers(values: Iterable[float]) -> str:
-    """The shortest text of each value that reads back exactly, separated by spaces."""
+    """Return the shortest text of each value that reads back exactly, separated by spaces."""
     return " ".join(repr(float(value) + 0.0) for value in values)  # + 0.0 turns -0.0 into 0.0
 
 
@@ -17,7 +17,7 @@ MAX_DESCRIPTION_BYTES = 10_000_000  # a hand's description has some ten kilobyte
 
 
 def read_xml(path: Path, *, root_tag: str | None) -> ElementTree.Element:
-    """The root element of an XML file.
+    """Return the root element of an XML file.
 
     Args:
         path: the file.

@@ -67,7 +67,7 @@ PRESSING = 0.7  # cosine between a contact's inward normal and the way down or f
 
 
 def pressing(contacts: HandContacts, motion: Float[np.ndarray, "3"]) -> Bool[np.ndarray, " contact"]:
-    """Which contacts press down or push along `motion` (unit, world).
+    """Return which contacts press down or push along `motion` (unit, world).
 
     The balance counts on contacts that squeeze an object from two sides or hold it back in front, and needs their forces to
     be just right; in physics such a contact turns the object or slips off. Nothing depends on those that press or push.
@@ -76,10 +76,10 @@ def pressing(contacts: HandContacts, motion: Float[np.ndarray, "3"]) -> Bool[np.
 
 
 def helping(contacts: HandContacts, motion: Float[np.ndarray, "3"]) -> Float[np.ndarray, " contact"]:
-    """Cosine between each contact's inward normal and the way down or along `motion` (unit, world), whichever is greater."""
+    """Return the greater cosine of each contact's inward normal with the way down and with `motion` (unit, world)."""
     return np.maximum(contacts.normals[:, 2], -contacts.normals @ motion)
 
 
 def some_contacts(contacts: HandContacts, kept: Bool[np.ndarray, " contact"]) -> HandContacts:
-    """Those of the contacts that are kept."""
+    """Return those of the contacts that are kept."""
     return HandContacts(points=contacts.points[kept], normals=contacts.normals[kept], link=contacts.link[kept])

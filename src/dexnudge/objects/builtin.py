@@ -41,7 +41,7 @@ KINDS: dict[str, Proportions] = {
 
 
 def is_test_cell(column: int, row: int) -> bool:
-    """Whether a cell of the plane of proportions belongs to the test set."""
+    """Return whether a cell of the plane of proportions belongs to the test set."""
     return (column + 2 * row) % TEST_MODULUS == 0
 
 
@@ -94,7 +94,7 @@ PLAIN = {
 
 
 def builtin_names(set_name: str) -> list[str]:
-    """Names of a set: "train" (320 objects) or "test" (42, with proportions that no training object has).
+    """Return the names of a set: "train" (320 objects) or "test" (42, with proportions that no training object has).
 
     Raises:
         UnknownNameError: another set name.
@@ -107,7 +107,7 @@ def builtin_names(set_name: str) -> list[str]:
 
 
 def is_builtin(name: str) -> bool:
-    """Whether `builtin_object` knows the name."""
+    """Return whether `builtin_object` knows the name."""
     if name in PLAIN:
         return True
     match = re.fullmatch(r"([a-z]+)-(\d{3})", name)
@@ -118,7 +118,7 @@ def is_builtin(name: str) -> bool:
 
 
 def builtin_shape(name: str) -> SlabShape:
-    """The parameters behind a built-in name; the name is the seed.
+    """Return the parameters behind a built-in name; the name is the seed.
 
     Raises:
         UnknownNameError: no such object; the message lists those that exist.
@@ -136,7 +136,7 @@ def builtin_shape(name: str) -> SlabShape:
 
 
 def builtin_object(name: str) -> trimesh.Trimesh:
-    """Mesh [m] of a built-in object such as "phone", "phone-017" or "remote-203".
+    """Return the mesh [m] of a built-in object such as "phone", "phone-017" or "remote-203".
 
     Raises:
         UnknownNameError: no such object; the message lists those that exist.
@@ -147,7 +147,7 @@ def builtin_object(name: str) -> trimesh.Trimesh:
 
 
 def describe_builtin_names() -> str:
-    """All built-in names in one line."""
+    """Return all built-in names in one line."""
     ranges = [
         f"{kind}-000..{count - 1:03d} and {kind}-{FIRST_TEST_NUMBER}..{FIRST_TEST_NUMBER + TEST_COUNTS[kind] - 1}"
         for kind, count in TRAIN_COUNTS.items()

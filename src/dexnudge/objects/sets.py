@@ -25,7 +25,7 @@ class NamedObject:
 
 
 def resolve_object(text: str, *, units: str = "m", length: float | None = None) -> NamedObject:
-    """The object that `text` means: a built-in name, or a path to a mesh file.
+    """Return the object that `text` means: a built-in name, or a path to a mesh file.
 
     Args:
         text: "phone", "remote-203", "parts/phone.stl". A built-in name wins over a file of that name; write
@@ -85,7 +85,7 @@ class ObjectEntry:
 
 
 def resolve_object_set(text: str, *, units: str = "m", length: float | None = None) -> list[ObjectEntry]:
-    """The objects that `text` means, in a fixed order, with unique names; nothing is loaded yet.
+    """Return the objects that `text` means, in a fixed order, with unique names; nothing is loaded yet.
 
     Args:
         text: `builtin:train` or `builtin:test`; a DexGraspNet `meshdata` folder; a folder of mesh files; one mesh
@@ -118,7 +118,7 @@ def resolve_object_set(text: str, *, units: str = "m", length: float | None = No
 
 
 def is_dexgraspnet(path: Path) -> bool:
-    """Whether the path has the layout `<code>/coacd/decomposed.obj`."""
+    """Return whether the path has the layout `<code>/coacd/decomposed.obj`."""
     return Path(*path.parts[-2:]) == DEXGRASPNET_MESH and len(path.parts) > 2
 
 

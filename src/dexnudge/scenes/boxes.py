@@ -77,7 +77,7 @@ def swept(outline: Outline, displacement: Float[np.ndarray, "2"]) -> Outline:
 
 
 def gap_between(first: Outline, second: Outline) -> float:
-    """Distance [m] between two convex outlines; negative where they overlap.
+    """Return the distance [m] between two convex outlines; negative where they overlap.
 
     Apart: the nearest pair is a vertex and an edge. Overlapping: minus the least shift along an edge's normal that
     parts them.

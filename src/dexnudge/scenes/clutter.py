@@ -1,4 +1,4 @@
-"""`clutter`: on a table among six boxes, its way to the edge left free."""
+"""`clutter`: on a table among six boxes, its path to the edge left free."""
 
 from __future__ import annotations
 
@@ -10,7 +10,7 @@ from jaxtyping import Float
 
 from dexnudge.errors import SceneError
 from dexnudge.scenes.boxes import Outline, box, gap_between, joined, outline_of, rectangle, swept
-from dexnudge.scenes.resting import lay_down
+from dexnudge.scenes.resting import place_at_rest
 from dexnudge.scenes.scene import MOTION_LENGTH, Scene
 from dexnudge.scenes.table import SLAB, place_near_edge, slab
 
@@ -18,7 +18,7 @@ BOXES = 6
 SIDES = (0.025, 0.060)  # [m] length and width of a box
 HEIGHT = (0.02, 0.12)  # [m] of a box
 GAP = (0.004, 0.019)  # [m] from the object's outline; within the 20 mm that the family promises
-APART = 0.003  # [m] least distance between two boxes, and to the object's way
+APART = 0.003  # [m] least distance between two boxes, and to the object's path
 TRIES = 150  # places tried for each box
 SCALES = (1.0, 0.8, 0.6, 0.4)  # of the boxes; all six are drawn anew, smaller, where one found no place
 
@@ -29,18 +29,18 @@ def clutter(mesh: trimesh.Trimesh, generator: np.random.Generator) -> Scene:
     Raises:
         SceneError: six boxes do not fit around the object.
     """
-    lying = lay_down(mesh, generator.uniform(-np.pi, np.pi))
-    (x, y), motion, drawn = place_near_edge(lying.size, generator)
-    outline = outline_of(lying.footprint()) + np.array([x, y])
-    way = swept(outline, MOTION_LENGTH * motion[:2])
+    resting = place_at_rest(mesh, generator.uniform(-np.pi, np.pi))
+    (x, y), motion, drawn = place_near_edge(resting.size, generator)
+    outline = outline_of(resting.footprint()) + np.array([x, y])
+    path = swept(outline, MOTION_LENGTH * motion[:2])
     for scale in SCALES:
-        places = _six_places(outline, way, scale, generator)
+        places = _six_places(outline, path, scale, generator)
         if len(places) == BOXES:
             break
     else:
         raise SceneError(
-            f"only {len(places)} of {BOXES} boxes fit around an object of {lying.size[0]:.3f} x "
-            f"{lying.size[1]:.3f} m; expected room for all; use a larger object or another seed"
+            f"only {len(places)} of {BOXES} boxes fit around an object of {resting.size[0]:.3f} x "
+            f"{resting.size[1]:.3f} m; expected room for all; use a larger object or another seed"
         )
     heights = generator.uniform(*HEIGHT, size=BOXES)
     parts = [slab()] + [
@@ -56,8 +56,8 @@ def clutter(mesh: trimesh.Trimesh, generator: np.random.Generator) -> Scene:
         }
         for place, height in zip(places, heights, strict=True)
     ]
-    parameters = {"yaw": lying.yaw, **drawn, "boxes": described}
-    return Scene(mesh, joined(parts), lying.at(x, y), motion, name="clutter", parameters=parameters)
+    parameters = {"yaw": resting.yaw, **drawn, "boxes": described}
+    return Scene(mesh, joined(parts), resting.at(x, y), motion, name="clutter", parameters=parameters)
 
 
 @dataclass(frozen=True)
@@ -73,10 +73,10 @@ class _Place:
         return rectangle(self.centre, (float(self.size[0]), float(self.size[1])), self.yaw)
 
 
-def _six_places(outline: Outline, way: Outline, scale: float, generator: np.random.Generator) -> list[_Place]:
+def _six_places(outline: Outline, path: Outline, scale: float, generator: np.random.Generator) -> list[_Place]:
     """Places for six boxes, or for as many as were found before one found none."""
     places: list[_Place] = []
-    occupied = [way]
+    occupied = [path]
     while len(places) < BOXES:
         place = _place(outline, occupied, scale, generator)
         if place is None:

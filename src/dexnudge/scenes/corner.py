@@ -7,7 +7,7 @@ import trimesh
 
 from dexnudge.errors import SceneError
 from dexnudge.scenes.boxes import box, joined
-from dexnudge.scenes.resting import lay_down
+from dexnudge.scenes.resting import place_at_rest
 from dexnudge.scenes.scene import Scene
 from dexnudge.scenes.table import SLAB, slab
 
@@ -23,10 +23,10 @@ def corner(mesh: trimesh.Trimesh, generator: np.random.Generator) -> Scene:
     Raises:
         SceneError: the object and its way out do not fit on the table.
     """
-    lying = lay_down(mesh, float(generator.integers(4)) * np.pi / 2)
+    resting = place_at_rest(mesh, float(generator.integers(4)) * np.pi / 2)
     gap_x, gap_y = (float(gap) for gap in generator.uniform(*GAP, size=2))
     height = float(generator.uniform(*WALL_HEIGHT))
-    length, width = float(lying.size[0]), float(lying.size[1])
+    length, width = float(resting.size[0]), float(resting.size[1])
     if max(length, width) + GAP[1] + WALL > SLAB[1]:
         raise SceneError(
             f"the object covers {length:.3f} x {width:.3f} m; expected at most {SLAB[1] - GAP[1] - WALL:.3f} m a side "
@@ -40,6 +40,6 @@ def corner(mesh: trimesh.Trimesh, generator: np.random.Generator) -> Scene:
             box((x, y - WALL - 2 * LIP, 0.0), (SLAB[0] / 2 + LIP, y, height + LIP)),
         ]
     )
-    pose = lying.at(x + gap_x + length / 2, y + gap_y + width / 2)
-    parameters = {"yaw": lying.yaw, "gap_x": gap_x, "gap_y": gap_y, "wall_height": height}
+    pose = resting.at(x + gap_x + length / 2, y + gap_y + width / 2)
+    parameters = {"yaw": resting.yaw, "gap_x": gap_x, "gap_y": gap_y, "wall_height": height}
     return Scene(mesh, environment, pose, np.array([1.0, 1.0, 0.0]), name="corner", parameters=parameters)

@@ -7,7 +7,7 @@ import trimesh
 
 from dexnudge.errors import SceneError
 from dexnudge.scenes.boxes import box, joined
-from dexnudge.scenes.resting import lay_down
+from dexnudge.scenes.resting import place_at_rest
 from dexnudge.scenes.scene import MOTION_LENGTH, Scene
 
 LENGTH = (0.38, 0.50)  # [m] inside, along the motion
@@ -31,18 +31,18 @@ def drawer(mesh: trimesh.Trimesh, generator: np.random.Generator) -> Scene:
     gap, sideways = float(generator.uniform(*WALL_GAP)), float(generator.uniform(-0.5, 0.5))
     room = (length - WALL_GAP[1] - MOTION_LENGTH, width - 2 * SIDE_GAP)
     for turned in (yaw, np.pi / 2, 0.0):
-        lying = lay_down(mesh, turned)
-        if lying.size[0] <= room[0] and lying.size[1] <= room[1]:
+        resting = place_at_rest(mesh, turned)
+        if resting.size[0] <= room[0] and resting.size[1] <= room[1]:
             break
     else:
         raise SceneError(
-            f"the object lies {lying.size[0]:.3f} x {lying.size[1]:.3f} m; expected at most {room[0]:.3f} x "
+            f"the object lies {resting.size[0]:.3f} x {resting.size[1]:.3f} m; expected at most {room[0]:.3f} x "
             f"{room[1]:.3f} m in the drawer; use a smaller object or your own environment"
         )
-    sideways *= room[1] - float(lying.size[1])
-    pose = lying.at(-length / 2 + gap + float(lying.size[0]) / 2, sideways)
+    sideways *= room[1] - float(resting.size[1])
+    pose = resting.at(-length / 2 + gap + float(resting.size[0]) / 2, sideways)
     parameters = {
-        "yaw": lying.yaw,
+        "yaw": resting.yaw,
         "inner_length": length,
         "inner_width": width,
         "wall_height": height,

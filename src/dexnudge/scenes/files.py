@@ -81,7 +81,7 @@ def read_scene(folder: Path) -> dict[str, Any]:
 
 
 def _inside(folder: Path, value: Any, key: str) -> Path:
-    """The path of a mesh below the folder; SceneError when it points anywhere else."""
+    """Return the path of a mesh below the folder; SceneError when it points anywhere else."""
     if not isinstance(value, str) or not value or "\0" in value:
         raise SceneError(f"{key} is {value!r}; expected a path relative to the folder of {SCENE_FILE}")
     target = (folder / value).resolve()

@@ -7,7 +7,7 @@ import trimesh
 
 from dexnudge.errors import SceneError
 from dexnudge.scenes.boxes import box, joined
-from dexnudge.scenes.resting import lay_down
+from dexnudge.scenes.resting import place_at_rest
 from dexnudge.scenes.scene import Scene
 
 DEPTH = 0.30  # [m] of both boards, backward from their front edges
@@ -44,8 +44,8 @@ def between_boards(
     Raises:
         SceneError: the object is longer than the boards are deep.
     """
-    lying = lay_down(mesh, float(generator.integers(2)) * np.pi)
-    length, width, height = (float(side) for side in lying.size)
+    resting = place_at_rest(mesh, float(generator.integers(2)) * np.pi)
+    length, width, height = (float(side) for side in resting.size)
     drawn_gap, drawn_exposed = generator.uniform(*gap), generator.uniform(*exposed)
     if length > DEPTH:
         raise SceneError(
@@ -60,7 +60,7 @@ def between_boards(
             box((front - DEPTH, -half, height + drawn_gap), (front, half, height + drawn_gap + BOARD)),
         ]
     )
-    parameters = {"yaw": lying.yaw, "gap": drawn_gap, "exposed_fraction": drawn_exposed}
+    parameters = {"yaw": resting.yaw, "gap": drawn_gap, "exposed_fraction": drawn_exposed}
     return Scene(
-        mesh, environment, lying.at(-length / 2, 0.0), np.array([1.0, 0.0, 0.0]), name=name, parameters=parameters
+        mesh, environment, resting.at(-length / 2, 0.0), np.array([1.0, 0.0, 0.0]), name=name, parameters=parameters
     )

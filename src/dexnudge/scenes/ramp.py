@@ -5,7 +5,7 @@ from __future__ import annotations
 import numpy as np
 import trimesh
 
-from dexnudge.scenes.resting import lay_down
+from dexnudge.scenes.resting import place_at_rest
 from dexnudge.scenes.scene import Scene
 from dexnudge.scenes.table import place_near_edge, slab
 
@@ -20,11 +20,11 @@ def ramp(mesh: trimesh.Trimesh, generator: np.random.Generator) -> Scene:
     Raises:
         SceneError: the object is larger than the table allows.
     """
-    lying = lay_down(mesh, generator.uniform(-np.pi, np.pi))
-    (x, y), motion, drawn = place_near_edge(lying.size, generator)
+    resting = place_at_rest(mesh, generator.uniform(-np.pi, np.pi))
+    (x, y), motion, drawn = place_near_edge(resting.size, generator)
     # The axis for which a positive turn lowers the side that the motion heads for.
     tilt = trimesh.transformations.rotation_matrix(SLOPE, np.cross([0.0, 0.0, 1.0], motion))
     environment = slab()
     environment.apply_transform(tilt)
-    parameters = {"yaw": lying.yaw, **drawn, "slope_degrees": float(np.degrees(SLOPE))}
-    return Scene(mesh, environment, tilt @ lying.at(x, y), tilt[:3, :3] @ motion, name="ramp", parameters=parameters)
+    parameters = {"yaw": resting.yaw, **drawn, "slope_degrees": float(np.degrees(SLOPE))}
+    return Scene(mesh, environment, tilt @ resting.at(x, y), tilt[:3, :3] @ motion, name="ramp", parameters=parameters)

@@ -1,4 +1,4 @@
-"""An object lying on the plane z = 0, turned about the vertical, with the size of what it covers."""
+"""An object resting on the plane z = 0, turned about the vertical, with the size of what it covers."""
 
 from __future__ import annotations
 
@@ -19,7 +19,7 @@ EDGE_TOLERANCE = 1e-9  # barycentric; the foot of the centre of mass may lie on 
 
 
 def resting_pose(mesh: trimesh.Trimesh) -> Float[np.ndarray, "4 4"]:
-    """Pose of the object (object frame to a frame on the support plane) when it lies on its most stable face.
+    """Return the pose of the object (object frame to a frame on the support plane) when it lies on its most stable face.
 
     The plane is z = 0, z up; the lowest vertices touch it exactly; the centre of the bounding box is above the
     origin; the long side of the smallest rectangle around the footprint lies along x.
@@ -106,7 +106,7 @@ def _long_side_along_x(footprint: Float[np.ndarray, "n 2"]) -> Float[np.ndarray,
 
 
 @dataclass(frozen=True)
-class Lying:
+class RestingObject:
     """The object on z = 0, the centre of its bounding box above the origin.
 
     `pose`: (4, 4) object frame to world. `size`: (3,) of the bounding box in the world [m]. `yaw` [rad].
@@ -118,7 +118,7 @@ class Lying:
     yaw: float
 
     def at(self, x: float, y: float, z: float = 0.0) -> Float[np.ndarray, "4 4"]:
-        """Pose with the centre of the bounding box above (x, y) and the lowest point at height z [m]."""
+        """Return the pose with the centre of the bounding box above (x, y) and the lowest point at height z [m]."""
         return shift(x, y, z) @ self.pose
 
     def footprint(self) -> Float[np.ndarray, "n 2"]:
@@ -127,10 +127,10 @@ class Lying:
         return (hull @ self.pose[:3, :3].T + self.pose[:3, 3])[:, :2]
 
 
-def lay_down(mesh: trimesh.Trimesh, yaw: float) -> Lying:
-    """The object on its most stable face; at `yaw` = 0 its long side is along x."""
+def place_at_rest(mesh: trimesh.Trimesh, yaw: float) -> RestingObject:
+    """Return the object on its most stable face; at `yaw` = 0 its long side is along x."""
     pose = turn(yaw) @ resting_pose(mesh)
     placed = np.asarray(mesh.vertices) @ pose[:3, :3].T + pose[:3, 3]
     low, high = placed.min(axis=0), placed.max(axis=0)
     centred = shift(-(low[0] + high[0]) / 2, -(low[1] + high[1]) / 2, -low[2]) @ pose
-    return Lying(mesh, centred, high - low, float(yaw))
+    return RestingObject(mesh, centred, high - low, float(yaw))

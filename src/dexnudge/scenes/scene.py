@@ -77,7 +77,7 @@ class Scene:
             _check_number(label, getattr(self, label), minimum_excluded=False)
 
     def object_in_world(self) -> trimesh.Trimesh:
-        """Copy of the object's mesh in the world frame, metres."""
+        """Return a copy of the object's mesh in the world frame, metres."""
         mesh = self.object_mesh.copy()
         mesh.apply_transform(self.T_world_object)
         return mesh

@@ -7,7 +7,7 @@ import trimesh
 
 from dexnudge.errors import SceneError
 from dexnudge.scenes.boxes import box, joined
-from dexnudge.scenes.resting import Lying, lay_down
+from dexnudge.scenes.resting import RestingObject, place_at_rest
 from dexnudge.scenes.scene import Scene
 
 DEPTH = 0.30  # [m] inside, from the opening to the back wall
@@ -50,26 +50,26 @@ def in_cell(
     Raises:
         SceneError: the object does not fit in any of these ways, or leaves no room above for a finger.
     """
-    sizes = lay_down(mesh, 0.0).size
+    sizes = place_at_rest(mesh, 0.0).size
     lowest = max(height[0], float(sizes[2]) + HEAD_ROOM)
     inner_width = generator.uniform(*WIDTH)
     inner_height = lowest + generator.uniform() * max(height[1] - lowest, 0.0)
     flip = float(generator.integers(2)) * np.pi
     yaws = [*(generator.uniform(-YAW, YAW, size=DRAWS) + flip), flip, np.pi / 2]
     fraction_gap, fraction_side = (float(draw) for draw in generator.uniform(size=2))
-    lying = _first_that_fits(mesh, yaws, inner_width, front_gap[0])
-    if lying is None or lowest > height[1]:
+    resting = _first_that_fits(mesh, yaws, inner_width, front_gap[0])
+    if resting is None or lowest > height[1]:
         raise SceneError(
             f"the object lies {sizes[0]:.3f} x {sizes[1]:.3f} m and {sizes[2]:.3f} m high; expected one that fits "
             f"{DEPTH - front_gap[0] - WALL_GAP:.3f} x {inner_width - 2 * WALL_GAP:.3f} m, at most "
             f"{height[1] - HEAD_ROOM:.3f} m high, in the cell of {name!r}; use a smaller object or your own environment"
         )
-    deepest = min(front_gap[1], DEPTH - WALL_GAP - float(lying.size[0]))
+    deepest = min(front_gap[1], DEPTH - WALL_GAP - float(resting.size[0]))
     gap = front_gap[0] + fraction_gap * (deepest - front_gap[0])
-    side = (fraction_side - 0.5) * (inner_width - 2 * WALL_GAP - float(lying.size[1]))
-    pose = lying.at(-gap - lying.size[0] / 2, side)
+    side = (fraction_side - 0.5) * (inner_width - 2 * WALL_GAP - float(resting.size[1]))
+    pose = resting.at(-gap - resting.size[0] / 2, side)
     parameters = {
-        "yaw": lying.yaw,
+        "yaw": resting.yaw,
         "inner_width": inner_width,
         "inner_height": inner_height,
         "front_gap": gap,
@@ -94,9 +94,9 @@ def cell(width: float, height: float) -> trimesh.Trimesh:
     )
 
 
-def _first_that_fits(mesh: trimesh.Trimesh, yaws: list[float], width: float, front_gap: float) -> Lying | None:
+def _first_that_fits(mesh: trimesh.Trimesh, yaws: list[float], width: float, front_gap: float) -> RestingObject | None:
     for yaw in yaws:
-        lying = lay_down(mesh, yaw)
-        if lying.size[0] <= DEPTH - front_gap - WALL_GAP and lying.size[1] <= width - 2 * WALL_GAP:
-            return lying
+        resting = place_at_rest(mesh, yaw)
+        if resting.size[0] <= DEPTH - front_gap - WALL_GAP and resting.size[1] <= width - 2 * WALL_GAP:
+            return resting
     return None

@@ -6,7 +6,7 @@ import numpy as np
 import trimesh
 
 from dexnudge.scenes.boxes import box, joined
-from dexnudge.scenes.resting import lay_down
+from dexnudge.scenes.resting import place_at_rest
 from dexnudge.scenes.scene import Scene
 from dexnudge.scenes.table import place_near_edge, slab
 
@@ -23,11 +23,11 @@ def stack(mesh: trimesh.Trimesh, generator: np.random.Generator) -> Scene:
     Raises:
         SceneError: the pile is larger than the table allows.
     """
-    lying = lay_down(mesh, float(generator.integers(4)) * np.pi / 2)
+    resting = place_at_rest(mesh, float(generator.integers(4)) * np.pi / 2)
     margins = generator.uniform(*MARGIN, size=4)  # -x, +x, -y, +y
     spread = generator.uniform(*LOWER_MARGIN, size=4)
     lower, upper = (float(value) for value in generator.uniform(*THICKNESS, size=2))
-    half = lying.size[:2] / 2
+    half = resting.size[:2] / 2
     outer = margins + spread
     pile_size = np.array([2 * half[0] + outer[:2].sum(), 2 * half[1] + outer[2:].sum(), 0.0])
     (x, y), _, _ = place_near_edge(pile_size, generator)
@@ -44,10 +44,10 @@ def stack(mesh: trimesh.Trimesh, generator: np.random.Generator) -> Scene:
     motion = np.zeros(3)
     motion[nearest // 2] = 1.0 if nearest % 2 else -1.0
     parameters = {
-        "yaw": lying.yaw,
+        "yaw": resting.yaw,
         "margins": margins.tolist(),
         "lower_margins": outer.tolist(),
         "thickness_lower": lower,
         "thickness_upper": upper,
     }
-    return Scene(mesh, environment, lying.at(x, y, lower + upper), motion, name="stack", parameters=parameters)
+    return Scene(mesh, environment, resting.at(x, y, lower + upper), motion, name="stack", parameters=parameters)

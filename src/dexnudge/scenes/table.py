@@ -7,7 +7,7 @@ import trimesh
 
 from dexnudge.errors import SceneError
 from dexnudge.scenes.boxes import box
-from dexnudge.scenes.resting import lay_down
+from dexnudge.scenes.resting import place_at_rest
 from dexnudge.scenes.scene import Scene
 
 SLAB = (1.2, 0.8, 0.04)  # [m] length, width, thickness; the top is z = 0, centred on the origin
@@ -50,6 +50,6 @@ def place_near_edge(
 
 def table(mesh: trimesh.Trimesh, generator: np.random.Generator) -> Scene:
     """Any yaw, 0.10 to 0.30 m from the object's nearest point to an edge; motion straight toward that edge."""
-    lying = lay_down(mesh, generator.uniform(-np.pi, np.pi))
-    (x, y), motion, drawn = place_near_edge(lying.size, generator)
-    return Scene(mesh, slab(), lying.at(x, y), motion, name="table", parameters={"yaw": lying.yaw, **drawn})
+    resting = place_at_rest(mesh, generator.uniform(-np.pi, np.pi))
+    (x, y), motion, drawn = place_near_edge(resting.size, generator)
+    return Scene(mesh, slab(), resting.at(x, y), motion, name="table", parameters={"yaw": resting.yaw, **drawn})
