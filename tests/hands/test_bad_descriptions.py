@@ -191,6 +191,14 @@ def test_bad_urdf(write_hand, old, new, expected):
             ),
         ),
         (
+            'xyz="0 0 0.05"',
+            'xyz="0 0 50"',
+            (
+                "joint 'far' lies 50 m from the frame of 'finger': expected at most 2 m; in millimetres? "
+                "give its origin in metres"
+            ),
+        ),
+        (
             'scale="0.001 0.002 0.001"',
             "",
             (

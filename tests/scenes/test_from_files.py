@@ -6,8 +6,10 @@ import numpy as np
 import pytest
 import trimesh
 
-from dexnudge.errors import SceneError
+from dexnudge.errors import InputError, SceneError
+from dexnudge.hands.registry import load_hand
 from dexnudge.objects.builtin import builtin_object
+from dexnudge.objects.sets import resolve_object_set
 from dexnudge.scenes.poses import load_pose
 from dexnudge.scenes.scene import Scene
 
@@ -72,6 +74,9 @@ def test_malformed_poses_are_named(tmp_path):
     assert message_of({"position": ["a", 0, 0], "quaternion_wxyz": [1, 0, 0, 0]}) == (
         f"{path}: position is ['a', 0, 0]; expected 3 numbers"
     )
+    assert message_of({"position": [0, 0, 10**400], "quaternion_wxyz": [1, 0, 0, 0]}) == (
+        f"{path}: position is [0, 0, 1{72 * '0'}; expected 3 numbers"
+    )
     assert message_of({"T_world_object": [[1, 2]]}) == "T_world_object has shape (1, 2); expected (4, 4)"
 
 
@@ -90,3 +95,40 @@ def test_a_zero_motion_is_refused(slab):
         Scene.from_files(
             builtin_object("phone"), environment=slab, object_pose=pose, motion=(0.0, 0.0, 0.0), units="mm"
         )
+
+
+LONG = "a" * 300
+
+
+@pytest.mark.parametrize(
+    "use",
+    [
+        lambda: Scene.from_files(f"{LONG}.obj", environment=LONG, object_pose=LONG, motion=(1, 0, 0)),
+        lambda: Scene.from_files("phone", environment=f"{LONG}.ply", object_pose=LONG, motion=(1, 0, 0)),
+        lambda: Scene.load(LONG),
+        lambda: load_pose(LONG),
+        lambda: load_hand(f"{LONG}.urdf"),
+        lambda: load_hand(LONG),
+        lambda: resolve_object_set(LONG),
+    ],
+)
+def test_a_name_that_is_too_long_for_a_file_is_no_bug(use):
+    with pytest.raises(InputError):
+        use()
+
+
+@pytest.mark.parametrize(("factor", "unit"), [(1000, "millimetres"), (100, "centimetres"), (1 / 0.0254, "inches")])
+def test_a_position_in_another_unit_is_asked_about(slab, factor, unit):
+    pose = np.eye(4)
+    pose[:3, 3] = np.array([0.1, 0.2, 0.005]) * factor
+    with pytest.raises(SceneError, match=f"is the pose in {unit}\\?"):
+        Scene.from_files("phone", environment=slab, object_pose=pose, motion=(1.0, 0.0, 0.0), units="mm")
+
+
+def test_what_was_done_to_the_meshes_is_noted(tmp_path):
+    sheet = trimesh.Trimesh([[-1, -1, 0], [1, -1, 0], [1, 1, 0], [-1, 1, 0]], [[0, 2, 1], [0, 3, 2]], process=False)
+    sheet.export(tmp_path / "sheet.ply")
+    pose = np.eye(4)
+    pose[2, 3] = 0.005
+    scene = Scene.from_files("phone", environment=tmp_path / "sheet.ply", object_pose=pose, motion=(1.0, 0.0, 0.0))
+    assert scene.notes == ["environment: every face faced down: turned round, so that something can lie on it"]

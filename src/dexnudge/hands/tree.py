@@ -157,7 +157,14 @@ def _without_placing_joints(tree: Tree, config: HandConfig) -> tuple[Tree, list[
 
 
 def _check_sizes(tree: Tree) -> None:
-    """Refuse links that are too long for a hand, or flat."""
+    """Refuse links that are too long for a hand or too far from each other, or flat."""
+    for joint in tree.joints:
+        distance = float(np.linalg.norm(joint.origin[:3, 3]))
+        if distance > LONGEST_LINK:
+            raise HandError(
+                f"joint '{joint.name}' lies {distance:.3g} m from the frame of '{joint.parent}': expected at most "
+                f"{LONGEST_LINK:g} m; in millimetres? give its origin in metres"
+            )
     for link, mesh in tree.links.items():
         if not len(mesh.faces):
             continue

@@ -16,6 +16,7 @@ POSE_KEY, POSITION_KEY, QUATERNION_KEY = "T_world_object", "position", "quaterni
 QUATERNION_TOLERANCE = 1e-3  # on the norm; three decimals are what people type
 RIGID_TOLERANCE = 1e-5  # on R^T R - I; poses typed by hand carry six digits
 ROUNDED_TOLERANCE = 1e-3  # on R^T R - I; up to here the nearest rotation is taken: it carries three or four decimals
+LONGEST_QUOTE = 80  # characters of a wrong value in a message
 FARTHEST = 1e3  # [m] a pose farther from the origin than this is no pose of an object in a room
 
 
@@ -120,9 +121,9 @@ def _vector(value: Any, size: int, key: str, path: Path) -> np.ndarray:
     try:
         vector = np.array(value, dtype=np.float64)
     except (TypeError, ValueError, OverflowError) as error:
-        raise SceneError(f"{path}: {key} is {value!r}; expected {size} numbers") from error
+        raise SceneError(f"{path}: {key} is {repr(value)[:LONGEST_QUOTE]}; expected {size} numbers") from error
     if vector.shape != (size,) or not np.isfinite(vector).all():
-        raise SceneError(f"{path}: {key} is {value!r}; expected {size} finite numbers")
+        raise SceneError(f"{path}: {key} is {repr(value)[:LONGEST_QUOTE]}; expected {size} finite numbers")
     return vector
 
 

@@ -17,7 +17,7 @@ from dexnudge.geometry.meshes import load_environment
 from dexnudge.geometry.overlap import deepest_overlap, way_to_surface
 from dexnudge.objects.sets import object_mesh
 from dexnudge.scenes.files import LARGEST_NUMBER, NUMBERS, read_scene, write_scene
-from dexnudge.scenes.poses import load_pose, rigid_transform, unit_motion
+from dexnudge.scenes.poses import LONGEST_QUOTE, load_pose, rigid_transform, unit_motion
 
 FRICTION_HAND = 0.8  # rubber fingertip on plastic
 FRICTION_ENVIRONMENT = 0.4  # plastic on painted wood
@@ -215,8 +215,10 @@ def _direction(way: Float[np.ndarray, "3"]) -> str:
 
 
 def _check_number(label: str, value: object, *, minimum_excluded: bool) -> None:
-    number = float(value) if isinstance(value, Real) else np.nan
+    too_long = isinstance(value, int) and abs(value) > LARGEST_NUMBER  # perhaps for a float
+    number = np.inf if too_long else float(value) if isinstance(value, Real) else np.nan
+    shown = repr(value)[:LONGEST_QUOTE]
     if not np.isfinite(number) or number < 0 or (minimum_excluded and number == 0):
-        raise SceneError(f"`{label}` is {value!r}; expected a finite number {'> 0' if minimum_excluded else '>= 0'}")
+        raise SceneError(f"`{label}` is {shown}; expected a finite number {'> 0' if minimum_excluded else '>= 0'}")
     if number > LARGEST_NUMBER:
         raise SceneError(f"`{label}` is {number:g}; expected at most {LARGEST_NUMBER:g}")
