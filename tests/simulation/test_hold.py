@@ -26,6 +26,15 @@ def pads(pad_hand, block) -> HoldTest:
     return HoldTest(pad_hand, block)
 
 
+def test_contacts_are_as_soft_as_mujoco_has_them_by_default(pads):
+    model, default = (
+        pads._grasp.model,
+        mujoco.MjModel.from_xml_string("<mujoco><worldbody><geom size='1'/></worldbody></mujoco>"),
+    )
+    np.testing.assert_array_equal(model.geom_solref, np.repeat(default.geom_solref, model.ngeom, axis=0))
+    np.testing.assert_array_equal(model.geom_solimp, np.repeat(default.geom_solimp, model.ngeom, axis=0))
+
+
 @pytest.mark.parametrize(("share", "held"), [(1.1, True), (0.9, False)])
 def test_two_pads_hold_exactly_what_coulomb_allows(pads, pad_grasp, monkeypatch, share, held):
     # Both pads press with N: along x and z the block holds while 2 * friction * N > F.

@@ -42,11 +42,12 @@ BASE_STIFFNESS = 1000.0  # [N/m] of an arm under impedance control: what contact
 BASE_ROTATION_STIFFNESS = 100.0  # [N m/rad] the same at a lever of 0.2 m
 ARM_MASS, ARM_INERTIA = 1.0, 0.01  # [kg], [kg m^2] of an arm's flange: a light hand stays stable on these springs
 
-GRASP_TIMESTEP = 0.004  # [s] this and the next four are DexGraspBench's (Chen et al., 2025)
+GRASP_TIMESTEP = 0.004  # [s] this and the next five are DexGraspBench's (Chen et al., 2025)
 GRASP_NOSLIP_ITERATIONS = 2
 GRASP_FRICTION = 0.6
 GRASP_TORSIONAL_FRICTION = 0.02  # [m] torque about the normal per newton
 GRASP_MASS = 0.1  # [kg] of the object
+GRASP_SOLREF = (0.02, 1.0)  # [s], [-] MuJoCo's default
 
 # No link of a hand has one of these names.
 OBJECT, DRIVER, ARM, SURROUNDINGS = "pushed object", "base driver", "arm flange", "surroundings"
@@ -60,7 +61,7 @@ class ContactSurface:
 
     side: HAND_SIDE, OBJECT_SIDE or ENVIRONMENT_SIDE. touches: the sides with which it makes contacts. friction: sliding [-]
     and torsional [m]. dimensions: of a contact, condim. priority: of two touching geoms the one of higher priority gives
-    friction and softness; by default MuJoCo mixes both. solref, solimp: None for MuJoCo's defaults.
+    friction and softness; by default MuJoCo mixes both. solimp: None for MuJoCo's default.
     """
 
     side: int
@@ -68,7 +69,7 @@ class ContactSurface:
     friction: tuple[float, float] = (0.0, 0.0)
     dimensions: int = 3
     priority: int = 0
-    solref: tuple[float, float] | None = (CONTACT_TIME, 1.0)
+    solref: tuple[float, float] = (CONTACT_TIME, 1.0)
     solimp: tuple[float, float, float, float, float] | None = None
     colour: tuple[float, float, float, float] = (0.95, 0.60, 0.20, 1.0)
 
@@ -78,8 +79,7 @@ class ContactSurface:
         geom.priority = self.priority
         geom.friction = (*self.friction, ROLLING_FRICTION)
         geom.rgba = self.colour
-        if self.solref is not None:
-            geom.solref = self.solref
+        geom.solref = self.solref
         if self.solimp is not None:
             geom.solimp = self.solimp
 
@@ -245,7 +245,9 @@ def grasp_model(hand: Hand, object_mesh: trimesh.Trimesh, pieces: list[Vertices]
         MeshError: the object cannot be cut into convex pieces.
     """
     links, thing = (
-        ContactSurface(side, touches, friction=(GRASP_FRICTION, GRASP_TORSIONAL_FRICTION), dimensions=4, solref=None)
+        ContactSurface(
+            side, touches, friction=(GRASP_FRICTION, GRASP_TORSIONAL_FRICTION), dimensions=4, solref=GRASP_SOLREF
+        )
         for side, touches in ((HAND_SIDE, OBJECT_SIDE), (OBJECT_SIDE, HAND_SIDE))
     )
     spec = _hand_spec(hand, links)
