@@ -30,17 +30,18 @@ def deepest_overlap(first: trimesh.Trimesh, second: trimesh.Trimesh) -> tuple[fl
     return depth, where
 
 
-def way_to_surface(body: trimesh.Trimesh, surroundings: trimesh.Trimesh) -> Float[np.ndarray, "3"]:
+def way_to_surface(
+    body: trimesh.Trimesh, surroundings: trimesh.Trimesh, *, enough: float = 0.0
+) -> Float[np.ndarray, "3"]:
     """Return the shortest vector [m] from a point of `body` to the surface of `surroundings`, or the other way round.
 
-    Between points 3 mm apart and the exact surface: too long by less than 1 mm, and exact between parallel faces.
+    Between points 3 mm apart and the exact surface: too long by less than 1 mm, and exact between parallel faces. What is
+    no longer than `enough` [m] is returned without a search for a shorter one.
     """
     shortest = np.full(3, np.inf)
     grown = body.bounds + np.array([[-1.0], [1.0]]) * body.extents.max()
-    for points, surface, sign in (
-        (_points_near(body, body.bounds), surroundings, 1.0),
-        (_points_near(surroundings, grown), body, -1.0),
-    ):
+    for mesh, bounds, surface, sign in ((body, body.bounds, surroundings, 1.0), (surroundings, grown, body, -1.0)):
+        points = _points_near(mesh, bounds) if np.linalg.norm(shortest) > enough else np.zeros((0, 3))
         if len(points):
             hit = ExactDistance(surface).to_surface(points)
             nearest = int(np.argmin(hit.distance))

@@ -177,7 +177,7 @@ class Scene:
                 f"{1e3 * INITIAL_PENETRATION_LIMIT:.0f} mm; move the object out along the surface that it rests on, "
                 "or check that both meshes are in metres"
             )
-        way = way_to_surface(body, self.environment_mesh)
+        way = way_to_surface(body, self.environment_mesh, enough=SUPPORT_LIMIT)
         distance = float(np.linalg.norm(way))
         if distance > SUPPORT_LIMIT:
             raise SceneError(
