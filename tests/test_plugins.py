@@ -15,6 +15,7 @@ from dexnudge.plugins import find_plugins, load_plugin, plugin_names, usable_plu
 
 EXAMPLE = Path(__file__).parents[1] / "examples" / "plugin"
 RANDOM = "random_start_projection"
+FURTHER = "[dexnudge.guidance_rules]\nwild = strange:Explodes\n[dexnudge.energy_terms]\nexplodes = strange:Explodes\n"
 
 
 @pytest.fixture(scope="session")
@@ -49,11 +50,12 @@ def broken(tmp_path, monkeypatch):
     module = (
         "class Other:\n    name = 'other'\n    def __call__(self, hands, scene): ...\n\n"
         "def fails(*_, **__):\n    return 1 / 0\n\n"
-        "class Explodes:\n    name = 'explodes'\n    def __call__(self, hands, scene):\n        return 1 / 0\n"
+        "class Own(Exception): ...\n\n"
+        "class Explodes:\n    name, weight = 'explodes', 1.0\n    def __call__(self, *_):\n        raise Own('of its own')\n"
     )
     criteria = {"none": "missing", "misnamed": "Other", "fails": "fails", "explodes": "Explodes", "contact": "Other"}
     points = "[dexnudge.criteria]\n" + "".join(f"{name} = strange:{place}\n" for name, place in criteria.items())
-    make_package(tmp_path, "strange", module, points + "[dexnudge.hands]\nclaw = strange:fails\n")
+    make_package(tmp_path, "strange", module, points + "[dexnudge.hands]\nclaw = strange:fails\n" + FURTHER)
     monkeypatch.syspath_prepend(tmp_path)
 
 
@@ -151,11 +153,14 @@ def test_a_built_in_name_cannot_be_taken_over(broken):
     [
         (["--scene", "fog"], "scene 'fog' of package bad_import 1.2"),
         (["--scene", "table", "--criterion", "none"], "criterion 'none' of package strange 1.2"),
-        (["--scene", "table", "--criterion", "explodes"], "criterion 'explodes' failed: ZeroDivisionError"),
+        (["--scene", "table", "--criterion", "explodes"], "criterion 'explodes' failed: Own: of its own"),
+        (["--scene", "table", "--term", "explodes"], "energy term 'explodes' failed: Own: of its own"),
+        (["--scene", "table", "--method", "wild"], "guidance rule 'wild' failed: Own: of its own"),
     ],
 )
 def test_the_command_line_exits_with_2_and_leaves_nothing_behind(broken, options, message, tmp_path, capsys):
     out = tmp_path / "results" / "out"
-    assert main(["sample", "phone", *options, "--num", "1", "--method", RANDOM, "--out", str(out)]) == 2
+    method = [] if "--method" in options else ["--method", RANDOM]
+    assert main(["sample", "phone", *options, *method, "--num", "1", "--out", str(out)]) == 2
     assert f"dexnudge: {message}" in capsys.readouterr().err
     assert not out.parent.exists()

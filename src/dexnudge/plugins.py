@@ -11,11 +11,12 @@ Nothing is imported before it is asked for by name, or before all are listed.
 from __future__ import annotations
 
 import warnings
+from collections.abc import Callable
 from dataclasses import dataclass
 from importlib.metadata import EntryPoint, entry_points
-from typing import Any
+from typing import Any, TypeVar
 
-from dexnudge.errors import DexnudgeError, InputError, UnknownNameError, did_you_mean
+from dexnudge.errors import InputError, UnknownNameError, did_you_mean
 
 GROUPS = {
     "hand": "dexnudge.hands",
@@ -26,20 +27,7 @@ GROUPS = {
     "arm": "dexnudge.arms",
 }
 """Entry-point group of each kind; arms are reserved for a later version."""
-FOREIGN_FAILURES = (
-    ArithmeticError,
-    AssertionError,
-    AttributeError,
-    ImportError,
-    LookupError,
-    NameError,
-    OSError,
-    RuntimeError,
-    SyntaxError,
-    TypeError,
-    ValueError,
-)
-"""What code that is not ours may raise: all that Python, numpy and torch raise themselves."""
+Made = TypeVar("Made")
 
 
 @dataclass(frozen=True)
@@ -80,13 +68,19 @@ def load_plugin(kind: str, name: str, *, known: tuple[str, ...] = ()) -> Any:
             f"of one that an installed package brings (entry point '{GROUPS[kind]}')"
         )
     entry = entries[name]
+    what = f"{kind} '{name}' of package {_source(entry)} cannot be imported from '{entry.value}'"
+    return call_foreign(what, entry.load, mend="; mend or uninstall the package")
+
+
+def call_foreign(what: str, function: Callable[..., Made], *arguments: Any, mend: str = "", **options: Any) -> Made:
+    """Call a function that is not ours; whatever it raises becomes an InputError that keeps it as the cause.
+
+    The message begins with `what`, such as "criterion 'mine' failed", and ends with `mend`.
+    """
     try:
-        return entry.load()
-    except FOREIGN_FAILURES as error:
-        raise InputError(
-            f"{kind} '{name}' of package {_source(entry)} cannot be imported from '{entry.value}': "
-            f"{type(error).__name__}: {error}; mend or uninstall the package"
-        ) from error
+        return function(*arguments, **options)
+    except Exception as error:  # foreign code may raise anything, and the culprit must be named
+        raise InputError(f"{what}: {type(error).__name__}: {error}{mend}") from error
 
 
 def call_plugin(kind: str, name: str, expected: type, *arguments: Any, **options: Any) -> Any:
@@ -96,26 +90,11 @@ def call_plugin(kind: str, name: str, expected: type, *arguments: Any, **options
         UnknownNameError, InputError: as `load_plugin`; also where the call fails, or makes something that is not of the
             `expected` class.
     """
-    found = load_plugin(kind, name)
-    try:
-        made = found(*arguments, **options)
-    except DexnudgeError:
-        raise
-    except FOREIGN_FAILURES as error:
-        raise InputError(
-            f"{kind} '{name}' of package {plugin_source(kind, name)} failed: {type(error).__name__}: {error}"
-        ) from error
+    what = f"{kind} '{name}' of package {_source(_entries(kind)[name])}"
+    made = call_foreign(f"{what} failed", load_plugin(kind, name), *arguments, **options)
     if not isinstance(made, expected):
-        raise InputError(
-            f"{kind} '{name}' of package {plugin_source(kind, name)} made a {type(made).__name__}; expected a "
-            f"{expected.__name__}"
-        )
+        raise InputError(f"{what} made a {type(made).__name__}; expected a {expected.__name__}")
     return made
-
-
-def plugin_source(kind: str, name: str) -> str:
-    """Return name and version of the package that brings it."""
-    return _source(_entries(kind)[name])
 
 
 def usable_plugins(kind: str) -> dict[str, Any]:

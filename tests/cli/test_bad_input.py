@@ -86,9 +86,7 @@ def test_unknown_names_list_the_valid_ones(refused):
     refused("sample", "phone", "--scene", "table", "--hand", "shado", message="shadow_full, shadow_lite")
     refused("evaluate", "--objects", "builtin:tset", message="builtin:t|train, test|test, train")
     refused("evaluate", "--objects", "builtin:test", "--scenes", "tabel", message="expected some of table")
-    refused(
-        "evaluate", "--objects", "builtin:test", "--method", "our", message="unknown method 'our'; expected some of"
-    )
+    refused("evaluate", "--objects", "builtin:test", "--method", "our", message="unknown method 'our'; expected one of")
 
 
 def test_an_object_that_does_not_fit_its_scene(refused, tmp_path):

@@ -28,7 +28,7 @@ from dexnudge.energies.descent import HandPose, configuration_from_pose
 from dexnudge.errors import InputError
 from dexnudge.hands.batch import HandBatch
 from dexnudge.hands.hand import Hand
-from dexnudge.plugins import FOREIGN_FAILURES, load_plugin
+from dexnudge.plugins import call_foreign, load_plugin
 from dexnudge.scenes.scene import Scene
 
 NO_GRADIENT = (
@@ -91,13 +91,14 @@ def find_term(name: str, *, weight: float | None = None) -> EnergyTerm:
         InputError: it cannot be imported or made, is no term, or the weight makes no sense.
     """
     found = load_plugin("energy term", name)
-    try:
-        term = found() if isinstance(found, type) or not hasattr(found, "name") else copy(found)
-        if weight is not None:
-            object.__setattr__(term, "weight", weight)  # of frozen dataclasses, too
-    except FOREIGN_FAILURES as error:
-        raise InputError(f"energy term '{name}' cannot be made: {type(error).__name__}: {error}") from error
-    return check_terms([term])[0]
+    return check_terms([call_foreign(f"energy term '{name}' cannot be made", _make_term, found, weight)])[0]
+
+
+def _make_term(found: Any, weight: float | None) -> Any:
+    term = found() if isinstance(found, type) or not hasattr(found, "name") else copy(found)
+    if weight is not None:
+        object.__setattr__(term, "weight", weight)  # of frozen dataclasses, too
+    return term
 
 
 class TermEnergy:
@@ -142,12 +143,12 @@ class TermEnergy:
         self, term: EnergyTerm, hands: HandBatch, q: Float[Tensor, "batch coordinates"]
     ) -> tuple[Float[Tensor, " batch"], Float[Tensor, "batch coordinates"]]:
         """(energy, its gradient in q) of one term."""
-        try:
-            value = term(hands, self.scene)
-            found = self._misfit(value, len(hands))
-            slope = None if found else torch.autograd.grad(value.sum(), q, retain_graph=True, allow_unused=True)[0]
-        except FOREIGN_FAILURES as error:
-            raise InputError(f"energy term '{term.name}' failed: {type(error).__name__}: {error}") from error
+        what = f"energy term '{term.name}' failed"
+        value = call_foreign(what, term, hands, self.scene)
+        found = self._misfit(value, len(hands))
+        slope: Tensor | None = None
+        if found is None:  # backwards through its own code
+            slope = call_foreign(what, torch.autograd.grad, value.sum(), q, retain_graph=True, allow_unused=True)[0]
         if found is None and slope is not None and not torch.isfinite(slope).all():
             found = (
                 f"has a gradient that is NaN or infinite at {_rows(slope)} of {len(q)} hands; expected a finite one; a norm "

@@ -32,8 +32,8 @@ def read_verified(folder: Path) -> tuple[Samples, list[int]]:
     samples.scene.validate()
     if samples.num_verified == 0:
         raise InputError(
-            f"{folder}: none of the {len(samples)} configurations is verified; expected at least one; sample again with "
-            "`verified` 1"
+            f"{folder}: none of the {len(samples)} configurations is verified; expected at least one; sample again until "
+            "one is"
         )
     return samples, np.flatnonzero(samples.success).tolist()
 

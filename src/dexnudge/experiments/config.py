@@ -80,7 +80,7 @@ def trial_keys(config: ExperimentConfig) -> list[TrialKey]:
         if count is not None and count < 1:
             raise InputError(f"`{name}` is {count}; expected at least 1")
     _check_names("scene", config.scenes, scene_families())
-    _check_names("method", config.methods, METHODS)
+    _check_names("method", config.methods, {*METHODS, *config.methods})
     for method in config.methods:
         find_method(method).with_weights(config.losses or {})  # refuses what makes no sense
     own_terms(config), own_criteria(config)

@@ -3,13 +3,16 @@
 from collections.abc import Callable, Mapping
 from dataclasses import asdict, dataclass, field, replace
 
+from jaxtyping import Float
+from torch import Tensor
+
 from dexnudge.energies.weights import TermWeights
 from dexnudge.errors import InputError, UnknownNameError, did_you_mean
-from dexnudge.plugins import load_plugin, plugin_names
+from dexnudge.plugins import call_foreign, load_plugin, plugin_names
 from dexnudge.sampling.denoise import DenoisingConfig
 from dexnudge.sampling.guidance.clean import CleanDescent, CleanGradient
 from dexnudge.sampling.guidance.paper import PaperGuidance
-from dexnudge.sampling.guidance.rule import GuidanceRule, unguided
+from dexnudge.sampling.guidance.rule import GuidanceRule, ReverseStep, unguided
 from dexnudge.sampling.guidance.spherical import CleanSpherical, Resampled, SphericalGuidance
 from dexnudge.sampling.projection import ProjectionConfig
 
@@ -130,4 +133,19 @@ def find_method(name: str) -> Method:
             "with a `ReverseStep` and return x_{t-1}"
         )
     summary = (found.__doc__ or "a rule of an installed package").partition("\n")[0]
-    return replace(STEERED_NOISE, summary=summary, make_rule=found)
+    return replace(STEERED_NOISE, summary=summary, make_rule=lambda: _ForeignRule(name, found))
+
+
+class _ForeignRule:
+    """The rule that a package's class makes; what it raises is named."""
+
+    def __init__(self, name: str, make_rule: Callable[[], GuidanceRule]) -> None:
+        self._what = f"guidance rule '{name}' failed"
+        self._rule = call_foreign(self._what, make_rule)
+        self._name = name
+
+    def __call__(self, step: ReverseStep) -> Float[Tensor, "batch dimension"]:
+        return call_foreign(self._what, self._rule, step)
+
+    def __repr__(self) -> str:
+        return repr(self._name)

@@ -18,7 +18,7 @@ from dexnudge.errors import InputError
 from dexnudge.hands.batch import HandBatch
 from dexnudge.hands.hand import ROOT_COORDINATES, Hand
 from dexnudge.mechanics.balance import MOTION_TOLERANCE
-from dexnudge.plugins import FOREIGN_FAILURES, call_plugin, load_plugin
+from dexnudge.plugins import call_foreign, call_plugin, load_plugin
 from dexnudge.scenes.scene import Scene
 from dexnudge.verification.measurements import Measurements, measure
 
@@ -270,10 +270,9 @@ def judge(criterion: Criterion, hands: HandBatch, scene: Scene) -> tuple[np.ndar
     Raises:
         InputError: it raises, or what it returns does not fit; the message names it.
     """
-    try:
-        result = criterion(hands, scene)
-    except FOREIGN_FAILURES as error:
-        raise InputError(f"criterion '{criterion.name}' failed: {type(error).__name__}: {error}") from error
+    if isinstance(criterion, BuiltinCriterion):
+        return *criterion.read(hands, measure(hands, scene)), criterion.sentence
+    result = call_foreign(f"criterion '{criterion.name}' failed", criterion, hands, scene)
     if not isinstance(result, CriterionResult):
         raise InputError(
             f"criterion '{criterion.name}' returned a {type(result).__name__}; expected "
