@@ -3,6 +3,10 @@
 import importlib.util
 import os
 import re
+import shlex
+from collections.abc import Callable
+from contextlib import redirect_stdout
+from io import StringIO
 from pathlib import Path
 from types import ModuleType
 
@@ -165,3 +169,31 @@ def block_scene(block):
 
     slab = box((-0.3, -0.3, -0.06), (0.3, 0.3, float(block.bounds[0, 2])))
     return Scene(block, slab, np.eye(4), np.array([1.0, 0.0, 0.0]))
+
+
+BLOCK = re.compile(r"^```(python|console)\n(.*?)^```$", re.MULTILINE | re.DOTALL)
+RunPage = Callable[[str, Path], dict[str, tuple[int, str]]]
+
+
+@pytest.fixture(scope="session")
+def run_page() -> RunPage:
+    """Run a page of the documentation from top to bottom in a folder; return exit code and output of its commands."""
+    from dexnudge.cli.main import main
+
+    def run(page: str, folder: Path) -> dict[str, tuple[int, str]]:
+        namespace: dict[str, object] = {"__name__": page}
+        outcomes: dict[str, tuple[int, str]] = {}
+        with pytest.MonkeyPatch.context() as patch:
+            patch.chdir(folder)
+            for language, text in BLOCK.findall((SOURCE.parent / page).read_text(encoding="utf-8")):
+                if language == "python":
+                    exec(compile(text, page, "exec"), namespace)  # noqa: S102 - our own page
+                    continue
+                for line in text.splitlines():
+                    assert line.startswith("$ dexnudge "), line
+                    with redirect_stdout(StringIO()) as out:
+                        code = main(shlex.split(line)[2:])
+                    outcomes[line.removeprefix("$ ")] = code, out.getvalue()
+        return outcomes
+
+    return run

@@ -1,4 +1,7 @@
-"""The whole path on a tiny scale: generate, train, sample, check, evaluate, each from the files of the one before."""
+"""The whole path on a tiny scale: generate, train, sample, check, evaluate, each from the files of the one before.
+
+The first half is the tutorial on data and training, run as it stands.
+"""
 
 import json
 import os
@@ -6,42 +9,36 @@ from pathlib import Path
 
 import pytest
 
-from dexnudge.cli.main import main
-from dexnudge.objects.builtin import builtin_names, builtin_object
-
 pytestmark = pytest.mark.slow
-TINY = ["--steps", "6", "--width", "32", "--depth", "1", "--groups", "2", "--rows-per-group", "4"]
+TUTORIAL = "docs/tutorials/data_and_training.md"
 
 
 @pytest.fixture(scope="module")
 def folder(tmp_path_factory) -> Path:
-    """Two objects, their dataset in data/, and the model trained on it in run/."""
-    folder = tmp_path_factory.mktemp("end_to_end")
-    objects, data, run = (str(folder / name) for name in ("objects", "data", "run"))
-    (folder / "objects").mkdir()
-    for name in builtin_names("train")[:2]:
-        builtin_object(name).export(folder / "objects" / f"{name}.obj")
-    attempts = ["--non-prehensile", "64", "--grasps", "8", "--workers", "1"]
-    assert main(["dataset", "generate", "--objects", objects, "--out", data, *attempts]) == 0
-    assert main(["train", "--data", data, "--out", run, *TINY]) == 0
-    return folder
+    """Where the tutorial ran: two objects, their dataset in data/, the model trained on it in run/, its draws in out/."""
+    return tmp_path_factory.mktemp("end_to_end")
 
 
-def test_from_objects_to_verified_configurations(dexnudge, folder):
-    objects, data, run, out = (folder / name for name in ("objects", "data", "run", "out"))
+@pytest.fixture(scope="module")
+def commands(folder, run_page) -> dict[str, tuple[int, str]]:
+    """Exit code and output of the tutorial's commands."""
+    return run_page(TUTORIAL, folder)
 
-    outcome = dexnudge("dataset", "info", data)
-    assert outcome.out.startswith("hand shadow_lite: ")
-    kept = int(outcome.out.split()[2])
+
+def test_from_objects_to_verified_configurations(dexnudge, folder, commands):
+    objects, run, out = (folder / name for name in ("objects", "run", "out"))
+    assert {code for code, _ in commands.values()} == {0}
+
+    info = commands["dexnudge dataset info data"][1]
+    assert info.startswith("hand shadow_lite: ")
+    kept = int(info.split()[2])
     assert kept >= 10
-    assert "2 objects (0 not generated yet, 0 failed)" in outcome.out
-    outcome = dexnudge("dataset", "check", data, "--objects", objects, "--num", 5)
-    assert outcome.out == f"{kept} configurations of 2 objects read, 5 verified again: all agree\n"
+    assert "2 objects (0 not generated yet, 0 failed)" in info
+    checked = commands["dexnudge dataset check data --objects objects --num 5"][1]
+    assert checked == f"{kept} configurations of 2 objects read, 5 verified again: all agree\n"
 
     assert sorted(os.listdir(run / "model")) == ["README.md", "config.json", "model.safetensors"]
 
-    options = ["--scene", "table", "--weights", run / "model", "--num", 8]
-    assert dexnudge("sample", "phone", *options, "--out", out).code == 0
     assert dexnudge("check", out).code == 0
     summary = json.loads((out / "summary.json").read_text())
     assert summary["verified"] >= 1  # projection alone reaches this; the model has seen next to nothing
@@ -55,6 +52,7 @@ def test_from_objects_to_verified_configurations(dexnudge, folder):
     assert again.out == outcome.out
 
 
+@pytest.mark.usefixtures("commands")
 def test_damaged_and_foreign_weights_are_refused(dexnudge, folder, tmp_path):
     model = folder / "run" / "model"
     weights = (model / "model.safetensors").read_bytes()
