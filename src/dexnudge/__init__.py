@@ -44,7 +44,7 @@ if TYPE_CHECKING:
     from dexnudge.verification.measurements import Measurements, measure
     from dexnudge.verification.verdicts import Verdicts, verify
 
-__version__ = "0.6.0"
+__version__ = "0.7.0"
 
 __all__ = [
     "Check",
