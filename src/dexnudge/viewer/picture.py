@@ -13,7 +13,7 @@ from dexnudge.viewer.camera import Camera
 from dexnudge.viewer.ray_hits import parallel_launch
 from dexnudge.viewer.ray_scene import ray_scene
 from dexnudge.viewer.shading_kernel import Pixels, shade_picture, trace_picture
-from dexnudge.viewer.trace_kernel import View
+from dexnudge.viewer.trace_kernel import Surface, View
 from dexnudge.viewer.viewpoint import choose_camera
 from dexnudge.viewer.visual_scene import VisualScene
 
@@ -50,9 +50,9 @@ def render_array(
     camera = camera or choose_camera(scene, aspect=aspect)
     packed = ray_scene(scene, camera, aspect=aspect, hiding=glass)
     view, pixels = _view(camera, size), Pixels()
-    for name, kind in (("face", int), ("depth", float), ("opacity", float), ("light", wp.vec2)):
-        setattr(pixels, name, wp.empty(width * height, dtype=kind, device="cpu"))
-    pixels.normal, pixels.cover, colour = (wp.empty(width * height, dtype=wp.vec3, device="cpu") for _ in range(3))
+    pixels.surface, pixels.light, colour = (
+        wp.empty(width * height, dtype=kind, device="cpu") for kind in (Surface, wp.vec2, wp.vec3)
+    )
     parallel_launch(trace_picture, width * height, [packed.geometry, view, pixels])
     parallel_launch(shade_picture, width * height, [packed.geometry, view, pixels, colour])
     return _to_bytes(colour.numpy().reshape(height, width, 3))

@@ -11,7 +11,7 @@ from dexnudge.geometry.warp_runtime import WarpStruct, wp
 from dexnudge.jobs.cached import cached_per_instance
 from dexnudge.viewer.camera import Camera
 from dexnudge.viewer.ray_hits import warp_mesh
-from dexnudge.viewer.trace_kernel import Geometry
+from dexnudge.viewer.trace_kernel import Geometry, Triangle
 from dexnudge.viewer.viewpoint import hiding_faces
 from dexnudge.viewer.visual_scene import CONTACT_RADIUS, CREASE_ANGLE, PALETTE, Part, Role, VisualScene
 
@@ -53,10 +53,7 @@ EDGE_WIDTH = 0.0011  # of the distance to the camera: about two pixels of a pict
 EDGE_COLOUR = (0.45, 0.50, 0.57)  # sRGB
 
 
-# Triangles in the world with what the kernels need of each: corners [m], corner normals, linear colour, gloss, opacity.
-TRIANGLE = np.dtype(
-    [("corners", "f4", (3, 3)), ("normals", "f4", (3, 3)), ("colour", "f4", 3), ("gloss", "f4"), ("opacity", "f4")]
-)
+TRIANGLE = Triangle.numpy_dtype()
 Triangles = Shaped[np.ndarray, " face"]  # of that type
 
 
@@ -139,10 +136,5 @@ def _pack(
             trees[name] = warp_mesh(group["corners"])
             setattr(geometry, name, trees[name].id)
     geometry.first_glass, geometry.first_marker = len(solid), len(solid) + len(glass)
-    geometry.has_glass, geometry.has_markers = int("glass" in trees), int("markers" in trees)
-    table = np.concatenate([solid, glass, markers])
-    geometry.normals = wp.array(table["normals"].reshape(-1, 3), dtype=wp.vec3, device="cpu")
-    geometry.colours = wp.array(table["colour"].copy(), dtype=wp.vec3, device="cpu")
-    geometry.gloss = wp.array(table["gloss"].copy(), dtype=float, device="cpu")
-    geometry.opacity = wp.array(table["opacity"].copy(), dtype=float, device="cpu")
+    geometry.triangles = wp.array(np.concatenate([solid, glass, markers]), dtype=Triangle, device="cpu")
     return RayScene(geometry, tuple(trees.values()))

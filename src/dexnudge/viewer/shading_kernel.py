@@ -23,15 +23,14 @@ FEW = wp.constant(4.0)  # measured pixels on one surface in the small window, be
 @wp.func
 def shade(g: Geometry, view: View, s: Surface, direction: wp.vec3, key: float, ambient: float):
     """Lambert under a sky, a key light and a weak light at the camera, with a soft highlight."""
-    albedo = g.colours[s.face]
     n = s.normal
     facing = wp.max(0.0, wp.dot(n, view.light)) * key
     sky = wp.lerp(wp.vec3(0.34, 0.32, 0.30), wp.vec3(0.47, 0.50, 0.54), 0.5 + 0.5 * n[2])
     light = sky * ambient + wp.vec3(0.62, 0.60, 0.56) * facing
     light = light + wp.vec3(0.22) * (wp.abs(wp.dot(n, direction)) * (0.4 + 0.6 * ambient))
     half_way = wp.normalize(view.light - direction)
-    shine = g.gloss[s.face] * wp.pow(wp.max(0.0, wp.dot(n, half_way)), 40.0) * key
-    return wp.cw_mul(albedo, light) + wp.vec3(shine)
+    shine = g.triangles[s.face].gloss * wp.pow(wp.max(0.0, wp.dot(n, half_way)), 40.0) * key
+    return wp.cw_mul(g.triangles[s.face].colour, light) + wp.vec3(shine)
 
 
 @wp.func
@@ -81,24 +80,8 @@ def unblocked(mesh: wp.uint64, point: wp.vec3, direction: wp.vec3, reach: float)
 class Pixels:
     """Of each pixel's centre: the surface that a ray through it meets, and the light there (key, ambient) if measured."""
 
-    face: wp.array(dtype=int)
-    depth: wp.array(dtype=float)
-    normal: wp.array(dtype=wp.vec3)
-    cover: wp.array(dtype=wp.vec3)
-    opacity: wp.array(dtype=float)
+    surface: wp.array(dtype=Surface)
     light: wp.array(dtype=wp.vec2)
-
-
-@wp.func
-def surface_at(pixels: Pixels, i: int):
-    """What the ray through a pixel's centre met."""
-    s = Surface()
-    s.face = pixels.face[i]
-    s.depth = pixels.depth[i]
-    s.normal = pixels.normal[i]
-    s.cover = pixels.cover[i]
-    s.opacity = pixels.opacity[i]
-    return s
 
 
 @wp.kernel(enable_backward=False)
@@ -109,11 +92,7 @@ def trace_picture(first: int, g: Geometry, view: View, pixels: Pixels):
     y = i // view.width
     direction = ray_direction(view, float(x) + 0.5, float(y) + 0.5)
     s = trace(g, view.position, direction)
-    pixels.face[i] = s.face
-    pixels.depth[i] = s.depth
-    pixels.normal[i] = s.normal
-    pixels.cover[i] = s.cover
-    pixels.opacity[i] = s.opacity
+    pixels.surface[i] = s
     pixels.light[i] = wp.vec2(1.0, 1.0)
     if s.face < 0 or s.face >= g.first_marker or x % GRID != 0 or y % GRID != 0:
         return
@@ -152,8 +131,9 @@ def gather_light(view: View, pixels: Pixels, s: Surface, point: wp.vec3, x: int,
             column = grid_column * GRID
             if row >= 0 and row < view.height and column >= 0 and column < view.width:
                 j = row * view.width + column
-                if pixels.face[j] >= 0 and wp.dot(pixels.normal[j], s.normal) > SAME_NORMAL:
-                    there = view.position + ray_direction(view, float(column) + 0.5, float(row) + 0.5) * pixels.depth[j]
+                other = pixels.surface[j]
+                if other.face >= 0 and wp.dot(other.normal, s.normal) > SAME_NORMAL:
+                    there = view.position + ray_direction(view, float(column) + 0.5, float(row) + 0.5) * other.depth
                     if wp.abs(wp.dot(there - point, s.normal)) < SAME_PLANE:
                         total = total + pixels.light[j]
                         weight = weight + 1.0
@@ -169,16 +149,16 @@ def shade_picture(first: int, g: Geometry, view: View, pixels: Pixels, colour: w
     i = wp.tid() + first
     x = i % view.width
     y = i // view.width
-    here = surface_at(pixels, i)
+    here = pixels.surface[i]
     edge = bool(False)
     for k in range(4):
         column = wp.clamp(x + (k % 2) * (2 * (k // 2) - 1), 0, view.width - 1)
         row = wp.clamp(y + ((k + 1) % 2) * (2 * (k // 2) - 1), 0, view.height - 1)
-        other = surface_at(pixels, row * view.width + column)
+        other = pixels.surface[row * view.width + column]
         differs = (here.face < 0) != (other.face < 0) or wp.abs(here.opacity - other.opacity) > OTHER_COVER
         if not differs and here.face >= 0 and here.face != other.face:
             bends = wp.dot(here.normal, other.normal) < SAME_NORMAL or wp.abs(here.depth - other.depth) > OTHER_DEPTH
-            differs = bends or wp.length(g.colours[here.face] - g.colours[other.face]) > OTHER_COLOUR
+            differs = bends or wp.length(g.triangles[here.face].colour - g.triangles[other.face].colour) > OTHER_COLOUR
         if differs:
             edge = True
     count = int(1)  # noqa: RUF046 (Warp: this declares a variable)

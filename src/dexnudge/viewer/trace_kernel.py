@@ -1,4 +1,4 @@
-"""Warp functions and kernels that follow rays through a visual scene on the CPU."""
+"""Warp functions that follow rays through a visual scene on the CPU."""
 
 # mypy: ignore-errors
 # Warp's declarations are values, not types, and what a kernel computes with is not what Python sees.
@@ -11,12 +11,23 @@ HIDDEN_MARKER = wp.constant(0.55)  # opacity of a contact behind something
 
 
 @wp.struct
+class Triangle:
+    """Corners [m, world] and the normals there, row by row, linear colour, strength of the highlight, opacity of glass."""
+
+    corners: wp.mat33
+    normals: wp.mat33
+    colour: wp.vec3
+    gloss: float
+    opacity: float
+
+
+@wp.struct
 class Geometry:
     """What the camera sees, in one table of triangles: solids, then glass, then markers; and what blocks light.
 
-    `normals` has three per triangle; `colours` (linear), `gloss` and `opacity` (of glass) one. `blocking` is not in
-    the table: it also holds the walls that face away from the camera. `casting` blocks the key light: object, hand and
-    arrow, but no walls, or the inside of a shelf would lie in the dark.
+    Each group has a tree, by its number; 0 for none. `blocking` is not in the table: it also holds the walls that face away
+    from the camera. `casting` blocks the key light: object, hand and arrow, but no walls, or the inside of a shelf would
+    lie in the dark.
     """
 
     solid: wp.uint64
@@ -26,12 +37,7 @@ class Geometry:
     markers: wp.uint64
     first_glass: int
     first_marker: int
-    has_glass: int
-    has_markers: int
-    normals: wp.array(dtype=wp.vec3)
-    colours: wp.array(dtype=wp.vec3)
-    gloss: wp.array(dtype=float)
-    opacity: wp.array(dtype=float)
+    triangles: wp.array(dtype=Triangle)
 
 
 @wp.struct
@@ -69,8 +75,8 @@ def ray_direction(view: View, x: float, y: float):
 @wp.func
 def smooth_normal(g: Geometry, face: int, u: float, v: float, direction: wp.vec3):
     """The normal between a triangle's corners, turned against the ray."""
-    n = g.normals[3 * face] * u + g.normals[3 * face + 1] * v + g.normals[3 * face + 2] * (1.0 - u - v)
-    n = wp.normalize(n)
+    corners = g.triangles[face].normals
+    n = wp.normalize(corners[0] * u + corners[1] * v + corners[2] * (1.0 - u - v))
     if wp.dot(n, direction) > 0.0:
         n = -n
     return n
@@ -90,7 +96,7 @@ def trace(g: Geometry, origin: wp.vec3, direction: wp.vec3):
         s.normal = smooth_normal(g, hit.face, hit.u, hit.v, direction)
     marker_opacity = float(0.0)
     marker_colour = wp.vec3(0.0)
-    if g.has_markers == 1:
+    if g.markers != wp.uint64(0):
         mark = wp.mesh_query_ray(g.markers, origin, direction, FAR)
         if mark.result:
             face = g.first_marker + mark.face
@@ -101,37 +107,18 @@ def trace(g: Geometry, origin: wp.vec3, direction: wp.vec3):
                 s.normal = normal
             else:
                 marker_opacity = HIDDEN_MARKER
-                marker_colour = g.colours[face] * (0.4 + 0.6 * wp.abs(wp.dot(normal, direction)))
+                marker_colour = g.triangles[face].colour * (0.4 + 0.6 * wp.abs(wp.dot(normal, direction)))
     through = float(1.0)
-    if g.has_glass == 1:
+    if g.glass != wp.uint64(0):
         passed = float(0.0)
         for _ in range(MAX_PANES):
             pane = wp.mesh_query_ray(g.glass, origin + direction * passed, direction, s.depth - passed)
             if not pane.result:
                 break
             face = g.first_glass + pane.face
-            s.cover = s.cover + g.colours[face] * (through * g.opacity[face])
-            through = through * (1.0 - g.opacity[face])
+            s.cover = s.cover + g.triangles[face].colour * (through * g.triangles[face].opacity)
+            through = through * (1.0 - g.triangles[face].opacity)
             passed = passed + pane.t + STEP_ON
     s.cover = s.cover + marker_colour * (through * marker_opacity)
     s.opacity = 1.0 - through * (1.0 - marker_opacity)
     return s
-
-
-@wp.kernel(enable_backward=False)
-def first_hits_kernel(
-    first: int,
-    mesh: wp.uint64,
-    origins: wp.array(dtype=wp.vec3),
-    directions: wp.array(dtype=wp.vec3),
-    distance: wp.array(dtype=float),
-    face: wp.array(dtype=int),
-):
-    """Distance to the first triangle on each ray, and its index, -1 where there is none."""
-    i = wp.tid() + first
-    hit = wp.mesh_query_ray(mesh, origins[i], directions[i], FAR)
-    face[i] = -1
-    distance[i] = FAR
-    if hit.result:
-        face[i] = hit.face
-        distance[i] = hit.t
