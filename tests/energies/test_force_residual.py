@@ -66,7 +66,7 @@ def random_contacts(batch: int, seed: int) -> tuple[np.ndarray, np.ndarray]:
 
 
 def solved(points, normals, model: SlidingBalance, *, active=None, sweeps: int = SWEEPS) -> ForceResidual:
-    force = ForceResidual(model, len(points), points.shape[1])
+    force = ForceResidual(model, torch.ones(len(points), dtype=torch.int32), points.shape[1])
     counted = torch.ones(points.shape[:2]) if active is None else active
     force(
         torch.as_tensor(points, dtype=torch.float32),

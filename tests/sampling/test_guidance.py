@@ -245,9 +245,9 @@ def test_limits_and_couplings_pull_joint_angles_back(hand, problem, starts):
 
 
 def balanced_step(make_step, hand, problem, use, weight: float) -> ReverseStep:
-    step = make_step(use=use, t=20, t_previous=-1)
-    step.energy.set_weights(replace(WEIGHTS, force=weight))
-    return replace(step, force=ForceResidual(problem.balance, BATCH, len(hand.fingertip_links)))
+    weights = replace(WEIGHTS, force=weight)
+    energy = HandEnergy(hand, problem.guiding_fields, BATCH, weights, balance=problem.balance)
+    return replace(make_step(use=use, t=20, t_previous=-1), energy=energy)
 
 
 def test_the_force_balance_guides_contacts_by_its_own_gradient(make_step, hand, problem, prior, starts):
@@ -255,8 +255,8 @@ def test_the_force_balance_guides_contacts_by_its_own_gradient(make_step, hand, 
     step = balanced_step(make_step, hand, problem, Knowing(prior, clean), weight=0.002)
     step.set_active_contacts(clean)
     tips = hand.fingertip_indices
-    torch.testing.assert_close(step.energy.extra_force[:, tips], 0.002 * step.force.gradient)
-    torch.testing.assert_close(step.pull_to_balance(), 0.001 * step.force.residual.square())
+    torch.testing.assert_close(step.energy.extra_force[:, tips], 0.002 * step.energy.force.gradient)
+    torch.testing.assert_close(step.pull_to_balance(), 0.001 * step.energy.force.residual.square())
     assert make_step().pull_to_balance() == 0.0
 
 
@@ -271,7 +271,7 @@ def test_descent_with_the_force_balance_ends_nearer_to_it(make_step, hand, probl
             clean = hand.clamp(prior.denormalise(rule(step)))
         step.energy.contact_weight[:, tips] = 1.0
         step.energy(pose_from_configuration(clean))
-        judge = ForceResidual(problem.balance, BATCH, len(tips))
+        judge = ForceResidual(problem.balance, torch.ones(BATCH, dtype=torch.int32), len(tips))
         points, normals = (getattr(step.energy, f"contact_{name}")[:, tips] for name in ("point", "normal"))
         judge(points, normals, torch.ones(BATCH, len(tips)), sweeps=300)
         left[weight] = float(judge.residual.mean())

@@ -40,22 +40,21 @@ def guiding_depth(hand, problem, q):
 def test_it_gets_hands_out_of_what_they_penetrate(hand, problem, starts, projected):
     q, report = projected
     after = guiding_depth(hand, problem, q)
-    torch.testing.assert_close(
-        report.depth_before, guiding_depth(hand, problem, hand.equalise_tendon_joints(starts)), atol=1e-5, rtol=0
-    )
-    assert float(report.depth_before.mean()) > 0.003, "otherwise there is nothing to do"
-    assert float(after.mean()) < 0.2 * float(report.depth_before.mean())
-    assert (after <= CONFIG.depth_tolerance + 1e-6)[report.converged].all()
+    before = guiding_depth(hand, problem, hand.equalise_tendon_joints(starts))
+    torch.testing.assert_close(report["depth_before_mm"], 1e3 * before, atol=1e-2, rtol=0)
+    assert float(before.mean()) > 0.003, "otherwise there is nothing to do"
+    assert float(after.mean()) < 0.2 * float(before.mean())
+    assert (after <= CONFIG.depth_tolerance + 1e-6)[report["projection_converged"]].all()
 
 
 def test_converged_hands_pass_the_exact_check_and_touch(hand, problem, scene, projected):
     q, report = projected
-    converged = report.converged.numpy()
+    converged = report["projection_converged"].numpy()
     assert converged.mean() > 0.3
     depth, touches = exact(hand, problem, scene, q)
     assert touches[converged].all()
     assert (depth <= LIMIT)[converged].mean() >= 0.8
-    assert (report.contacts_after[report.converged] >= 1).all()
+    assert (report["contacts_after"][report["projection_converged"]] >= 1).all()
 
 
 def test_joints_stay_within_limits_and_couplings(hand, projected):
@@ -74,36 +73,36 @@ def test_each_hand_goes_its_own_way(hand, problem, starts):
     for row in (0, 7, 23):
         alone, own = project(hand, problem, starts[row : row + 1], config=brief)
         torch.testing.assert_close(alone[0], together[row], atol=1e-4, rtol=0)
-        assert int(own.iterations[0]) == int(report.iterations[row])
+        assert int(own["projection_iterations"][0]) == int(report["projection_iterations"][row])
 
 
 def test_what_is_converged_already_is_left_alone(hand, problem, projected):
     q, report = projected
-    balanced = report.converged & (report.residual_after < 0.5 * CONFIG.force_tolerance)
+    balanced = report["projection_converged"] & (report["force_residual_after"] < 0.5 * CONFIG.force_tolerance)
     assert balanced.any()
     # Cold, the balance of a hand may take a few steps to be found; in these it must not move far.
     again, second = project(hand, problem, q[balanced], config=CONFIG)
-    assert float(second.moved.median()) < 0.005
-    assert second.converged.float().mean() > 0.8
+    assert float(second["projection_moved_mm"].median()) < 5.0
+    assert second["projection_converged"].float().mean() > 0.8
     assert again.shape == q[balanced].shape
 
 
 def test_the_report_counts_what_happened(hand, projected, starts):
     q, report = projected
     travelled = (hand.keypoints(q) - hand.keypoints(hand.equalise_tendon_joints(starts))).norm(dim=2).mean(dim=1)
-    torch.testing.assert_close(report.moved, travelled)
-    assert (report.iterations <= CONFIG.max_steps).all()
-    assert (report.iterations[~report.converged] == CONFIG.max_steps).all()
+    torch.testing.assert_close(report["projection_moved_mm"], 1e3 * travelled)
+    assert (report["projection_iterations"] <= CONFIG.max_steps).all()
+    assert (report["projection_iterations"][~report["projection_converged"]] == CONFIG.max_steps).all()
     # Before its patience ends, a hand may stop only with its forces in balance.
-    early = report.converged & (report.iterations < CONFIG.patience)
+    early = report["projection_converged"] & (report["projection_iterations"] < CONFIG.patience)
     assert early.any()
-    assert (report.residual_after[early] < CONFIG.force_tolerance).all()
+    assert (report["force_residual_after"][early] < CONFIG.force_tolerance).all()
 
 
 def test_without_a_balance_it_projects_all_the_same(hand, problem, starts):
     q, report = project(hand, replace(problem, balance=None), starts[:4], config=replace(CONFIG, max_steps=40))
     assert torch.isfinite(q).all()
-    assert (report.residual_after == 0).all()
+    assert (report["force_residual_after"] == 0).all()
 
 
 def test_the_start_is_not_changed(hand, problem, starts):

@@ -122,7 +122,7 @@ def test_penetration_comes_first(hand, problem, starts):
     never_ends, _ = project(hand, with_terms, starts, config=replace(config, term_steps=config.max_steps))
     assert clean(q) > 0.8 * clean(plain)
     assert clean(never_ends) < 0.5 * clean(q)
-    assert (report.terms_after < report.terms_before).float().mean() > 0.9
+    assert (report["terms_after"] < report["terms_before"]).float().mean() > 0.9
 
 
 def test_a_term_settles_when_it_is_negligible_or_falls_no_more():

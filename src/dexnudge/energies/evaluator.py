@@ -10,6 +10,7 @@ from torch import Tensor
 
 from dexnudge.energies import hand_kernel
 from dexnudge.energies.descent import HandPose
+from dexnudge.energies.force_residual import ForceResidual, SlidingBalance
 from dexnudge.energies.hand_kernel import contacts, energies, kinematics, reduce_gradient
 from dexnudge.energies.hand_model import build_hand_model
 from dexnudge.energies.kernel_structs import NUM_TERMS, EnergyWeights, State, state_fields
@@ -31,14 +32,15 @@ class HandEnergy:
         weights: of the kernel's terms; the defaults of `TermWeights` if left out.
         device: of Warp and torch.
         terms: the user's terms; may be replaced, or switched off by None, between calls.
+        balance: what the contacts of the fingertips must do, for `balance_forces`; None without.
 
-    Attributes (overwritten by the next call; `active`, `contact_weight`, `target`, `target_weight` and `extra_force` are
-    to be set):
+    Attributes (overwritten by the next call; `active`, `contact_weight`, `target` and `target_weight` are to be set):
         energy: of each kernel term, weighted. term_energy: of the user's terms together.
         gradient: in translation [1/m], rotation vector in the working frame [1/rad], joint angles; of all terms.
         contact_weight: share of the contact term that each link feels. contact_distance, contact_point, contact_normal: of
             its point nearest to the object; distance 1e6 where the link is far and no contact is wanted of it.
-        extra_force: gradient that another term puts on the contact points. target, target_weight: see `TermWeights`.
+        target, target_weight: see `TermWeights`.
+        force: the balance and its residual, None without; it pulls the contacts by `extra_force`.
         active: a hand with 0 is skipped and keeps the results of its last evaluation.
         depth: deepest guiding point in environment, object and other links [m]. swept_depth: the same in the environment
             swept along the motion; 0 where that term is off.
@@ -69,6 +71,7 @@ class HandEnergy:
         *,
         device: str = "cpu",
         terms: TermEnergy | None = None,
+        balance: SlidingBalance | None = None,
     ) -> None:
         self.hand, self.scene, self.batch, self.device, self.terms = hand, scene, batch, device, terms
         self._model = build_hand_model(hand, device=device)
@@ -84,9 +87,11 @@ class HandEnergy:
             setattr(self, name, tensor)
             setattr(self._state, name, wp.from_torch(tensor, dtype=kind))
         self.active.fill_(1)
+        tips = hand.fingertip_indices
+        self.force = ForceResidual(balance, self.active, len(tips), device=device) if balance is not None else None
         self.term_energy = torch.zeros(batch, device=device)
         self.set_weights(weights or TermWeights())
-        self._fingertips = wp.array(hand.fingertip_indices, dtype=wp.int32, device=device)
+        self._fingertips = wp.array(tips, dtype=wp.int32, device=device)
         # A launch on the CPU holds one thread and releases the interpreter.
         parts = min(torch.get_num_threads(), max(1, batch // SMALLEST_PART)) if device == "cpu" else 1
         bounds = [round(batch * part / parts) for part in range(parts + 1)]
@@ -122,6 +127,15 @@ class HandEnergy:
             poses = HandPose(pose.translation[rows], pose.rotation[rows], pose.joint_angles[rows])
             self.term_energy[rows], slope = terms(poses)
             self.gradient[rows] += slope
+
+    def balance_forces(self, *, sweeps: int) -> None:
+        """Solve `force` at the wanted contacts of the last evaluation; the next ones pull them to where they balance."""
+        if self.force is None:
+            return
+        tips = self.hand.fingertip_indices
+        wanted = (self.contact_weight[:, tips] > 0).float()
+        self.force(self.contact_point[:, tips], self.contact_normal[:, tips], wanted, sweeps=sweeps)
+        self.extra_force[:, tips] = self.weights.force * self.force.gradient
 
     def find_fingertip_contacts(self, pose: HandPose) -> None:
         """Set contact_distance, contact_point and contact_normal of all fingertips, and no energy: a third of the time."""

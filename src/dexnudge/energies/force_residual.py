@@ -14,7 +14,7 @@ from the last call. It guides, with one contact per link; verification has a bal
 from dataclasses import dataclass
 
 import torch
-from jaxtyping import Float
+from jaxtyping import Float, Int
 from torch import Tensor
 
 from dexnudge.geometry.warp_runtime import wp
@@ -161,16 +161,17 @@ class ForceResidual:
     Attributes:
         residual: (batch,) distance to balance [weights of the object].
         gradient: (batch, contact, 3) of E in the contacts' positions [1/m].
-        active: (batch,) to be set: a hand with 0 is skipped and keeps the results of its last call.
+        active: (batch,) as given: a hand with 0 is skipped and keeps the results of its last call.
     """
 
-    def __init__(self, balance: SlidingBalance, batch: int, contacts: int, *, device: str = "cpu") -> None:
-        self.balance, self.device, self._batch = balance, device, batch
-        columns = contacts * CONE_EDGES
+    def __init__(
+        self, balance: SlidingBalance, active: Int[Tensor, " batch"], contacts: int, *, device: str = "cpu"
+    ) -> None:
+        self.balance, self.active, self.device = balance, active, device
+        batch, columns = len(active), contacts * CONE_EDGES
         self._multipliers = torch.zeros(batch, columns + len(balance.support_wrenches), device=device)
         self._residual = torch.zeros(batch, 6, device=device)
         self.gradient = torch.zeros(batch, contacts, 3, device=device)
-        self.active = torch.ones(batch, dtype=torch.int32, device=device)
         self._columns = wp.zeros((batch, columns), dtype=Vector6, device=device)
         self._support = wp.from_torch(balance.support_wrenches.contiguous().to(device), dtype=Vector6)
 
@@ -191,7 +192,7 @@ class ForceResidual:
         balance = self.balance
         wp.launch(
             solve_balance,
-            dim=self._batch,
+            dim=len(self.active),
             inputs=[
                 wp.from_torch(self.active),
                 wp.from_torch(points.contiguous(), dtype=wp.vec3),

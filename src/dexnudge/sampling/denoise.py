@@ -9,7 +9,6 @@ from torch import Tensor
 from dexnudge.diffusion.network import Condition
 from dexnudge.diffusion.prior import DiffusionPrior
 from dexnudge.energies.descent import pose_from_configuration
-from dexnudge.energies.force_residual import ForceResidual
 from dexnudge.energies.weights import TermWeights
 from dexnudge.errors import InputError
 from dexnudge.hands.hand import Hand
@@ -66,8 +65,6 @@ class _Run:
         """Return x_0 from x at the first of `timesteps`."""
         config = self.config
         energy = self.problem.hand_energy(self.hand, len(x), config.weights)
-        balance = self.problem.balance if config.weights.force > 0 else None
-        force = ForceResidual(balance, len(x), len(self.hand.fingertip_links)) if balance is not None else None
         shape = x.shape
         for t, t_previous in zip(timesteps, [*timesteps[1:], -1], strict=True):
             x = rule(
@@ -82,7 +79,6 @@ class _Run:
                     guidance_scale=config.guidance_scale,
                     eta=config.eta,
                     generator=self.generator,
-                    force=force,
                 )
             )
             if not isinstance(x, Tensor) or x.shape != shape:
@@ -151,11 +147,9 @@ def _scene_energy(run: _Run, x: Float[Tensor, "particle dimension"]) -> Float[Te
     energy.contact_weight[:, tips] = 1.0
     pose = pose_from_configuration(q)
     energy(pose)
-    active = active_contacts(energy.contact_distance[:, tips], reach=SELECTION_REACH)
-    energy.contact_weight[:, tips] = active
+    energy.contact_weight[:, tips] = active_contacts(energy.contact_distance[:, tips], reach=SELECTION_REACH)
     value = energy(pose)
-    if run.problem.balance is not None:
-        force = ForceResidual(run.problem.balance, len(x), len(tips))
-        force(energy.contact_point[:, tips], energy.contact_normal[:, tips], active, sweeps=SELECTION_SWEEPS)
-        value = value + run.config.selection_force * force.residual.square()
+    if energy.force is not None:
+        energy.balance_forces(sweeps=SELECTION_SWEEPS)
+        value = value + run.config.selection_force * energy.force.residual.square()
     return value

@@ -93,7 +93,7 @@ class SamplingProblem:
     def hand_energy(self, hand: Hand, batch: int, weights: TermWeights) -> HandEnergy:
         """Return the energy that guides: what cannot be seen from the object counts as solid."""
         terms = TermEnergy(self.terms, hand, self.scene, self.T_world_canonical) if self.terms else None
-        return HandEnergy(hand, self.guiding_fields, batch, weights, terms=terms)
+        return HandEnergy(hand, self.guiding_fields, batch, weights, terms=terms, balance=self.balance)
 
     def to_world(self, q: Float[Tensor, "n coordinates"]) -> Float[np.ndarray, "n coordinates"]:
         """Return configurations of frame C in the world, as they are written to files."""

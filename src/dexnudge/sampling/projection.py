@@ -10,7 +10,7 @@ second half of the steps the user's terms no longer pull.
 from dataclasses import dataclass
 
 import torch
-from jaxtyping import Bool, Float, Int
+from jaxtyping import Bool, Float, Shaped
 from torch import Tensor
 
 from dexnudge.energies.descent import (
@@ -20,7 +20,6 @@ from dexnudge.energies.descent import (
     pose_from_configuration,
 )
 from dexnudge.energies.evaluator import HandEnergy
-from dexnudge.energies.force_residual import ForceResidual
 from dexnudge.energies.weights import TermWeights
 from dexnudge.hands.hand import Hand
 from dexnudge.sampling.guidance.rule import active_contacts
@@ -65,40 +64,22 @@ class ProjectionConfig:
     patience: int = 120  # steps after which a hand that is clean and touching waits for nothing else
 
 
-@dataclass
-class ProjectionReport:
-    """What the projection did, per configuration.
-
-    Attributes:
-        iterations: steps until the hand stopped. converged: it stopped by the rule above, not because steps ran out.
-        moved: mean distance [m] that the fingertips travelled. contacts_before, contacts_after: fingertips that touch.
-        residual_before, residual_after: of the force balance [weights of the object].
-        depth_before: deepest guiding point [m]. terms_before, terms_after: energy of the user's terms [m^2]; 0 without.
-    """
-
-    iterations: Int[Tensor, " batch"]
-    converged: Bool[Tensor, " batch"]
-    moved: Float[Tensor, " batch"]
-    contacts_before: Int[Tensor, " batch"]
-    contacts_after: Int[Tensor, " batch"]
-    residual_before: Float[Tensor, " batch"]
-    residual_after: Float[Tensor, " batch"]
-    depth_before: Float[Tensor, " batch"]
-    terms_before: Float[Tensor, " batch"]
-    terms_after: Float[Tensor, " batch"]
-
-
 def project(
     hand: Hand, problem: SamplingProblem, q: Float[Tensor, "batch coordinates"], *, config: ProjectionConfig
-) -> tuple[Float[Tensor, "batch coordinates"], ProjectionReport]:
-    """Return projected configurations (frame C) and the report; a hand that never satisfies all is returned as it ended."""
+) -> tuple[Float[Tensor, "batch coordinates"], dict[str, Shaped[Tensor, " batch"]]]:
+    """Return projected configurations (frame C) and a report; a hand that never satisfies all is returned as it ended.
+
+    The report has for each hand: projection_converged (it stopped by the rule above, not because steps ran out),
+    projection_iterations (steps until it stopped), projection_moved_mm (mean way of the fingertips), contacts_before and
+    contacts_after (fingertips that touch), force_residual_before and force_residual_after [weights of the object],
+    depth_before_mm (deepest guiding point), and where the user has terms their energy terms_before and terms_after [m^2].
+    """
     batch = len(q)
     q = hand.equalise_tendon_joints(q)
     tips = hand.fingertip_indices
     energy = problem.hand_energy(hand, batch, config.weights)
     terms, settling = energy.terms, Settling(batch)
-    balance = problem.balance if config.weights.force > 0 else None
-    force = ForceResidual(balance, batch, len(tips)) if balance is not None else None
+    force = energy.force if config.weights.force > 0 else None
     descent = HandDescent(hand, batch, steps=config.steps, tied=True)
     pose = pose_from_configuration(q)
     start_keypoints = hand.keypoints(q)
@@ -120,23 +101,19 @@ def project(
             descent = HandDescent(hand, batch, steps=config.steps, tied=True)  # the terms' moments would slow the rest
         if step == config.guided_steps:
             energy.active.fill_(1)  # the fields change, so a hand that has stopped may have to go on
-            if force is not None:
-                force.active.fill_(1)
         energy(pose)
         contact = touching(energy, tips, config)
         if force is not None:
-            near = (energy.contact_weight[:, tips] > 0).float()
-            points, normals = energy.contact_point[:, tips], energy.contact_normal[:, tips]
-            force(points, normals, near, sweeps=config.force_sweeps if step else config.first_force_sweeps)
+            energy.balance_forces(sweeps=config.force_sweeps if step else config.first_force_sweeps)
             residual = force.residual
             balanced = residual < config.force_tolerance
             if step == 0:
                 residual_before = residual.clone()
-            energy.extra_force[:, tips] = config.weights.force * force.gradient
-            idle = problem.pushable.idle(normals) & (near > 0) & ~balanced[:, None] & (step < config.idle_steps)
+            near, normals = energy.contact_weight[:, tips] > 0, energy.contact_normal[:, tips]
+            idle = problem.pushable.idle(normals) & near & ~balanced[:, None] & (step < config.idle_steps)
             energy.target_weight[:, tips] = idle.float()
             if idle.any():
-                energy.target[:, tips] = problem.pushable.nearest(points, normals)
+                energy.target[:, tips] = problem.pushable.nearest(energy.contact_point[:, tips], normals)
         if energy.terms is not None:
             settled = settling(energy.term_energy)
         clean = energy.depth.amax(dim=(1, 2)) <= config.depth_tolerance
@@ -146,8 +123,6 @@ def project(
         if not moving.any():
             break
         energy.active.copy_(moving)
-        if force is not None:
-            force.active.copy_(moving)
         iterations += moving
         scale = config.final_scale ** (step / config.max_steps) * moving[:, None].float()
         pose = descent.step(pose, energy.gradient, scale=scale)
@@ -155,18 +130,18 @@ def project(
     energy.terms = terms
     energy(pose)
     projected = configuration_from_pose(pose)
-    report = ProjectionReport(
-        iterations=iterations,
-        converged=~moving,
-        moved=(hand.keypoints(projected) - start_keypoints).norm(dim=2).mean(dim=1),
-        contacts_before=contacts_before,
-        contacts_after=touching(energy, tips, config).sum(dim=1),
-        residual_before=residual_before,
-        residual_after=residual,
-        depth_before=depth_before,
-        terms_before=terms_before,
-        terms_after=energy.term_energy,
-    )
+    report = {
+        "projection_converged": ~moving,
+        "projection_iterations": iterations,
+        "projection_moved_mm": 1e3 * (hand.keypoints(projected) - start_keypoints).norm(dim=2).mean(dim=1),
+        "contacts_before": contacts_before,
+        "contacts_after": touching(energy, tips, config).sum(dim=1),
+        "force_residual_before": residual_before,
+        "force_residual_after": residual,
+        "depth_before_mm": 1e3 * depth_before,
+    }
+    if terms is not None:
+        report |= {"terms_before": terms_before, "terms_after": energy.term_energy}
     return projected, report
 
 

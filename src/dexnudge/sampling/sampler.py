@@ -23,7 +23,7 @@ from dexnudge.results.samples import Samples
 from dexnudge.sampling.denoise import denoise
 from dexnudge.sampling.methods import Method, find_method
 from dexnudge.sampling.problem import SamplingProblem, prepare
-from dexnudge.sampling.projection import ProjectionReport, project
+from dexnudge.sampling.projection import project
 from dexnudge.sampling.ranking import best_first
 from dexnudge.sampling.starts import TrainingPoses, nearest_pose_start, random_start
 from dexnudge.scenes.scene import Scene
@@ -44,13 +44,13 @@ class Draws:
     Attributes:
         q: world frame, in the sampler's own order: converged ones first, then least force residual.
         unprojected: the same draws before the projection, world frame; `q` where the method has none.
-        seconds: by stage. report: what guidance and projection did, means over the draws.
+        seconds: by stage. report: what the projection did, see `project`; means over the draws.
     """
 
     q: Float[np.ndarray, "n coordinates"]
     unprojected: Float[np.ndarray, "n coordinates"]
     seconds: dict[str, float]
-    report: dict[str, Any]
+    report: dict[str, float]
 
 
 class Sampler:
@@ -225,14 +225,14 @@ class Sampler:
         begin = time.perf_counter()
         q = self._start(problem, num, method, generator)
         drawn = time.perf_counter()
-        report: dict[str, Any] = {}
+        report: dict[str, float] = {}
         unprojected = q
         if method.projection is not None:
             q, projection = project(self.hand, problem, q, config=method.projection)
-            order = torch.argsort(projection.residual_after + NOT_CONVERGED * (~projection.converged), stable=True)
-            q, unprojected, report = q[order], unprojected[order], _summary(projection)
-            if self.terms:
-                report |= {name: float(getattr(projection, name).mean()) for name in ("terms_before", "terms_after")}
+            failed = ~projection["projection_converged"]
+            order = torch.argsort(projection["force_residual_after"] + NOT_CONVERGED * failed, stable=True)
+            q, unprojected = q[order], unprojected[order]
+            report = {name: float(values.float().mean()) for name, values in projection.items()}
         seconds = {"draw": drawn - begin, "project": time.perf_counter() - drawn}
         return Draws(problem.to_world(q), problem.to_world(unprojected), seconds, report)
 
@@ -275,17 +275,3 @@ def _call_seed(seed: int, call: int) -> int:
     if call == 0:
         return seed
     return int(np.random.SeedSequence([seed, call]).generate_state(1)[0])
-
-
-def _summary(report: ProjectionReport) -> dict[str, float]:
-    """Return means over the draws."""
-    return {
-        "projection_converged": float(report.converged.float().mean()),
-        "projection_iterations": float(report.iterations.float().mean()),
-        "projection_moved_mm": float(report.moved.mean()) * 1e3,
-        "contacts_before": float(report.contacts_before.float().mean()),
-        "contacts_after": float(report.contacts_after.float().mean()),
-        "force_residual_before": float(report.residual_before.mean()),
-        "force_residual_after": float(report.residual_after.mean()),
-        "depth_before_mm": float(report.depth_before.mean()) * 1e3,
-    }

@@ -15,7 +15,6 @@ from dexnudge.diffusion.prior import DiffusionPrior
 from dexnudge.diffusion.schedule import ddim_step
 from dexnudge.energies.descent import pose_from_configuration
 from dexnudge.energies.evaluator import HandEnergy
-from dexnudge.energies.force_residual import ForceResidual
 from dexnudge.hands.hand import Hand
 
 REACH_CLEAN, REACH_NOISY = 0.010, 0.030  # [m] of a fingertip from the object at the end and at the start
@@ -28,10 +27,9 @@ class ReverseStep:
 
     Attributes:
         prior, condition: the network, and what it is asked for. hand: what is configured.
-        energy: of the scene, the user's terms included.
+        energy: of the scene, the user's terms and the force balance included.
         x_t: normalised samples. t, t_previous: timesteps, -1 for clean data.
         guidance_scale: of classifier-free guidance. eta: DDIM's noise. generator: of every draw.
-        force: the force balance of the same batch; None where it does not guide.
     """
 
     prior: DiffusionPrior
@@ -44,7 +42,6 @@ class ReverseStep:
     guidance_scale: float
     eta: float
     generator: torch.Generator
-    force: ForceResidual | None = None
 
     @property
     def alpha_bar(self) -> float:
@@ -79,13 +76,11 @@ class ReverseStep:
 
         Returns the term's energy, 1/2 force |residual|^2 [m^2], at the contacts of the last evaluation; 0 without it.
         """
-        force, energy, tips = self.force, self.energy, self.hand.fingertip_indices
-        if force is None:
+        weight, force = self.energy.weights.force, self.energy.force
+        if force is None or weight == 0:
             return 0.0
-        active = (energy.contact_weight[:, tips] > 0).float()
-        force(energy.contact_point[:, tips], energy.contact_normal[:, tips], active, sweeps=FORCE_SWEEPS)
-        energy.extra_force[:, tips] = energy.weights.force * force.gradient
-        return 0.5 * energy.weights.force * force.residual.square()
+        self.energy.balance_forces(sweeps=FORCE_SWEEPS)
+        return 0.5 * weight * force.residual.square()
 
 
 def active_contacts(distance: Float[Tensor, "batch digit"], *, reach: float) -> Float[Tensor, "batch digit"]:
