@@ -9,29 +9,10 @@ from jaxtyping import Float, Int
 
 from dexnudge.geometry.warp_runtime import wp
 from dexnudge.jobs.processes import available_cores
-from dexnudge.viewer.trace_kernel import FAR
+from dexnudge.viewer.trace_kernel import first_hits_kernel
 
 BANDS_PER_WORKER = 8  # so that workers that drew cheap rows help with the costly ones
 SMALLEST_BAND = 4096  # below this the threads cost more than they bring
-
-
-@wp.kernel(enable_backward=False)
-def first_hits_kernel(
-    first: int,
-    mesh: wp.uint64,
-    origins: wp.array(dtype=wp.vec3),
-    directions: wp.array(dtype=wp.vec3),
-    distance: wp.array(dtype=float),
-    face: wp.array(dtype=int),
-):
-    """Distance to the first triangle on each ray, and its index, -1 where there is none."""
-    i = wp.tid() + first
-    hit = wp.mesh_query_ray(mesh, origins[i], directions[i], FAR)
-    face[i] = -1
-    distance[i] = FAR
-    if hit.result:
-        face[i] = hit.face
-        distance[i] = hit.t
 
 
 def parallel_launch(kernel: wp.Kernel, count: int, arguments: Sequence[Any]) -> None:

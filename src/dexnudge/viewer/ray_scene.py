@@ -11,7 +11,7 @@ from dexnudge.geometry.warp_runtime import WarpStruct, wp
 from dexnudge.jobs.cached import cached_per_instance
 from dexnudge.viewer.camera import Camera
 from dexnudge.viewer.ray_hits import warp_mesh
-from dexnudge.viewer.trace_kernel import Geometry, Triangle
+from dexnudge.viewer.trace_kernel import TRIANGLE, Geometry, Triangle
 from dexnudge.viewer.viewpoint import hiding_faces
 from dexnudge.viewer.visual_scene import CONTACT_RADIUS, CREASE_ANGLE, PALETTE, Part, Role, VisualScene
 
@@ -53,8 +53,7 @@ EDGE_WIDTH = 0.0011  # of the distance to the camera: about two pixels of a pict
 EDGE_COLOUR = (0.45, 0.50, 0.57)  # sRGB
 
 
-TRIANGLE = Triangle.numpy_dtype()
-Triangles = Shaped[np.ndarray, " face"]  # of that type
+Triangles = Shaped[np.ndarray, " face"]  # of type TRIANGLE
 
 
 @dataclass(frozen=True, eq=False)

@@ -1,4 +1,4 @@
-"""Warp functions that follow rays through a visual scene on the CPU."""
+"""Warp functions and kernels that follow rays through a visual scene on the CPU."""
 
 # mypy: ignore-errors
 # Warp's declarations are values, not types, and what a kernel computes with is not what Python sees.
@@ -19,6 +19,9 @@ class Triangle:
     colour: wp.vec3
     gloss: float
     opacity: float
+
+
+TRIANGLE = Triangle.numpy_dtype()
 
 
 @wp.struct
@@ -122,3 +125,22 @@ def trace(g: Geometry, origin: wp.vec3, direction: wp.vec3):
     s.cover = s.cover + marker_colour * (through * marker_opacity)
     s.opacity = 1.0 - through * (1.0 - marker_opacity)
     return s
+
+
+@wp.kernel(enable_backward=False)
+def first_hits_kernel(
+    first: int,
+    mesh: wp.uint64,
+    origins: wp.array(dtype=wp.vec3),
+    directions: wp.array(dtype=wp.vec3),
+    distance: wp.array(dtype=float),
+    face: wp.array(dtype=int),
+):
+    """Distance to the first triangle on each ray, and its index, -1 where there is none."""
+    i = wp.tid() + first
+    hit = wp.mesh_query_ray(mesh, origins[i], directions[i], FAR)
+    face[i] = -1
+    distance[i] = FAR
+    if hit.result:
+        face[i] = hit.face
+        distance[i] = hit.t
