@@ -13,7 +13,7 @@ def test_an_experiment_is_lifted_and_goes_on_where_it_was_stopped(dexnudge, tmp_
     (tmp_path / "objects" / "broken.obj").write_text("v 0 0 0\n")
     out = tmp_path / "out"
     command = ["evaluate", "--objects", tmp_path / "objects", "--scenes", "table", "--num", 8, "--out", out]
-    options = ["--then-grasp", "--tries", 2, "--workers", 1]
+    options = ["--then-grasp", "--attempts", 2, "--workers", 1]
     outcome = dexnudge(*command, *options)
     assert outcome.code == 0
     assert "# Slid, grasped, lifted" in outcome.out
@@ -40,11 +40,11 @@ def test_an_experiment_is_lifted_and_goes_on_where_it_was_stopped(dexnudge, tmp_
 @pytest.mark.parametrize(
     ("options", "message"),
     [
-        (["--then-grasp", "--tries", 0], "--tries is 0; expected at least 1"),
-        (["--tries", 2], "--tries is 2 without --then-grasp; expected both; add --then-grasp"),
+        (["--then-grasp", "--attempts", 0], "--attempts is 0; expected at least 1"),
+        (["--attempts", 2], "--attempts is 2 without --then-grasp; expected both; add --then-grasp"),
     ],
 )
-def test_tries_that_make_no_sense_are_refused(dexnudge, tmp_path, options, message):
+def test_attempts_that_make_no_sense_are_refused(dexnudge, tmp_path, options, message):
     outcome = dexnudge("evaluate", "--objects", "builtin:test", "--out", tmp_path / "out", *options)
     assert outcome.code == 2
     assert outcome.err == f"dexnudge: {message}\n"

@@ -180,7 +180,7 @@ class Losses:
     weight_force: OptionalNumber = None
     """Balance of the forces during the desired motion [m^2 per squared object weight]."""
     weight_target: OptionalNumber = None
-    """Pull of fingertips that push against the motion to where they can work, during the projection."""
+    """Fingertips that could only hold the object back are drawn to where they can push it; in the projection."""
     weight_sweep: OptionalNumber = None
     """Surroundings that the hand would run into while it is carried along the motion."""
     weight_base: OptionalNumber = None

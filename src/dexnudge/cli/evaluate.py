@@ -63,23 +63,23 @@ class Evaluate(SetOptions):
     """With --execute: play the best one with other frictions and masses, too."""
     then_grasp: Flag = False
     """Also slide, grasp and lift each object with its verified draws, for the lifted rate."""
-    tries: OptionalCount = None
-    """With --then-grasp: most tries for each object; 3 unless given."""
+    attempts: OptionalCount = None
+    """With --then-grasp: most attempts for each object; 3 unless given."""
 
     def run(self) -> int:
         """Run the missing trials of each kind, write and print their reports."""
         check_at_least(0, seed=self.seed)
         check_at_least(1, num=self.num, workers=self.workers, execute_num=self.execute_num)
-        self._check_tries()
+        self._check_attempts()
         say(*self._reports(), f"written: {self.out}")
         return 0
 
-    def _check_tries(self) -> None:
-        if self.tries is None:
+    def _check_attempts(self) -> None:
+        if self.attempts is None:
             return
         if not self.then_grasp:
-            raise InputError(f"`tries` is {self.tries} without `then_grasp`; expected both; add `then_grasp`")
-        check_at_least(1, tries=self.tries)
+            raise InputError(f"`attempts` is {self.attempts} without `then_grasp`; expected both; add `then_grasp`")
+        check_at_least(1, attempts=self.attempts)
 
     def _config(self) -> "ExperimentConfig":
         from dexnudge.experiments.config import ExperimentConfig
@@ -105,7 +105,7 @@ class Evaluate(SetOptions):
         if self.then_grasp:
             from dexnudge.experiments.lifting_trial import LiftingTrial
 
-            kinds.append(LiftingTrial(tries=TRIES if self.tries is None else self.tries))
+            kinds.append(LiftingTrial(tries=TRIES if self.attempts is None else self.attempts))
         return kinds
 
     def _reports(self) -> list[str]:

@@ -30,7 +30,7 @@ NAME = re.compile(r"[A-Za-z0-9_-]+")
 class Reproduce(SetOptions):
     """Tables I and II of the paper, every guidance rule and baseline, with and without the forearm, as one report.
 
-    The draws are also judged again at other frictions and masses, all methods are compared at equal time, and the worst
+    The draws are also verified at other frictions and masses, all methods are compared at equal time, and the worst
     cases are shown with a picture and a reason. All of builtin:test takes about an hour on two cores, --quick about four
     minutes. Stopped runs go on where they were: give the same options and the same --out again.
     """

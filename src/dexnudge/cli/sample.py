@@ -83,7 +83,7 @@ class Sample(MeshOptions):
     seed: Count = 0
     """Same machine, seed and versions: same output."""
     hand: Text = "shadow_lite"
-    """Built-in hand or URDF file; an unknown name lists them."""
+    """Built-in hand, or a URDF or MJCF file; an unknown name lists them."""
     base: Flag = True
     """Leave the forearm out of the hand's geometry."""
     physics: Physics = field(default_factory=Physics)
@@ -94,7 +94,7 @@ class Sample(MeshOptions):
     losses: Losses = field(default_factory=Losses)
     plugins: Plugins = field(default_factory=Plugins)
     projection_report: Flag = False
-    """Also judge the draws as they were before the projection, for the summary; takes about twice as long."""
+    """Also verify the draws as they were before the projection, for the summary; takes about twice as long."""
     device: Device = "cpu"
     """torch device; this version samples on the CPU only."""
 

@@ -265,7 +265,7 @@ class TrainingConfig:
     seed: int = 0
     """Of weights, noise and batches."""
     num_threads: int | None = None
-    """Threads of torch; its own choice unless given."""
+    """Threads of torch; as many as there are cores unless given."""
     device: Literal["cpu", "cuda"] = "cpu"
     """cuda takes one GPU for each process."""
     precision: Precision = "float32"

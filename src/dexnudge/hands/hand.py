@@ -54,7 +54,8 @@ class Hand:
 
     Attributes:
         joint_names: the d independent joints in the order in which q holds them.
-        lower, upper: joint limits [rad].
+        lower: least joint angles [rad].
+        upper: greatest joint angles [rad].
         link_parent: index of each link's parent, -1 for the palm.
         joints: for each link the joint that carries it; None for the palm.
         link_meshes: collision geometry in the link frame [m]; an empty mesh for a link without geometry.

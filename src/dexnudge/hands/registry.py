@@ -31,7 +31,7 @@ def load_hand(name_or_urdf: str | Path, *, base: bool = True) -> Hand:
     """Return the hand of that name, or the one in a URDF (.urdf) or MJCF (.xml) file with its YAML beside it.
 
     Args:
-        name_or_urdf: a name in `HANDS`, the name of a hand that an installed package brings, or a path.
+        name_or_urdf: name of a built-in hand, or of one that an installed package brings, or the path of a description.
         base: whether the forearm or adapter behind the palm is part of the hand.
 
     Raises:

@@ -28,11 +28,14 @@ class Sample:
     """One configuration with the scene and the hand that it belongs to.
 
     Attributes:
-        scene, hand: the problem.
+        scene: the scene that it stands in.
+        hand: the kind of hand.
         q: [root translation (3) [m] | 6D rotation (6) | joint angles (d) [rad]], world frame.
-        success: every criterion passes. reason: name of the first criterion that fails; "" for a success.
+        success: every criterion passes.
+        reason: name of the first criterion that fails; "" for a success.
         values: what each criterion measured, by its name.
-        contacts: with the object. contact_links: names of the hand links that touch it.
+        contacts: with the object.
+        contact_links: names of the hand links that touch it.
     """
 
     scene: Scene
@@ -76,12 +79,14 @@ class Samples:
     `samples[0]` is the best as a `Sample`; a slice, a mask or an array of places gives `Samples`.
 
     Attributes:
-        scene, hand: the problem.
+        scene: the scene that they stand in.
+        hand: the kind of hand.
         q: [root translation (3) [m] | 6D rotation (6) | joint angles (d) [rad]], world frame.
         verdicts: what was found about each draw.
         own_rank: the place that the sampler itself gave each draw of a call, before anything was verified; None for
             samples that were read from a folder.
-        seconds: by stage. reports: the sampler's own, one for each call.
+        seconds: by stage.
+        reports: the sampler's own, one for each call.
     """
 
     scene: Scene
