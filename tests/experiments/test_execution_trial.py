@@ -3,13 +3,12 @@
 import pytest
 
 from dexnudge.experiments.execution_trial import (
-    CAPPED,
+    GROUPS,
+    MARGIN_BINS,
     ExecutionRecord,
     ExecutionTrial,
-    disturbed,
-    grouped,
     margin_bin,
-    margin_bins,
+    rates_by,
 )
 from dexnudge.experiments.metrics import measure
 
@@ -33,54 +32,58 @@ def records(executed):
 
 
 def test_what_was_attempted_is_the_denominator(records):
-    (row,) = measure(records, ExecutionTrial().metrics())
+    (row,) = measure(records, ExecutionTrial.metrics)
     assert (row["objects"], row["failed"], row["unverified"], row["executed"]) == (4, 1, 1, 4)
     assert (row["top"].value, row["top"].low, row["top"].high) == (0.25, 0.0, 0.75)
     assert row["single"].value == pytest.approx(0.5)
     assert row["outcomes"] == {"fell short": 1, "turned": 1, "object failed": 1, "no draw verified": 1}
-    assert [ExecutionTrial().succeeded(each) for each in records] == [True, False, False, False]
+    assert [each.succeeded for each in records] == [True, False, False, False]
 
 
 def test_the_length_asked_and_reached_is_that_of_the_top_ranked(records):
-    (row,) = measure(records, ExecutionTrial().metrics())
+    (row,) = measure(records, ExecutionTrial.metrics)
     assert row["length_asked_mm"].value == pytest.approx(100.0)
     assert row["length_reached_mm"].value == pytest.approx((90.0 + 50.0) / 2)
-    (nothing,) = measure(records[2:], ExecutionTrial().metrics())
+    (nothing,) = measure(records[2:], ExecutionTrial.metrics)
     assert nothing["length_reached_mm"] is nothing["single"] is None
     assert nothing["top"].value == 0.0
 
 
 def test_margins_fall_into_their_bins():
-    bins = margin_bins()
-    assert bins == sorted(bins) == ["1 to 1.25", "1.25 to 1.5", "1.5 to 2", "2 to 2.5", "2.5 to 3", CAPPED]
+    bins = MARGIN_BINS
+    assert bins == sorted(bins) == ["1 to 1.25", "1.25 to 1.5", "1.5 to 2", "2 to 2.5", "2.5 to 3", "3 (cap)"]
     expected = {1.0: 0, 1.249: 0, 1.25: 1, 1.9: 2, 2.0: 3, 2.999: 4, 3.0: 5}
     assert {margin: bins.index(margin_bin(margin)) for margin in expected} == expected
 
 
 def test_every_executed_draw_is_counted_once_in_its_group(records):
-    found = grouped(records, lambda each: margin_bin(each.force_margin))
+    found = rates_by("By force margin", records)
     assert list(found) == ["all", "table"]
     assert {label: (group.number, group.rate.value) for label, group in found["all"].items()} == {
         "1 to 1.25": (1, 1.0),
         "1.5 to 2": (1, 0.0),
         "2.5 to 3": (1, 0.0),
-        CAPPED: (1, 1.0),
+        "3 (cap)": (1, 1.0),
     }
 
 
-def test_an_object_is_resampled_with_all_its_draws(records, executed):
+def test_an_object_is_resampled_with_all_its_draws(records, executed, monkeypatch):
     """Of two objects with 1 of 2 successes each, every resample has the same rate; of (2 of 2, 0 of 2) it has not."""
-    even = grouped(records, lambda _: "all")["all"]["all"]
+    monkeypatch.setitem(GROUPS, "together", lambda each: [("all", each.success)])
+    even = rates_by("together", records)["all"]["all"]
     assert (even.number, even.objects, even.rate.low, even.rate.high) == (4, 2, 0.5, 0.5)
     uneven = [record("a", [executed(0), executed(1)]), record("b", [executed(k, 2.0, "dropped") for k in (0, 1)])]
-    rate = grouped(uneven, lambda _: "all")["all"]["all"].rate
+    rate = rates_by("together", uneven)["all"]["all"].rate
     assert (rate.value, rate.low, rate.high) == (0.5, 0.0, 1.0)
 
 
 def test_errors_are_rated_over_what_was_played_with_them(records):
-    rates = {name: (group.number, group.rate.value) for name, group in disturbed(records)["all"].items()}
+    rates = {
+        name: (group.number, group.rate.value)
+        for name, group in rates_by("With friction and mass errors", records)["all"].items()
+    }
     assert rates == {"as drawn": (2, 0.5), "mass × 0.5": (2, 1.0), "mass × 1.5": (2, 0.0)}
-    assert disturbed([record("c")])["all"] == {}
+    assert rates_by("With friction and mass errors", [record("c")])["all"] == {}
 
 
 def test_the_report_has_a_section_for_each_group(records):

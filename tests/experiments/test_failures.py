@@ -8,7 +8,7 @@ from PIL import Image
 
 from dexnudge.errors import OutputError
 from dexnudge.experiments.config import ExperimentConfig, trial_keys
-from dexnudge.experiments.failures import WorstCase, failure_sections, worst_cases
+from dexnudge.experiments.failures import failure_sections, worst_cases
 from dexnudge.experiments.sampling_trial import SamplingTrial
 from dexnudge.objects.builtin import builtin_object
 
@@ -18,10 +18,10 @@ CONFIG = ExperimentConfig(objects="builtin:test")
 def test_worst_first_and_one_from_each_scene_before_a_second_of_any(four_records):
     three, one, none, failed = four_records
     found = worst_cases([(CONFIG, [three, failed, one, none])], "steered_noise")
-    assert [case.record for case in found] == [none, one, three]  # a single scene: its records by their success
+    assert [record for _, record in found] == [none, one, three]  # a single scene: its records by their success
     shelf = replace(three, scene="shelf")
     found = worst_cases([(CONFIG, [three, one, none]), (CONFIG, [shelf])], "steered_noise")
-    assert [case.record for case in found] == [none, shelf, one]
+    assert [record for _, record in found] == [none, shelf, one]
 
 
 def test_only_rejected_draws_of_the_method_count(four_records):
@@ -37,7 +37,7 @@ def case(tmp_path_factory):
     builtin_object("phone").export(objects / "phone.obj")
     config = ExperimentConfig(objects=str(objects), scenes=("shelf",), methods=("random_start_projection",), num=3)
     (key,) = trial_keys(config)
-    return WorstCase(config, SamplingTrial().start(config)(key))
+    return config, SamplingTrial().start(config)(key)
 
 
 @pytest.mark.slow  # draws and projects twice, and casts a picture
@@ -45,15 +45,15 @@ def test_the_shown_draw_is_one_of_the_records(case, tmp_path):
     _, shown = failure_sections([case], tmp_path / "pictures")
     assert np.asarray(Image.open(tmp_path / "pictures" / "failure-1.png")).std() > 10
     assert "](pictures/failure-1.png)" in shown.text
-    reason, count = next(iter(case.record.rejected.items()))
+    reason, count = next(iter(case[1].rejected.items()))
     assert f"A rejected draw, {reason}: " in shown.text
     assert f"| {reason} | {count} |" in shown.table.markdown()
-    margins = {f"force margin {margin:.2f}," for margin in case.record.force_margin}
+    margins = {f"force margin {margin:.2f}," for margin in case[1].force_margin}
     assert any(margin in shown.text for margin in margins)
 
 
 def test_an_object_that_is_gone_has_no_picture(case, tmp_path):
-    gone = replace(case, config=replace(case.config, objects="builtin:phone-nowhere"))
+    gone = (replace(case[0], objects="builtin:phone-nowhere"), case[1])
     _, shown = failure_sections([gone], tmp_path)
     assert shown.text == ""
     assert list(tmp_path.iterdir()) == []

@@ -40,7 +40,7 @@ def records():
 
 
 def test_what_was_attempted_is_the_denominator(records):
-    (row,) = measure(records, LiftingTrial().metrics())
+    (row,) = measure(records, LiftingTrial.metrics)
     assert (row["objects"], row["failed"], row["unverified"]) == (5, 1, 1)
     assert (row["lifted"].value, row["at_first"].value) == (pytest.approx(0.4), pytest.approx(0.2))
     assert row["lifted"].low < 0.4 < row["lifted"].high
@@ -50,15 +50,15 @@ def test_what_was_attempted_is_the_denominator(records):
 
 
 def test_seconds_and_attempts_are_of_what_was_played(records):
-    (row,) = measure(records, LiftingTrial().metrics())
+    (row,) = measure(records, LiftingTrial.metrics)
     means = [row[name].value for name in ("attempts", "draw", "play", "simulated")]
     assert means == pytest.approx([5 / 3, 2.0, 4.0, 20.0])
-    (nothing,) = measure(records[3:], LiftingTrial().metrics())
+    (nothing,) = measure(records[3:], LiftingTrial.metrics)
     assert (nothing["lifted"].value, nothing["attempts"], nothing["play"]) == (0.0, None, None)
 
 
 def test_scenes_have_figures_of_their_own(records):
-    rows = measure([*records, record("a", ("", "success"), scene="shelf")], LiftingTrial().metrics())
+    rows = measure([*records, record("a", ("", "success"), scene="shelf")], LiftingTrial.metrics)
     assert [(row["scene"], row["objects"], row["lifted"].value) for row in rows] == [
         ("table", 5, 0.4),
         ("shelf", 1, 1.0),
@@ -71,6 +71,6 @@ def test_an_object_without_a_verified_draw_is_no_failed_one(tmp_path):
     trimesh.creation.box((0.15, 0.07, 0.02)).export(tmp_path / "thin.obj")
     losses = dict.fromkeys(("object", "environment", "self", "contact", "target", "sweep", "base", "force"), 0.0)
     config = ExperimentConfig(objects=str(tmp_path), scenes=("shelf",), num=2, losses=losses)
-    found = LiftingTrial(tries=1).start(config)(TrialKey("thin", "shelf", "steered_noise"))
+    found = LiftingTrial(attempts=1).start(config)(TrialKey("thin", "shelf", "steered_noise"))
     assert (found.status, found.num, found.verified, found.attempts) == ("unverified", 2, 0, [])
     assert found.seconds["draw"] > 0

@@ -12,10 +12,9 @@ from PIL import Image
 
 from dexnudge.errors import InputError, OutputError
 from dexnudge.experiments import report
-from dexnudge.experiments.charts import calibration_chart, interval_chart
+from dexnudge.experiments.charts import interval_chart
 from dexnudge.experiments.config import ExperimentConfig
 from dexnudge.experiments.execution_trial import ExecutionRecord, ExecutionTrial
-from dexnudge.experiments.metrics import GroupRate
 from dexnudge.experiments.records import RecordWriter
 from dexnudge.experiments.report import write_report
 from dexnudge.experiments.run import FILE, FORMAT_VERSION
@@ -155,12 +154,10 @@ class TestCharts:
         (axes,) = interval_chart("Speed", bars, label="1/s").axes
         assert all(bar.get_width() <= axes.get_xlim()[1] for bar in axes.patches)
 
-    def test_a_calibration_has_a_point_for_each_group_that_has_outcomes(self):
-        groups = {
-            "all": {"low": GroupRate(3, 2, Estimate(0.5, 0.2, 0.8)), "high": GroupRate(1, 1, Estimate(1.0, 1.0, 1.0))}
-        }
-        (axes,) = calibration_chart("Executed", ["low", "middle", "high"], groups).axes
-        points = next(line for line in axes.lines if line.get_marker() == "o")
-        assert list(points.get_xdata()) == [0, 2]
-        assert list(points.get_ydata()) == [50.0, 100.0]
-        assert {text.get_text() for text in axes.texts} == {"3", "1"}
+    def test_a_calibration_has_a_bar_for_each_bin_that_has_outcomes_and_their_number(self, executed):
+        draws = [executed(0, 1.1), executed(1, 1.2, "dropped"), executed(2, 3.0)]
+        one = ExecutionRecord(object="a", scene="table", method="steered_noise", seed=0, num=4, executed=draws)
+        _, draw = ExecutionTrial().sections([one])[0].chart
+        (axes,) = draw().axes
+        assert [bar.get_width() for bar in axes.patches] == [50.0, 100.0]
+        assert [label.get_text() for label in axes.get_yticklabels()] == ["1 to 1.25, n = 2", "3 (cap), n = 1"]

@@ -9,12 +9,10 @@ import pytest
 
 from dexnudge.experiments.comparisons import EQUAL_TIME, equal_time, paper_table
 from dexnudge.experiments.metrics import measure
-from dexnudge.experiments.sampling_records import measure_disturbed
-from dexnudge.experiments.sampling_trial import SamplingTrial, contact_diversity, joint_diversity
+from dexnudge.experiments.sampling_records import METRICS, measure_disturbed
+from dexnudge.experiments.sampling_trial import contact_diversity, joint_diversity
 from dexnudge.experiments.tables import metric_table
 from dexnudge.mechanics.contacts import HandContacts
-
-METRICS = SamplingTrial().metrics()
 
 
 def figures(records):

@@ -6,27 +6,25 @@ As a script, `toy_trial.py OUT PASSING` runs an experiment whose trials stand st
 import os
 import sys
 import time
-from collections.abc import Callable, Mapping, Sequence
+from collections.abc import Callable, Sequence
 from dataclasses import dataclass
 from pathlib import Path
 from typing import ClassVar
 
 from dexnudge.errors import SceneError
 from dexnudge.experiments.config import ExperimentConfig, TrialKey, trial_seed
-from dexnudge.experiments.metrics import FAILED, OBJECTS, UNVERIFIED, Metric
+from dexnudge.experiments.metrics import FAILED, OBJECTS, UNVERIFIED, Metric, share
 from dexnudge.experiments.records import FILE, TrialRecord
 from dexnudge.experiments.run import TrialRunner
-from dexnudge.experiments.statistics import mean_estimate
 from dexnudge.experiments.trial import TrialKind
 
 
 @dataclass(frozen=True, kw_only=True)
 class ToyRecord(TrialRecord):
-    """The length of an object's name, and the process that counted it."""
+    """Verified where the object's name is short; and the process that counted its letters."""
 
     kind: ClassVar[str] = "toy"
 
-    length: int = 0
     process: int = 0
 
 
@@ -41,14 +39,12 @@ class ToyTrial(TrialKind[ToyRecord]):
     about: ClassVar[str] = "Short: share of all objects."
     folder: ClassVar[str] = "toy"
     record: ClassVar[type[ToyRecord]] = ToyRecord
-    tables: ClassVar[Mapping[str, Sequence[Metric]]] = {
-        "": (
-            OBJECTS,
-            FAILED,
-            UNVERIFIED,
-            Metric("short", "short", lambda found: mean_estimate([float(0 < each.length < 9) for each in found])),
-        )
-    }
+    metrics: ClassVar[Sequence[Metric]] = (
+        OBJECTS,
+        FAILED,
+        UNVERIFIED,
+        Metric("short", share(lambda each: each.succeeded), "short"),
+    )
     rate: ClassVar[str] = "short"
 
     most: int = 8
@@ -65,15 +61,10 @@ class ToyTrial(TrialKind[ToyRecord]):
                 raise SceneError("it does not fit")
             stand_still()
             seed = trial_seed(config.seed, key)
-            return ToyRecord(
-                **key._asdict(), num=config.num, verified=1, seed=seed, length=len(key.object), process=os.getpid()
-            )
+            short = len(key.object) <= self.most
+            return ToyRecord(**key._asdict(), num=config.num, verified=int(short), seed=seed, process=os.getpid())
 
         return run
-
-    def succeeded(self, record: ToyRecord) -> bool:
-        """Return whether the name is short."""
-        return 0 < record.length <= self.most
 
 
 def stand_still() -> None:

@@ -26,7 +26,7 @@ if TYPE_CHECKING:
     from dexnudge.experiments.config import ExperimentConfig
     from dexnudge.experiments.trial import TrialKind
 
-TRIES = 3  # with --then-grasp, unless given
+ATTEMPTS = 3  # with --then-grasp, unless given
 
 
 @dataclass(frozen=True, kw_only=True)
@@ -105,7 +105,7 @@ class Evaluate(SetOptions):
         if self.then_grasp:
             from dexnudge.experiments.lifting_trial import LiftingTrial
 
-            kinds.append(LiftingTrial(tries=TRIES if self.attempts is None else self.attempts))
+            kinds.append(LiftingTrial(attempts=ATTEMPTS if self.attempts is None else self.attempts))
         return kinds
 
     def _reports(self) -> list[str]:
@@ -120,7 +120,7 @@ class Evaluate(SetOptions):
             succeeded = dict.fromkeys(kinds, 0)
 
             def show(kind: "TrialKind[Any]", record: Any, finished: int, total: int) -> None:
-                succeeded[kind] += kind.succeeded(record)
+                succeeded[kind] += record.succeeded
                 text = f"{kind.title}: {succeeded[kind]} top-ranked succeed"
                 bars.update(tasks[kind], completed=finished, total=total, description=text)
 

@@ -1,39 +1,19 @@
 """Methods beside each other: at equal time on the wall clock, and beside the numbers of the paper."""
 
-from collections.abc import Mapping, Sequence
+from collections.abc import Callable, Mapping, Sequence
 
 import numpy as np
 from jaxtyping import Float
 
-from dexnudge.experiments.metrics import Measured, Metric, named
-from dexnudge.experiments.sampling_records import (
-    LOADING,
-    MEASURES,
-    RATES,
-    Records,
-    SamplingRecord,
-    verified_and_seconds,
-)
-from dexnudge.experiments.statistics import estimate_of_sums, mean_estimate, mean_of_known, ratio
+from dexnudge.experiments.metrics import Measured, Metric, by_scene_and_method, named
+from dexnudge.experiments.sampling_records import LOADING, METRICS, Records, verified_and_seconds
+from dexnudge.experiments.statistics import Estimate, estimate_of_sums, mean_estimate, ratio
 from dexnudge.experiments.tables import Table, method_name
+from dexnudge.verification.criteria import PENETRATION_LIMIT
 
 STEERED_NOISE, RANDOM_START = "steered_noise", "random_start_projection"
 MAIN = (STEERED_NOISE, RANDOM_START)  # ours, and no prior at all
 PREPARING = "prepare"  # the stage that all methods need alike, once per scene
-DIVERSITY = named(MEASURES, "joint_diversity", "contact_diversity")
-EQUAL_TIME = (  # the columns of `equal_time`, which computes them
-    Metric("verified", "verified in that time", len, 1),
-    Metric("prepared_per_second", "verified/s", len, 1),
-    Metric("prepared_speed_up", "ratio", len, 1),
-    Metric("per_second", "verified/s with preparation", len, 1),
-    Metric("speed_up", "ratio with preparation", len, 1),
-    *DIVERSITY,
-)
-ABOUT_EQUAL_TIME = (
-    "How many draws each method verifies in the time that dexnudge takes for its draws of one object once the scene is "
-    "prepared: counts are scaled to that time, since draws are independent. Ratio: verified draws per second over those "
-    "of random start + projection; none where that verifies nothing. Diversities are those of the verified draws."
-)
 
 PAPER_SUCCESS = {  # Table I [%]: scene -> the paper's method
     "table": 73.2,
@@ -54,29 +34,22 @@ TABLE_2 = {  # method of ours -> scene -> (non-penetration, manipulation feasibi
     STEERED_NOISE: _PROJECTED,
 }
 ABOUT_PAPER = (
-    "The paper gives one outcome for each of its objects, in its own scenes and by a criterion without a formula: its "
-    "columns orient, and no more."
+    "The paper has one outcome for each of its objects, in its own scenes and by a criterion without a formula."
 )
 
 
 def equal_time(records: Records, budget: str = STEERED_NOISE, baseline: str = RANDOM_START) -> list[Measured]:
-    """Return the figures of each scene and method in the time of the method `budget`, and beside those of `baseline`.
+    """Return `EQUAL_TIME` of each scene and method, in the time of the method `budget` and beside `baseline`.
 
-    seconds: mean time of the budget's draws for one object, loading and preparing left out. verified: mean verified draws
-    of an object in that time; draws are independent of each other, so a method's count in another time is its own count
-    times the ratio of the times. per_second, prepared_per_second: verified draws per second, with the scene's preparation
-    and once it is made; speed_up, prepared_speed_up: their ratios to those of the baseline. All methods must have the same
-    objects in a scene; nothing where one of the two methods is missing.
+    All methods must have the same objects in a scene; nothing where one of the two methods is missing.
     """
     found = []
-    for scene in dict.fromkeys(each.scene for each in records):
-        by_method: dict[str, list[SamplingRecord]] = {}
-        for each in sorted((each for each in records if each.scene == scene), key=lambda each: each.object):
-            by_method.setdefault(each.method, []).append(each)
-        for method in dict.fromkeys(each.method for each in records if each.scene == scene):
-            if {budget, baseline} <= set(by_method):
-                figures = _compared(by_method[method], by_method[baseline], by_method[budget])
-                found.append({"scene": scene, "method": method, **figures})
+    groups = {key: sorted(group, key=lambda each: each.object) for key, group in by_scene_and_method(records).items()}
+    for (scene, method), mine in groups.items():
+        compared = (mine, groups.get((scene, baseline)), groups.get((scene, budget)))
+        if all(compared):
+            assert len({tuple(each.object for each in side or ()) for side in compared}) == 1
+            found.append({"scene": scene, "method": method, **{each.name: each.of(compared) for each in EQUAL_TIME}})
     return found
 
 
@@ -84,45 +57,65 @@ def paper_table(parts: Mapping[str, Sequence[Measured]], number: int) -> Table:
     """Return Table I or II of the paper with our rates [%]; `parts`: how hand or model differs -> its figures."""
     if number == 1:
         paper: Mapping[str, Mapping[str, float | tuple[float, float]]] = TABLE_1
-        header, rates = ["the paper"], named(RATES, "single", "first", "top", "top_robust")
+        header, rates = ["the paper"], named(METRICS, "single", "first", "top", "top_robust")
+        ours = [metric.header for metric in rates]
     else:
         paper = TABLE_2
-        header = ["the paper: non-penetration", "feasibility"]
-        rates = named([*RATES, *MEASURES], "clean", "single", "top")
+        header, rates = ["the paper: non-penetration", "feasibility"], named(METRICS, "clean", "single", "top")
+        ours = [f"no penetration > {1e3 * PENETRATION_LIMIT:g} mm", *(metric.header for metric in rates[1:])]
     rows = []
     for scene in dict.fromkeys(row["scene"] for measured in parts.values() for row in measured):
         for method, success in paper.items():
             theirs = np.atleast_1d(success[scene]).tolist() if scene in success else [""] * len(header)
-            for part, measured in parts.items():
-                for row in measured:
-                    if (row["scene"], row["method"]) == (scene, method):
-                        ours = [metric.text(row[metric.name]) for metric in rates]
-                        rows.append([scene, method_name(method), part, *theirs, *ours])
-    return Table(["scene", "method", "hand and model", *header, *(metric.header for metric in rates)], rows, labels=3)
+            rows += [
+                [scene, method_name(method), part, *theirs, *(metric.text(row[metric.name]) for metric in rates)]
+                for part, measured in parts.items()
+                for row in measured
+                if (row["scene"], row["method"]) == (scene, method)
+            ]
+    return Table(["scene", "method", "hand and model", *header, *ours], rows, labels=3)
 
 
-def _compared(mine: Records, theirs: Records, limit: Records) -> Measured:
-    assert [each.object for each in mine] == [each.object for each in theirs] == [each.object for each in limit]
-    whole, prepared = (
-        np.concatenate([verified_and_seconds(mine, without=left), verified_and_seconds(theirs, without=left)], axis=1)
-        for left in ((LOADING,), (LOADING, PREPARING))
+# The figures of `equal_time` are of three lists of records of the same objects: a method's, the baseline's, the budget's.
+Compared = Sequence[Records]
+
+
+def _spent(records: Records) -> list[float]:
+    """Seconds of the draws of each record, loading and preparing left out."""
+    return verified_and_seconds(records, without=(LOADING, PREPARING))[:, 1].tolist()
+
+
+def _verified_in_that_time(compared: Compared) -> Estimate:
+    """Mean verified draws of an object: draws are independent, so counts scale with time."""
+    verified = [each.verified for each in compared[0]]
+    times = zip(verified, _spent(compared[0]), _spent(compared[2]), strict=True)
+    return mean_estimate([count * given / own if own else 0.0 for count, own, given in times])
+
+
+def _per_second(*without: str) -> Callable[[Compared], Estimate]:
+    return lambda compared: estimate_of_sums(verified_and_seconds(compared[0], without=without), ratio)
+
+
+def _speed_up(*without: str) -> Callable[[Compared], Estimate]:
+    """Verified draws per second over those of the baseline."""
+
+    def quotient(sums: Float[np.ndarray, "resample 4"]) -> Float[np.ndarray, " resample"]:
+        verified, seconds, theirs, own = sums.T
+        return ratio(np.stack([verified * own, seconds * theirs], axis=1))
+
+    return lambda compared: estimate_of_sums(
+        np.concatenate([verified_and_seconds(each, without=without) for each in compared[:2]], axis=1), quotient
     )
-    given = verified_and_seconds(limit, without=(LOADING, PREPARING))[:, 1]
-    in_that_time = [
-        verified * time / own if own else 0.0
-        for (verified, own), time in zip(prepared[:, :2].tolist(), given.tolist(), strict=True)
-    ]
-    return {
-        "seconds": mean_estimate(given.tolist()),
-        "verified": mean_estimate(in_that_time),
-        "per_second": estimate_of_sums(whole[:, :2], ratio),
-        "prepared_per_second": estimate_of_sums(prepared[:, :2], ratio),
-        "speed_up": estimate_of_sums(whole, _speed_up),
-        "prepared_speed_up": estimate_of_sums(prepared, _speed_up),
-        **{metric.name: mean_of_known(getattr(each, metric.name) for each in mine) for metric in DIVERSITY},
-    }
 
 
-def _speed_up(sums: Float[np.ndarray, "resample 4"]) -> Float[np.ndarray, " resample"]:
-    verified, seconds, theirs, own = sums.T
-    return ratio(np.stack([verified * own, seconds * theirs], axis=1))
+JOINT, CONTACT = named(METRICS, "joint_diversity", "contact_diversity")
+EQUAL_TIME = (
+    Metric("seconds", lambda compared: mean_estimate(_spent(compared[2])), form=2),
+    Metric("verified", _verified_in_that_time, "verified in that time", 1),
+    Metric("prepared_per_second", _per_second(LOADING, PREPARING), "verified/s", 1),
+    Metric("prepared_speed_up", _speed_up(LOADING, PREPARING), "ratio", 1),
+    Metric("per_second", _per_second(LOADING), "verified/s with preparation", 1),
+    Metric("speed_up", _speed_up(LOADING), "ratio with preparation", 1),
+    Metric("joint_diversity", lambda compared: JOINT.of(compared[0]), "joint diversity, rad", 2),
+    Metric("contact_diversity", lambda compared: CONTACT.of(compared[0]), "contact diversity, half lengths", 2),
+)

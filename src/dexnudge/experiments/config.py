@@ -1,7 +1,6 @@
 """What an experiment evaluates, and the trials that it consists of."""
 
 import zlib
-from collections.abc import Collection, Sequence
 from dataclasses import dataclass
 from typing import TYPE_CHECKING, NamedTuple
 
@@ -36,7 +35,7 @@ class ExperimentConfig:
         losses: weights and clearances that differ from each method's own, by their names in `TermWeights`.
         terms: energy terms of installed packages with their weights, None for a term's own.
         criteria: further conditions of success, by name, from installed packages.
-        sweep: whether draws are verified again at other frictions and masses, see `disturbances.DISTURBANCES`.
+        sweep: whether draws are verified again at other frictions and masses, see `disturbances.VERIFIED_AT`.
     """
 
     objects: str
@@ -79,8 +78,14 @@ def trial_keys(config: ExperimentConfig) -> list[TrialKey]:
     for name, count in (("num", config.num), ("max_objects", config.max_objects)):
         if count is not None and count < 1:
             raise InputError(f"`{name}` is {count}; expected at least 1")
-    _check_names("scene", config.scenes, scene_families())
-    _check_names("method", config.methods, {*METHODS, *config.methods})
+    scenes = scene_families()
+    for what, names, known in (("scene", config.scenes, scenes), ("method", config.methods, tuple(METHODS))):
+        if not names:
+            raise InputError(f"no {what} is named; expected some of {', '.join(known)}")
+        if twice := [name for name in names if names.count(name) > 1]:
+            raise InputError(f"the {what} {twice[0]!r} is named twice; expected each once")
+    if unknown := [scene for scene in config.scenes if scene not in scenes]:
+        raise UnknownNameError(f"unknown scene {unknown[0]!r}; expected some of {', '.join(scenes)}")
     for method in config.methods:
         find_method(method).with_weights(config.losses or {})  # refuses what makes no sense
     own_terms(config), own_criteria(config)
@@ -119,13 +124,3 @@ def _object_names(config: ExperimentConfig) -> list[str]:
     if config.max_objects is None or config.max_objects >= len(names):
         return names
     return [names[index * len(names) // config.max_objects] for index in range(config.max_objects)]
-
-
-def _check_names(what: str, names: Sequence[str], known: Collection[str]) -> None:
-    if not names:
-        raise InputError(f"no {what} is named; expected some of {', '.join(known)}")
-    for name in names:
-        if name not in known:
-            raise UnknownNameError(f"unknown {what} {name!r}; expected some of {', '.join(known)}")
-        if list(names).count(name) > 1:
-            raise InputError(f"the {what} {name!r} is named twice; expected each once")

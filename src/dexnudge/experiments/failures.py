@@ -1,17 +1,16 @@
 """The failures that a report shows: where a method does worst, for which reasons, and a rejected draw in a picture."""
 
 from collections.abc import Sequence
-from dataclasses import dataclass
 from pathlib import Path
 
 import numpy as np
 
 from dexnudge.errors import DexnudgeError, OutputError
 from dexnudge.experiments.config import ExperimentConfig
+from dexnudge.experiments.drawn_trial import TrialSampler
 from dexnudge.experiments.sampling_records import Records, SamplingRecord
 from dexnudge.experiments.tables import Table, method_name
 from dexnudge.experiments.trial import Section
-from dexnudge.experiments.trial_sampler import TrialSampler
 from dexnudge.verification.criteria import PENETRATION_LIMIT, SUCCESS_MARGIN
 
 MOST_CASES = 3
@@ -22,35 +21,31 @@ ABOUT = (
 )
 
 
-@dataclass(frozen=True)
-class WorstCase:
-    """An object and scene in which many draws of a method fail: the experiment, and the record."""
-
-    config: ExperimentConfig
-    record: SamplingRecord
+Case = tuple[ExperimentConfig, SamplingRecord]
+"""An object and scene in which many draws of a method fail: the experiment, and the record."""
 
 
-def worst_cases(experiments: Sequence[tuple[ExperimentConfig, Records]], method: str) -> list[WorstCase]:
+def worst_cases(experiments: Sequence[tuple[ExperimentConfig, Records]], method: str) -> list[Case]:
     """Return the records of a method with the smallest share of verified draws, worst first; at most `MOST_CASES`.
 
     No two are from the same scene as long as there are others. Neither a record without a rejected draw is taken nor that
     of a failed object, which has no draws.
     """
     found = [
-        WorstCase(config, record)
+        (config, record)
         for config, records in experiments
         for record in records
         if record.method == method and not all(record.success)
     ]
-    found.sort(key=lambda case: case.record.verified / case.record.num)
-    first_of_scene: dict[str, WorstCase] = {}
+    found.sort(key=lambda case: case[1].verified / case[1].num)
+    first_of_scene: dict[str, Case] = {}
     for case in found:
-        first_of_scene.setdefault(case.record.scene, case)
+        first_of_scene.setdefault(case[1].scene, case)
     chosen = list(first_of_scene.values())
     return (chosen + [case for case in found if case not in chosen])[:MOST_CASES]
 
 
-def failure_sections(cases: Sequence[WorstCase], folder: Path) -> list[Section]:
+def failure_sections(cases: Sequence[Case], folder: Path) -> list[Section]:
     """Draw every case again and return its section; the pictures failure-1.png and on go into `folder`.
 
     Raises:
@@ -63,19 +58,17 @@ def failure_sections(cases: Sequence[WorstCase], folder: Path) -> list[Section]:
     except OSError as error:
         raise OutputError(f"cannot write the pictures into {folder}: {error.strerror or error}") from error
     sections = [Section("Worst cases", ABOUT)]
-    for number, case in enumerate(cases, start=1):
-        record, path = case.record, folder / f"failure-{number}.png"
-        text = picture_rejected(case, path)
-        title = (
-            f"{record.object}, {record.scene}: {record.verified} of {record.num} draws of {method_name(record.method)}"
-        )
+    for number, (config, record) in enumerate(cases, start=1):
+        path, share = folder / f"failure-{number}.png", f"{record.verified} of {record.num} draws"
+        text = picture_rejected(config, record, path)
+        title = f"{record.object}, {record.scene}: {share} of {method_name(record.method)}"
         reasons = Table(["reason", "draws"], list(record.rejected.items()), labels=1)
         picture = f"{text}\n\n![A rejected draw]({folder.name}/{path.name})" if text else ""
         sections.append(Section(title, picture, reasons))
     return sections
 
 
-def picture_rejected(case: WorstCase, path: Path) -> str:
+def picture_rejected(config: ExperimentConfig, record: SamplingRecord, path: Path) -> str:
     """Draw a case again, write the picture of its best ranked draw with the most frequent reason, and describe it.
 
     Returns "" where the object cannot be read any more, or where other versions of what draws leave nothing rejected.
@@ -84,26 +77,21 @@ def picture_rejected(case: WorstCase, path: Path) -> str:
     from dexnudge.viewer.visual_scene import visual_scene
 
     try:
-        sampler = TrialSampler(case.config)
-        drawn = sampler.draw(case.record.key)
+        samples = TrialSampler(config).draw(record.key)
     except DexnudgeError:
         return ""  # the record stays as it was counted; only its picture is missing
-    verdicts, rejections = drawn.samples.verdicts, drawn.samples.rejections()
-    if not rejections:
+    if samples.num_verified == len(samples):
         return ""
-    reason = next(iter(rejections))
-    place = verdicts.reasons.index(reason)
-    q = drawn.samples.q[place].astype(np.float64)
-    render_png(visual_scene(drawn.scene, sampler.hand, q, contacts=verdicts.contacts[place].points), path, size=SIZE)
-    penetrations = {
-        "surroundings": verdicts.penetration_environment,
-        "object": verdicts.penetration_object,
-        "hand itself": verdicts.penetration_self,
-    }
-    depths = ", ".join(f"{1e3 * depth[place]:.2f} mm in {where}" for where, depth in penetrations.items())
-    links = ", ".join(verdicts.contact_links[place]) or "none"
+    reason = next(iter(samples.rejections()))
+    rejected = samples[samples.reasons.index(reason)]
+    q = rejected.q.astype(np.float64)
+    render_png(visual_scene(rejected.scene, rejected.hand, q, contacts=rejected.contacts.points), path, size=SIZE)
+    depths = ", ".join(
+        f"{1e3 * rejected.values[f'penetration_{name}']:.2f} mm in {where}"
+        for name, where in (("environment", "surroundings"), ("object", "object"), ("self", "hand itself"))
+    )
     return (
-        f"A rejected draw, {reason}: {verdicts.sentences.get(reason, reason)}. Depth {depths}, "
-        f"{1e3 * PENETRATION_LIMIT:g} mm is allowed; links in contact: {links}; "
-        f"force margin {verdicts.force_margin[place]:.2f}, {SUCCESS_MARGIN:g} is needed."
+        f"A rejected draw, {reason}: {samples.verdicts.sentences.get(reason, reason)}. Depth {depths}, "
+        f"{1e3 * PENETRATION_LIMIT:g} mm is allowed; links in contact: {', '.join(rejected.contact_links) or 'none'}; "
+        f"force margin {rejected.force_margin:.2f}, {SUCCESS_MARGIN:g} is needed."
     )

@@ -1,13 +1,13 @@
 """Figures of many trials: metrics by scene and method, and rates by group, with intervals over objects."""
 
-from collections.abc import Callable, Iterable, Sequence
+from collections.abc import Callable, Iterable, Mapping, Sequence
 from dataclasses import dataclass
 from typing import Any, Literal
 
 import numpy as np
 
 from dexnudge.experiments.records import Record
-from dexnudge.experiments.statistics import Estimate, estimate_of_sums, ratio
+from dexnudge.experiments.statistics import Estimate, estimate_of_sums, mean_estimate, mean_of_known, ratio
 
 Value = Estimate | float | int | dict[str, Any] | None
 Measured = dict[str, Any]
@@ -19,38 +19,44 @@ class Metric:
     """One figure over the records of all attempted objects in one scene with one method.
 
     Attributes:
-        name: in report.json and in CSV files. header: in tables.
-        of: the figure of some records. A dict gives a column for each of its keys.
-        form: "percent" for shares, else the number of digits.
-        about: what the figure is, one sentence.
+        name: in report.json and report.csv.
+        of: the figure of some records.
+        header: in the tables of report.md; "" for a figure that stands in the data files only.
+        form: "percent" for shares, "counts" for a dict that has a table of its own, else the number of digits.
     """
 
     name: str
-    header: str
     of: Callable[[Sequence[Any]], Value]
-    form: Literal["percent"] | int = "percent"
-    about: str = ""
+    header: str = ""
+    form: Literal["percent", "counts"] | int = "percent"
 
     def text(self, value: Value) -> str:
         """Return a value as the text of a table's cell; empty where there is none."""
         if isinstance(value, Estimate):
-            return value.percent() if self.form == "percent" else value.text(self.form)
-        if isinstance(value, float) and self.form != "percent":
+            return value.text(self.form) if isinstance(self.form, int) else value.percent()
+        if isinstance(value, float) and isinstance(self.form, int):
             return f"{value:.{self.form}f}"
         return "" if value is None else str(value)
 
 
-OBJECTS = Metric("objects", "objects", len, 0, "attempted, failed ones included")
-FAILED = Metric(
-    "failed", "failed", lambda records: _with_status(records, "failed"), 0, "could not be read, placed or run"
-)
-UNVERIFIED = Metric(
-    "unverified",
-    "unverified",
-    lambda records: _with_status(records, "unverified"),
-    0,
-    "objects without a verified draw",
-)
+def share(good: Callable[[Any], float]) -> Callable[[Sequence[Any]], Estimate]:
+    """Return the metric that is the mean over all attempted objects; `good` is a flag or share of a record."""
+    return lambda records: mean_estimate([float(good(each)) for each in records])
+
+
+def mean(value: Callable[[Any], float | None]) -> Callable[[Sequence[Any]], Estimate | None]:
+    """Return the metric that is the mean over the trials that are done and have the number."""
+    return lambda records: mean_of_known(value(each) for each in records if each.status == "done")
+
+
+def number_with(status: str) -> Callable[[Sequence[Any]], int]:
+    """Return the metric that counts the trials with a status."""
+    return lambda records: sum(record.status == status for record in records)
+
+
+OBJECTS = Metric("objects", len, "objects", 0)  # attempted, failed ones included
+FAILED = Metric("failed", number_with("failed"), "failed", 0)  # could not be read, placed or run
+UNVERIFIED = Metric("unverified", number_with("unverified"), "unverified", 0)  # without a verified draw
 
 
 def by_scene_and_method(records: Sequence[Record]) -> dict[tuple[str, str], list[Record]]:
@@ -69,6 +75,12 @@ def measure(records: Sequence[Record], metrics: Sequence[Metric]) -> list[Measur
     ]
 
 
+def named(metrics: Sequence[Metric], *names: str) -> list[Metric]:
+    """Return the metrics of these names, in this order."""
+    known = {metric.name: metric for metric in metrics}
+    return [known[name] for name in names]
+
+
 @dataclass(frozen=True)
 class GroupRate:
     """Outcomes that have something in common: how many, of how many objects, and the share that succeeds."""
@@ -78,29 +90,27 @@ class GroupRate:
     rate: Estimate
 
 
-def group_rates(outcomes: Iterable[tuple[str, str, bool]]) -> dict[str, GroupRate]:
-    """Return the rate of each group of outcomes (group, object, success), by name of the group.
+def group_rates(
+    records: Sequence[Record], outcomes: Callable[[Record], Iterable[tuple[str, bool]]]
+) -> Mapping[str, Mapping[str, GroupRate]]:
+    """Return the rate of each group of outcomes (group, success), of "all" scenes and of each: scene -> group -> rate.
 
     Intervals are by bootstrap over the objects that have any: all that belongs to an object is resampled together, also
     where it stands in several scenes.
     """
-    counts: dict[str, dict[str, list[int]]] = {}
-    for group, name, success in outcomes:
-        sums = counts.setdefault(group, {}).setdefault(name, [0, 0])
-        sums[0] += success
-        sums[1] += 1
-    columns = {group: np.array(list(sums.values()), dtype=np.float64) for group, sums in sorted(counts.items())}
-    return {
-        group: GroupRate(int(each[:, 1].sum()), len(each), estimate_of_sums(each, ratio))
-        for group, each in columns.items()
-    }
-
-
-def named(metrics: Sequence[Metric], *names: str) -> list[Metric]:
-    """Return the metrics of these names, in this order."""
-    known = {metric.name: metric for metric in metrics}
-    return [known[name] for name in names]
-
-
-def _with_status(records: Sequence[Record], status: str) -> int:
-    return sum(record.status == status for record in records)
+    scenes = ["all", *dict.fromkeys(record.scene for record in records)]
+    sums: dict[str, dict[str, dict[str, list[int]]]] = {scene: {} for scene in scenes}
+    for record in records:
+        for group, success in outcomes(record):
+            for scene in ("all", record.scene):
+                counts = sums[scene].setdefault(group, {}).setdefault(record.object, [0, 0])
+                counts[0] += success
+                counts[1] += 1
+    found: dict[str, dict[str, GroupRate]] = {}
+    for scene, groups in sums.items():
+        columns = {group: np.array(list(counts.values()), dtype=np.float64) for group, counts in sorted(groups.items())}
+        found[scene] = {
+            group: GroupRate(int(each[:, 1].sum()), len(each), estimate_of_sums(each, ratio))
+            for group, each in columns.items()
+        }
+    return found

@@ -46,6 +46,11 @@ class TrialRecord:
         """What identifies the record within an experiment."""
         return TrialKey(self.object, self.scene, self.method)
 
+    @property
+    def succeeded(self) -> bool:
+        """Whether the trial reached its goal with the configuration that a robot would use: a verified one."""
+        return self.verified > 0
+
 
 Record = TypeVar("Record", bound=TrialRecord)
 

@@ -7,7 +7,7 @@ from typing import Any
 
 from dexnudge.errors import InputError, OutputError
 from dexnudge.experiments.charts import AVAILABLE, MISSING, interval_chart, save_chart
-from dexnudge.experiments.metrics import Measured, measure
+from dexnudge.experiments.metrics import Measured, measure, named
 from dexnudge.experiments.records import Record, TrialRecord, read_records
 from dexnudge.experiments.run import read_run
 from dexnudge.experiments.statistics import Estimate, as_json
@@ -33,17 +33,15 @@ def write_report(kind: TrialKind[Record], out: Path) -> str:
     config = claim["config"]
     place = {name: index for index, name in enumerate([*config["scenes"], *config["methods"]])}
     records.sort(key=lambda record: (place[record.scene], place[record.method], record.object))  # not as they finished
-    measured = measure(records, kind.metrics())
+    measured = measure(records, kind.metrics)
+    counts = [metric for metric in kind.metrics if metric.form == "counts"]
+    rates = [metric for metric in kind.metrics if metric not in counts]
     sections = [
-        Section("", f"{setting(config, claim)} {kind.about}", metric_table(measured, kind.tables[""])),
+        Section("", f"{setting(config, claim)} {kind.about}", metric_table(measured, rates)),
         Section("Methods", "", method_table(row["method"] for row in measured)),
         Section("Rates", "", chart=(RATES_CHART, lambda: rates_chart(kind, measured))),
         *kind.sections(records),
-        *(
-            Section(each, explained(chosen), metric_table(measured, chosen))
-            for each, chosen in kind.tables.items()
-            if each
-        ),
+        *(Section(metric.header, "", metric_table(measured, [metric])) for metric in counts),
         *_drawn_otherwise(kind, out, records),
         Section("Made with", made_with(claim)),
     ]
@@ -56,21 +54,14 @@ def write_report(kind: TrialKind[Record], out: Path) -> str:
     return write_files(out / kind.folder, title, sections, numbers, measured)
 
 
-def explained(metrics: Sequence[Any]) -> str:
-    """Return what metrics are, where it has to be said."""
-    return " ".join(
-        f"{metric.header[:1].upper()}{metric.header[1:]}: {metric.about}." for metric in metrics if metric.about
-    )
-
-
-def rates_chart(kind: TrialKind[Any], measured: Sequence[Measured], *, title: str = "") -> Any:
+def rates_chart(kind: TrialKind[Any], measured: Sequence[Measured]) -> Any:
     """Return the figure of the kind's main rate by scene and method."""
-    metric = next(metric for metric in kind.metrics() if metric.name == kind.rate)
+    (metric,) = named(kind.metrics, kind.rate)
     groups: dict[str, dict[str, Estimate]] = {}
     for row in measured:
         if isinstance(row[kind.rate], Estimate):
             groups.setdefault(row["scene"], {})[method_name(row["method"])] = row[kind.rate]
-    return interval_chart(title or f"{kind.title}: {metric.header}", groups, label="success [%]", share=True)
+    return interval_chart(f"{kind.title}: {metric.header}", groups, label="success [%]", share=True)
 
 
 def write_files(

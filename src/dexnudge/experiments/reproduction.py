@@ -16,7 +16,7 @@ from dexnudge.experiments.metrics import Measured, measure, named
 from dexnudge.experiments.records import TrialRecord
 from dexnudge.experiments.report import made_with, rates_chart, setting, write_files, write_report
 from dexnudge.experiments.run import TrialRunner
-from dexnudge.experiments.sampling_records import MEASURES, RATES, SamplingRecord
+from dexnudge.experiments.sampling_records import METRICS, SamplingRecord
 from dexnudge.experiments.sampling_trial import SamplingTrial
 from dexnudge.experiments.tables import method_name, method_table, metric_table
 from dexnudge.experiments.trial import Section
@@ -40,7 +40,7 @@ HARD_SCENES = ("slot", "deep", "corner", "clutter")
 NEW_SCENES = ("drawer", "ramp", "stack")  # on which nothing was tuned
 QUICK_NUM, FULL_NUM = 16, 32
 QUICK_OBJECTS = 16  # about 25 s of one core for the trials of an object and its scenes: 4 minutes on two cores
-SHOWN = named([*RATES, *MEASURES], "single", "single_robust", "top", "top_robust", "verified_per_second")
+SHOWN = named(METRICS, "single", "single_robust", "top", "top_robust", "verified_per_second")
 
 
 @dataclass(frozen=True, kw_only=True)
@@ -175,7 +175,7 @@ def _write_report(
     config: ReproductionConfig, out: Path, finished: Sequence[tuple[Part, Sequence[SamplingRecord]]]
 ) -> str:
     claim, common = read_claim(out, FILE, format_version=FORMAT_VERSION), config.common
-    measured = {part: measure(records, SamplingTrial().metrics()) for part, records in finished}
+    measured = {part: measure(records, METRICS) for part, records in finished}
     by_title = {part.title.lower(): rows for part, rows in measured.items()}
     every = [{"part": part.folder, **row} for part, rows in measured.items() for row in rows]
     main = [row for row in every if row["part"] in OWN_PARTS and row["method"] in MAIN]

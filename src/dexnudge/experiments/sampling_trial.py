@@ -1,90 +1,69 @@
 """Sampling: the draws for an object in a scene, verified."""
 
-from collections.abc import Callable, Mapping, Sequence
+from collections.abc import Callable, Sequence
 from dataclasses import dataclass
-from typing import ClassVar
+from typing import Any, ClassVar
 
 import numpy as np
 from jaxtyping import Float
 
-from dexnudge.experiments.comparisons import ABOUT_EQUAL_TIME, EQUAL_TIME, equal_time
-from dexnudge.experiments.config import ExperimentConfig, TrialKey, trial_seed
+from dexnudge.experiments.comparisons import EQUAL_TIME, equal_time
 from dexnudge.experiments.disturbances import verify_disturbed
+from dexnudge.experiments.drawn_trial import DrawnTrial, TrialSampler
 from dexnudge.experiments.metrics import Metric
-from dexnudge.experiments.sampling_records import (
-    ABOUT_DISTURBED,
-    DISTURBED,
-    MEASURES,
-    RATES,
-    REJECTED,
-    SECONDS,
-    SamplingRecord,
-    measure_disturbed,
-)
+from dexnudge.experiments.sampling_records import DISTURBED, METRICS, SamplingRecord, measure_disturbed
 from dexnudge.experiments.tables import metric_table
-from dexnudge.experiments.trial import Section, TrialKind
-from dexnudge.experiments.trial_sampler import TrialSampler
+from dexnudge.experiments.trial import Section
 from dexnudge.hands.hand import ROOT_COORDINATES, Hand
 from dexnudge.mechanics.contacts import HandContacts
+from dexnudge.results.samples import Samples
 from dexnudge.scenes.scene import Scene
 from dexnudge.verification.criteria import ROBUST_MARGIN
 
 SEVERAL = 2  # fewer configurations, or contact places, have no diversity
+ABOUT_EQUAL_TIME = (
+    "Verified draws in the time that dexnudge takes for an object once the scene is prepared: counts are scaled to it, "
+    "since draws are independent. Ratio: verified per second over that of random start + projection."
+)
+ABOUT_DISTURBED = "The same draws verified again where one quantity is multiplied; ranked as they were drawn."
 
 
 @dataclass(frozen=True)
-class SamplingTrial(TrialKind[SamplingRecord]):
+class SamplingTrial(DrawnTrial[SamplingRecord]):
     """Draw and verify."""
 
     title: ClassVar[str] = "Success of sampling"
     about: ClassVar[str] = (
-        "Rates in % of what was attempted; in brackets, 95 % intervals by bootstrap over objects. Top-ranked: verified "
-        "ones first, best first. First: the sampler's own first choice, before verification. Top of k: of k draws, mean "
-        f"over all choices of k. Robust: with a force margin of at least {ROBUST_MARGIN:g}."
+        "Rates in % of what was attempted; in brackets, 95 % intervals by bootstrap over objects. Single: of all draws. "
+        "Top-ranked: verified ones first, best first. First: the sampler's own first choice, before verification. Top of "
+        f"k: of k draws, mean over all choices of k. Robust: with a force margin of at least {ROBUST_MARGIN:g}. Depths, "
+        "margins, diversities and seconds are in report.csv."
     )
     folder: ClassVar[str] = ""
     record: ClassVar[type[SamplingRecord]] = SamplingRecord
     needs_verified: ClassVar[bool] = False
-    tables: ClassVar[Mapping[str, Sequence[Metric]]] = {
-        "": RATES,
-        "Depth, force, variety, cost": MEASURES,
-        "Why draws were rejected": (REJECTED,),
-        "Seconds per object, scene and method": (SECONDS,),
-    }
+    metrics: ClassVar[Sequence[Metric]] = METRICS
     rate: ClassVar[str] = "single"
 
-    def start(self, config: ExperimentConfig) -> Callable[[TrialKey], SamplingRecord]:
-        """Load the sampler; return what draws for a trial."""
-        sampler = TrialSampler(config)
+    def start_with(self, sampler: TrialSampler) -> Callable[[Samples, int], dict[str, Any]]:
+        """Return what makes fields of a record of verified draws."""
 
-        def run(key: TrialKey) -> SamplingRecord:
-            drawn = sampler.draw(key)
-            samples, verdicts = drawn.samples, drawn.samples.verdicts
-            deepest = verdicts.deepest_penetration
-            verified = np.flatnonzero(verdicts.success)
-            return SamplingRecord(
-                **key._asdict(),
-                num=len(samples.q),
-                verified=len(verified),
-                seed=trial_seed(config.seed, key),
-                success=verdicts.success.tolist(),
-                force_margin=[round(float(margin), 4) for margin in verdicts.force_margin],
-                penetration_mm=[round(1e3 * depth, 4) if np.isfinite(depth) else None for depth in deepest.tolist()],
-                own_rank=[] if samples.own_rank is None else samples.own_rank.tolist(),
-                joint_diversity=joint_diversity(samples.q[verified]),
-                contact_diversity=contact_diversity(
-                    sampler.hand, drawn.scene, [verdicts.contacts[index] for index in verified]
-                ),
-                swept=verify_disturbed(drawn.scene, verdicts) if config.sweep else {},
-                rejected=samples.rejections(),
-                seconds={stage: round(value, 4) for stage, value in drawn.seconds.items()},
-            )
+        def fields(samples: Samples, _: int) -> dict[str, Any]:
+            verdicts, verified = samples.verdicts, np.flatnonzero(samples.success)
+            contacts = [verdicts.contacts[index] for index in verified]
+            deepest = verdicts.deepest_penetration.tolist()
+            return {
+                "success": verdicts.success.tolist(),
+                "force_margin": [round(float(margin), 4) for margin in verdicts.force_margin],
+                "penetration_mm": [round(1e3 * depth, 4) if np.isfinite(depth) else None for depth in deepest],
+                "own_rank": [] if samples.own_rank is None else samples.own_rank.tolist(),
+                "joint_diversity": joint_diversity(samples.q[verified]),
+                "contact_diversity": contact_diversity(sampler.hand, samples.scene, contacts),
+                "swept": verify_disturbed(samples.scene, verdicts) if sampler.config.sweep else {},
+                "rejected": samples.rejections(),
+            }
 
-        return run
-
-    def succeeded(self, record: SamplingRecord) -> bool:
-        """Return whether the top-ranked draw succeeds."""
-        return any(record.success[:1])
+        return fields
 
     def sections(self, records: Sequence[SamplingRecord]) -> list[Section]:
         """Return the methods at equal time, and success at other frictions and masses, where there are such figures."""

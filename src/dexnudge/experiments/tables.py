@@ -54,23 +54,23 @@ def method_name(method: str) -> str:
 
 def method_table(methods: Iterable[str]) -> Table:
     """Return the name in reports, the name for `--method` and what it does, of each method once."""
-    from dexnudge.sampling.methods import METHODS
+    from dexnudge.sampling.methods import find_method
 
-    rows = [[method_name(method), f"`{method}`", METHODS[method].summary] for method in dict.fromkeys(methods)]
+    rows = [[method_name(method), f"`{method}`", find_method(method).summary] for method in dict.fromkeys(methods)]
     return Table(["name", "for `--method`", "what"], rows, labels=3)
 
 
 def metric_table(measured: Sequence[Measured], metrics: Sequence[Metric], labels: Sequence[str] = ()) -> Table:
-    """Return a row for each scene and method; metrics that none of them has are left out.
+    """Return a row for each scene and method; metrics without a header, or that none of them has, are left out.
 
     labels: names of further labels in `measured`, between method and metrics.
     """
     columns: list[tuple[str, Metric, str | None]] = []  # header, metric, key of a metric that is a dict
     for metric in metrics:
         values = [row[metric.name] for row in measured]
-        if any(isinstance(value, dict) for value in values):
+        if metric.form == "counts":
             columns += [(key, metric, key) for key in dict.fromkeys(key for value in values for key in value)]
-        elif any(value is not None for value in values):
+        elif metric.header and any(value is not None for value in values):
             columns.append((metric.header, metric, None))
     rows = [
         [row["scene"], method_name(row["method"]), *(row[label] for label in labels)]

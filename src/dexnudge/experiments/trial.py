@@ -1,7 +1,7 @@
 """A kind of trial: how one trial runs, what its record holds, and what is reported of many."""
 
 from abc import ABC, abstractmethod
-from collections.abc import Callable, Mapping, Sequence
+from collections.abc import Callable, Sequence
 from dataclasses import dataclass
 from typing import Any, ClassVar, Generic
 
@@ -34,9 +34,8 @@ class TrialKind(ABC, Generic[Record]):
         title: of its report. about: text below the title.
         folder: of its records in the folder of the experiment; "" for that folder itself.
         record: dataclass of its records.
-        needs_verified: whether a trial has nothing to do where the experiment's own record has no verified draw.
-        tables: heading -> metrics of one table; the first one has the heading "".
-        rate: name of the metric that the bar chart shows.
+        needs_verified: whether a trial has nothing to do without a verified draw.
+        metrics: of its report. rate: name of the one that the bar chart shows.
     """
 
     title: ClassVar[str]
@@ -44,7 +43,7 @@ class TrialKind(ABC, Generic[Record]):
     folder: ClassVar[str]
     record: ClassVar[type[Any]]
     needs_verified: ClassVar[bool] = True
-    tables: ClassVar[Mapping[str, Sequence[Metric]]]
+    metrics: ClassVar[Sequence[Metric]]
     rate: ClassVar[str]
 
     @abstractmethod
@@ -54,17 +53,9 @@ class TrialKind(ABC, Generic[Record]):
         A `DexnudgeError` of that function makes the trial a failed one.
         """
 
-    @abstractmethod
-    def succeeded(self, record: Record) -> bool:
-        """Return whether the trial reached its goal, with the configuration that a robot would use."""
-
     def sections(self, records: Sequence[Record]) -> list[Section]:  # noqa: ARG002  most kinds have none
         """Return what the report says beside the tables of metrics."""
         return []
-
-    def metrics(self) -> list[Metric]:
-        """Return the metrics of all tables, each once."""
-        return list({metric.name: metric for metrics in self.tables.values() for metric in metrics}.values())
 
     def record_without_trial(
         self, config: ExperimentConfig, key: TrialKey, status: str, reason: str = "", *, num: int | None = None
