@@ -110,7 +110,7 @@ class SetOptions(MeshOptions):
     out: Folder
     """Folder of the run; one that was stopped goes on when the same command is given again."""
     hand: Text = "shadow_lite"
-    """Built-in hand or URDF file."""
+    """Built-in hand, or a URDF or MJCF file."""
     seed: Count = 0
     """Objects and scenes get seeds derived from it."""
     workers: Count = 2
