@@ -217,7 +217,7 @@ class TrainingConfig:
     steps: int | None = None
     """Optimiser steps of the whole run; unless given as many as `max_minutes` allows, or 20000."""
     max_minutes: float | None = None
-    """Time limit over all continuations [min]; a run that it ends before its steps is not reproducible."""
+    """Time limit over all continuations [min]; a run that stops for time is not reproducible bit by bit."""
     groups: int = 16
     """Objects, each with one direction of motion, in a batch."""
     rows_per_group: int = 16
