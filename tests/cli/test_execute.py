@@ -7,7 +7,7 @@ import mujoco
 import numpy as np
 import pytest
 
-from dexnudge.results.configurations import load_configurations
+from dexnudge.results.folder import read_configurations, write_configurations
 
 
 @pytest.mark.slow
@@ -57,9 +57,9 @@ def test_a_hand_too_slippery_exits_3_and_a_folder_that_is_left_out_is_numbered(d
 def test_folders_that_cannot_be_executed_are_refused(dexnudge, sampled, tmp_path):
     none = tmp_path / "none verified"
     shutil.copytree(sampled, none)
-    configurations = load_configurations(none)
-    configurations.success[:] = False
-    configurations.save(none)
+    q, joint_names, verdicts = read_configurations(none)
+    verdicts.success[:] = False
+    write_configurations(none, q, joint_names, verdicts)
     outcome = dexnudge("execute", none)
     assert outcome.code == 2
     assert "none of the 8 configurations is verified; expected at least one" in outcome.err
@@ -78,7 +78,7 @@ def test_a_folder_that_is_not_there_is_refused(dexnudge, tmp_path):
     outcome = dexnudge("execute", tmp_path / "missing")
     assert outcome.code == 2
     assert outcome.err == (
-        f"dexnudge: {tmp_path / 'missing'} is not a folder; expected the one that `dexnudge sample --out` wrote\n"
+        f"dexnudge: {tmp_path / 'missing'} is not a folder; expected the one that `dexnudge sample` or Samples.save wrote\n"
     )
 
 

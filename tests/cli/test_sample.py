@@ -51,7 +51,8 @@ def test_every_draw_is_written_with_the_joints_of_the_hand(sampled):
     robot = yourdfpy.URDF.load(str(sampled / "hand" / "hand.urdf"), load_meshes=False, load_collision_meshes=True)
     assert found["q"].shape == (NUM, 9 + 16)
     assert found["joint_names"].tolist() == robot.actuated_joint_names
-    links = {link for row in found["contact_links"] for link in json.loads(row)}
+    links = {link for row in found["contact_links"] for link in row.split(",") if row}
+    assert links
     assert links <= set(robot.link_map)
 
 
@@ -109,7 +110,7 @@ def test_check_finds_every_changed_figure(dexnudge, copy):
         penetration_object=lambda depths: depths + 0.001,
         penetration_environment=first(np.nan),
         force_margin=first(0.123),
-        contact_links=first('["nolink"]'),
+        contact_links=first("nolink"),
     )
     outcome = dexnudge("check", copy)
     assert outcome.code == 2

@@ -27,7 +27,7 @@ class Check:
         result = check(self.folder)
         found, written = result.found, result.written
         shown = table("figure", "written", "found", "largest difference")
-        shown.add_row("configurations", str(len(written.q)), str(len(found.q)), "")
+        shown.add_row("configurations", str(len(written)), str(len(found)), "")
         shown.add_row("verified", str(int(written.success.sum())), str(int(found.success.sum())), "")
         for key in found.values:
             scale, unit = (1e3, " [mm]") if key.startswith("penetration_") else (1.0, "")

@@ -9,9 +9,9 @@ from importlib import import_module
 from io import StringIO
 from typing import Any
 
-from dexnudge import __version__
 from dexnudge.errors import DexnudgeError, InputError, UnknownNameError, did_you_mean
 from dexnudge.jobs.processes import limit_threads
+from dexnudge.version import __version__
 
 DONE = 0
 BAD_INPUT = 2  # also what argument errors exit with

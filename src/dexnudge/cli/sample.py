@@ -132,7 +132,7 @@ class Sample(MeshOptions):
         from dexnudge.energies.terms import find_term
         from dexnudge.hands.registry import load_hand
         from dexnudge.jobs.progress import progress
-        from dexnudge.results.writing import write_inputs, write_results
+        from dexnudge.results.folder import write_inputs, write_results
         from dexnudge.sampling.methods import find_method
         from dexnudge.sampling.sampler import Sampler, check_counts
         from dexnudge.verification.criteria import default_criteria, find_criterion

@@ -21,8 +21,8 @@ from dexnudge.hands.hand import Hand
 from dexnudge.jobs.folders import new_folder
 from dexnudge.jobs.provenance import machine, versions
 from dexnudge.planning.outcomes import Outcome
+from dexnudge.results.folder import write_summary
 from dexnudge.results.samples import Sample
-from dexnudge.results.summary import write_summary
 from dexnudge.sampling.sampler import Sampler
 from dexnudge.scenes.scene import Scene
 from dexnudge.simulation.model import TIMESTEP, SimulationModel, scene_model

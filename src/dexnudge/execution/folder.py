@@ -14,9 +14,8 @@ from dexnudge.execution.slide_grasp_lift import GRASP_DRAWS
 from dexnudge.jobs.folders import new_folder
 from dexnudge.jobs.processes import WorkerDied, run_tasks
 from dexnudge.planning.outcomes import Outcome
-from dexnudge.results.samples import Samples, load_samples
-from dexnudge.results.summary import write_summary
-from dexnudge.results.writing import read_inputs
+from dexnudge.results.folder import load_samples, read_inputs, write_summary
+from dexnudge.results.samples import Samples
 from dexnudge.simulation.model import load_scene_model, scene_model
 
 PUSH_FOLDER, LIFT_FOLDER = "execution", "slide_grasp_lift"  # in the result folder, unless told otherwise

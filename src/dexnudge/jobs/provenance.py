@@ -5,8 +5,8 @@ import sys
 from importlib.metadata import PackageNotFoundError, version
 from pathlib import Path
 
-from dexnudge import __version__
 from dexnudge.jobs.processes import available_cores
+from dexnudge.version import __version__
 
 RECORDED_VERSIONS = ("dexnudge", "numpy", "scipy", "trimesh", "torch", "warp-lang")
 

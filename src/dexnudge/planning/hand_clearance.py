@@ -17,7 +17,7 @@ from dexnudge.scenes.scene import Scene
 CAP = 0.10  # [m] clearances are measured up to here; beyond, all that counts is that it is far
 BATCH = 128  # states of one launch; the buffers are that long
 NO_STOP = -1.0e3  # [m] below every distance: the walk goes on until the least one is found
-OBSTACLES = ("environment", "object")  # columns of what the kernel returns
+OBSTACLES: tuple[str, str] = ("environment", "object")  # columns of what the kernel returns
 
 
 @dataclass(frozen=True)

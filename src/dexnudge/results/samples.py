@@ -12,7 +12,6 @@ import numpy as np
 import torch
 from jaxtyping import Bool, Float, Int
 
-from dexnudge.errors import InputError
 from dexnudge.hands.hand import ROOT_COORDINATES, Hand
 from dexnudge.mechanics.contacts import HandContacts
 from dexnudge.scenes.scene import Scene
@@ -175,7 +174,7 @@ class Samples:
             InputError: there are no samples, or a criterion is missing: a built-in one that was left out, or one that no
                 installed package brings any more.
         """
-        from dexnudge.results.writing import save_samples
+        from dexnudge.results.folder import save_samples
 
         return save_samples(self, Path(out), title=title, overwrite=overwrite)
 
@@ -217,17 +216,3 @@ class Samples:
         """What page and picture show; made once, and so is the camera that is chosen for each."""
         contacts = [each.points for each in self.verdicts.contacts]
         return visual_scenes(self.scene, self.hand, self.q.astype(np.float64), contacts=contacts)
-
-
-def load_samples(folder: Path | str) -> Samples:
-    """Read a result folder that `dexnudge sample` or `Samples.save` wrote; nothing is verified again (see `check`).
-
-    Raises:
-        InputError: a file is missing, damaged, or does not belong to the others.
-    """
-    from dexnudge.results.writing import read_samples
-
-    folder = Path(folder)
-    if not folder.is_dir():
-        raise InputError(f"{folder} is not a folder; expected the one that `dexnudge sample --out` wrote")
-    return read_samples(folder)

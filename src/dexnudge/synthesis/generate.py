@@ -15,7 +15,6 @@ from typing import Any, Literal
 
 from rich.progress import Progress, TextColumn
 
-from dexnudge import __version__
 from dexnudge.dataset.manifest import MANIFEST_NAME, Manifest, joint_groups, read_manifest, write_manifest
 from dexnudge.dataset.schema import BehaviourCounts
 from dexnudge.dataset.shards import DamagedShardError, is_complete, read_cloud, read_shard, shard_path
@@ -28,6 +27,7 @@ from dexnudge.jobs.progress import progress
 from dexnudge.jobs.ray_cluster import run_tasks_on_ray
 from dexnudge.objects.sets import BUILTIN_PREFIX, ObjectEntry, resolve_object_set
 from dexnudge.synthesis.object_data import GenerationConfig, ObjectOutcome, ObjectTask
+from dexnudge.version import __version__
 
 
 @dataclass(frozen=True)

@@ -1,0 +1,37 @@
+# The public names. `__init__.py` imports them from where they are said to be here, on first use.
+
+from dexnudge.energies.terms import EnergyTerm as EnergyTerm, find_term as find_term
+from dexnudge.errors import (
+    CheckpointError as CheckpointError,
+    DatasetError as DatasetError,
+    DexnudgeError as DexnudgeError,
+    HandError as HandError,
+    InputError as InputError,
+    MeshError as MeshError,
+    OutputError as OutputError,
+    SceneError as SceneError,
+    UnknownNameError as UnknownNameError,
+)
+from dexnudge.execution.episode import Episode as Episode, execute as execute
+from dexnudge.geometry.meshes import load_environment as load_environment, load_mesh as load_mesh
+from dexnudge.hands.batch import HandBatch as HandBatch
+from dexnudge.hands.export import export_hand as export_hand
+from dexnudge.hands.hand import Hand as Hand
+from dexnudge.hands.registry import load_hand as load_hand
+from dexnudge.objects.builtin import builtin_names as builtin_names, builtin_object as builtin_object
+from dexnudge.planning.outcomes import Outcome as Outcome
+from dexnudge.results.checking import Check as Check, check as check
+from dexnudge.results.folder import load_samples as load_samples
+from dexnudge.results.samples import Sample as Sample, Samples as Samples
+from dexnudge.sampling.sampler import Sampler as Sampler
+from dexnudge.scenes.families import build_scene as build_scene, scene_families as scene_families
+from dexnudge.scenes.scene import Scene as Scene, load_scene as load_scene
+from dexnudge.verification.criteria import (
+    Criterion as Criterion,
+    CriterionResult as CriterionResult,
+    default_criteria as default_criteria,
+    find_criterion as find_criterion,
+)
+from dexnudge.verification.measurements import Measurements as Measurements, measure as measure
+from dexnudge.verification.verdicts import Verdicts as Verdicts, verify as verify
+from dexnudge.version import __version__ as __version__

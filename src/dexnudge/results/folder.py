@@ -1,0 +1,266 @@
+"""The folder of a result: scene and hand first, then what was drawn, as verified from those files.
+
+configurations.npz holds every draw, verified ones first, best first; read it with `numpy.load(allow_pickle=False)`:
+
+    q              (n, 9 + d) float32, world frame
+    joint_names    (d,), in the order of q
+    success        (n,) bool
+    reasons        (n,) name of the first criterion that fails; "" for a success
+    contact_links  (n,) names of the hand links that touch the object, joined by ","; a backslash stands before a comma or
+                   a backslash that is part of a name
+    NAME           (n,) what the criterion of that name measured
+
+summary.json counts them, and tells what failing each criterion means and what the run took.
+"""
+
+import json
+import re
+import time
+import zipfile
+import zlib
+from collections.abc import Sequence
+from dataclasses import replace
+from pathlib import Path
+from typing import Any
+
+import numpy as np
+from jaxtyping import Float
+
+from dexnudge.errors import InputError
+from dexnudge.hands.export import export_hand
+from dexnudge.hands.hand import ROOT_COORDINATES, Hand
+from dexnudge.hands.registry import load_hand
+from dexnudge.jobs.folders import new_folder
+from dexnudge.jobs.provenance import machine, peak_memory_mb, versions
+from dexnudge.results.samples import Samples
+from dexnudge.scenes.scene import Scene
+from dexnudge.verification.criteria import RESERVED, Criterion, find_criterion, missing_criteria
+from dexnudge.verification.verdicts import Verdicts, contacts_of, verify
+
+CONFIGURATIONS, SUMMARY = "configurations.npz", "summary.json"
+HAND = Path("hand", "hand.urdf")
+PAGE, PICTURE = "view.html", "view.png"
+KINDS = {"f": "float", "U": "text", "b": "bool"}
+"""How messages call the kinds of arrays."""
+
+
+def write_inputs(folder: Path, scene: Scene, hand: Hand) -> tuple[Scene, Hand]:
+    """Write scene and hand into `folder` and return them as read back.
+
+    What is read back is what draws are verified with: then the verdicts are those of the files, rounding included, and
+    `check` finds the same.
+    """
+    scene.save(folder)
+    export_hand(hand, folder / HAND.parent)
+    return read_inputs(folder)
+
+
+def read_inputs(folder: Path) -> tuple[Scene, Hand]:
+    """Return scene and hand of a result folder.
+
+    Raises:
+        InputError: a file is missing, damaged, or points outside the folder.
+    """
+    return Scene.load(folder), load_hand(str(folder / HAND))
+
+
+def write_configurations(
+    folder: Path, q: Float[np.ndarray, "n coordinates"], joint_names: Sequence[str], verdicts: Verdicts
+) -> None:
+    """Write configurations.npz."""
+    links = [",".join(re.sub(r"([\\,])", r"\\\1", link) for link in each) for each in verdicts.contact_links]
+    arrays: dict[str, Any] = {
+        "q": q.astype(np.float32),
+        "joint_names": np.array(joint_names, dtype=np.str_),
+        "success": verdicts.success,
+        "reasons": np.array(verdicts.reasons, dtype=np.str_),
+        "contact_links": np.array(links, dtype=np.str_),
+        **verdicts.values,
+    }
+    np.savez_compressed(folder / CONFIGURATIONS, **arrays)
+
+
+def read_configurations(folder: Path) -> tuple[Float[np.ndarray, "n coordinates"], tuple[str, ...], Verdicts]:
+    """Return q, joint names, and the verdicts without contacts and criteria.
+
+    Raises:
+        InputError: the file is missing, damaged, or its arrays do not fit together; the message says which.
+    """
+    path = folder / CONFIGURATIONS
+    if not path.is_file():
+        raise InputError(f"{path} is missing; expected the folder that `dexnudge sample` or Samples.save wrote")
+    try:
+        with path.open("rb") as file, np.lib.npyio.NpzFile(file, allow_pickle=False) as archive:  # never a bare .npy
+            arrays = {key: archive[key] for key in archive.files}
+    except (OSError, ValueError, EOFError, zipfile.BadZipFile, zlib.error) as error:
+        raise InputError(
+            f"{path} is damaged ({error}); expected an npz archive without pickles; sample again"
+        ) from error
+    missing = [*(key for key in RESERVED if key not in arrays), *missing_criteria(arrays)]
+    if missing:
+        raise InputError(
+            f"{path} lacks {', '.join(missing)}; expected {', '.join(RESERVED)} and the values of all built-in criteria, "
+            "which dexnudge 0.6 and before did not write; sample again"
+        )
+    values = {key: array for key, array in arrays.items() if key not in RESERVED}
+    q = arrays["q"]
+    expected: dict[str, tuple[str, tuple[object, ...]]] = {
+        "q": ("f", q.shape if q.ndim == 2 else ("n", "9 + d")),
+        "joint_names": ("U", (q.shape[-1] - ROOT_COORDINATES,)),
+        "success": ("b", (len(q),)),
+        **dict.fromkeys(("reasons", "contact_links"), ("U", (len(q),))),
+        **dict.fromkeys(values, ("f", (len(q),))),
+    }
+    for key, (kind, shape) in expected.items():
+        array = arrays[key]
+        if array.dtype.kind != kind or array.shape != shape:
+            raise InputError(
+                f"{path}: {key} is {array.dtype} of shape {array.shape}; expected {KINDS[kind]} of shape "
+                f"({', '.join(map(str, shape))}); sample again"
+            )
+    if not np.isfinite(q).all():
+        raise InputError(f"{path}: q holds NaN or infinity; expected finite numbers; sample again")
+    names = [re.findall(r"(?:\\.|[^\\,])+", links, re.DOTALL) for links in arrays["contact_links"].tolist()]
+    verdicts = Verdicts(
+        success=arrays["success"],
+        reasons=arrays["reasons"].tolist(),
+        values=values,
+        contacts=[],
+        contact_links=[[re.sub(r"\\(.)", r"\1", name, flags=re.DOTALL) for name in each] for each in names],
+    )
+    return q, tuple(arrays["joint_names"].tolist()), verdicts
+
+
+def count_draws(verdicts: Verdicts) -> dict[str, Any]:
+    """Return counts and rates of all draws: drawn = verified + the sum of `rejected` (reason -> draws)."""
+    drawn, verified, robust = len(verdicts), int(verdicts.success.sum()), int(verdicts.robust.sum())
+    return {
+        "drawn": drawn,
+        "verified": verified,
+        "robust": robust,
+        "rejected": verdicts.rejections(),
+        "verified_rate": verified / drawn,
+        "robust_rate": robust / drawn,
+        "best_force_margin": float(verdicts.force_margin[0]) if verified else None,
+    }
+
+
+def write_summary(folder: Path, summary: dict[str, Any]) -> None:
+    """Write summary.json."""
+    text = json.dumps(summary, indent=2, allow_nan=False, default=lambda array: array.tolist())
+    (folder / SUMMARY).write_text(text + "\n", encoding="utf-8")
+
+
+def write_results(
+    folder: Path, samples: Samples, *, title: str, seconds: dict[str, float], details: dict[str, Any]
+) -> dict[str, Any]:
+    """Write configurations, page, picture and summary beside scene and hand; return the summary.
+
+    Args:
+        folder: where `write_inputs` wrote.
+        samples: verified with the scene and the hand that `write_inputs` returned.
+        title: plain text above page and picture.
+        seconds: of the stages before the first draw; those of drawing and writing are added.
+        details: further entries of the summary, such as the options of the run.
+    """
+    write_configurations(folder, samples.q, samples.hand.joint_names, samples.verdicts)
+    start = time.perf_counter()
+    samples.page(folder / PAGE, title=title)
+    samples.picture(folder / PICTURE)
+    seconds = {**seconds, **samples.seconds, "picture": time.perf_counter() - start}
+    summary = {
+        **count_draws(samples.verdicts),
+        "reasons": {reason: samples.verdicts.sentences[reason] for reason in samples.rejections()},
+        "criteria": list(samples.verdicts.values),
+        **details,
+        "seconds": {stage: round(value, 4) for stage, value in seconds.items()},
+        "seconds_total": round(sum(seconds.values()), 4),
+        "peak_memory_mb": round(peak_memory_mb(), 1),
+        "machine": machine(),
+        "versions": versions(),
+        "sampler": list(samples.reports),
+    }
+    write_summary(folder, summary)
+    return summary
+
+
+def save_samples(samples: Samples, out: Path, *, title: str, overwrite: bool) -> Samples:
+    """Write the folder of `Samples.save`; return the samples as written."""
+    if not len(samples):
+        raise InputError("there are no samples to save; expected at least one")
+    criteria = {criterion.name: criterion for criterion in samples.verdicts.criteria}
+    missing = missing_criteria(criteria) + [name for name in samples.verdicts.values if name not in criteria]
+    if missing:
+        raise InputError(
+            f"the samples cannot be verified again by {', '.join(missing)}; expected all built-in criteria, and those of "
+            "your own installed; verify them again by criteria that are at hand"
+        )
+    with new_folder(out, overwrite=overwrite, marker=CONFIGURATIONS) as folder:
+        scene, hand = write_inputs(folder, samples.scene, samples.hand)
+        verdicts = verify(scene, hand, samples.q, samples.verdicts.criteria)
+        written = replace(samples, scene=scene, hand=hand, verdicts=verdicts)
+        written = written[np.argsort(~verdicts.success, kind="stable")]
+        title = title or f"{hand.name}, {scene.name}"
+        write_results(folder, written, title=title, seconds={}, details={"scene": scene.name, "hand": hand.name})
+    return written
+
+
+def load_samples(folder: Path | str) -> Samples:
+    """Read a result folder that `dexnudge sample` or `Samples.save` wrote; nothing is verified again (see `check`).
+
+    Raises:
+        InputError: a file is missing, damaged, or does not belong to the others.
+    """
+    samples = read_result(folder)[0]
+    contacts = contacts_of(samples.scene, samples.hand, samples.q)
+    return replace(samples, verdicts=replace(samples.verdicts, contacts=contacts))
+
+
+def read_result(folder: Path | str) -> tuple[Samples, dict[str, Any], dict[str, str]]:
+    """Return the samples of a folder without their contacts, its summary, and why each missing criterion is missing.
+
+    Raises:
+        InputError: a file is missing, damaged, or does not belong to the others.
+    """
+    folder = Path(folder)
+    if not folder.is_dir():
+        raise InputError(f"{folder} is not a folder; expected the one that `dexnudge sample` or Samples.save wrote")
+    q, joint_names, verdicts = read_configurations(folder)
+    summary = _read_summary(folder)
+    scene, hand = read_inputs(folder)
+    if tuple(hand.joint_names) != joint_names:
+        raise InputError(
+            f"{folder}: the configurations have the joints {', '.join(joint_names)}, the hand in hand/ has "
+            f"{', '.join(hand.joint_names)}; expected the same joints in the same order; sample again"
+        )
+    names = summary.get("criteria")
+    if not isinstance(names, list) or {*map(str, names)} != {*verdicts.values}:
+        raise InputError(
+            f"{folder}: summary.json lists the criteria {names}, configurations.npz has the values of "
+            f"{', '.join(verdicts.values)}; expected the same; sample again"
+        )
+    criteria: list[Criterion] = []
+    missing: dict[str, str] = {}
+    for name in verdicts.values:
+        try:
+            criteria.append(find_criterion(name))
+        except InputError as error:
+            missing[name] = str(error)
+    verdicts = replace(verdicts, criteria=tuple(criteria), sentences=dict(summary.get("reasons", {})))
+    seconds, reports = dict(summary.get("seconds", {})), tuple(summary.get("sampler", ()))
+    return Samples(scene, hand, q, verdicts, seconds=seconds, reports=reports), summary, missing
+
+
+def _read_summary(folder: Path) -> dict[str, Any]:
+    path = folder / SUMMARY
+    try:
+        summary = json.loads(path.read_text(encoding="utf-8"))
+    except FileNotFoundError as error:
+        raise InputError(
+            f"{path} is missing; expected the folder that `dexnudge sample` or Samples.save wrote"
+        ) from error
+    except (OSError, ValueError) as error:
+        raise InputError(f"{path} is damaged ({error}); expected JSON; sample again") from error
+    if not isinstance(summary, dict) or not isinstance(summary.get("rejected"), dict):
+        raise InputError(f"{path} has no counts; expected drawn, verified and rejected; sample again")
+    return summary
