@@ -1,4 +1,4 @@
-"""The table of equations points at code and tests that exist."""
+"""What the documentation says about the code exists: files on every page, names in the table of equations."""
 
 import ast
 import re
@@ -35,6 +35,15 @@ def definitions(body: list[ast.stmt]) -> dict[str, list[ast.stmt]]:
             targets = statement.targets if isinstance(statement, ast.Assign) else [statement.target]
             found |= {target.id: [] for target in targets if isinstance(target, ast.Name)}
     return found
+
+
+@pytest.mark.parametrize(
+    "page", [ROOT / "README.md", *sorted((ROOT / "docs").rglob("*.md"))], ids=lambda page: page.name
+)
+def test_files_that_a_page_names_exist(page):
+    named = {path for path, _ in POINTER.findall(page.read_text(encoding="utf-8"))}
+    places = [ROOT, ROOT / "src/dexnudge", ROOT / "tests"]
+    assert not [path for path in named if not any((place / path).is_file() for place in places)]
 
 
 @pytest.mark.parametrize(("column", "path", "name"), sorted(set(pointers())))
