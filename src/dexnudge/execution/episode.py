@@ -73,7 +73,7 @@ class Episode:
 
     @property
     def length_reached(self) -> float:
-        """Way of the object's centre of mass along the motion in that push or slide [m]."""
+        """How far the object's centre of mass moved along the motion in that push or slide [m]."""
         return self._lengths[1]
 
     @cached_property
@@ -92,7 +92,7 @@ class Episode:
 
     @property
     def divergence(self) -> Divergence | None:
-        """Where the simulation got out of hand; None where it did not."""
+        """Where the simulation diverged; None where it did not."""
         return self.result.divergence
 
     def __repr__(self) -> str:

@@ -112,7 +112,7 @@ class Hand:
 
     @cached_property
     def fingertip_indices(self) -> list[int]:
-        """Where those links stand among all of them."""
+        """Index of each of these links in `link_names`."""
         return [self.link_names.index(link) for link in self.fingertip_links]
 
     @cached_property
@@ -228,12 +228,12 @@ class Hand:
 
     @cached_property
     def dense_points(self) -> LinkPoints:
-        """Points that judge: no two neighbours farther apart than 2 mm."""
+        """Surface points that verify: neighbours are at most 2 mm apart."""
         return self._points(dense=True)
 
     @cached_property
     def sparse_points(self) -> LinkPoints:
-        """Points that guide: few enough to be fast."""
+        """Surface points that guide: few, to be fast."""
         return self._points(dense=False)
 
     def _points(self, *, dense: bool) -> LinkPoints:

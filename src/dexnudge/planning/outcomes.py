@@ -4,7 +4,7 @@ from enum import Enum
 
 
 class Outcome(str, Enum):
-    """The end of an execution or of one attempt; its value stands in files, its `sentence` is for people."""
+    """The end of an execution or of one attempt; its value is written into files, its `sentence` is for people."""
 
     SUCCESS = "success"
     DIVERGED = "diverged"

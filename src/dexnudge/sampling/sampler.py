@@ -212,7 +212,7 @@ class Sampler:
         return ranked
 
     def draw(self, problem: SamplingProblem, *, num: int, seed: int, method: str | Method = DEFAULT_METHOD) -> Draws:
-        """Return `num` draws for a scene made ready, not verified.
+        """Return `num` draws for a prepared scene, not verified.
 
         Raises:
             UnknownNameError: no such method.

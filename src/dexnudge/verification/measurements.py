@@ -22,7 +22,7 @@ from dexnudge.verification.penetration import PenetrationCheck, Penetrations
 
 
 class Measurements:
-    """Of hands with valid poses in a scene; each is made when it is first asked for."""
+    """Measurements of hands with valid poses in a scene; each is made when it is first asked for."""
 
     def __init__(self, hands: HandBatch, scene: Scene) -> None:
         self._hands, self._scene = hands, scene
