@@ -19,7 +19,7 @@ import yaml
 
 from dexnudge.experiments.comparisons import MAIN, PAPER_SUCCESS, STEERED_NOISE
 from dexnudge.experiments.reproduction import HARD_SCENES, NEW_SCENES
-from dexnudge.experiments.tables import Table, csv_text, method_name
+from dexnudge.experiments.tables import Table, csv_text
 
 ROOT = Path(__file__).parents[1]
 RUNS = Path(__file__).with_name("published_runs.yaml")
@@ -36,6 +36,12 @@ SHOWN = {  # columns of the page: name in docs/data -> header
     "lifted": "lifted",
     "at_first": "at the first attempt",
     "verified_per_second": "verified/s",
+}
+LABELS = {  # of methods, on the pages
+    "steered_noise": "dexnudge",
+    "resampled": "dexnudge, resampled",
+    "guidance_only": "dexnudge, not projected",
+    "random_start_projection": "random start + projection",
 }
 NOT_PERCENT = {"length_asked_mm": 0, "length_reached_mm": 0, "verified_per_second": 1, "joint_diversity": 2}  # digits
 FIGURES = (  # that matter: what, run, kind, column
@@ -176,7 +182,7 @@ def main_table(data: dict[str, list[Row]], link: str = "data") -> str:
                 if (row["scene"], row["method"]) == (scene, method):
                     cells = [text(row, name) for name in ("single", "single_robust", "top", "top_robust")]
                     cells += [text(played.get((column, scene, method)), column) for column in ("top", "lifted")]
-                    rows.append([scene, method_name(method), *cells, paper if method == STEERED_NOISE else ""])
+                    rows.append([scene, LABELS[method], *cells, paper if method == STEERED_NOISE else ""])
     header = ["scene", "method", "single draw", "robust", "top-ranked", "top-ranked robust", "pushed in physics"]
     table = Table([*header, "slid, grasped, lifted", "the paper, its own scenes"], rows).markdown()
     made = made_with(_of(data, "test42", ""), "test42", link)
@@ -199,7 +205,7 @@ def run_table(found: list[tuple[list[Row], dict[str, Any]]]) -> str:
         [
             *([row["label"]] if labels else []),
             row["scene"],
-            method_name(row["method"]),
+            LABELS.get(row["method"], row["method"]),
             *(text(row, each) for each in columns),
         ]
         for row in rows

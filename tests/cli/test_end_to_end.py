@@ -46,8 +46,8 @@ def test_from_objects_to_verified_configurations(dexnudge, folder, commands):
     options = ["--objects", objects, "--scenes", "table", "layers", "--weights", run / "model", "--num", 4]
     outcome = dexnudge("evaluate", *options, "--out", folder / "experiment", "--workers", 1)
     assert outcome.code == 0, outcome.err
-    assert "| table | dexnudge | 2 | 0 | 8 |" in outcome.out
-    assert "| layers | dexnudge | 2 | 0 | 8 |" in outcome.out
+    assert "| table | steered_noise | 2 | 0 | 8 |" in outcome.out
+    assert "| layers | steered_noise | 2 | 0 | 8 |" in outcome.out
     again = dexnudge("evaluate", *options, "--out", folder / "experiment", "--workers", 1)
     assert again.out == outcome.out
 

@@ -80,8 +80,8 @@ def test_a_killed_run_goes_on_and_reports(tmp_path):
     assert [len(row["swept"]) for row in found] == [6] * 8 + [0] * 4
     report = (out / "report.md").read_text()
     assert done.stdout.startswith(report)
-    assert "| table | dexnudge | 1 | 0 | 2 |" in (out / "with_base" / "report.md").read_text()
-    assert "nearest training pose + projection: needs a dataset, --data DIR" in report
+    assert "| table | steered_noise | 1 | 0 | 2 |" in (out / "with_base" / "report.md").read_text()
+    assert "nearest_pose: needs a dataset, --data DIR" in report
     pictures = set(re.findall(r"\]\((pictures/failure[^)]+)\)", report))
     assert {f"pictures/{path.name}" for path in (out / "pictures").glob("failure-*.png")} == pictures
     assert pictures or "No draw of dexnudge was rejected." in report

@@ -110,7 +110,7 @@ def test_an_experiment_belongs_to_its_losses(dexnudge, tmp_path):
     outcome = dexnudge(*command, "--weight-sweep", 0, "--clearance-base", 0.02)
     assert outcome.code == 0, outcome.err
     assert "Losses other than each method's own: sweep 0, clearance_base 0.02." in outcome.out
-    assert "| table | random start + projection | 1 | 1 |" in outcome.out
+    assert "| table | random_start_projection | 1 | 1 |" in outcome.out
     config = json.loads((tmp_path / "out" / "experiment.json").read_text())["config"]
     assert (config["losses"], config["max_objects"]) == ({"sweep": 0.0, "clearance_base": 0.02}, 1)
     other = dexnudge(*command)

@@ -82,7 +82,7 @@ def test_errors_are_rated_over_what_was_played_with_them(records):
         name: (group.number, group.rate.value)
         for name, group in rates_by("With friction and mass errors", records)["all"].items()
     }
-    assert rates == {"as drawn": (2, 0.5), "mass × 0.5": (2, 1.0), "mass × 1.5": (2, 0.0)}
+    assert rates == {"as drawn": (2, 0.5), "mass x 0.5": (2, 1.0), "mass x 1.5": (2, 0.0)}
     assert rates_by("With friction and mass errors", [record("c")])["all"] == {}
 
 

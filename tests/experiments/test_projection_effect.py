@@ -5,7 +5,7 @@ from dataclasses import replace
 import numpy as np
 import pytest
 
-from dexnudge.experiments.projection_effect import figures, projection_effect
+from dexnudge.experiments.comparisons import projection_effect, stage_figures
 from dexnudge.hands.shadow_lite import shadow_lite
 from dexnudge.mechanics.contacts import HandContacts
 from dexnudge.objects.builtin import builtin_object
@@ -62,4 +62,4 @@ def test_figures_count_draws_that_are_no_pose_as_without_contact_and_force():
         "force_margin_median": 1.5,
         "penetration_mm": 1.0,
     }
-    assert figures(verdicts) == pytest.approx(expected)
+    assert stage_figures(verdicts) == pytest.approx(expected)

@@ -15,7 +15,6 @@ from dexnudge.experiments.records import RecordWriter
 from dexnudge.experiments.reproduction import HARD_SCENES, NEW_SCENES, ReproductionConfig, left_out, parts, reproduce
 from dexnudge.experiments.run import FILE, FORMAT_VERSION
 from dexnudge.experiments.sampling_records import SamplingRecord
-from dexnudge.experiments.tables import method_name
 from dexnudge.jobs.folders import claim_folder
 from dexnudge.sampling.methods import METHODS
 
@@ -32,7 +31,7 @@ FOLDERS = [
     "hard",
     "generalisation",
 ]
-SETTINGS = [setting_name(quantity, factor) for quantity, factors in VERIFIED_AT.items() for factor in factors]
+SETTINGS = [setting_name(*each) for each in VERIFIED_AT]
 GOOD = {"steered_noise": 7, "paper": 4, "guidance_only": 1}  # of 8 draws; 2 of every other method
 
 
@@ -72,10 +71,10 @@ def test_what_a_run_cannot_have_is_named():
     assert left_out(bare) == [
         "part hard: left out by --quick",
         "part generalisation: left out by --quick",
-        "nearest training pose + projection: needs a dataset, --data DIR",
+        "nearest_pose: needs a dataset, --data DIR",
         "a model trained on grasps only: needs its folder, --grasp-weights DIR",
         "other prediction types: need models, --prediction-weights NAME=DIR ...",
-        *(f"{method_name(each)}: left out by --quick" for each in METHODS if each not in {*asked, "nearest_pose"}),
+        *(f"{each}: left out by --quick" for each in METHODS if each not in {*asked, "nearest_pose"}),
     ]
 
 
@@ -86,7 +85,7 @@ def test_parts_and_methods_are_chosen():
         ("hard", ("steered_noise",)),
     ]
     assert "part grasps_only: left out by --parts" in left_out(some)
-    assert "MPGD + projection: left out by --methods" in left_out(some)
+    assert "clean_gradient: left out by --methods" in left_out(some)
     with pytest.raises(InputError, match="unknown part 'harder'"):
         parts(replace(CONFIG, parts=("harder",)))
     with pytest.raises(InputError, match=r"has the method 'nearest_pose'; expected some of .*needs `data`"):
@@ -161,30 +160,28 @@ def test_attempted_is_the_denominator_everywhere(finished):
 
 def test_the_papers_numbers_stand_beside_ours(finished):
     text = finished[1]
-    assert "| table | dexnudge | with the forearm | 73.2 | 87.5 (88-88) | 100.0 (100-100) | 100.0" in text
-    assert "| table | dexnudge | without the forearm | 73.2 | 87.5 (88-88) |" in text
-    assert "| shelf | dexnudge, asked for grasps | a model trained on grasps only | 0.0 | 25.0 (25-25) |" in text
-    assert (
-        "| table | dexnudge, not projected | with the forearm | 26.8 | 0.0 | 100.0 (100-100) | 12.5 (12-12) |" in text
-    )
-    assert "| slot | dexnudge | with the forearm |  | " in text
+    assert "| table | steered_noise | with the forearm | 73.2 | 87.5 (88-88) | 100.0 (100-100) | 100.0" in text
+    assert "| table | steered_noise | without the forearm | 73.2 | 87.5 (88-88) |" in text
+    assert "| shelf | grasp_projection | a model trained on grasps only | 0.0 | 25.0 (25-25) |" in text
+    assert "| table | guidance_only | with the forearm | 26.8 | 0.0 | 100.0 (100-100) | 12.5 (12-12) |" in text
+    assert "| slot | steered_noise | with the forearm |  | " in text
 
 
 def test_the_main_table_has_no_prior_below_ours(finished):
     text = finished[1].split("## Main table")[1].split("##")[0]
     scenes = [*COMMON.scenes, *HARD_SCENES, *NEW_SCENES]
     found = [line.split(" | ")[:2] for line in text.splitlines() if line.startswith("| ")][2:]
-    assert sorted(map(tuple, found)) == sorted((f"| {scene}", method_name(each)) for scene in scenes for each in MAIN)
+    assert sorted(map(tuple, found)) == sorted((f"| {scene}", each) for scene in scenes for each in MAIN)
 
 
 def test_other_models_stand_beside_the_runs_own(finished):
     text = finished[1].split("## Prediction types")[1].split("\n## ")[0]
-    rows = [line.split(" | ")[:4] for line in text.splitlines() if line.startswith("| table | dexnudge |")]
+    rows = [line.split(" | ")[:4] for line in text.splitlines() if line.startswith("| table | steered_noise |")]
     assert [row[2] for row in rows] == ["the run's own", "Weights epsilon", "Weights sample"]
 
 
 def test_the_worst_cases_are_shown(finished):
-    worst = re.findall(r"## (\S+), (\S+): 7 of 8 draws of dexnudge\n", finished[1])
+    worst = re.findall(r"## (\S+), (\S+): 7 of 8 draws of steered_noise\n", finished[1])
     assert len({scene for _, scene in worst}) == len(worst) == 3
 
 

@@ -90,7 +90,7 @@ def test_at_other_frictions_and_masses_the_top_is_the_one_ranked_first_as_drawn(
         replace(each, swept={"mass x 2": ok}) for each, ok in zip(four_records[:3], flags, strict=True)
     ] + four_records[3:]
     drawn, heavy = measure_disturbed(records)
-    assert (drawn["setting"], heavy["setting"]) == ("as drawn", "mass × 2")
+    assert (drawn["setting"], heavy["setting"]) == ("as drawn", "mass x 2")
     for row, expected in ((drawn, (4 / 16, 2 / 4, 2 / 4)), (heavy, (3 / 16, 1 / 4, 2 / 4))):
         assert (row["single"].value, row["top"].value, row["any"].value) == pytest.approx(expected)
     assert measure_disturbed(four_records) == []
@@ -141,16 +141,18 @@ class TestEqualTime:
         found, itself = equal_time(nothing, "steered_noise", "plain")
         assert itself["verified"].value == 0.0
         assert found["speed_up"].value == np.inf
-        assert "| table | dexnudge | 1.0 (" in metric_table([found], EQUAL_TIME).markdown()
+        assert "| table | steered_noise | 1.0 (" in metric_table([found], EQUAL_TIME).markdown()
 
 
 def test_the_papers_numbers_stand_beside_ours(four_records):
     rows = measure([*four_records, *(replace(each, method="guidance_only") for each in four_records)], METRICS)
     first, second = (paper_table({"with the forearm": rows}, number).rows for number in (1, 2))
-    assert [row[:5] for row in first] == [["table", "dexnudge", "with the forearm", 73.2, rows[0]["single"].percent()]]
+    assert [row[:5] for row in first] == [
+        ["table", "steered_noise", "with the forearm", 73.2, rows[0]["single"].percent()]
+    ]
     assert [row[:5] for row in second] == [
-        ["table", "dexnudge, not projected", "with the forearm", 26.8, 0.0],
-        ["table", "dexnudge", "with the forearm", 100.0, 73.2],
+        ["table", "guidance_only", "with the forearm", 26.8, 0.0],
+        ["table", "steered_noise", "with the forearm", 100.0, 73.2],
     ]
     new = [{**row, "scene": "slot"} for row in rows]
     assert paper_table({"x": new}, 1).rows[0][3] == ""

@@ -183,7 +183,7 @@ class Sample(MeshOptions):
             "device": self.device,
         }
         if self.projection_report:
-            from dexnudge.experiments.projection_effect import projection_effect
+            from dexnudge.experiments.comparisons import projection_effect
 
             details["projection"] = projection_effect(
                 sampler, written_hand, written_scene, num=self.num, seed=self.seed, method=method

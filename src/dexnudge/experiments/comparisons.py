@@ -1,4 +1,4 @@
-"""Methods beside each other: at equal time on the wall clock, and beside the numbers of the paper."""
+"""Methods beside each other at equal time, beside the numbers of the paper, and before and after their projection."""
 
 from collections.abc import Callable, Mapping, Sequence
 
@@ -8,8 +8,14 @@ from jaxtyping import Float
 from dexnudge.experiments.metrics import Measured, Metric, by_scene_and_method, named
 from dexnudge.experiments.sampling_records import LOADING, METRICS, Records, verified_and_seconds
 from dexnudge.experiments.statistics import Estimate, estimate_of_sums, mean_estimate, ratio
-from dexnudge.experiments.tables import Table, method_name
+from dexnudge.experiments.tables import Table
+from dexnudge.hands.hand import Hand
+from dexnudge.sampling.methods import Method
+from dexnudge.sampling.problem import prepare
+from dexnudge.sampling.sampler import Sampler
+from dexnudge.scenes.scene import Scene
 from dexnudge.verification.criteria import PENETRATION_LIMIT
+from dexnudge.verification.verdicts import Verdicts, verify
 
 STEERED_NOISE, RANDOM_START = "steered_noise", "random_start_projection"
 MAIN = (STEERED_NOISE, RANDOM_START)  # ours, and no prior at all
@@ -68,7 +74,7 @@ def paper_table(parts: Mapping[str, Sequence[Measured]], number: int) -> Table:
         for method, success in paper.items():
             theirs = np.atleast_1d(success[scene]).tolist() if scene in success else [""] * len(header)
             rows += [
-                [scene, method_name(method), part, *theirs, *(metric.text(row[metric.name]) for metric in rates)]
+                [scene, method, part, *theirs, *(metric.text(row[metric.name]) for metric in rates)]
                 for part, measured in parts.items()
                 for row in measured
                 if (row["scene"], row["method"]) == (scene, method)
@@ -119,3 +125,29 @@ EQUAL_TIME = (
     Metric("joint_diversity", lambda compared: JOINT.of(compared[0]), "joint diversity, rad", 2),
     Metric("contact_diversity", lambda compared: CONTACT.of(compared[0]), "contact diversity, half lengths", 2),
 )
+
+
+def projection_effect(
+    sampler: Sampler, hand: Hand, scene: Scene, *, num: int, seed: int, method: Method
+) -> dict[str, dict[str, float]]:
+    """Return the figures of draws "before" and "after" the projection; nothing for a method without one."""
+    if method.projection is None:
+        return {}
+    draws = sampler.draw(prepare(scene, device=sampler.device), num=num, seed=seed, method=method)
+    stages = {"before": draws.unprojected, "after": draws.q}
+    return {name: stage_figures(verify(scene, hand, q)) for name, q in stages.items()}
+
+
+def stage_figures(verdicts: Verdicts) -> dict[str, float]:
+    """Return how many are verified, and means over all: links in contact, force margin, deepest penetration [mm].
+
+    A hand that stands in the object touches it all around, so its margin says little: read it with the penetration.
+    """
+    deepest = verdicts.deepest_penetration
+    return {
+        "verified": int(verdicts.success.sum()),
+        "contact_links": float(np.mean([len(links) for links in verdicts.contact_links])),
+        "force_margin": float(verdicts.force_margin.mean()),
+        "force_margin_median": float(np.median(verdicts.force_margin)),
+        "penetration_mm": 1e3 * float(np.nanmean(deepest)) if np.isfinite(deepest).any() else 0.0,
+    }

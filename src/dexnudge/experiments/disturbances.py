@@ -11,37 +11,27 @@ from dexnudge.scenes.scene import Scene
 from dexnudge.verification.criteria import SUCCESS_MARGIN
 from dexnudge.verification.verdicts import Verdicts
 
-VERIFIED_AT: dict[str, tuple[float, ...]] = {
-    "friction_environment": (0.5, 1.5),
-    "friction_hand": (0.75, 1.25),
-    "mass": (0.5, 2.0),
-}
-"""Quantity of the scene -> factors at which draws are verified again."""
-EXECUTED_AT: dict[str, tuple[float, ...]] = {
-    "friction_hand": (0.5, 1.5),
-    "friction_environment": (0.5, 1.5),
-    "mass": (0.5, 1.5),
-}
-"""Quantity of the scene -> factors on it in physics, while approach and forces are planned without them."""
-NAMES = {
-    "friction_environment": "friction on the surroundings",
-    "friction_hand": "friction on the hand",
-    "mass": "mass",
-}
+VERIFIED_AT = (
+    ("friction_environment", 0.5),
+    ("friction_environment", 1.5),
+    ("friction_hand", 0.75),
+    ("friction_hand", 1.25),
+    ("mass", 0.5),
+    ("mass", 2.0),
+)
+"""Quantities of the scene and factors at which draws are verified again."""
+EXECUTED_AT = tuple(
+    (name, factor) for name in ("friction_hand", "friction_environment", "mass") for factor in (0.5, 1.5)
+)
+"""The same in physics, while approach and forces are planned without the factor."""
 AS_DRAWN = "as drawn"  # the setting for which draws were made, ranked and planned
 BALANCE_REASONS = ("", "force_margin")
 """Reasons of draws that have passed all that friction and mass do not change; "" is a verified one."""
 
 
 def setting_name(quantity: str, factor: float) -> str:
-    """Return how records call a setting, such as "mass x 2"."""
+    """Return what records and reports call a setting, such as "mass x 2"."""
     return f"{quantity} x {factor:g}"
-
-
-def setting_text(setting: str) -> str:
-    """Return how reports call it, such as "mass × 2"."""
-    quantity, times, factor = setting.partition(" x ")
-    return f"{NAMES[quantity]} × {factor}" if times else setting
 
 
 def disturbed_scene(scene: Scene, quantity: str, factor: float) -> Scene:
@@ -58,10 +48,9 @@ def verify_disturbed(scene: Scene, verdicts: Verdicts) -> dict[str, list[bool]]:
     places = [place for place, reason in enumerate(verdicts.reasons) if reason in BALANCE_REASONS]
     contacts, supports = [verdicts.contacts[place] for place in places], support_contacts(scene)
     found: dict[str, list[bool]] = {}
-    for quantity, factors in VERIFIED_AT.items():
-        for factor in factors:
-            margins = force_margins(contacts, supports, sliding_task(disturbed_scene(scene, quantity, factor)))
-            success = np.zeros(len(verdicts.success), dtype=bool)
-            success[places] = (margins.factor[:, 0] >= SUCCESS_MARGIN) & margins.balanced[:, 0]
-            found[setting_name(quantity, factor)] = success.tolist()
+    for quantity, factor in VERIFIED_AT:
+        margins = force_margins(contacts, supports, sliding_task(disturbed_scene(scene, quantity, factor)))
+        success = np.zeros(len(verdicts.success), dtype=bool)
+        success[places] = (margins.factor[:, 0] >= SUCCESS_MARGIN) & margins.balanced[:, 0]
+        found[setting_name(quantity, factor)] = success.tolist()
     return found

@@ -8,11 +8,10 @@ from itertools import pairwise
 from typing import Any, ClassVar
 
 import numpy as np
-from jaxtyping import Float
 
 from dexnudge.execution.executor import Executor
 from dexnudge.experiments.charts import interval_chart
-from dexnudge.experiments.disturbances import AS_DRAWN, EXECUTED_AT, setting_name, setting_text
+from dexnudge.experiments.disturbances import AS_DRAWN, EXECUTED_AT, setting_name
 from dexnudge.experiments.drawn_trial import DrawnTrial, TrialSampler
 from dexnudge.experiments.metrics import (
     FAILED,
@@ -29,19 +28,18 @@ from dexnudge.experiments.records import TrialRecord
 from dexnudge.experiments.statistics import Estimate, estimate_of_sums, ratio
 from dexnudge.experiments.tables import group_table
 from dexnudge.experiments.trial import Section
-from dexnudge.mechanics.contacts import HandContacts
 from dexnudge.planning.outcomes import Outcome
 from dexnudge.results.samples import Sample, Samples
 from dexnudge.simulation.model import SimulationModel, changed_physics, scene_model
-from dexnudge.synthesis.acceptance import PRESSING
+from dexnudge.synthesis.acceptance import behaviour_along
 
 MARGIN_EDGES = (1.0, 1.25, 1.5, 2.0, 2.5, 3.0)  # of the bins of force margins
 MARGIN_BINS = [*(f"{low:g} to {high:g}" for low, high in pairwise(MARGIN_EDGES)), "3 (cap)"]
-ABOUT_MARGIN = "Force margin: the largest factor, at most 3, on the surroundings' friction at which the forces balance."
-ABOUT_ERRORS = (
-    "The top-ranked draws once more, with one quantity of the physics multiplied, while approach and forces were planned "
-    "for its nominal value; n is how many were played so."
-)
+ABOUT_GROUPS = {
+    "By force margin": "The largest factor, at most 3, on the surroundings' friction at which the forces balance.",
+    "With friction and mass errors": "The top-ranked draws once more, with one quantity of the physics multiplied, while "
+    "approach and forces were planned for its nominal value; n is how many were played so.",
+}
 
 
 @dataclass(frozen=True)
@@ -107,8 +105,7 @@ def margin_bin(margin: float) -> str:
 
 def _with_errors(draw: ExecutedDraw) -> list[tuple[str, bool]]:
     """A draw that was played with errors, with each of them and without any."""
-    settings = {AS_DRAWN: draw.success, **draw.disturbed} if draw.disturbed else {}
-    return [(setting_text(setting), success) for setting, success in settings.items()]
+    return [(AS_DRAWN, draw.success), *draw.disturbed.items()] if draw.disturbed else []
 
 
 GROUPS: dict[str, Callable[[ExecutedDraw], list[tuple[str, bool]]]] = {  # title -> (group, success) of an executed draw
@@ -183,32 +180,28 @@ class ExecutionTrial(DrawnTrial[ExecutionRecord]):
         """Return rates by force margin, behaviour, contacts and approach, and with errors where there are some."""
         found = []
         for title in GROUPS:
-            rates = rates_by(title, records)
-            table = group_table(title.partition(" ")[2], rates)
+            rates, chart = rates_by(title, records), None
             if title == "By force margin":
                 bars = {
-                    scene: {f"{bin_name}, n = {group.number}": group.rate for bin_name, group in groups.items()}
+                    scene: {f"{label}, n = {group.number}": group.rate for label, group in groups.items()}
                     for scene, groups in rates.items()
                     if len(rates) > 2 or scene != "all"  # which is the only scene then
                 }
                 chart = ("calibration.png", partial(interval_chart, title, bars, label="success [%]", share=True))
-                found.append(Section(title, ABOUT_MARGIN, table, chart if rates["all"] else None, numbers=rates))
-            elif title != "With friction and mass errors":
-                found.append(Section(title, "", table, numbers=rates))
-            elif rates["all"]:
-                found.append(Section(title, ABOUT_ERRORS, table, numbers=rates))
+            if rates["all"]:
+                table = group_table(title.partition(" ")[2], rates)
+                found.append(Section(title, ABOUT_GROUPS.get(title, ""), table, chart, numbers=rates))
         return found
 
     def _executed(self, rank: int, sample: Sample, executor: Executor, simulation: SimulationModel) -> ExecutedDraw:
         q = sample.q.astype(np.float64)
         execution = executor(q)
         verdict, root = execution.verdict, q[:3] - sample.scene.object_in_world().center_mass
-        changed = [(name, factor) for name, factors in EXECUTED_AT.items() for factor in factors]
         return ExecutedDraw(
             rank=rank,
             force_margin=round(sample.force_margin, 4),
             links=len(sample.contact_links),
-            behaviour=behaviour_in_scene(sample.contacts, sample.scene.motion, root),
+            behaviour=behaviour_along(sample.contacts, sample.scene.motion, root),
             outcome=verdict.outcome.value,
             length_asked=round(verdict.length_asked, 5),
             length_reached=round(verdict.length_reached, 5),
@@ -221,17 +214,6 @@ class ExecutionTrial(DrawnTrial[ExecutionRecord]):
                 setting_name(name, factor): executor.again(
                     q, execution, changed_physics(simulation, **{name: factor})
                 ).success
-                for name, factor in (changed if self.errors and rank == 0 else [])
+                for name, factor in (EXECUTED_AT if self.errors and rank == 0 else [])
             },
         )
-
-
-def behaviour_in_scene(contacts: HandContacts, motion: Float[np.ndarray, "3"], root: Float[np.ndarray, "3"]) -> str:
-    """Return press, hook or push, by the rule of the dataset (`synthesis.acceptance.behaviour_of`) for one motion.
-
-    press: the contacts' mean outward normal points up. Otherwise hook if the hand's root lies ahead of the object (it
-    pulls), else push. root: from the object's middle [m, world].
-    """
-    if contacts.normals[:, 2].mean() > PRESSING:
-        return "press"
-    return "hook" if float(root @ motion) > 0 else "push"

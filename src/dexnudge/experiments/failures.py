@@ -9,14 +9,14 @@ from dexnudge.errors import DexnudgeError, OutputError
 from dexnudge.experiments.config import ExperimentConfig
 from dexnudge.experiments.drawn_trial import TrialSampler
 from dexnudge.experiments.sampling_records import Records, SamplingRecord
-from dexnudge.experiments.tables import Table, method_name
+from dexnudge.experiments.tables import Table
 from dexnudge.experiments.trial import Section
 from dexnudge.verification.criteria import PENETRATION_LIMIT, SUCCESS_MARGIN
 
 MOST_CASES = 3
 SIZE = (720, 540)  # pixels; several stand on one page
 ABOUT = (
-    "Where dexnudge verifies the smallest share of its draws, one case from each scene first. In the pictures: yellow, "
+    "Where the smallest share of draws is verified, one case from each scene first. In the pictures: yellow, "
     "where hand and object touch; green, the motion; the grey box is the forearm."
 )
 
@@ -52,7 +52,7 @@ def failure_sections(cases: Sequence[Case], folder: Path) -> list[Section]:
         OutputError: a picture cannot be written.
     """
     if not cases:
-        return [Section("Failures", "No draw of dexnudge was rejected.")]
+        return [Section("Failures", "No draw was rejected.")]
     try:
         folder.mkdir(parents=True, exist_ok=True)
     except OSError as error:
@@ -61,7 +61,7 @@ def failure_sections(cases: Sequence[Case], folder: Path) -> list[Section]:
     for number, (config, record) in enumerate(cases, start=1):
         path, share = folder / f"failure-{number}.png", f"{record.verified} of {record.num} draws"
         text = picture_rejected(config, record, path)
-        title = f"{record.object}, {record.scene}: {share} of {method_name(record.method)}"
+        title = f"{record.object}, {record.scene}: {share} of {record.method}"
         reasons = Table(["reason", "draws"], list(record.rejected.items()), labels=1)
         picture = f"{text}\n\n![A rejected draw]({folder.name}/{path.name})" if text else ""
         sections.append(Section(title, picture, reasons))

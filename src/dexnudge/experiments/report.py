@@ -11,7 +11,7 @@ from dexnudge.experiments.metrics import Measured, measure, named
 from dexnudge.experiments.records import Record, TrialRecord, read_records
 from dexnudge.experiments.run import read_run
 from dexnudge.experiments.statistics import Estimate, as_json
-from dexnudge.experiments.tables import csv_text, method_name, method_table, metric_table
+from dexnudge.experiments.tables import csv_text, method_table, metric_table
 from dexnudge.experiments.trial import Section, TrialKind
 
 REPORT = "report"  # .md, .json and .csv
@@ -60,7 +60,7 @@ def rates_chart(kind: TrialKind[Any], measured: Sequence[Measured]) -> Any:
     groups: dict[str, dict[str, Estimate]] = {}
     for row in measured:
         if isinstance(row[kind.rate], Estimate):
-            groups.setdefault(row["scene"], {})[method_name(row["method"])] = row[kind.rate]
+            groups.setdefault(row["scene"], {})[row["method"]] = row[kind.rate]
     return interval_chart(f"{kind.title}: {metric.header}", groups, label="success [%]", share=True)
 
 

@@ -18,7 +18,7 @@ from dexnudge.experiments.report import made_with, rates_chart, setting, write_f
 from dexnudge.experiments.run import TrialRunner
 from dexnudge.experiments.sampling_records import METRICS, SamplingRecord
 from dexnudge.experiments.sampling_trial import SamplingTrial
-from dexnudge.experiments.tables import method_name, method_table, metric_table
+from dexnudge.experiments.tables import method_table, metric_table
 from dexnudge.experiments.trial import Section
 from dexnudge.jobs.folders import claim_folder, owned_folder, read_claim
 from dexnudge.sampling.methods import METHODS
@@ -122,14 +122,14 @@ def left_out(config: ReproductionConfig) -> list[str]:
     why = "by --quick" if config.parts is None else "by --parts"
     missing = [f"part {part}: left out {why}" for part in PARTS if part not in chosen]
     if not config.common.data:
-        missing.append(f"{method_name(FROM_DATA)}: needs a dataset, --data DIR")
+        missing.append(f"{FROM_DATA}: needs a dataset, --data DIR")
     if GRASPS_ONLY in chosen and not config.grasp_weights:
         missing.append("a model trained on grasps only: needs its folder, --grasp-weights DIR")
     if PREDICTIONS in chosen and not config.prediction_weights:
         missing.append("other prediction types: need models, --prediction-weights NAME=DIR ...")
     had = {method for part in parts(config) for method in part.config.methods}
     why = "by --methods" if config.methods is not None else "by --quick" if config.quick else "by --parts"
-    return missing + [f"{method_name(each)}: left out {why}" for each in METHODS if each not in {*had, FROM_DATA}]
+    return missing + [f"{each}: left out {why}" for each in METHODS if each not in {*had, FROM_DATA}]
 
 
 def reproduce(

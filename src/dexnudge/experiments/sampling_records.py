@@ -8,7 +8,7 @@ from typing import ClassVar
 import numpy as np
 from jaxtyping import Float
 
-from dexnudge.experiments.disturbances import AS_DRAWN, setting_text
+from dexnudge.experiments.disturbances import AS_DRAWN
 from dexnudge.experiments.metrics import (
     FAILED,
     OBJECTS,
@@ -155,5 +155,5 @@ def measure_disturbed(records: Records) -> list[Measured]:
         settings = dict.fromkeys(setting for each in group for setting in each.swept)
         for setting in [AS_DRAWN, *settings] if settings else []:
             there = [replace(each, success={AS_DRAWN: each.success, **each.swept}.get(setting, [])) for each in group]
-            found += [{**row, "setting": setting_text(setting)} for row in measure(there, DISTURBED)]
+            found += [{**row, "setting": setting} for row in measure(there, DISTURBED)]
     return found

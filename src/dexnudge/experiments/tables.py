@@ -1,4 +1,4 @@
-"""Figures as tables: markdown for reports, CSV for programs; and what methods are called there."""
+"""Figures as tables: markdown for reports, CSV for programs."""
 
 import csv
 import io
@@ -10,25 +10,6 @@ import numpy as np
 
 from dexnudge.experiments.metrics import GroupRate, Measured, Metric
 from dexnudge.experiments.statistics import Estimate
-
-NAMES = {
-    "steered_noise": "dexnudge",
-    "resampled": "dexnudge, resampled",
-    "guidance_only": "dexnudge, not projected",
-    "grasp_projection": "dexnudge, asked for grasps",
-    "coarse_hands": "coarse hands, descent + projection",
-    "clean_descent": "descent on the clean estimate + projection",
-    "best_of_32": "best of 32 coarse hands + projection",
-    "unguided_projection": "prior + projection",
-    "unguided": "prior alone",
-    "paper": "Eq. 5 + projection",
-    "paper_guidance_only": "Eq. 5, not projected",
-    "spherical": "DSG + projection",
-    "clean_gradient": "MPGD + projection",
-    "random_start_projection": "random start + projection",
-    "nearest_pose": "nearest training pose + projection",
-}
-"""Name in `METHODS` -> name in reports; one that is not here is called as in `METHODS`."""
 
 
 @dataclass(frozen=True)
@@ -47,17 +28,11 @@ class Table:
         return "\n".join("| " + " | ".join(map(str, cells)) + " |" for cells in [self.header, marks, *self.rows])
 
 
-def method_name(method: str) -> str:
-    """Return what reports call a method."""
-    return NAMES.get(method, method)
-
-
 def method_table(methods: Iterable[str]) -> Table:
-    """Return the name in reports, the name for `--method` and what it does, of each method once."""
+    """Return what each method does, once."""
     from dexnudge.sampling.methods import find_method
 
-    rows = [[method_name(method), f"`{method}`", find_method(method).summary] for method in dict.fromkeys(methods)]
-    return Table(["name", "for `--method`", "what"], rows, labels=3)
+    return Table(["method", "what"], [[each, find_method(each).summary] for each in dict.fromkeys(methods)])
 
 
 def metric_table(measured: Sequence[Measured], metrics: Sequence[Metric], labels: Sequence[str] = ()) -> Table:
@@ -73,7 +48,7 @@ def metric_table(measured: Sequence[Measured], metrics: Sequence[Metric], labels
         elif metric.header and any(value is not None for value in values):
             columns.append((metric.header, metric, None))
     rows = [
-        [row["scene"], method_name(row["method"]), *(row[label] for label in labels)]
+        [row["scene"], row["method"], *(row[label] for label in labels)]
         + [metric.text(_entry(row[metric.name], key)) for _, metric, key in columns]
         for row in measured
         if columns

@@ -142,12 +142,17 @@ def _clean(hand: Hand, scene: Scene, q: Float[np.ndarray, "n coordinates"]) -> V
 def behaviour_of(
     contacts: HandContacts, direction_margin: Float[np.ndarray, " direction"], root: Float[np.ndarray, " 3"]
 ) -> str:
+    """Return the behaviour in the best direction of motion."""
+    angle = direction_angles()[best_direction(direction_margin)]
+    return behaviour_along(contacts, np.asarray([np.cos(angle), np.sin(angle), 0.0]), root)
+
+
+def behaviour_along(contacts: HandContacts, motion: Float[np.ndarray, " 3"], root: Float[np.ndarray, " 3"]) -> str:
     """Return push, press or hook, by where the contacts lie and from where the hand comes.
 
-    press: the contacts' mean outward normal points up. Otherwise hook if the hand's root lies ahead of the object in the
-    best direction of motion (it pulls), else push.
+    press: the contacts' mean outward normal points up. Otherwise hook if the hand's root lies ahead of the object along
+    the motion (it pulls), else push. root: from the object's middle [m].
     """
     if contacts.normals[:, 2].mean() > PRESSING:
         return "press"
-    angle = direction_angles()[best_direction(direction_margin)]
-    return "hook" if root[:2] @ np.asarray([np.cos(angle), np.sin(angle)]) > 0 else "push"
+    return "hook" if float(root @ motion) > 0 else "push"
