@@ -6,7 +6,7 @@ import numpy as np
 import pytest
 import trimesh
 
-from dexnudge.mechanics.balance import force_margin
+from dexnudge.mechanics.balance import balance_problem, problem_margin
 from dexnudge.mechanics.contacts import HandContacts, support_contacts
 from dexnudge.mechanics.sliding_task import sliding_task
 from dexnudge.sampling.ranking import best_first, forward_offset, mean_help, path_margins, pressing_margins
@@ -114,7 +114,9 @@ def test_a_margin_along_the_way_is_that_of_a_scene_made_for_that_place(at_the_ed
         pose[0, 3] += way
         there = replace(at_the_edge, T_world_object=pose)
         carried = replace(contacts, points=contacts.points + np.array([way, 0.0, 0.0]))
-        assert force_margin(carried, support_contacts(there), there) == pytest.approx(margin, abs=2e-3)
+        assert problem_margin(balance_problem(carried, support_contacts(there), sliding_task(there))) == pytest.approx(
+            margin, abs=2e-3
+        )
     np.testing.assert_array_equal(path_margins(at_the_edge, [contacts], length=length)[0], along)
 
 

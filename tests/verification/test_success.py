@@ -9,8 +9,9 @@ import trimesh
 import dexnudge
 from dexnudge.errors import InputError
 from dexnudge.hands.hand import Hand
-from dexnudge.mechanics.balance import force_margin
+from dexnudge.mechanics.balance import balance_problem, problem_margin
 from dexnudge.mechanics.contacts import support_contacts
+from dexnudge.mechanics.sliding_task import sliding_task
 from dexnudge.scenes.scene import Scene
 from dexnudge.verification.verdicts import Verdicts, contacts_of, verify
 
@@ -55,7 +56,10 @@ def test_a_press_with_two_fingers_succeeds_with_its_closed_form(
 def test_the_margin_is_that_of_the_reference(boxy_hand: Hand, block_scene: Scene, press: Press) -> None:
     q = np.stack([press(0.001, x) for x in (-0.09, -0.075, -0.05, 0.0, 0.06, 0.08)])
     supports = support_contacts(block_scene)
-    reference = [force_margin(each, supports, block_scene) for each in contacts_of(block_scene, boxy_hand, q)]
+    reference = [
+        problem_margin(balance_problem(each, supports, sliding_task(block_scene)))
+        for each in contacts_of(block_scene, boxy_hand, q)
+    ]
     np.testing.assert_allclose(verify(block_scene, boxy_hand, q).force_margin, reference, atol=2e-3)
 
 

@@ -6,7 +6,7 @@ import trimesh
 from dexnudge.errors import InputError
 from dexnudge.hands.shadow_lite import shadow_lite
 from dexnudge.scenes.scene import Scene
-from dexnudge.viewer.visual_scene import Part, VisualScene, visual_scene, visual_scenes
+from dexnudge.viewer.visual_scene import Part, VisualScene, visual_scenes
 
 T_OBJECT = trimesh.transformations.translation_matrix([0.3, -0.2, 0.01])
 
@@ -42,7 +42,7 @@ def test_links_stand_where_forward_kinematics_puts_them(hand, scene):
 
 def test_roles_object_and_contacts(hand, scene):
     points = np.array([[0.1, 0.2, 0.3]])
-    shown = visual_scene(scene, hand, random_q(hand, 1)[0], contacts=points)
+    shown = visual_scenes(scene, hand, random_q(hand, 1), contacts=[points])[0]
     assert {part.name for part in shown.with_role("fingertip")} == set(hand.fingertip_links)
     assert [part.name for part in shown.with_role("base")] == ["base"]
     np.testing.assert_allclose(

@@ -65,21 +65,9 @@ GRID_PADDING = 0.004  # [m] around a link; clearances are smaller
 FREE = 1.0  # [m] distance reported by the grid of a link without geometry
 
 
+@cached_per_instance
 def build_hand_model(hand: Hand, *, device: str = "cpu") -> WarpStruct:
     """Pack the tree, the sparse points, the bounding spheres and the link grids; cached per hand object."""
-    models = _models(hand)
-    if device not in models:
-        models[device] = _build(hand, device)
-    return models[device]
-
-
-@cached_per_instance
-def _models(hand: Hand) -> dict[str, WarpStruct]:  # noqa: ARG001 - the cache is per hand
-    """Return the models built so far, by device."""
-    return {}
-
-
-def _build(hand: Hand, device: str) -> WarpStruct:
     links = len(hand.link_names)
     sparse = hand.sparse_points
     centre, radius = np.zeros((links, 3)), np.full(links, -1.0)

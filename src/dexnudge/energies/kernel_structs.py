@@ -14,7 +14,6 @@ TERM_BASE = wp.constant(6)
 NUM_TERMS = 7
 OBJECT_GRID = wp.constant(0)
 ENVIRONMENT_NEAR_GRID = wp.constant(1)
-ENVIRONMENT_FAR_GRID = wp.constant(2)
 SWEPT_NEAR_GRID = wp.constant(3)
 NEAR_TO_FAR = wp.constant(1)  # from a near grid's place to that of its far one
 FAR = wp.constant(1.0e6)

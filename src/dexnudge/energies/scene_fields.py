@@ -118,7 +118,10 @@ def build_guided_fields(
     def fields(grids: list[DistanceGrid], *, jumps: bool) -> WarpStruct:
         packed = SceneFields()
         # Occlusion belongs to where the hand stands now, so it is not swept; but nothing swept is above it.
-        lowest = [_lower(*pair) for pair in zip(grids, swept, strict=False)]
+        lowest = [
+            DistanceGrid(np.minimum(one.values, other.values), one.origin, one.cell)
+            for one, other in zip(grids, swept, strict=False)
+        ]
         packed.grids = pack_grids([object_grid, *grids, *lowest], device=device)
         packed.object_points, packed.object_clusters = on_object
         packed.environment_points, packed.environment_clusters = on_edges
@@ -129,11 +132,6 @@ def build_guided_fields(
 
     plain = fields(environment, jumps=False)
     return plain, fields(occluded, jumps=True) if guiding and environment_mesh is not None else plain
-
-
-def _lower(one: DistanceGrid, other: DistanceGrid) -> DistanceGrid:
-    """The lesser of two grids over the same corners."""
-    return DistanceGrid(np.minimum(one.values, other.values), one.origin, one.cell)
 
 
 def sharp_edge_points(

@@ -74,7 +74,7 @@ def picture_rejected(config: ExperimentConfig, record: SamplingRecord, path: Pat
     Returns "" where the object cannot be read any more, or where other versions of what draws leave nothing rejected.
     """
     from dexnudge.viewer.picture import render_png
-    from dexnudge.viewer.visual_scene import visual_scene
+    from dexnudge.viewer.visual_scene import visual_scenes
 
     try:
         samples = TrialSampler(config).draw(record.key)
@@ -84,8 +84,9 @@ def picture_rejected(config: ExperimentConfig, record: SamplingRecord, path: Pat
         return ""
     reason = next(iter(samples.rejections()))
     rejected = samples[samples.reasons.index(reason)]
-    q = rejected.q.astype(np.float64)
-    render_png(visual_scene(rejected.scene, rejected.hand, q, contacts=rejected.contacts.points), path, size=SIZE)
+    q = rejected.q[None].astype(np.float64)
+    shown = visual_scenes(rejected.scene, rejected.hand, q, contacts=[rejected.contacts.points])
+    render_png(shown[0], path, size=SIZE)
     depths = ", ".join(
         f"{1e3 * rejected.values[f'penetration_{name}']:.2f} mm in {where}"
         for name, where in (("environment", "surroundings"), ("object", "object"), ("self", "hand itself"))

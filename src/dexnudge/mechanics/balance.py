@@ -10,8 +10,7 @@ from scipy.optimize import OptimizeResult, linprog
 
 from dexnudge.mechanics.contacts import HandContacts, SupportContacts
 from dexnudge.mechanics.friction_cone import EDGE_COUNT, friction_cone_edges, wrenches
-from dexnudge.mechanics.sliding_task import SlidingTask, sliding_task
-from dexnudge.scenes.scene import Scene
+from dexnudge.mechanics.sliding_task import SlidingTask
 
 MAX_FACTOR = 3.0
 """Largest factor on friction_environment that is tried [-]."""
@@ -51,11 +50,10 @@ class BalanceProblem:
 
 @dataclass(frozen=True, kw_only=True)
 class ContactForces:
-    """Forces on the object that balance it [N, world], and the sum of the hand's normal components."""
+    """Forces on the object that balance it [N, world]."""
 
     hand: Float[np.ndarray, "contact 3"]
     support: Float[np.ndarray, "support 3"]
-    total_normal: float
 
 
 def balance_problem(contacts: HandContacts, supports: SupportContacts, task: SlidingTask) -> BalanceProblem:
@@ -146,11 +144,6 @@ def problem_margin(problem: BalanceProblem) -> float:
     return low
 
 
-def force_margin(contacts: HandContacts, supports: SupportContacts, scene: Scene) -> float:
-    """Return the force margin of one configuration's contacts in a scene (see `problem_margin`)."""
-    return problem_margin(balance_problem(contacts, supports, sliding_task(scene)))
-
-
 def contact_forces(
     contacts: HandContacts, supports: SupportContacts, task: SlidingTask, *, factor: float = 1.0
 ) -> ContactForces | None:
@@ -161,12 +154,10 @@ def contact_forces(
         return None
     count = len(contacts.points)
     normal_forces = solution[: count * EDGE_COUNT].reshape(count, EDGE_COUNT) * task.weight
-    edges = friction_cone_edges(contacts.normals, task.motion, friction=task.friction_hand)
     support = np.zeros_like(supports.points)
     columns = problem.support_normal + factor * problem.support_friction
     support[problem.sliding] = solution[count * EDGE_COUNT :, None] * columns[:, :3] * task.weight
     return ContactForces(
-        hand=np.einsum("ck,ckx->cx", normal_forces, edges),
+        hand=np.einsum("ck,ckx->cx", normal_forces, np.ascontiguousarray(problem.hand[..., :3])),
         support=support,
-        total_normal=float(normal_forces.sum()),
     )

@@ -9,19 +9,11 @@ from typing import Any, NamedTuple
 import numpy as np
 from jaxtyping import Bool, Float
 
-from dexnudge.geometry.warp_runtime import wp
-from dexnudge.mechanics.balance import (
-    BISECTIONS,
-    MAX_FACTOR,
-    SCAN_STEP,
-    balance_problem,
-    problem_margin,
-    solve_balance,
-)
+from dexnudge.geometry.warp_runtime import WarpStruct, wp
+from dexnudge.mechanics.balance import balance_problem, problem_margin, solve_balance
 from dexnudge.mechanics.contacts import HandContacts, SupportContacts
 from dexnudge.mechanics.friction_cone import EDGE_COUNT
-from dexnudge.mechanics.margin_kernel import FAILED_MARGIN, margin_kernel
-from dexnudge.mechanics.simplex_kernel import vec6
+from dexnudge.mechanics.margin_kernel import FAILED_MARGIN, MEMORY_TYPES, Memory, margin_kernel
 from dexnudge.mechanics.sliding_task import SlidingTask
 
 WORKERS_CUDA = 4096
@@ -62,7 +54,7 @@ def force_margins(
     workers = shares if on_cpu else min(count, WORKERS_CUDA)
     factor = wp.zeros(count, dtype=wp.float64, device=device)
     balanced = wp.zeros(count, dtype=wp.int32, device=device)
-    inputs = _inputs(contacts, supports, task, motions, device) + _scratch(contacts, supports, workers, device)
+    inputs = [*_inputs(contacts, supports, task, motions, device), _memory(contacts, supports, workers, device)]
 
     def run(share: int) -> None:
         bounds = [count * share // shares, count * (share + 1) // shares]
@@ -120,28 +112,15 @@ def _inputs(
         task.friction_hand,
         task.friction_environment,
         task.max_normal_force / task.weight,
-        MAX_FACTOR,
-        SCAN_STEP,
-        BISECTIONS,
     ]
 
 
-def _scratch(contacts: Sequence[HandContacts], supports: SupportContacts, workers: int, device: str) -> list[Any]:
-    """Return the workers' memory: wrench columns, keys per link, and the working basis."""
-    most = max(len(each.points) for each in contacts)
-
-    def empty(columns: int, dtype: Any) -> Any:
-        return wp.empty((workers, max(1, columns)), dtype=dtype, device=device)
-
-    return [
-        empty(EDGE_COUNT * most, vec6),
-        empty(len(supports.points), vec6),
-        empty(len(supports.points), vec6),
-        empty(most, wp.int32),
-        empty(most, wp.float64),
-        empty(most, wp.float64),
-        empty(6, wp.int32),
-        empty(6, wp.float64),
-        empty(6, vec6),
-        empty(6, vec6),
-    ]
+def _memory(contacts: Sequence[HandContacts], supports: SupportContacts, workers: int, device: str) -> WarpStruct:
+    """Return what the workers write on: wrench columns, keys per link, and the working basis."""
+    most, memory = max(len(each.points) for each in contacts), Memory()
+    columns = {"edges": EDGE_COUNT * most, "normal": len(supports.points), "friction": len(supports.points)}
+    columns |= dict.fromkeys(("key", "key_value", "key_price"), most)
+    for name, dtype in MEMORY_TYPES.items():
+        shape = (workers, max(1, columns.get(name, 6)))
+        setattr(memory, name, wp.empty(shape, dtype=dtype, device=device))
+    return memory

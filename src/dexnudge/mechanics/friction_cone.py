@@ -1,4 +1,4 @@
-"""Which contacts of a hand press an object down or push it from behind."""
+"""The friction cones of a hand's contacts, and which of them press an object down or push it from behind."""
 
 from __future__ import annotations
 

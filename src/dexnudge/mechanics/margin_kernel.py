@@ -17,7 +17,29 @@ MOTION_TOLERANCE = wp.constant(wp.float64(balance.MOTION_TOLERANCE))
 ALIGNMENT_LIMIT = wp.constant(wp.float64(friction_cone.ALIGNMENT_LIMIT))
 EDGE_COUNT = wp.constant(friction_cone.EDGE_COUNT)
 EDGE_ANGLE = wp.constant(wp.float64(2.0 * math.pi / friction_cone.EDGE_COUNT))
+MAX_FACTOR = wp.constant(wp.float64(balance.MAX_FACTOR))
+SCAN_STEP = wp.constant(wp.float64(balance.SCAN_STEP))
+BISECTIONS = wp.constant(balance.BISECTIONS)
 _FAILED_MARGIN = wp.constant(wp.float64(FAILED_MARGIN))
+
+
+@wp.struct
+class Memory:
+    """The arrays of every worker's `Program`, a row for each worker."""
+
+    edges: wp.array2d(dtype=vec6)
+    normal: wp.array2d(dtype=vec6)
+    friction: wp.array2d(dtype=vec6)
+    key: wp.array2d(dtype=wp.int32)
+    key_value: wp.array2d(dtype=wp.float64)
+    key_price: wp.array2d(dtype=wp.float64)
+    basis: wp.array2d(dtype=wp.int32)
+    value: wp.array2d(dtype=wp.float64)
+    inverse: wp.array2d(dtype=vec6)
+    scratch: wp.array2d(dtype=vec6)
+
+
+MEMORY_TYPES = {name: variable.type.dtype for name, variable in Memory.vars.items()}
 
 
 @wp.func
@@ -40,21 +62,21 @@ def first_tangent(normal: wp.vec3d, motion: wp.vec3d) -> wp.vec3d:
 
 
 @wp.func
-def search(p: Program, top: wp.float64, scan_step: wp.float64, bisections: wp.int32) -> wp.vec2d:
+def search(p: Program) -> wp.vec2d:
     """Return the margin (scan from above, then bisection; -1 if the method failed) and 1 if balanced at factor 1."""
     cold_start(p)
-    low = top
+    low = MAX_FACTOR
     status = solve(p, low)
     while status != FEASIBLE and status != FAILED and low > ZERO:
-        low = low - scan_step
+        low = low - SCAN_STEP
         status = solve(p, low)
     if status == FAILED:
         return wp.vec2d(_FAILED_MARGIN, ZERO)
     if status != FEASIBLE:
         return wp.vec2d(ZERO, ZERO)
-    width = scan_step
-    if low < top:
-        for _halving in range(bisections):
+    width = SCAN_STEP
+    if low < MAX_FACTOR:
+        for _halving in range(BISECTIONS):
             width = width * wp.float64(0.5)
             status = solve(p, low + width)
             if status == FEASIBLE:
@@ -88,19 +110,7 @@ def margin_kernel(
     friction_hand: wp.float64,
     friction_environment: wp.float64,
     cap: wp.float64,
-    top: wp.float64,
-    scan_step: wp.float64,
-    bisections: wp.int32,
-    edges: wp.array2d(dtype=vec6),
-    normals: wp.array2d(dtype=vec6),
-    frictions: wp.array2d(dtype=vec6),
-    key: wp.array2d(dtype=wp.int32),
-    key_value: wp.array2d(dtype=wp.float64),
-    key_price: wp.array2d(dtype=wp.float64),
-    basis: wp.array2d(dtype=wp.int32),
-    value: wp.array2d(dtype=wp.float64),
-    inverse: wp.array2d(dtype=vec6),
-    scratch: wp.array2d(dtype=vec6),
+    memory: Memory,
     margin: wp.array(dtype=wp.float64),
     balanced: wp.array(dtype=wp.int32),
 ):
@@ -110,16 +120,16 @@ def margin_kernel(
     """
     worker = first_worker + wp.tid()
     p = Program()
-    p.edges = edges[worker]
-    p.normal = normals[worker]
-    p.friction = frictions[worker]
-    p.key = key[worker]
-    p.key_value = key_value[worker]
-    p.key_price = key_price[worker]
-    p.basis = basis[worker]
-    p.value = value[worker]
-    p.inverse = inverse[worker]
-    p.scratch = scratch[worker]
+    p.edges = memory.edges[worker]
+    p.normal = memory.normal[worker]
+    p.friction = memory.friction[worker]
+    p.key = memory.key[worker]
+    p.key_value = memory.key_value[worker]
+    p.key_price = memory.key_price[worker]
+    p.basis = memory.basis[worker]
+    p.value = memory.value[worker]
+    p.inverse = memory.inverse[worker]
+    p.scratch = memory.scratch[worker]
     p.cap = cap
     p.right_side = vec6(ZERO, ZERO, ONE, ZERO, ZERO, ZERO)
     index = first + wp.tid()
@@ -153,7 +163,7 @@ def margin_kernel(
                 p.supports = p.supports + 1
         result = wp.vec2d(ZERO, ZERO)
         if not blocked:
-            result = search(p, top, scan_step, bisections)
+            result = search(p)
         margin[index] = result[0]
         balanced[index] = wp.int32(result[1])
         index += stride

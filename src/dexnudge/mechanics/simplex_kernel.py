@@ -187,12 +187,6 @@ def exchange(p: Program, leave: wp.int32, enter: wp.int32, enter_link: wp.int32,
         p.inverse[row] = entries
 
 
-# Warp's annotations are values, not types.
-# mypy: ignore-errors
-
-
-wp.set_module_options({"enable_backward": False, "max_unroll": 1})
-
 INFEASIBLE = wp.constant(0)
 FEASIBLE = wp.constant(1)
 FAILED = wp.constant(2)
@@ -331,20 +325,15 @@ def leaving(p: Program, rate: vec6, enter_link: wp.int32, step: wp.float64, blan
 
 
 @wp.func
-def restart_if_singular(p: Program, factor: wp.float64):
-    """Factorise the basis; where that fails, begin again with slacks and artificials, whose basis is the identity."""
-    if not factorise(p, factor):
-        cold_start(p)
-        factorise(p, factor)
-
-
-@wp.func
 def solve(p: Program, factor: wp.float64) -> wp.int32:
     """Minimise the violations from the present basis; return FEASIBLE, INFEASIBLE or FAILED."""
     streak = wp.int32(0)
     for pivot in range(MAX_PIVOTS):
-        if pivot % REFACTOR_INTERVAL == 0:
-            restart_if_singular(p, factor)
+        if pivot % REFACTOR_INTERVAL == 0:  # noqa: SIM102 - Warp evaluates both sides of an `and`
+            if not factorise(p, factor):
+                # The basis of slacks and artificials is the identity.
+                cold_start(p)
+                factorise(p, factor)
         y, violation = price(p, factor)
         if violation == ZERO:
             return FEASIBLE

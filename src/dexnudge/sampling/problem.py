@@ -18,6 +18,7 @@ from dexnudge.geometry.surface_points import object_cloud
 from dexnudge.geometry.transforms import canonical_frame, transform_configurations
 from dexnudge.geometry.warp_runtime import WarpStruct
 from dexnudge.hands.hand import Hand
+from dexnudge.mechanics.balance import MOTION_TOLERANCE
 from dexnudge.mechanics.contacts import support_contacts
 from dexnudge.mechanics.sliding_task import sliding_task
 from dexnudge.scenes.scene import Scene
@@ -128,8 +129,8 @@ def prepare(scene: Scene, *, device: str = "cpu") -> SamplingProblem:
 def _balance(scene: Scene, T_canonical_world: Float[np.ndarray, "4 4"]) -> SlidingBalance | None:
     supports, task = support_contacts(scene), sliding_task(scene)
     along = supports.normals @ task.motion
-    sliding = np.abs(along) <= 1e-3
-    if not sliding.any() or (along < -1e-3).any():
+    sliding = np.abs(along) <= MOTION_TOLERANCE
+    if not sliding.any() or (along < -MOTION_TOLERANCE).any():
         return None
     rotation, translation = T_canonical_world[:3, :3], T_canonical_world[:3, 3]
     centre = _tensor(rotation @ task.centre + translation)

@@ -13,7 +13,6 @@ from typing import Any
 import numpy as np
 import torch
 from jaxtyping import Float
-from torch import Tensor
 
 from dexnudge.diffusion.prior import DiffusionPrior
 from dexnudge.energies.terms import EnergyTerm, check_terms
@@ -223,7 +222,21 @@ class Sampler:
         problem = replace(problem, terms=self.terms)
         generator = torch.Generator().manual_seed(seed)
         begin = time.perf_counter()
-        q = self._start(problem, num, method, generator)
+        if method.start == "random":
+            q = random_start(self.hand, problem.cloud, count=num, generator=generator)
+        elif method.start == "nearest":
+            q = nearest_pose_start(self.poses, problem.cloud, count=num, generator=generator)
+        else:
+            q = denoise(
+                self.hand,
+                problem,
+                self.prior,
+                num=num,
+                rule=method.make_rule(),
+                behaviour=method.behaviour,
+                config=method.denoising,
+                generator=generator,
+            )
         drawn = time.perf_counter()
         report: dict[str, float] = {}
         unprojected = q
@@ -235,24 +248,6 @@ class Sampler:
             report = {name: float(values.float().mean()) for name, values in projection.items()}
         seconds = {"draw": drawn - begin, "project": time.perf_counter() - drawn}
         return Draws(problem.to_world(q), problem.to_world(unprojected), seconds, report)
-
-    def _start(
-        self, problem: SamplingProblem, num: int, method: Method, generator: torch.Generator
-    ) -> Float[Tensor, "num coordinates"]:
-        if method.start == "random":
-            return random_start(self.hand, problem.cloud, count=num, generator=generator)
-        if method.start == "nearest":
-            return nearest_pose_start(self.poses, problem.cloud, count=num, generator=generator)
-        return denoise(
-            self.hand,
-            problem,
-            self.prior,
-            num=num,
-            rule=method.make_rule(),
-            behaviour=method.behaviour,
-            config=method.denoising,
-            generator=generator,
-        )
 
 
 def check_counts(num: int, verified: int | None, max_draws: int | None) -> None:

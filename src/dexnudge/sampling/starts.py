@@ -12,7 +12,7 @@ from dexnudge.dataset.loading import load_dataset, turn_configurations, turn_vec
 from dexnudge.dataset.schema import BEHAVIOURS, NUM_DIRECTIONS, direction_angles
 from dexnudge.errors import DatasetError
 from dexnudge.geometry.transforms import matrix_to_rotation_6d
-from dexnudge.hands.hand import ROOT_COORDINATES, Hand
+from dexnudge.hands.hand import Hand
 
 DISTANCE = (0.03, 0.16)  # [m] of the palm from a point of the object
 TILT = 0.6  # [rad] standard deviation of the palm's facing about the direction to that point
@@ -45,7 +45,6 @@ def random_start(
     lower, upper = (torch.as_tensor(limit, dtype=torch.float32) for limit in (hand.lower, hand.upper))
     joint_angles = lower + (upper - lower) * (MEAN_FLEXION + FLEXION_SPREAD * normal(count, hand.num_joints))
     q = torch.cat([translation, matrix_to_rotation_6d(rotation), joint_angles], dim=1)
-    assert q.shape[1] == ROOT_COORDINATES + hand.num_joints
     return hand.clamp(q)
 
 

@@ -18,7 +18,7 @@ from scipy.optimize import nnls
 from dexnudge.hands.hand import ROOT_COORDINATES, Hand
 from dexnudge.mechanics.balance import balance_problem, contact_forces
 from dexnudge.mechanics.contacts import HandContacts, SupportContacts
-from dexnudge.mechanics.friction_cone import EDGE_COUNT, friction_cone_edges, pressing, some_contacts
+from dexnudge.mechanics.friction_cone import EDGE_COUNT, pressing, some_contacts
 from dexnudge.mechanics.sliding_task import SlidingTask
 from dexnudge.simulation.model import OBJECT_SIDE, SimulationModel
 
@@ -191,8 +191,7 @@ def _balanced(
     problem = balance_problem(contacts, supports, task)
     if problem.blocked or len(contacts.points) == 0:
         return None
-    edges = friction_cone_edges(contacts.normals, task.motion, friction=task.friction_hand)
-    hand = problem.hand.reshape(-1, 6)
+    edges, hand = np.ascontiguousarray(problem.hand[..., :3]), problem.hand.reshape(-1, 6)
     support = problem.support_normal + problem.support_friction
     mismatch, slack = _tendon_rows(simulation, q, np.einsum("cxa,ckx->cka", jacobians, edges).reshape(len(hand), -1))
     count, others = len(hand), len(support) + slack.shape[1]

@@ -31,7 +31,7 @@ from dexnudge.synthesis.acceptance import resting_scene
 from dexnudge.synthesis.dataset_card import description
 from dexnudge.synthesis.object_data import at_rest, mesh_hash
 from dexnudge.viewer.picture import arrange, render_array, write_png
-from dexnudge.viewer.visual_scene import VisualScene, visual_scene
+from dexnudge.viewer.visual_scene import VisualScene, visual_scenes
 
 SAMPLES = 5  # of each behaviour: a row of pictures
 TILE = (560, 480)  # pixels of one picture
@@ -124,7 +124,7 @@ def row_drawing(hand: Hand, mesh: trimesh.Trimesh, values: dict) -> VisualScene:
     grasp = values["behaviour"] == "grasp"
     angle = _best_angle(values)
     contacts = np.asarray(values["contact_points"], dtype=np.float64).reshape(-1, 3)
-    shown = visual_scene(scene, hand, np.asarray(values["q"], dtype=np.float64), contacts=contacts)
+    shown = visual_scenes(scene, hand, np.asarray(values["q"], dtype=np.float64)[None], contacts=[contacts])[0]
     hidden = ("base", "environment") if grasp else ("base",)
     return replace(
         shown,

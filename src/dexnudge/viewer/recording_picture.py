@@ -3,7 +3,7 @@
 from pathlib import Path
 
 import numpy as np
-from jaxtyping import Bool, Int, UInt8
+from jaxtyping import Bool, UInt8
 from PIL import Image
 
 from dexnudge.errors import InputError, OutputError
@@ -11,7 +11,6 @@ from dexnudge.viewer.camera import Camera
 from dexnudge.viewer.picture import arrange, render_array, write_png
 from dexnudge.viewer.recording import SAMPLES, Recording, recording_camera
 from dexnudge.viewer.viewpoint import hiding_faces
-from dexnudge.viewer.visual_scene import VisualScene
 
 TILE = (400, 300)  # pixels of each picture, width and height
 STRIP_PICTURES = 6
@@ -51,35 +50,27 @@ def write_recording_pictures(
     glass = _glass(recording, camera, aspect)
     length = float(recording.time[-1] - recording.time[0])
     animated = recording.evenly(pictures or int(np.clip(round(PICTURES_PER_SECOND * length), 2, MOST_PICTURES)))
-    shown = _nearest(recording, animated, recording.eventful(STRIP_PICTURES))
+    wanted = recording.time[recording.eventful(STRIP_PICTURES)]
+    chosen = animated[np.unique(np.abs(recording.time[animated][:, None] - wanted).argmin(axis=0))].tolist()
     drawn = {
         index: render_array(recording.frames[index], size=tile, camera=camera, glass=glass)
         for index in animated.tolist()
     }
     captions = {index: recording.caption(index) for index in drawn}
-    chosen = shown.tolist()
     sheet = arrange([drawn[index] for index in chosen], [captions[index] for index in chosen], columns=len(chosen))
     write_png(sheet, strip)
     shown_for = float(np.clip(length / max(len(drawn) - 1, 1), *PICTURE_TIME))
     _write_gif([arrange([drawn[index]], [captions[index]], columns=1) for index in drawn], shown_for, animation)
 
 
-def _nearest(
-    recording: Recording, among: Int[np.ndarray, " drawn"], wanted: Int[np.ndarray, " chosen"]
-) -> Int[np.ndarray, " found"]:
-    """Return, of the moments `among`, the nearest in time to each wanted one; each once."""
-    return among[np.unique(np.abs(recording.time[among][:, None] - recording.time[wanted]).argmin(axis=0))]
-
-
 def _glass(recording: Recording, camera: Camera, aspect: float) -> list[Bool[np.ndarray, " face"]]:
     """Return which triangles of each part of the surroundings hide something at some moment: so none flickers."""
     sampled = recording.part(recording.eventful(SAMPLES)).frames
-    parts = recording.frames[0].with_role("environment")
-    return [np.any([_hiding(frame, place, camera, aspect) for frame in sampled], axis=0) for place in range(len(parts))]
-
-
-def _hiding(frame: VisualScene, place: int, camera: Camera, aspect: float) -> Bool[np.ndarray, " face"]:
-    return hiding_faces(frame.with_role("environment")[place].mesh_in_world(), frame, camera, aspect=aspect)
+    hiding = [
+        [hiding_faces(part.mesh_in_world(), frame, camera, aspect=aspect) for part in frame.with_role("environment")]
+        for frame in sampled
+    ]
+    return [np.any(moments, axis=0) for moments in zip(*hiding, strict=True)]
 
 
 def _write_gif(pictures: list[UInt8[np.ndarray, "height width 3"]], shown_for: float, path: Path | str) -> None:

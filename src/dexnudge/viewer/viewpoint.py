@@ -21,23 +21,12 @@ BEHIND_GLASS = 0.4  # worth of what is seen through the environment, against wha
 PREFERRED_ELEVATION = 32.0  # [deg] where both the top and the side of a flat object show
 
 
+@cached_per_instance
 def choose_camera(scene: VisualScene, *, aspect: float) -> Camera:
     """Return the best of 36 views: contacts and object in free sight, much of the hand, the motion across the picture.
 
     aspect: width of the picture over its height. Chosen once for each scene and aspect.
     """
-    chosen = _chosen_cameras(scene)
-    if aspect not in chosen:
-        chosen[aspect] = _best_camera(scene, aspect)
-    return chosen[aspect]
-
-
-@cached_per_instance
-def _chosen_cameras(scene: VisualScene) -> dict[float, Camera]:  # noqa: ARG001 - what is kept is the scene's
-    return {}
-
-
-def _best_camera(scene: VisualScene, aspect: float) -> Camera:
     # The base may leave the picture: it is large, and nothing happens there.
     framed = [scene.vertices("object", "link", "fingertip"), scene.arrow().mesh.vertices.reshape(-1, 3), scene.contacts]
     first_azimuth = np.arctan2(scene.motion[1], scene.motion[0]) + np.pi / AZIMUTHS

@@ -136,17 +136,6 @@ def motion_arrow(object_points: Float[np.ndarray, "n 3"], motion: Float[np.ndarr
     return arrow.apply_transform(pose)
 
 
-def visual_scene(
-    scene: Scene,
-    hand: Hand,
-    q: Float[np.ndarray, " coordinates"],
-    *,
-    contacts: Float[np.ndarray, "n 3"] | None = None,
-) -> VisualScene:
-    """Return what is to be seen of one configuration q (9 + d,); `contacts` are world points [m]."""
-    return visual_scenes(scene, hand, np.asarray(q)[None], contacts=None if contacts is None else [contacts])[0]
-
-
 def visual_scenes(
     scene: Scene,
     hand: Hand,
