@@ -105,17 +105,11 @@ def thinned(mesh: trimesh.Trimesh) -> trimesh.Trimesh:
 
     Only for looking at; nothing is ever judged on it.
     """
-    cell = float(np.linalg.norm(mesh.extents)) * FIRST_CELL if len(mesh.faces) > LARGEST_MESH else 0.0
-    result = mesh
+    result, cell = mesh, float(np.linalg.norm(mesh.extents)) * FIRST_CELL
     while len(result.faces) > LARGEST_MESH:
-        cells = np.floor((mesh.vertices - mesh.bounds[0]) / cell).astype(np.int64)
-        _, cluster = np.unique(cells, axis=0, return_inverse=True)
-        cluster = cluster.reshape(-1)
-        sums = np.stack([np.bincount(cluster, weights=axis) for axis in mesh.vertices.T], axis=1)
-        faces = cluster[mesh.faces]
-        distinct = (faces[:, 0] != faces[:, 1]) & (faces[:, 1] != faces[:, 2]) & (faces[:, 2] != faces[:, 0])
-        faces = faces[distinct]
-        _, first = np.unique(np.sort(faces, axis=1), axis=0, return_index=True)
-        result = trimesh.Trimesh(sums / np.bincount(cluster)[:, None], faces[np.sort(first)], process=False)
+        result = trimesh.Trimesh((mesh.vertices - mesh.bounds[0]) / cell, mesh.faces, process=False)
+        result.merge_vertices(digits_vertex=0)
+        result.update_faces(result.nondegenerate_faces() & result.unique_faces())
+        result = trimesh.Trimesh(mesh.bounds[0] + cell * result.vertices, result.faces, process=False)
         cell *= COARSER
     return result

@@ -48,13 +48,13 @@ def render_array(
         raise InputError(f"a picture of {width} x {height} pixels was asked for; expected at least 1 x 1")
     aspect = width / height
     camera = camera or choose_camera(scene, aspect=aspect)
-    packed = ray_scene(scene, camera, aspect=aspect, hiding=glass)
+    geometry, _trees = ray_scene(scene, camera, aspect=aspect, hiding=glass)
     view, pixels = _view(camera, size), Pixels()
     pixels.surface, pixels.light, colour = (
         wp.empty(width * height, dtype=kind, device="cpu") for kind in (Surface, wp.vec2, wp.vec3)
     )
-    parallel_launch(trace_picture, width * height, [packed.geometry, view, pixels])
-    parallel_launch(shade_picture, width * height, [packed.geometry, view, pixels, colour])
+    parallel_launch(trace_picture, width * height, [geometry, view, pixels])
+    parallel_launch(shade_picture, width * height, [geometry, view, pixels, colour])
     return _to_bytes(colour.numpy().reshape(height, width, 3))
 
 

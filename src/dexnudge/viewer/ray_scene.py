@@ -1,7 +1,6 @@
 """A visual scene packed for the ray kernels."""
 
 from collections.abc import Sequence
-from dataclasses import dataclass
 
 import numpy as np
 import trimesh
@@ -56,14 +55,6 @@ EDGE_COLOUR = (0.45, 0.50, 0.57)  # sRGB
 Triangles = Shaped[np.ndarray, " face"]  # of type TRIANGLE
 
 
-@dataclass(frozen=True, eq=False)
-class RayScene:
-    """The kernels' `Geometry`; keeps alive the trees that it refers to by number."""
-
-    geometry: WarpStruct
-    trees: tuple[wp.Mesh, ...]
-
-
 def linear_colour(srgb: tuple[float, float, float]) -> Float[np.ndarray, "3"]:
     """Return the linear light of an sRGB colour (IEC 61966-2-1)."""
     value = np.asarray(srgb)
@@ -72,8 +63,10 @@ def linear_colour(srgb: tuple[float, float, float]) -> Float[np.ndarray, "3"]:
 
 def ray_scene(
     scene: VisualScene, camera: Camera, *, aspect: float, hiding: Sequence[Bool[np.ndarray, " face"]] | None = None
-) -> RayScene:
+) -> tuple[WarpStruct, list[wp.Mesh]]:
     """Pack everything solid, what of the environment hides the subject as glass, and contacts as markers that show through.
+
+    Returns the kernels' `Geometry`, and the trees that it refers to by number, which must outlive it.
 
     hiding: of each part of the environment, the triangles that are glass; `hiding_faces` unless given.
     """
@@ -93,8 +86,17 @@ def ray_scene(
     ball = trimesh.creation.icosphere(subdivisions=2, radius=CONTACT_RADIUS)
     places = [trimesh.transformations.translation_matrix(point) for point in scene.contacts]
     markers = [_triangles(Part("contact", "contact", ball, T_world_ball)) for T_world_ball in places]
-    seen = [np.concatenate(group) for group in (solid, glass, [np.zeros(0, TRIANGLE), *markers])]
-    return _pack(*seen, blocking=np.concatenate(blocking), casting=casting)
+    seen = {"solid": solid, "glass": glass, "markers": [np.zeros(0, TRIANGLE), *markers]}
+    table = {name: np.concatenate(group) for name, group in seen.items()}
+    geometry, trees = Geometry(), []
+    for name, group in {**table, "blocking": np.concatenate(blocking), "casting": casting}.items():
+        if len(group):
+            trees.append(warp_mesh(group["corners"]))
+            setattr(geometry, name, trees[-1].id)
+    geometry.first_glass = len(table["solid"])
+    geometry.first_marker = geometry.first_glass + len(table["glass"])
+    geometry.triangles = wp.array(np.concatenate(list(table.values())), dtype=Triangle, device="cpu")
+    return geometry, trees
 
 
 def _triangles(part: Part) -> Triangles:
@@ -123,17 +125,3 @@ def _edge_lines(mesh: trimesh.Trimesh, which: Bool[np.ndarray, " face"], camera:
     ribbons["corners"], ribbons["normals"] = corners, -camera.forward
     ribbons["colour"], ribbons["opacity"] = linear_colour(EDGE_COLOUR), EDGE_OPACITY
     return ribbons
-
-
-def _pack(
-    solid: Triangles, glass: Triangles, markers: Triangles, *, blocking: Triangles, casting: Triangles
-) -> RayScene:
-    geometry, trees = Geometry(), {}
-    groups = {"solid": solid, "blocking": blocking, "casting": casting, "glass": glass, "markers": markers}
-    for name, group in groups.items():
-        if len(group):
-            trees[name] = warp_mesh(group["corners"])
-            setattr(geometry, name, trees[name].id)
-    geometry.first_glass, geometry.first_marker = len(solid), len(solid) + len(glass)
-    geometry.triangles = wp.array(np.concatenate([solid, glass, markers]), dtype=Triangle, device="cpu")
-    return RayScene(geometry, tuple(trees.values()))
