@@ -11,8 +11,6 @@ import tyro
 from dexnudge.cli.arguments import Flag, OptionalFolder, metavar, say, stdout, table
 
 if TYPE_CHECKING:
-    from rich.table import Table
-
     from dexnudge.hands.hand import Hand
 
 MARKER = "hand.urdf"
@@ -52,33 +50,23 @@ class HandCommand:
 def _print(hand: Hand) -> None:
     console = stdout()
     console.print(f"{hand.name}: {len(hand.link_names)} links, {hand.num_joints} joints in the order of q")
-    console.print(_joint_table(hand))
-    console.print(_link_table(hand))
+    joints = table("joint", "lower [deg]", "upper [deg]")
+    for joint, lower, upper in zip(hand.joint_names, hand.lower, hand.upper, strict=True):
+        joints.add_row(joint, f"{math.degrees(lower):.1f}", f"{math.degrees(upper):.1f}")
+    console.print(joints)
+    links = table("link", "parent", "digit", "triangles", "collision pairs")
+    for index, name in enumerate(hand.link_names):
+        parent, digit = int(hand.link_parent[index]), hand.digit_of_link[name] or "-"
+        links.add_row(
+            name,
+            hand.link_names[parent] if parent >= 0 else "-",
+            f"{digit}, tip" if name in hand.fingertip_links else digit,
+            str(len(hand.link_meshes[index].faces)),
+            str(sum(index in pair for pair in hand.self_collision_pairs)),
+        )
+    console.print(links)
     couplings = ", ".join(f"{follower} <= {leader}" for follower, leader in hand.couplings)
     for note in hand.notes:
         say(f"note: {note}")
     console.print(f"palm: {hand.link_names[0]}, facing ({', '.join(f'{x:g}' for x in hand.palm_normal)})")
     say(f"couplings: {couplings or 'none'}", f"collision pairs: {len(hand.self_collision_pairs)}")
-
-
-def _joint_table(hand: Hand) -> Table:
-    shown = table("joint", "lower [deg]", "upper [deg]")
-    for name, lower, upper in zip(hand.joint_names, hand.lower, hand.upper, strict=True):
-        shown.add_row(name, f"{math.degrees(lower):.1f}", f"{math.degrees(upper):.1f}")
-    return shown
-
-
-def _link_table(hand: Hand) -> Table:
-    pairs = hand.self_collision_pairs
-    shown = table("link", "parent", "digit", "triangles", "collision pairs")
-    for index, name in enumerate(hand.link_names):
-        parent = int(hand.link_parent[index])
-        digit = hand.digit_of_link[name] or "-"
-        shown.add_row(
-            name,
-            hand.link_names[parent] if parent >= 0 else "-",
-            f"{digit}, tip" if name in hand.fingertip_links else digit,
-            str(len(hand.link_meshes[index].faces)),
-            str(sum(index in pair for pair in pairs)),
-        )
-    return shown

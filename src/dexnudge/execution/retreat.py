@@ -7,11 +7,12 @@ import numpy as np
 from jaxtyping import Float
 
 from dexnudge.hands.hand import ROOT_COORDINATES, Hand
-from dexnudge.planning.approach import GOAL_PENETRATION, OPENING_ALLOWANCE
+from dexnudge.planning.approach import OPENING_ALLOWANCE
 from dexnudge.planning.hand_clearance import HandClearance
 from dexnudge.planning.hand_motion import palm_pose, state_space
 from dexnudge.planning.motion_check import CLEARANCE
 from dexnudge.scenes.scene import Scene
+from dexnudge.verification.criteria import PENETRATION_LIMIT
 from dexnudge.verification.penetration import self_penetration
 
 DISTANCES = (0.0, 0.03, 0.06, 0.10, 0.15, 0.20, 0.30)  # [m] the first that is free is taken
@@ -74,7 +75,7 @@ def opening_path(hand: Hand, angles: Float[np.ndarray, " joint"]) -> list[Float[
             if joint is not None and joint.index is not None:
                 mine[joint.index] |= hand.digit_of_link[name] == digit
         paths += [[np.where(mine, opened, angles), opened], [np.where(mine, angles, opened), opened]]
-    allowed = max(GOAL_PENETRATION, float(self_penetration(hand, angles[None])[0]) + OPENING_ALLOWANCE)
+    allowed = max(PENETRATION_LIMIT, float(self_penetration(hand, angles[None])[0]) + OPENING_ALLOWANCE)
     return next((path for path in paths if self_penetration(hand, _between([angles, *path])).max() <= allowed), None)
 
 

@@ -200,11 +200,11 @@ def _acquire(lock: Path) -> int:
             continue
         try:
             _lock(descriptor)
-            if _is_at(lock, descriptor):
-                owner = {"host": socket.gethostname(), "pid": os.getpid(), "command": _command(), "since": _now()}
-                os.truncate(descriptor, 0)
-                os.write(descriptor, json.dumps(owner).encode())
-                return descriptor
+            with suppress(FileNotFoundError):
+                if os.path.samestat(lock.stat(), os.fstat(descriptor)):
+                    os.truncate(descriptor, 0)
+                    os.write(descriptor, _owner().encode())
+                    return descriptor
         except OSError:
             os.close(descriptor)
             raise
@@ -229,13 +229,6 @@ else:
         import fcntl
 
         fcntl.flock(descriptor, fcntl.LOCK_EX | fcntl.LOCK_NB)
-
-
-def _is_at(path: Path, descriptor: int) -> bool:
-    try:
-        return os.path.samestat(path.stat(), os.fstat(descriptor))
-    except FileNotFoundError:
-        return False
 
 
 def _is_held(lock: Path) -> bool:
@@ -270,13 +263,12 @@ def _is_owned(folder: Path, lock: Path, argument: str) -> OutputError:
     )
 
 
-def _command() -> str:
+def _owner() -> str:
+    """Who this process is, for whoever finds the lock held."""
     name = Path(sys.argv[0]).name
-    return " ".join(["dexnudge" if name == "__main__.py" else name, *sys.argv[1:]])
-
-
-def _now() -> str:
-    return datetime.now().astimezone().isoformat(sep=" ", timespec="seconds")
+    command = " ".join(["dexnudge" if name == "__main__.py" else name, *sys.argv[1:]])
+    since = datetime.now().astimezone().isoformat(sep=" ", timespec="seconds")
+    return json.dumps({"host": socket.gethostname(), "pid": os.getpid(), "command": command, "since": since})
 
 
 def _lock_beside(target: Path) -> Path:

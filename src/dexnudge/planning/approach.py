@@ -25,11 +25,11 @@ from dexnudge.planning.hand_motion import (
 from dexnudge.planning.motion_check import CLEARANCE, Blocked, MotionCheck, blocked_by, blocked_by_itself
 from dexnudge.planning.pre_contact import back_off_directions, pre_contacts
 from dexnudge.scenes.scene import Scene
+from dexnudge.verification.criteria import PENETRATION_LIMIT
 from dexnudge.verification.penetration import self_penetration
 
 CLEARANCES = (CLEARANCE, 0.002, 0.0015)  # [m] kept on the way, the less the nearer the goal is to its surroundings
 BUDGET = 20_000  # states that the planner may look at; one takes 10 microseconds to a millisecond
-GOAL_PENETRATION = 0.001  # [m] a configuration may be this deep in object, environment and itself
 OPENING_PENETRATION = 0.0008  # [m] in itself while the hand opens: below what a configuration may have
 OPENING_ALLOWANCE = 0.00005  # [m] where the goal itself is deeper: rounding
 OPENING_STEPS = 33  # openings at which the hand is tested against itself
@@ -116,9 +116,9 @@ class ApproachPlanner:
         space, own_depth = self._space(q[ROOT_COORDINATES:])
         check = MotionCheck(space, self._measure)
         goal = state(palm_pose(q), 0.0)
-        if own_depth > GOAL_PENETRATION:
+        if own_depth > PENETRATION_LIMIT:
             return blocked_by_itself("goal", own_depth)
-        if check.clearances(goal[None], stop=-GOAL_PENETRATION).distance.min() < -GOAL_PENETRATION:
+        if check.clearances(goal[None], stop=-PENETRATION_LIMIT).distance.min() < -PENETRATION_LIMIT:
             return self._blocked(check, goal, "goal", "the configuration itself penetrates by more than 1 mm")
         for clearance in CLEARANCES:
             check = MotionCheck(space, self._measure, clearance)
@@ -188,7 +188,7 @@ class ApproachPlanner:
             closed[7] = blocked
             return self._blocked(fingers, closed, "start", "the hand cannot open its fingers where it starts"), None
         depth = float(self_penetration(self.hand, own.joint_angles(np.linspace(0.0, 1.0, OPENING_STEPS))).max())
-        if depth > GOAL_PENETRATION:
+        if depth > PENETRATION_LIMIT:
             return blocked_by_itself("start", depth), None
         return here, timed(own, np.stack([closed, here]), self.limits, contact_from=2)
 
