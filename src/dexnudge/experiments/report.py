@@ -11,7 +11,7 @@ from dexnudge.experiments.metrics import Measured, measure, named
 from dexnudge.experiments.records import Record, TrialRecord, read_records
 from dexnudge.experiments.run import read_run
 from dexnudge.experiments.statistics import Estimate, as_json
-from dexnudge.experiments.tables import csv_text, method_table, metric_table
+from dexnudge.experiments.tables import count_table, csv_text, method_table, metric_table
 from dexnudge.experiments.trial import Section, TrialKind
 
 REPORT = "report"  # .md, .json and .csv
@@ -41,7 +41,7 @@ def write_report(kind: TrialKind[Record], out: Path) -> str:
         Section("Methods", "", method_table(row["method"] for row in measured)),
         Section("Rates", "", chart=(RATES_CHART, lambda: rates_chart(kind, measured))),
         *kind.sections(records),
-        *(Section(metric.header, "", metric_table(measured, [metric])) for metric in counts),
+        *(Section(metric.header, "", count_table(measured, metric.name)) for metric in counts),
         *_drawn_otherwise(kind, out, records),
         Section("Made with", made_with(claim)),
     ]

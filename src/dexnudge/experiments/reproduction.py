@@ -141,13 +141,7 @@ def reproduce(
 ) -> str:
     """Run the trials that `out` does not have yet, write the reports of the run and of its parts; return the run's.
 
-    Draws the cases that are shown as failures again, for their pictures.
-
-    Args:
-        config: what is reproduced.
-        out: folder of the run; made when it does not exist. One that holds something else is refused.
-        workers: number of processes.
-        on_record: called with (record, finished, total) for each new record, counted over all parts.
+    on_record: called with (record, finished, total) for each new record, counted over all parts.
 
     Raises:
         InputError: `out` holds another run; a name or count in the config is not valid.
@@ -205,42 +199,35 @@ def _write_report(
 
 def _models(measured: dict[Part, list[Measured]]) -> list[Section]:
     """The run's own model beside others, in the scenes and with the methods of the others."""
-    others = {part.title: rows for part, rows in measured.items() if part.folder.startswith(f"{PREDICTIONS}-")}
-    own = {"the run's own": rows for part, rows in measured.items() if part.folder == WITH_BASE}  # noqa: B035  one at most
-    keys = dict.fromkeys((row["scene"], row["method"]) for rows in others.values() for row in rows)
-    table = [
+    models = {part.title: rows for part, rows in measured.items() if part.folder.startswith(f"{PREDICTIONS}-")}
+    keys = dict.fromkeys((row["scene"], row["method"]) for rows in models.values() for row in rows)
+    own = [rows for part, rows in measured.items() if part.folder == WITH_BASE]  # one at most
+    rows = [
         {**row, "weights": model}
-        for key in keys
-        for model, rows in {**own, **others}.items()
+        for model, rows in [*(("the run's own", rows) for rows in own), *models.items()]
         for row in rows
-        if (row["scene"], row["method"]) == key
+        if (row["scene"], row["method"]) in keys
     ]
-    return (
-        [Section("Prediction types and other weights", "", metric_table(table, SHOWN, ["weights"]))] if others else []
-    )
+    rows.sort(key=lambda row: list(keys).index((row["scene"], row["method"])))
+    table = metric_table(rows, SHOWN, ["weights"])
+    return [Section("Prediction types and other weights", "", table)] if models else []
 
 
 def _all_parts(config: ReproductionConfig) -> list[Part]:
     """The parts that are asked for and have what they need, with all of their methods."""
+    found = []
 
-    def part(folder: str, title: str, methods: tuple[str, ...], **changed: Any) -> list[Part]:
-        return [Part(folder, title, replace(config.common, methods=methods, **changed))]
+    def add(folder: str, title: str, methods: tuple[str, ...], **changed: Any) -> None:
+        if folder.partition("-")[0] in config.named_parts:
+            found.append(Part(folder, title, replace(config.common, methods=methods, **changed)))
 
     with_base = TABLES + RULES + (() if config.quick else FURTHER) + ((FROM_DATA,) if config.common.data else ())
-    without_base = QUICK_WITHOUT_BASE if config.quick else TABLES
-    every = {
-        WITH_BASE: part(WITH_BASE, "With the forearm", with_base, sweep=True),
-        WITHOUT_BASE: part(WITHOUT_BASE, "Without the forearm", without_base, base=False),
-        GRASPS_ONLY: part(
-            GRASPS_ONLY, "A model trained on grasps only", ("grasp_projection",), weights=config.grasp_weights
-        ),
-        PREDICTIONS: [
-            found
-            for label, folder in config.prediction_weights.items()
-            for found in part(f"{PREDICTIONS}-{label}", f"Weights {label}", (STEERED_NOISE,), weights=folder)
-        ],
-        HARD: part(HARD, "Hard scenes", MAIN, scenes=HARD_SCENES),
-        GENERALISATION: part(GENERALISATION, "Scenes on which nothing was tuned", MAIN, scenes=NEW_SCENES),
-    }
-    names = [name for name in config.named_parts if name != GRASPS_ONLY or config.grasp_weights]
-    return [found for name in names for found in every[name]]
+    add(WITH_BASE, "With the forearm", with_base, sweep=True)
+    add(WITHOUT_BASE, "Without the forearm", QUICK_WITHOUT_BASE if config.quick else TABLES, base=False)
+    if config.grasp_weights:
+        add(GRASPS_ONLY, "A model trained on grasps only", ("grasp_projection",), weights=config.grasp_weights)
+    for label, folder in config.prediction_weights.items():
+        add(f"{PREDICTIONS}-{label}", f"Weights {label}", (STEERED_NOISE,), weights=folder)
+    add(HARD, "Hard scenes", MAIN, scenes=HARD_SCENES)
+    add(GENERALISATION, "Scenes on which nothing was tuned", MAIN, scenes=NEW_SCENES)
+    return found

@@ -41,10 +41,6 @@ class TrialRunner:
         Draws are made anew with the seed of the experiment, which gives the draws of its own records. Where such a record
         is there and has no verified draw, a kind that needs one has nothing to run.
 
-        Args:
-            workers: number of processes.
-            on_record: called with (kind, record, finished, total) for each new record.
-
         Raises:
             InputError: the folder holds another experiment, or one with other options; a name or count is not valid.
             OutputError: the folder cannot be written, or another run works on it.
@@ -70,14 +66,11 @@ class TrialRunner:
                 if on_record:
                     on_record(kind, record, len(records), len(keys))
 
-            waiting = []
-            for key in [key for key in keys if key not in records]:
-                known = drawn.get(key)
-                if known is None or known.verified:
-                    waiting.append(key)
-                else:
+            for key in [key for key in keys if key in drawn and key not in records]:
+                if not (known := drawn[key]).verified:
                     status = "failed" if known.status == "failed" else "unverified"
                     add(kind.record_without_trial(config, key, status, known.reason, num=known.num))
+            waiting = [key for key in keys if key not in records]
             if not waiting:
                 return [records[key] for key in keys]  # nothing is loaded for nothing
             for key, result in run_tasks(partial(_start, kind, config), waiting, workers=workers, together=_scene_of):

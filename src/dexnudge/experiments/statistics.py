@@ -42,15 +42,10 @@ class Estimate:
 
 
 def estimate_of_sums(columns: Float[np.ndarray, "object column"], statistic: Statistic, *, seed: int = 0) -> Estimate:
-    """Return a statistic of sums over objects, with its percentile bootstrap interval.
+    """Return a statistic of the columns' sums over attempted objects, with its percentile bootstrap interval.
 
     Draws of one object are not independent, so whole objects are resampled. With one object, or equal values, the
-    interval has no width: it then says nothing about unseen objects.
-
-    Args:
-        columns: several numbers per attempted object, resampled together.
-        statistic: of the columns' sums over the objects, for many resamples at once; may be infinite, but not NaN.
-        seed: of the resamples.
+    interval has no width: it then says nothing about unseen objects. The statistic may be infinite, but not NaN.
 
     Raises:
         InputError: no objects, or a value that is not finite.
@@ -88,10 +83,8 @@ def ratio(sums: Float[np.ndarray, "resample 2"]) -> Float[np.ndarray, " resample
 def chance_of_top(good: Sequence[bool], k: int) -> float:
     """Return the chance that the best ranked of k draws, taken at random from all of them, is good.
 
-    Sum over the good places i (0 the best) of C(n - 1 - i, k - 1) / C(n, k): the draw there is the best ranked of the k
-    where the other k - 1 are all ranked below it. Without bias from more than k draws. Where good draws are ranked before
-    all others this is the chance that any of the k is good (Chen et al., *Evaluating Large Language Models Trained on
-    Code*, 2021, Eq. 1).
+    Sum over the good places i (0 the best) of C(n - 1 - i, k - 1) / C(n, k). Where good draws are ranked before all others
+    this is pass@k (Chen et al., *Evaluating Large Language Models Trained on Code*, 2021, Eq. 1).
 
     Raises:
         InputError: k outside 1 to n.

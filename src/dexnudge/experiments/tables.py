@@ -40,20 +40,19 @@ def metric_table(measured: Sequence[Measured], metrics: Sequence[Metric], labels
 
     labels: names of further labels in `measured`, between method and metrics.
     """
-    columns: list[tuple[str, Metric, str | None]] = []  # header, metric, key of a metric that is a dict
-    for metric in metrics:
-        values = [row[metric.name] for row in measured]
-        if metric.form == "counts":
-            columns += [(key, metric, key) for key in dict.fromkeys(key for value in values for key in value)]
-        elif metric.header and any(value is not None for value in values):
-            columns.append((metric.header, metric, None))
+    shown = [each for each in metrics if each.header and any(row[each.name] is not None for row in measured)]
     rows = [
-        [row["scene"], row["method"], *(row[label] for label in labels)]
-        + [metric.text(_entry(row[metric.name], key)) for _, metric, key in columns]
+        [row["scene"], row["method"], *(row[label] for label in labels), *(each.text(row[each.name]) for each in shown)]
         for row in measured
-        if columns
     ]
-    return Table(["scene", "method", *labels, *(header for header, _, _ in columns)], rows, labels=2 + len(labels))
+    return Table(["scene", "method", *labels, *(each.header for each in shown)], rows, labels=2 + len(labels))
+
+
+def count_table(measured: Sequence[Measured], name: str) -> Table:
+    """Return a row for each scene and method, and a column for everything that a metric of counts has counted."""
+    keys = dict.fromkeys(key for row in measured for key in row[name])
+    rows = [[row["scene"], row["method"], *(row[name].get(key, 0) for key in keys)] for row in measured if keys]
+    return Table(["scene", "method", *keys], rows)
 
 
 def group_table(name: str, found: Mapping[str, Mapping[str, GroupRate]]) -> Table:
@@ -75,12 +74,6 @@ def csv_text(rows: Sequence[Mapping[str, Any]]) -> str:
     writer.writeheader()
     writer.writerows(flat)
     return text.getvalue()
-
-
-def _entry(value: Any, key: str | None) -> Any:
-    if key is None:
-        return value
-    return value.get(key, type(next(iter(value.values()), 0))())  # what is not counted is 0
 
 
 def _flat(row: Mapping[str, Any]) -> Iterable[tuple[str, Any]]:
