@@ -2,12 +2,13 @@
 
 import json
 from dataclasses import asdict, fields, replace
+from typing import get_args
 
 import pytest
 import tyro
 
 from dexnudge.cli.train import Train
-from dexnudge.diffusion.config import DEFAULT_STEPS, LAYOUTS, Architecture, TrainingConfig
+from dexnudge.diffusion.config import DEFAULT_STEPS, Architecture, TokenLayout, TrainingConfig
 from dexnudge.diffusion.model_card import training_command
 
 CHANGED = TrainingConfig(
@@ -83,7 +84,7 @@ def test_epsilon_needs_no_second_option():
 
 def test_the_help_names_choices_and_every_setting(dexnudge):
     text = " ".join(dexnudge("train", "--help").out.replace("│", " ").split())
-    assert f"--token-layout {{{','.join(LAYOUTS)}}}" in text
+    assert f"--token-layout {{{','.join(get_args(TokenLayout))}}}" in text
     for group in (TrainingConfig, Architecture):
         for field in fields(group):
             assert field.name == "architecture" or f"--{field.name.replace('_', '-')} " in text

@@ -5,6 +5,7 @@ import pytest
 import torch
 from diffusers import DDIMScheduler
 
+from dexnudge.diffusion.config import Architecture
 from dexnudge.diffusion.schedule import NoiseSchedule, ddim_mean_and_sigma, ddim_step
 
 
@@ -22,7 +23,7 @@ def test_every_step_equals_diffusers(prediction_type, eta, name):
         clip_sample=False,
     )
     scheduler.set_timesteps(10)
-    schedule = NoiseSchedule(name, prediction_type=prediction_type, zero_terminal_snr=False)
+    schedule = NoiseSchedule(Architecture(schedule=name, prediction_type=prediction_type, zero_terminal_snr=False))
     # Both in float64, so that only the formulas are compared: x_0 from epsilon cancels at the noisiest steps.
     scheduler.alphas_cumprod = schedule.alphas_cumprod
     schedule._padded = torch.cat([schedule.alphas_cumprod, torch.ones(1, dtype=torch.float64)])
@@ -38,7 +39,7 @@ def test_every_step_equals_diffusers(prediction_type, eta, name):
 
 
 def test_noise_comes_from_the_generator_and_only_when_asked_for():
-    schedule = NoiseSchedule()
+    schedule = NoiseSchedule(Architecture())
     x_t, x0_hat = torch.randn(2, 4, 3, generator=torch.Generator().manual_seed(0))
     draws = [
         ddim_step(schedule, x_t, x0_hat, 500, 400, eta=1.0, generator=torch.Generator().manual_seed(k))
@@ -54,7 +55,7 @@ def test_noise_comes_from_the_generator_and_only_when_asked_for():
 
 def test_the_last_step_returns_the_clean_estimate():
     x_t, x0_hat = torch.randn(2, 4, 3, generator=torch.Generator().manual_seed(0))
-    torch.testing.assert_close(ddim_step(NoiseSchedule(), x_t, x0_hat, 99, -1, eta=1.0), x0_hat)
+    torch.testing.assert_close(ddim_step(NoiseSchedule(Architecture()), x_t, x0_hat, 99, -1, eta=1.0), x0_hat)
 
 
 @pytest.mark.parametrize("eta", [0.0, 1.0])
@@ -64,7 +65,7 @@ def test_the_exact_denoiser_of_a_gaussian_samples_that_gaussian(eta, prediction_
     mean = torch.tensor([1.0, -2.0, 0.5])
     factor = torch.tensor(rng.normal(size=(3, 3)), dtype=torch.float32)
     covariance = factor @ factor.T + 0.05 * torch.eye(3)
-    schedule = NoiseSchedule(prediction_type=prediction_type)
+    schedule = NoiseSchedule(Architecture(prediction_type=prediction_type))
     generator = torch.Generator().manual_seed(0)
     x = torch.randn(20_000, 3, generator=generator)
     timesteps = schedule.timesteps(250)

@@ -3,6 +3,7 @@
 import pytest
 import torch
 
+from dexnudge.diffusion.config import Architecture
 from dexnudge.diffusion.objective import diffusion_loss, loss_weights
 from dexnudge.diffusion.schedule import NoiseSchedule
 
@@ -11,7 +12,7 @@ T = torch.arange(20, 980, 20)
 
 def loss_of_clean_error(prediction_type, weighting, error):
     """Loss of a network whose clean estimate is off by `error`, worked out through what it predicts."""
-    schedule = NoiseSchedule(prediction_type=prediction_type, zero_terminal_snr=False)
+    schedule = NoiseSchedule(Architecture(prediction_type=prediction_type, zero_terminal_snr=False))
     generator = torch.Generator().manual_seed(0)
     x_0, epsilon = torch.randn(2, len(T), 5, generator=generator, dtype=torch.float64).float()
     x_t = schedule.add_noise(x_0, epsilon, T)
@@ -37,7 +38,7 @@ def test_the_same_clean_error_costs_the_same_in_every_parametrisation(weighting)
 
 
 def test_uniform_epsilon_loss_is_equation_2():
-    schedule = NoiseSchedule(prediction_type="epsilon", zero_terminal_snr=False)
+    schedule = NoiseSchedule(Architecture(prediction_type="epsilon", zero_terminal_snr=False))
     epsilon, prediction = torch.randn(2, len(T), 5, generator=torch.Generator().manual_seed(0))
     loss = diffusion_loss(
         prediction, schedule.target(torch.zeros(len(T), 5), epsilon, T), loss_weights(schedule, T, "uniform", 5.0)
@@ -47,6 +48,6 @@ def test_uniform_epsilon_loss_is_equation_2():
 
 def test_weights_are_finite_where_nothing_but_noise_is_left():
     for kind in ("sample", "v_prediction"):
-        schedule = NoiseSchedule(prediction_type=kind)
+        schedule = NoiseSchedule(Architecture(prediction_type=kind))
         for weighting in ("uniform", "min_snr", "velocity"):
             assert loss_weights(schedule, torch.tensor([0, 999]), weighting, 5.0).isfinite().all()

@@ -1,11 +1,12 @@
 """Properties that the architecture must have whatever its weights."""
 
 import dataclasses
+from typing import get_args
 
 import pytest
 import torch
 
-from dexnudge.diffusion.config import LAYOUTS, Architecture, ModelConfig, token_parts
+from dexnudge.diffusion.config import Architecture, ModelConfig, TokenLayout, check_choice, token_parts
 from dexnudge.diffusion.network import (
     GRASP,
     NON_PREHENSILE,
@@ -92,7 +93,7 @@ def test_support_function_against_a_loop(network, points):
         assert float(u.norm()) == pytest.approx(1.0, abs=1e-6)
 
 
-@pytest.mark.parametrize("layout", list(LAYOUTS))
+@pytest.mark.parametrize("layout", get_args(TokenLayout))
 def test_joint_order_is_only_a_name(config, points, layout):
     """The same digits, their joints stored in another order: same function, entries permuted alike."""
     torch.manual_seed(0)
@@ -131,7 +132,7 @@ def test_every_layout_starts_at_zero_and_sees_every_entry(config, points, layout
     assert (jacobian.abs() > 0.0).all()
 
 
-@pytest.mark.parametrize("layout", list(LAYOUTS))
+@pytest.mark.parametrize("layout", get_args(TokenLayout))
 def test_tokens_hold_each_entry_once(config, layout):
     parts = token_parts(layout, config.joint_groups)
     assert sorted(index for part in parts for index in part) == list(range(config.dimension))
@@ -163,7 +164,7 @@ def test_impossible_shapes_are_refused(config):
     with pytest.raises(InputError, match="`width` 30 is not a multiple of `num_heads` 4"):
         Architecture(width=30)
     with pytest.raises(UnknownNameError, match="unknown token layout 'words'; expected one of digits, single, scalars"):
-        token_parts("words", config.joint_groups)
+        check_choice("token_layout", "words")
     with pytest.raises(InputError, match="zero_terminal_snr cannot be used with epsilon prediction"):
         Architecture(prediction_type="epsilon", zero_terminal_snr=True)
     with pytest.raises(CheckpointError, match="do not cover each of the 16 joints exactly once"):
@@ -172,7 +173,7 @@ def test_impossible_shapes_are_refused(config):
 
 def test_the_last_step_follows_the_prediction_type():
     kinds = ("epsilon", "sample", "v_prediction")
-    last = {kind: NoiseSchedule.of(Architecture(prediction_type=kind)) for kind in kinds}
+    last = {kind: NoiseSchedule(Architecture(prediction_type=kind)) for kind in kinds}
     assert [float(schedule.alphas_cumprod[-1]) == 0.0 for schedule in last.values()] == [False, True, True]
     kept = Architecture(zero_terminal_snr=False)
-    assert float(NoiseSchedule.of(kept).alphas_cumprod[-1]) > 0.0
+    assert float(NoiseSchedule(kept).alphas_cumprod[-1]) > 0.0

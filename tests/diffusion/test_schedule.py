@@ -4,6 +4,7 @@ import pytest
 import torch
 from diffusers import DDIMScheduler
 
+from dexnudge.diffusion.config import Architecture, check_choice
 from dexnudge.diffusion.schedule import NoiseSchedule
 from dexnudge.errors import InputError, UnknownNameError
 
@@ -17,7 +18,7 @@ def reference(name, **options):
 @pytest.mark.parametrize("name", ["cosine", "linear"])
 @pytest.mark.parametrize("zero_terminal_snr", [True, False])
 def test_alphas_cumprod(name, zero_terminal_snr):
-    schedule = NoiseSchedule(name, zero_terminal_snr=zero_terminal_snr)
+    schedule = NoiseSchedule(Architecture(schedule=name, zero_terminal_snr=zero_terminal_snr))
     expected = reference(name, rescale_betas_zero_snr=zero_terminal_snr).alphas_cumprod
     if zero_terminal_snr:
         # diffusers goes back and forth through float32 betas and leaves 2^-24 where the last value is to be zero
@@ -30,14 +31,14 @@ def test_alphas_cumprod(name, zero_terminal_snr):
 def test_timesteps(num_inference_steps):
     scheduler = reference("cosine", timestep_spacing="trailing")
     scheduler.set_timesteps(num_inference_steps)
-    assert NoiseSchedule().timesteps(num_inference_steps) == scheduler.timesteps.tolist()
+    assert NoiseSchedule(Architecture()).timesteps(num_inference_steps) == scheduler.timesteps.tolist()
 
 
 def test_noise_and_velocity():
     generator = torch.Generator().manual_seed(0)
     x_0, epsilon = torch.randn(2, 40, 25, generator=generator)
     t = torch.randint(1000, (40,), generator=generator)
-    schedule = NoiseSchedule(prediction_type="v_prediction", zero_terminal_snr=False)
+    schedule = NoiseSchedule(Architecture(prediction_type="v_prediction", zero_terminal_snr=False))
     scheduler = reference("cosine")
     torch.testing.assert_close(schedule.add_noise(x_0, epsilon, t), scheduler.add_noise(x_0, epsilon, t))
     torch.testing.assert_close(
@@ -50,24 +51,24 @@ def test_the_true_target_gives_the_clean_data_back(prediction_type):
     generator = torch.Generator().manual_seed(0)
     x_0, epsilon = torch.randn(2, 40, 25, generator=generator)
     t = torch.randint(900, (40,), generator=generator)  # beyond, float32 leaves nothing of x_0 in epsilon's case
-    schedule = NoiseSchedule(prediction_type=prediction_type, zero_terminal_snr=False)
+    schedule = NoiseSchedule(Architecture(prediction_type=prediction_type, zero_terminal_snr=False))
     x_t = schedule.add_noise(x_0, epsilon, t)
     found = schedule.clean_estimate(schedule.target(x_0, epsilon, t), x_t, t)
     torch.testing.assert_close(found, x_0, atol=1e-4, rtol=1e-4)
 
 
 def test_clean_data_has_no_noise():
-    assert float(NoiseSchedule().alpha_bar(torch.tensor(-1))) == 1.0
+    assert float(NoiseSchedule(Architecture()).alpha_bar(torch.tensor(-1))) == 1.0
 
 
 def test_impossible_requests():
     with pytest.raises(UnknownNameError, match="unknown noise schedule 'sigmoid'; expected one of cosine, linear"):
-        NoiseSchedule("sigmoid")
+        check_choice("schedule", "sigmoid")
     with pytest.raises(
         UnknownNameError, match="unknown prediction type 'score'; expected one of epsilon, sample, v_pred"
     ):
-        NoiseSchedule(prediction_type="score")
+        check_choice("prediction_type", "score")
     with pytest.raises(InputError, match="zero_terminal_snr cannot be used with epsilon prediction"):
-        NoiseSchedule(prediction_type="epsilon")
+        NoiseSchedule(Architecture(prediction_type="epsilon", zero_terminal_snr=True))
     with pytest.raises(InputError, match="num_inference_steps is 0, expected between 1 and 1000"):
-        NoiseSchedule().timesteps(0)
+        NoiseSchedule(Architecture()).timesteps(0)

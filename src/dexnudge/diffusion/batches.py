@@ -41,13 +41,8 @@ class TrainingBatch:
     def part(self, groups: slice) -> "TrainingBatch":
         """Return these groups with their rows."""
         rows = len(self.q) // len(self.points)
-        return TrainingBatch(
-            q=self.q[groups.start * rows : groups.stop * rows],
-            points=self.points[groups],
-            behaviour=self.behaviour[groups],
-            direction=self.direction[groups],
-            has_direction=self.has_direction[groups],
-        )
+        of_q = slice(groups.start * rows, groups.stop * rows)
+        return TrainingBatch(**{name: value[of_q if name == "q" else groups] for name, value in vars(self).items()})
 
     def to(self, device: torch.device) -> "TrainingBatch":
         """Return the same on another device."""
@@ -81,7 +76,6 @@ class BatchSampler:
                 self._grasps[index] = _Pool.of(grasps, dataset.behaviour[grasps], config.behaviour_balance)
             if pools and config.grasp_fraction < 1.0:
                 self._moves[index] = pools
-        self._grasp_objects, self._move_objects = list(self._grasps), list(self._moves)
         if not self._grasps and not self._moves:
             raise DatasetError(
                 f"none of {len(objects)} objects has a configuration to train on: expected grasps or configurations with "
@@ -92,35 +86,36 @@ class BatchSampler:
         """Return batch number `index` of random `stream`."""
         rng = np.random.default_rng([self.config.seed, stream, index])
         groups = [self._group(rng) for _ in range(self.config.groups)]
-        rows = np.concatenate([group.rows for group in groups])
-        yaw = torch.tensor([group.yaw for group in groups], dtype=torch.float32)
-        objects = torch.tensor([group.object_index for group in groups])
+        objects, rows, yaws, behaviours, have_directions = zip(*groups, strict=True)
+        yaw = torch.tensor(yaws, dtype=torch.float32)
         subset = rng.permutation(self._clouds.shape[1])[: self.config.num_points]
-        points = turn_clouds(self._clouds[objects][:, torch.from_numpy(subset)], yaw)
+        points = turn_clouds(self._clouds[torch.tensor(objects)][:, torch.from_numpy(subset)], yaw)
         noise = rng.standard_normal((*points.shape[:2], 3), dtype=np.float32) * np.float32(self.config.point_noise)
         points[..., :3] += torch.from_numpy(noise)
         scale = 1.0 + self.config.scale_jitter * rng.uniform(-1.0, 1.0, (len(groups), 1, 1))
         points[..., :3] *= torch.from_numpy(scale.astype(np.float32))
-        has_direction = torch.tensor([group.has_direction for group in groups])
+        has_direction = torch.tensor(have_directions)
+        q = self._q[torch.from_numpy(np.concatenate(rows))]
         return TrainingBatch(
-            q=turn_configurations(self._q[torch.from_numpy(rows)], yaw.repeat_interleave(self.config.rows_per_group)),
+            q=turn_configurations(q, yaw.repeat_interleave(self.config.rows_per_group)),
             points=points,
-            behaviour=torch.tensor([group.behaviour for group in groups]),
+            behaviour=torch.tensor(behaviours),
             direction=has_direction[:, None] * torch.tensor([1.0, 0.0, 0.0]),
             has_direction=has_direction,
         )
 
-    def _group(self, rng: np.random.Generator) -> "_Group":
+    def _group(self, rng: np.random.Generator) -> tuple[int, np.ndarray, float, int, bool]:
+        """Draw (object, rows, yaw [rad], behaviour, whether the direction counts)."""
         config = self.config
         wants_grasp = rng.random() < config.grasp_fraction
         drops = rng.random(3) < [config.unconditional_fraction, config.direction_dropout, config.behaviour_dropout]
         unconditional, drops_direction, drops_behaviour = drops
         any_yaw = rng.uniform(0.0, 2.0 * np.pi)
         if (wants_grasp and self._grasps) or not self._moves:
-            index = int(rng.choice(self._grasp_objects))
+            index = int(rng.choice(list(self._grasps)))
             pool, behaviour, yaw, has_direction = self._grasps[index], GRASP, any_yaw, False
         else:
-            index = int(rng.choice(self._move_objects))
+            index = int(rng.choice(list(self._moves)))
             moves = self._moves[index]
             chosen = int(rng.choice(list(moves)))
             pool, behaviour, has_direction = moves[chosen], NON_PREHENSILE, not (unconditional or drops_direction)
@@ -128,7 +123,7 @@ class BatchSampler:
             yaw = jitter - direction_angles()[chosen] if has_direction else any_yaw
         if unconditional or drops_behaviour:
             behaviour = NULL_CLASS
-        return _Group(index, pool.draw(rng, config.rows_per_group), float(yaw), behaviour, has_direction)
+        return index, pool.draw(rng, config.rows_per_group), float(yaw), behaviour, has_direction
 
 
 @dataclass(frozen=True)
@@ -148,12 +143,3 @@ class _Pool:
     def draw(self, rng: np.random.Generator, num: int) -> np.ndarray:
         chosen = np.searchsorted(self.cumulative, rng.random(num), side="right")
         return self.rows[np.minimum(chosen, len(self.rows) - 1)]
-
-
-@dataclass(frozen=True)
-class _Group:
-    object_index: int
-    rows: np.ndarray
-    yaw: float
-    behaviour: int
-    has_direction: bool

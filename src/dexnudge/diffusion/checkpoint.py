@@ -7,7 +7,6 @@ import hashlib
 import json
 from collections.abc import Iterator
 from contextlib import contextmanager
-from dataclasses import dataclass, field
 from pathlib import Path
 from typing import Any
 
@@ -165,47 +164,17 @@ def _read_config(path: Path) -> dict[str, Any]:
 MODEL_FOLDER, LOG_NAME = "model", "train.jsonl"  # in the folder of a run, beside its state
 STATE_NAME = "training_state.safetensors"
 STATE_VERSION = 1  # raised whenever the optimiser or the order of random draws changes
-_GROUPS = ("weights", "average", "first_moment", "second_moment")
 
 
-@dataclass(kw_only=True)
-class TrainingState:
-    """Everything that decides how a run goes on; random draws depend on the step alone.
-
-    step: steps done; minutes: time spent on them; weights, average, first_moment, second_moment: by parameter name;
-    validation: the figures last found.
-    """
-
-    step: int
-    minutes: float
-    weights: dict[str, Tensor]
-    average: dict[str, Tensor]
-    first_moment: dict[str, Tensor]
-    second_moment: dict[str, Tensor]
-    validation: dict[str, float] = field(default_factory=dict)
-
-
-def save_state(folder: Path, state: TrainingState, settings: dict[str, Any], dataset_id: str) -> None:
-    """Write the state with the settings and the dataset of the run that it belongs to."""
-    tensors = {
-        f"{group}/{name}": tensor.detach().cpu().contiguous()
-        for group in _GROUPS
-        for name, tensor in getattr(state, group).items()
-    }
-    header = {
-        "version": STATE_VERSION,
-        "step": state.step,
-        "minutes": state.minutes,
-        "validation": state.validation,
-        "dataset": dataset_id,
-        "config": settings,
-    }
+def save_state(folder: Path, tensors: dict[str, Tensor], header: dict[str, Any]) -> None:
+    """Write a run's tensors and its header: step, minutes, validation, and what names the run (`TrainingRun.identity`)."""
+    on_cpu = {name: tensor.detach().cpu().contiguous() for name, tensor in tensors.items()}
     with replace_atomically(folder / STATE_NAME) as temporary:
-        save_file(tensors, temporary, metadata={"training": json.dumps(header)})
+        save_file(on_cpu, temporary, metadata={"training": json.dumps({"version": STATE_VERSION, **header})})
 
 
-def load_state(folder: Path, settings: dict[str, Any], dataset_id: str) -> TrainingState | None:
-    """Return the state saved in `folder`, or None if there is none.
+def load_state(folder: Path, identity: dict[str, Any]) -> tuple[dict[str, Tensor], dict[str, Any]] | None:
+    """Return tensors and header of the state saved in `folder`, or None if there is none.
 
     Raises:
         CheckpointError: it is truncated or belongs to another run: other settings, dataset or version.
@@ -213,14 +182,10 @@ def load_state(folder: Path, settings: dict[str, Any], dataset_id: str) -> Train
     path = folder / STATE_NAME
     if not path.is_file():
         return None
-    tensors: dict[str, dict[str, Tensor]] = {group: {} for group in _GROUPS}
     with _opened(path) as (header, file):
-        for key in file.keys():  # noqa: SIM118 - not a dict
-            group, name = key.split("/", 1)
-            tensors[group][name] = file.get_tensor(key)
-    found = {"version": header.get("version"), "dataset": header.get("dataset"), **_flat(header.get("config", {}))}
-    ours = json.loads(json.dumps(settings))  # tuples become lists, as in the file
-    expected = {"version": STATE_VERSION, "dataset": dataset_id, **_flat(ours)}
+        tensors = {name: file.get_tensor(name) for name in file.keys()}  # noqa: SIM118 - not a dict
+    ours = json.loads(json.dumps({"version": STATE_VERSION, **identity}))  # tuples become lists, as in the file
+    found, expected = _flat({name: header.get(name) for name in ours}), _flat(ours)
     names = sorted(name for name in {*found, *expected} if found.get(name) != expected.get(name))
     if names:
         differences = "; ".join(f"{name} was {found.get(name)!r}, is now {expected.get(name)!r}" for name in names)
@@ -228,17 +193,11 @@ def load_state(folder: Path, settings: dict[str, Any], dataset_id: str) -> Train
             f"{path} belongs to another run and cannot be continued: {differences}; "
             "use the same settings, or another output folder."
         )
-    return TrainingState(
-        step=header["step"], minutes=header["minutes"], validation=header.get("validation", {}), **tensors
-    )
+    return tensors, header
 
 
 def read_state_header(folder: Path | str) -> dict[str, Any]:
-    """Return step, minutes, dataset and settings (config) of the run in `folder`.
-
-    Raises:
-        CheckpointError: it has no readable state.
-    """
+    """Return step, minutes, dataset and settings (config) of the run in `folder`; CheckpointError without a state."""
     path = Path(folder) / STATE_NAME
     if not path.is_file():
         raise CheckpointError(f"{path} does not exist; expected the folder of a run of `dexnudge train`.")
@@ -258,8 +217,10 @@ def _opened(path: Path) -> Iterator[tuple[dict[str, Any], Any]]:
         ) from error
 
 
-def _flat(settings: dict[str, Any]) -> dict[str, Any]:
-    """Nested settings under names like `architecture.width`."""
-    inner = {name: value for name, value in settings.items() if isinstance(value, dict)}
-    outer = {name: value for name, value in settings.items() if name not in inner}
-    return outer | {f"{name}.{key}": value for name, values in inner.items() for key, value in values.items()}
+def _flat(values: dict[str, Any]) -> dict[str, Any]:
+    """Nested settings under names like `architecture.width`; those of `config` without a prefix."""
+    flat: dict[str, Any] = {}
+    for name, value in values.items():
+        prefix = "" if name == "config" else f"{name}."
+        flat |= {prefix + k: v for k, v in _flat(value).items()} if isinstance(value, dict) else {name: value}
+    return flat

@@ -1,7 +1,6 @@
 """The numbers that define a model and its training. Free of torch, so that `dexnudge train --help` answers at once."""
 
 import math
-from collections.abc import Callable
 from dataclasses import asdict, dataclass, field
 from typing import Any, Literal, get_args
 
@@ -18,51 +17,12 @@ Tokens = tuple[tuple[int, ...], ...]  # indices into x of each token
 FIRST_JOINT = 9  # in q, after translation (3) and rotation (6)
 
 
-def _digits(joint_groups: JointGroups) -> Tokens:
+def token_parts(layout: TokenLayout, joint_groups: JointGroups) -> Tokens:
+    """Return the indices into x of each token; together they hold each of the 9 + d entries exactly once."""
     joints = (tuple(FIRST_JOINT + joint for joint in group) for group in joint_groups)
-    return ((0, 1, 2), (3, 4, 5, 6, 7, 8), *joints)
-
-
-def _single(joint_groups: JointGroups) -> Tokens:
-    return (tuple(index for token in _digits(joint_groups) for index in token),)
-
-
-def _scalars(joint_groups: JointGroups) -> Tokens:
-    return tuple((index,) for token in _digits(joint_groups) for index in token)
-
-
-LAYOUTS: dict[str, Callable[[JointGroups], Tokens]] = {"digits": _digits, "single": _single, "scalars": _scalars}
-
-
-def token_parts(layout: str, joint_groups: JointGroups) -> Tokens:
-    """Return the indices into x of each token; together they hold each of the 9 + d entries exactly once.
-
-    Raises:
-        UnknownNameError: no such layout.
-    """
-    if layout not in LAYOUTS:
-        raise UnknownNameError(f"unknown token layout {layout!r}; expected one of {', '.join(LAYOUTS)}.")
-    return LAYOUTS[layout](joint_groups)
-
-
-def check_schedule(name: str, prediction_type: str, *, zero_terminal_snr: bool) -> None:
-    """Refuse an unknown noise schedule or prediction type, and a pair that cannot be trained.
-
-    Raises:
-        UnknownNameError: no such schedule or prediction type.
-        InputError: epsilon prediction with a zero terminal signal-to-noise ratio.
-    """
-    if name not in get_args(ScheduleName):
-        raise UnknownNameError(f"unknown noise schedule {name!r}; expected one of {', '.join(get_args(ScheduleName))}.")
-    if prediction_type not in get_args(PredictionType):
-        raise UnknownNameError(
-            f"unknown prediction type {prediction_type!r}; expected one of {', '.join(get_args(PredictionType))}."
-        )
-    if zero_terminal_snr and prediction_type == "epsilon":
-        raise InputError(
-            "zero_terminal_snr cannot be used with epsilon prediction: x_0 is undefined where x_t is pure noise; "
-            "set zero_terminal_snr=False or predict 'sample' or 'v_prediction'."
-        )
+    digits = ((0, 1, 2), (3, 4, 5, 6, 7, 8), *joints)
+    entries = tuple(index for token in digits for index in token)
+    return {"digits": digits, "single": (entries,), "scalars": tuple((index,) for index in entries)}[layout]
 
 
 # Far above what trains on a workstation. A damaged or hostile config.json is refused before it takes memory or time.
@@ -75,6 +35,11 @@ _SIZES = {
     "num_train_timesteps": (2, 100_000),
 }
 _MOST_PARAMETERS = 500_000_000  # of the transformer: 2 GB of float32
+_CHOICES = {
+    "schedule": ("noise schedule", ScheduleName),
+    "prediction_type": ("prediction type", PredictionType),
+    "token_layout": ("token layout", TokenLayout),
+}
 
 
 @dataclass(frozen=True, kw_only=True)
@@ -107,6 +72,8 @@ class Architecture:
     """One token a digit, one for all, or one a coordinate."""
 
     def __post_init__(self) -> None:
+        for name in _CHOICES:
+            check_choice(name, getattr(self, name))
         if self.zero_terminal_snr is None:
             object.__setattr__(self, "zero_terminal_snr", self.prediction_type != "epsilon")
         for name, (least, most) in _SIZES.items():
@@ -127,9 +94,18 @@ class Architecture:
             )
         if not 0.0 < self.clean_limit < math.inf:
             raise InputError(f"`clean_limit` is {self.clean_limit}; expected more than 0.")
-        if self.token_layout not in LAYOUTS:
-            token_parts(self.token_layout, ())
-        check_schedule(self.schedule, self.prediction_type, zero_terminal_snr=bool(self.zero_terminal_snr))
+        if self.zero_terminal_snr and self.prediction_type == "epsilon":
+            raise InputError(
+                "zero_terminal_snr cannot be used with epsilon prediction: x_0 is undefined where x_t is pure noise; "
+                "set zero_terminal_snr=False or predict 'sample' or 'v_prediction'."
+            )
+
+
+def check_choice(name: str, value: object) -> None:
+    """Raise UnknownNameError unless `value` is one that the setting `name` of an architecture can have."""
+    what, kind = _CHOICES[name]
+    if value not in get_args(kind):
+        raise UnknownNameError(f"unknown {what} {value!r}; expected one of {', '.join(get_args(kind))}.")
 
 
 def _check_size(name: str, value: object, least: int, most: int) -> None:

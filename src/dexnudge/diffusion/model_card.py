@@ -50,14 +50,10 @@ def training_command(settings: dict[str, Any]) -> str:
     changed = {
         name: value
         for name, value in {**settings, **shape}.items()
-        if name in defaults and name != "architecture" and _listed(value) != _listed(defaults[name])
+        if name in defaults and name != "architecture" and _argument(value) != _argument(defaults[name])
     }
     options = [f"--{name.replace('_', '-')} {_argument(value)}" for name, value in changed.items()]
     return " ".join([f"{launcher} train --data DATA --out RUN", *options])
-
-
-def _listed(value: Any) -> Any:
-    return list(value) if isinstance(value, tuple) else value
 
 
 def _argument(value: Any) -> str:

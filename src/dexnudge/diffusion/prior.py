@@ -22,7 +22,7 @@ class DiffusionPrior:
     def __init__(self, network: ConditionalDenoiser, normaliser: Normaliser) -> None:
         self.network = network
         self.normaliser = normaliser
-        self.schedule = NoiseSchedule.of(network.config.architecture)
+        self.schedule = NoiseSchedule(network.config.architecture)
 
     @classmethod
     def from_folder(

@@ -7,13 +7,12 @@ The paper's Eq. 3 prints only the first term; without the second the sample woul
 """
 
 import math
-from collections.abc import Callable
 
 import torch
 from jaxtyping import Float, Int
 from torch import Tensor
 
-from dexnudge.diffusion.config import Architecture, check_schedule
+from dexnudge.diffusion.config import Architecture
 from dexnudge.errors import InputError
 
 MAX_BETA = 0.999  # caps the cosine schedule's last steps, whose beta would reach 1 (Nichol and Dhariwal, 2021)
@@ -31,44 +30,22 @@ def _linear_betas(num_train_timesteps: int) -> Float[Tensor, " step"]:
     return torch.linspace(*LINEAR_BETAS, num_train_timesteps, dtype=torch.float64)
 
 
-SCHEDULES: dict[str, Callable[[int], Tensor]] = {"cosine": _cosine_betas, "linear": _linear_betas}
-
-
 class NoiseSchedule:
-    """abar_t for t = 0 .. T-1, decreasing; abar_{-1} = 1 is clean data.
+    """abar_t for t = 0 .. T-1, decreasing, as `architecture` names it; abar_{-1} = 1 is clean data.
 
-    name: `cosine` (diffusers' squaredcos_cap_v2) or `linear`. zero_terminal_snr: shift and scale sqrt(abar) so that the
-    last step is pure noise (Lin et al., 2024); impossible for epsilon prediction, whose x_0 would be undefined there.
+    cosine is diffusers' squaredcos_cap_v2. zero_terminal_snr shifts and scales sqrt(abar) so that the last step is pure
+    noise (Lin et al., 2024).
     """
 
-    def __init__(
-        self,
-        name: str = "cosine",
-        *,
-        num_train_timesteps: int = 1000,
-        prediction_type: str = "sample",
-        zero_terminal_snr: bool = True,
-    ) -> None:
-        check_schedule(name, prediction_type, zero_terminal_snr=zero_terminal_snr)
-        alphas_cumprod = torch.cumprod(1.0 - SCHEDULES[name](num_train_timesteps), dim=0)
-        if zero_terminal_snr:
-            root = alphas_cumprod.sqrt()
-            alphas_cumprod = ((root - root[-1]) * (root[0] / (root[0] - root[-1]))) ** 2
-        self.name = name
-        self.prediction_type = prediction_type
-        self.num_train_timesteps = num_train_timesteps
-        self.alphas_cumprod = alphas_cumprod
-        self._padded = torch.cat([alphas_cumprod, torch.ones(1, dtype=torch.float64)]).float()
-
-    @classmethod
-    def of(cls, architecture: Architecture) -> "NoiseSchedule":
-        """Return the schedule that a model of this architecture is trained with."""
-        return cls(
-            architecture.schedule,
-            num_train_timesteps=architecture.num_train_timesteps,
-            prediction_type=architecture.prediction_type,
-            zero_terminal_snr=bool(architecture.zero_terminal_snr),
-        )
+    def __init__(self, architecture: Architecture) -> None:
+        self.prediction_type = architecture.prediction_type
+        self.num_train_timesteps = architecture.num_train_timesteps
+        betas = (_cosine_betas if architecture.schedule == "cosine" else _linear_betas)(self.num_train_timesteps)
+        self.alphas_cumprod = torch.cumprod(1.0 - betas, dim=0)
+        if architecture.zero_terminal_snr:
+            root = self.alphas_cumprod.sqrt()
+            self.alphas_cumprod = ((root - root[-1]) * (root[0] / (root[0] - root[-1]))) ** 2
+        self._padded = torch.cat([self.alphas_cumprod, torch.ones(1, dtype=torch.float64)]).float()
 
     def alpha_bar(self, t: Int[Tensor, "*batch"]) -> Float[Tensor, "*batch"]:
         """Return abar_t, with abar_{-1} = 1."""
@@ -130,7 +107,10 @@ def ddim_mean_and_sigma(
     x0_hat: the clean estimate, guided or not; epsilon is recomputed from it, so that x_t stays consistent with both.
     t_previous: the next timestep on the way down, -1 for clean data. eta: 0 deterministic, 1 as much noise as DDPM.
     """
-    alpha_bar, alpha_bar_previous = (_alpha_bar(schedule, step) for step in (t, t_previous))
+    # float64: 1 - abar_t / abar_{t-1} cancels
+    alpha_bar, alpha_bar_previous = (
+        1.0 if step < 0 else float(schedule.alphas_cumprod[step]) for step in (t, t_previous)
+    )
     variance = (1.0 - alpha_bar_previous) / (1.0 - alpha_bar) * (1.0 - alpha_bar / alpha_bar_previous)
     sigma = eta * variance**0.5
     epsilon = (x_t - alpha_bar**0.5 * x0_hat) / (1.0 - alpha_bar) ** 0.5
@@ -154,7 +134,3 @@ def ddim_step(
         return mean
     noise = torch.randn(x_t.shape, generator=generator, device=x_t.device, dtype=x_t.dtype)
     return mean + sigma * noise
-
-
-def _alpha_bar(schedule: NoiseSchedule, t: int) -> float:
-    return 1.0 if t < 0 else float(schedule.alphas_cumprod[t])  # float64: 1 - abar_t / abar_{t-1} cancels

@@ -10,6 +10,7 @@ import time
 from collections.abc import Callable, Iterator
 from contextlib import closing, contextmanager, nullcontext
 from dataclasses import asdict, dataclass, replace
+from itertools import takewhile
 from pathlib import Path
 from types import FrameType
 from typing import Any
@@ -93,12 +94,8 @@ class TrainingLog:
     def __init__(self, folder: Path, *, step: int) -> None:
         path = folder / LOG_NAME
         if path.is_file():
-            kept = 0
             with path.open("rb") as file:
-                for line in file:
-                    if not _is_of_step_until(line, step):
-                        break
-                    kept += len(line)
+                kept = sum(map(len, takewhile(lambda line: _is_of_step_until(line, step), file)))
             os.truncate(path, kept)
         self._file = path.open("a", encoding="utf-8")
         self._writer = None
@@ -223,17 +220,20 @@ def _planned(
 def _train(run: TrainingRun, folder: Path, provenance: dict[str, Any], stop_at_step: int | None) -> dict[str, float]:
     """Take the steps that are left, with whatever is due after each; return the figures last found."""
     config, processes = run.config, run.processes
-    state = load_state(folder, run.settings, run.dataset_id)
+    state = load_state(folder, run.identity)
+    validation: dict[str, float] = {}
     if state is not None:
-        run.restore(state)
-    validation = state.validation if state else {}
+        tensors, header = state
+        run.restore(tensors, step=header["step"], minutes=header["minutes"])
+        validation = header.get("validation", {})
     mean_loss, logged = math.nan, (run.step, run.minutes)
 
     def save() -> None:
         """Training state first, then the model that is shipped."""
         if processes.is_main and run.step > 0:
-            save_state(folder, run.state(validation), run.settings, run.dataset_id)
-            made = {**provenance, "step": run.step, "validation": validation}
+            reached = {"step": run.step, "validation": validation}
+            save_state(folder, run.state(), {**reached, "minutes": run.minutes, **run.identity})
+            made = {**provenance, **reached}
             save_model(folder / MODEL_FOLDER, run.model_config, run.average, run.normaliser, provenance=made)
 
     def spent(since: float) -> None:

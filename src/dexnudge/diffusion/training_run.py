@@ -10,7 +10,6 @@ from torch import Tensor
 
 from dexnudge.dataset.loading import Dataset, split_objects
 from dexnudge.diffusion.batches import BatchSampler
-from dexnudge.diffusion.checkpoint import TrainingState
 from dexnudge.diffusion.config import DEFAULT_STEPS, ModelConfig, TrainingConfig
 from dexnudge.diffusion.distributed import Processes, check_precision, computed_in
 from dexnudge.diffusion.network import ConditionalDenoiser, Normaliser
@@ -44,16 +43,12 @@ class TrainingRun:
             architecture=config.architecture,
         )
         self.num_steps = config.steps or DEFAULT_STEPS
-        self.settings: dict[str, Any] = {
-            **config.identity(),
-            "steps": self.num_steps,
-            "processes": self.processes.count,
-        }
+        self.settings = {**config.identity(), "steps": self.num_steps, "processes": self.processes.count}
         self.dataset_id = _fingerprint(dataset)
         self.training_objects, self.held_out_objects = split_objects(dataset.object_names)
         self._sampler = BatchSampler(dataset, self.training_objects, config)
         self._held_out = BatchSampler(dataset, self.held_out_objects, config) if self.held_out_objects else None
-        self._schedule = NoiseSchedule.of(config.architecture)
+        self._schedule = NoiseSchedule(config.architecture)
         fitted = [self._sampler.batch(k, stream=NORMALISER_STREAM).q for k in range(NORMALISER_BATCHES)]
         self.normaliser = Normaliser.fit(torch.cat(fitted)).to(self._device)
         with torch.random.fork_rng(devices=[]):
@@ -106,8 +101,7 @@ class TrainingRun:
         self._optimizer.step()
         decay = min(self.config.ema_decay, (1.0 + self.step) / (10.0 + self.step))  # forgets the random start early
         with torch.no_grad():
-            average = [self.average[name] for name in self._parameters]  # a restored state comes in another order
-            torch._foreach_lerp_(average, list(self._parameters.values()), 1.0 - decay)
+            torch._foreach_lerp_(list(self.average.values()), list(self._parameters.values()), 1.0 - decay)
         if not math.isfinite(float(shown)):
             raise DexnudgeError(
                 f"training diverged at step {self.step}: the loss is {float(shown)}; expected a finite loss; "
@@ -124,30 +118,34 @@ class TrainingRun:
         averaged.load_state_dict(self.average)
         return validate(averaged, self._held_out, self.normaliser, self._schedule, self.config)
 
-    def state(self, validation: dict[str, float]) -> TrainingState:
-        """Return everything that decides how the run goes on, with the figures last found."""
-        moments = {name: self._optimizer.state[parameter] for name, parameter in self._parameters.items()}
-        return TrainingState(
-            step=self.step,
-            minutes=self.minutes,
-            validation=validation,
-            weights=self._parameters,
-            average=self.average,
-            first_moment={name: moment["exp_avg"] for name, moment in moments.items()},
-            second_moment={name: moment["exp_avg_sq"] for name, moment in moments.items()},
-        )
+    @property
+    def identity(self) -> dict[str, Any]:
+        """What a continuation must share."""
+        return {"dataset": self.dataset_id, "config": self.settings}
 
-    def restore(self, state: TrainingState) -> None:
-        """Go on from a saved state."""
-        self.step, self.minutes = state.step, state.minutes
-        self._network.load_state_dict(state.weights)
-        self.average = {name: tensor.to(self._device) for name, tensor in state.average.items()}
-        for name, parameter in self._parameters.items():
-            self._optimizer.state[parameter] = {
-                "step": torch.tensor(float(state.step), device=parameter.device),
-                "exp_avg": state.first_moment[name].to(parameter.device, copy=True),
-                "exp_avg_sq": state.second_moment[name].to(parameter.device, copy=True),
-            }
+    def state(self) -> dict[str, Tensor]:
+        """Return, with `step` and `minutes`, everything that decides how the run goes on: GROUP/PARAMETER -> tensor."""
+        moments = {name: self._optimizer.state[parameter] for name, parameter in self._parameters.items()}
+        groups = {
+            "weights": self._parameters,
+            "average": self.average,
+            "first_moment": {name: moment["exp_avg"] for name, moment in moments.items()},
+            "second_moment": {name: moment["exp_avg_sq"] for name, moment in moments.items()},
+        }
+        return {f"{group}/{name}": tensor for group, tensors in groups.items() for name, tensor in tensors.items()}
+
+    def restore(self, state: dict[str, Tensor], *, step: int, minutes: float) -> None:
+        """Go on from a saved state; random draws depend on the step alone."""
+        self.step, self.minutes = step, minutes
+        with torch.no_grad():
+            for name, parameter in self._parameters.items():
+                parameter.copy_(state[f"weights/{name}"])
+                self.average[name] = state[f"average/{name}"].to(self._device, copy=True)
+                self._optimizer.state[parameter] = {
+                    "step": torch.tensor(float(step), device=self._device),
+                    "exp_avg": state[f"first_moment/{name}"].to(self._device, copy=True),
+                    "exp_avg_sq": state[f"second_moment/{name}"].to(self._device, copy=True),
+                }
 
 
 def _fingerprint(dataset: Dataset) -> str:
