@@ -121,7 +121,7 @@ def test_the_command_lists_twenty_lies_and_says_how_many_more(copy, objects, nam
 
 
 def test_another_set_is_refused(data, names, tmp_path):
-    with pytest.raises(DatasetError, match=r"has the object 'bar', which is not in .*; correct `objects`"):
+    with pytest.raises(DatasetError, match=r"the mesh of 'bar' is not in .*; expected the set that the dataset was"):
         trimesh.creation.box((0.1, 0.1, 0.1)).export(tmp_path / "box.obj")
         check_dataset(data, objects=str(tmp_path), workers=1)
     for name in names:

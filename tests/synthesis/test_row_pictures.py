@@ -12,13 +12,12 @@ from dexnudge.hands.shadow_lite import shadow_lite
 from dexnudge.objects.builtin import builtin_object
 from dexnudge.synthesis.dataset_page import (
     SAMPLES,
-    ObjectMeshes,
     draw_samples,
     pick_rows,
     row_caption,
     row_drawing,
 )
-from dexnudge.synthesis.object_data import at_rest, mesh_hash
+from dexnudge.synthesis.object_data import ObjectMeshes, at_rest, mesh_hash
 
 NAME = "phone-200"
 TILE = (280, 240)  # pixels: enough to see what is drawn
@@ -83,11 +82,11 @@ def test_another_mesh_or_none_is_refused(manifest, tmp_path):
     box = trimesh.creation.box((0.15, 0.07, 0.01))
     box.export(tmp_path / f"{NAME}.stl")
     with pytest.raises(DatasetError, match=f"the mesh of '{NAME}' is not the one that the dataset was generated from"):
-        ObjectMeshes(manifest, str(tmp_path / f"{NAME}.stl")).at_rest(NAME)
+        ObjectMeshes(manifest, str(tmp_path / f"{NAME}.stl")).at_rest(NAME, manifest.objects[NAME])
     with pytest.raises(DatasetError, match=r"is not in the built-in objects.*`objects`"):
-        ObjectMeshes(manifest, None).at_rest("cup")
+        ObjectMeshes(manifest, None).at_rest("cup", "")
     with pytest.raises(DatasetError, match=r"the mesh of 'cup' is not in .*stl; expected the set"):
-        ObjectMeshes(manifest, str(tmp_path / f"{NAME}.stl")).at_rest("cup")
+        ObjectMeshes(manifest, str(tmp_path / f"{NAME}.stl")).at_rest("cup", "")
 
 
 def test_rows_are_picked_once_each_and_by_the_seed(toy, tmp_path):

@@ -18,19 +18,20 @@ from dexnudge.dataset.schema import (
     configuration_schema,
     direction_angles,
 )
-from dexnudge.dataset.shards import Shard, cloud_path, column_matrix, is_complete, read_cloud, read_shard, shard_path
+from dexnudge.dataset.shards import (
+    Shard,
+    cloud_path,
+    column_matrix,
+    complete_objects,
+    read_cloud,
+    read_shard,
+    shard_path,
+)
 from dexnudge.errors import HandError, UnknownNameError
 from dexnudge.hands.hand import Hand
-from dexnudge.hands.registry import load_hand
 
-FACES = (
-    "top",
-    "+x",
-    "-x",
-    "+y",
-    "-y",
-    "bottom",
-)  # of an object at rest, by the direction that its normal is closest to
+# Of an object at rest, by the direction that its normal is closest to.
+FACES = ("top", "+x", "-x", "+y", "-y", "bottom")
 NORMALS = np.array([[0, 0, 1], [1, 0, 0], [-1, 0, 0], [0, 1, 0], [0, -1, 0], [0, 0, -1]], dtype=np.float64)
 OCTANTS = ("+x", "+x+y", "+y", "-x+y", "-x", "-x-y", "-y", "+x-y")  # 45 degrees each, counter-clockwise, about an axis
 NEIGHBOURS = 32  # stored surface points that may lie on the contact's own face; the nearest may lie round an edge
@@ -75,7 +76,7 @@ def describe(folder: Path | str) -> DatasetInfo:
     """Count what the shards of `folder` hold; raises DatasetError as `read_shard` does."""
     folder = Path(folder)
     manifest = read_manifest(folder)
-    names = [name for name in sorted(manifest.objects) if is_complete(folder, name)]
+    names = complete_objects(folder, manifest)
     shards = [read_shard(folder, manifest, name) for name in names]
     counts = {behaviour: BehaviourCounts() for behaviour in BEHAVIOURS}
     for shard in shards:
@@ -106,7 +107,7 @@ def describe(folder: Path | str) -> DatasetInfo:
 def known_hand(manifest: Manifest) -> Hand | None:
     """Return the manifest's hand; None when it cannot be loaded here, or has other joints by now."""
     try:
-        hand = load_hand(str(manifest.config.get("hand", manifest.hand)))
+        hand = manifest.load_hand()
     except (HandError, UnknownNameError):  # counts can be read without the hand's files
         return None
     return hand if hand.joint_names == manifest.joint_names else None

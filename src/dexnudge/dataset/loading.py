@@ -12,7 +12,7 @@ from torch import Tensor
 
 from dexnudge.dataset.manifest import Manifest, read_manifest
 from dexnudge.dataset.schema import BEHAVIOURS, CLOUD_POINTS, NUM_DIRECTIONS, POSE_DIMENSIONS
-from dexnudge.dataset.shards import column_matrix, is_complete, read_cloud, read_shard
+from dexnudge.dataset.shards import column_matrix, complete_objects, read_cloud, read_shard
 from dexnudge.errors import DatasetError
 
 
@@ -99,21 +99,20 @@ def load_dataset(folder: Path | str, *, allow_incomplete: bool = False) -> Datas
     """
     folder = Path(folder)
     manifest = read_manifest(folder)
-    names = [name for name in sorted(manifest.objects) if is_complete(folder, name)]
-    missing = [name for name in manifest.objects if name not in set(names) and name not in manifest.failed_objects]
+    names = complete_objects(folder, manifest)
+    missing = sorted(set(manifest.objects) - set(names) - set(manifest.failed_objects))
     if missing and not allow_incomplete:
         raise DatasetError(
             f"{folder} is incomplete: {len(missing)} of {len(manifest.objects)} objects have no shard "
             f"(first: {missing[0]}); resume `dexnudge dataset generate`, or allow an incomplete dataset."
         )
-    behaviour_index = {behaviour: index for index, behaviour in enumerate(BEHAVIOURS)}
     dimension = POSE_DIMENSIONS + len(manifest.joint_names)
     q, object_index, behaviours, margins, clouds = [], [], [], [], []
     for index, name in enumerate(names):
         shard = read_shard(folder, manifest, name)
         q.append(column_matrix(shard.table, "q"))
         margins.append(column_matrix(shard.table, "direction_margin"))
-        labels = [behaviour_index[label] for label in shard.table.column("behaviour").to_pylist()]
+        labels = [BEHAVIOURS.index(label) for label in shard.table.column("behaviour").to_pylist()]
         behaviours.append(np.array(labels, dtype=np.int64))
         object_index.append(np.full(len(labels), index, dtype=np.int64))
         clouds.append(read_cloud(folder, manifest, name))

@@ -8,6 +8,7 @@ from pathlib import Path
 from dexnudge.dataset.schema import FORMAT_VERSION
 from dexnudge.errors import DatasetError
 from dexnudge.hands.hand import Hand
+from dexnudge.hands.registry import load_hand
 from dexnudge.jobs.folders import replace_atomically
 
 MANIFEST_NAME = "manifest.json"
@@ -35,6 +36,10 @@ class Manifest:
     seed: int = 0
     versions: dict[str, str] = field(default_factory=dict)
     counts: dict[str, dict[str, object]] = field(default_factory=dict)
+
+    def load_hand(self) -> Hand:
+        """Return the hand that the dataset was generated for; raises HandError or UnknownNameError."""
+        return load_hand(str(self.config.get("hand", self.hand)))
 
 
 def check_object_name(name: str) -> str:

@@ -1,7 +1,7 @@
 """Reading and writing the two Parquet files of one object: its configurations and its surface points."""
 
 import json
-from collections.abc import Collection, Sequence
+from collections.abc import Collection, Iterator, Sequence
 from dataclasses import asdict, dataclass
 from pathlib import Path
 
@@ -66,6 +66,11 @@ def cloud_path(folder: Path | str, object_name: str) -> Path:
     return Path(folder) / f"object-{check_object_name(object_name)}.parquet"
 
 
+def complete_objects(folder: Path | str, manifest: Manifest) -> list[str]:
+    """Return the names of the objects whose data has been written."""
+    return [name for name in sorted(manifest.objects) if is_complete(folder, name)]
+
+
 def is_complete(folder: Path | str, object_name: str) -> bool:
     """Return whether the object's data has been written; the shard is written last, so its presence is enough."""
     return shard_path(folder, object_name).is_file()
@@ -106,13 +111,7 @@ def write_shard(
 def read_shard(
     folder: Path | str, manifest: Manifest, object_name: str, *, links: Collection[str] | None = None
 ) -> Shard:
-    """Read one object's configurations.
-
-    Args:
-        folder: of the dataset.
-        manifest: of the same folder.
-        object_name: which object.
-        links: those that the hand has; None leaves the names of contact links unchecked.
+    """Read one object's configurations. links: those that the hand has; None leaves the names of contact links unchecked.
 
     Raises:
         DatasetError: a truncated, foreign or outdated file, or a row with numbers or names that none can have.
@@ -122,6 +121,24 @@ def read_shard(
     check_rows(table, manifest, str(path), links=links)
     counts = {behaviour: BehaviourCounts(**count) for behaviour, count in header["counts"].items()}
     return Shard(object_name=object_name, table=table, counts=counts, mesh_hash=header["mesh_sha256"])
+
+
+def read_whole(
+    folder: Path | str, manifest: Manifest, names: Sequence[str], *, links: Collection[str] | None = None
+) -> Iterator[tuple[str, Shard | DamagedShardError]]:
+    """Yield each object's shard after both of its files were read to the last byte, or what is wrong with them.
+
+    Raises:
+        DatasetError: a file belongs to another dataset.
+    """
+    for name in names:
+        try:
+            shard = read_shard(folder, manifest, name, links=links)
+            read_cloud(folder, manifest, name)
+        except DamagedShardError as error:
+            yield name, error
+        else:
+            yield name, shard
 
 
 def check_rows(table: pa.Table, manifest: Manifest, where: str, *, links: Collection[str] | None = None) -> None:

@@ -31,13 +31,13 @@ from dexnudge.synthesis.acceptance import PENETRATION_LIMIT, PRESSING
 from dexnudge.verification.penetration import SURFACE_SPACING
 
 CARD_FILE = "README.md"
-LOADING = """from dexnudge.dataset.loading import load_dataset
+_LOAD = """from dexnudge.dataset.loading import load_dataset
 
 dataset = load_dataset(FOLDER)
 print(dataset.q.shape, dataset.direction_margin.shape, dataset.clouds.shape)
 print(dataset.object_names[dataset.object_index[0]], dataset.manifest.joint_names)
 """
-READING = """from pathlib import Path
+_READ = """from pathlib import Path
 import numpy as np, pyarrow as pa, pyarrow.parquet as pq
 
 rows = pa.concat_tables(pq.read_table(file) for file in sorted(Path(FOLDER).glob("shard-*.parquet")))
@@ -49,6 +49,13 @@ space; each one verified against penetration and for its contact forces."""
 FILES = """\
 `FOLDER` is the folder of this file. `manifest.json` names the hand, the joints in the order of `q` and the SHA-256 of each \
 object's mesh."""
+LOADING = (
+    "With dexnudge, as arrays:",
+    f"```python\n{_LOAD}```",
+    "With pyarrow alone:",
+    f"```python\n{_READ}```",
+    FILES,
+)
 
 
 def write_card(folder: Path | str) -> Path:
@@ -81,7 +88,7 @@ def description(info: DatasetInfo) -> Document:
             Section("What a row is", _columns(info.manifest), reference=True),
             Section("What was verified", (*_criteria(), _holding(info)), reference=True),
             Section("Coverage", (*coverage, *(["\n".join(failed)] if failed else []))),
-            Section("How to load it", _loading(), reference=True),
+            Section("How to load it", LOADING, reference=True),
             Section("How it was made", _making(info.manifest), reference=True),
             Section("Known limitations", (_limitations(info),), reference=True),
         ),
@@ -178,16 +185,6 @@ def _holding(info: DatasetInfo) -> str:
         f"{len(hold.DIRECTIONS)} directions, one after the other, on an object of {model.GRASP_MASS:g} kg with friction "
         f"{model.GRASP_FRICTION:g}; it moved by less than "
         f"{1e3 * hold.FARTHEST:g} mm and {np.degrees(hold.MOST_TURNED):g} degrees."
-    )
-
-
-def _loading() -> tuple[str, ...]:
-    return (
-        "With dexnudge, as arrays:",
-        f"```python\n{LOADING}```",
-        "With pyarrow alone:",
-        f"```python\n{READING}```",
-        FILES,
     )
 
 

@@ -20,16 +20,12 @@ from dexnudge.dataset.document import Table
 from dexnudge.dataset.info import DatasetInfo
 from dexnudge.dataset.manifest import Manifest, read_manifest
 from dexnudge.dataset.schema import BEHAVIOURS, best_direction, direction_angles
-from dexnudge.dataset.shards import is_complete, read_shard
-from dexnudge.errors import DatasetError
+from dexnudge.dataset.shards import complete_objects, read_shard
 from dexnudge.hands.hand import Hand
-from dexnudge.hands.registry import load_hand
 from dexnudge.jobs.folders import replace_atomically
-from dexnudge.objects.builtin import builtin_object, is_builtin
-from dexnudge.objects.sets import ObjectEntry, resolve_object_set, scaled_to_length
 from dexnudge.synthesis.acceptance import resting_scene
 from dexnudge.synthesis.dataset_card import description
-from dexnudge.synthesis.object_data import at_rest, mesh_hash
+from dexnudge.synthesis.object_data import ObjectMeshes
 from dexnudge.viewer.picture import arrange, render_array, write_png
 from dexnudge.viewer.visual_scene import VisualScene, visual_scenes
 
@@ -60,12 +56,12 @@ def draw_samples(folder: Path | str, *, objects: str | None = None, seed: int = 
     """
     folder = Path(folder)
     manifest = read_manifest(folder)
-    hand = load_hand(str(manifest.config.get("hand", manifest.hand)))
+    hand = manifest.load_hand()
     meshes = ObjectMeshes(manifest, objects)
     samples = []
     for name, row in pick_rows(folder, manifest, np.random.default_rng(seed)):
         values = read_shard(folder, manifest, name).table.slice(row, 1).to_pylist()[0]
-        shown = row_drawing(hand, meshes.at_rest(name), values)
+        shown = row_drawing(hand, meshes.at_rest(name, manifest.objects[name]), values)
         samples.append(RowPicture(values["behaviour"], row_caption(values), render_array(shown, size=TILE)))
     return samples
 
@@ -73,7 +69,7 @@ def draw_samples(folder: Path | str, *, objects: str | None = None, seed: int = 
 def pick_rows(folder: Path, manifest: Manifest, generator: np.random.Generator) -> list[tuple[str, int]]:
     """Return (object, row in its shard) of up to five rows of each behaviour; all rows of a behaviour are equally likely."""
     places: dict[str, list[tuple[str, int]]] = {behaviour: [] for behaviour in BEHAVIOURS}
-    for name in (name for name in sorted(manifest.objects) if is_complete(folder, name)):
+    for name in complete_objects(folder, manifest):
         labels = read_shard(folder, manifest, name).table.column("behaviour").to_pylist()
         for row, behaviour in enumerate(labels):
             places[behaviour].append((name, row))
@@ -82,37 +78,6 @@ def pick_rows(folder: Path, manifest: Manifest, generator: np.random.Generator) 
         for rows in places.values()
         for index in np.sort(generator.permutation(len(rows))[:SAMPLES]).tolist()
     ]
-
-
-class ObjectMeshes:
-    """The meshes of a dataset's objects in their resting frames, checked against the manifest's hashes."""
-
-    def __init__(self, manifest: Manifest, objects: str | None) -> None:
-        self._manifest = manifest
-        self._objects = objects
-        length = manifest.config.get("length")
-        self._length = float(length) if isinstance(length, int | float) else None
-        self._known: dict[str, ObjectEntry] = {}
-        if objects is not None:
-            units = str(manifest.config.get("units", "m"))
-            self._known = {entry.name: entry for entry in resolve_object_set(objects, units=units, length=self._length)}
-
-    def at_rest(self, name: str) -> trimesh.Trimesh:
-        """Return the mesh of one object [m], resting frame; raises DatasetError when it is not to be had, or another one."""
-        if name in self._known:
-            mesh = self._known[name].load()
-        elif self._objects is None and is_builtin(name):
-            mesh = scaled_to_length(builtin_object(name), self._length)
-        else:
-            raise DatasetError(
-                f"the mesh of {name!r} is not in {self._objects or 'the built-in objects'}; expected the set that the "
-                "dataset was generated from; give it as `objects`"
-            )
-        if mesh_hash(mesh) != self._manifest.objects[name]:
-            raise DatasetError(
-                f"the mesh of {name!r} is not the one that the dataset was generated from; correct `objects`"
-            )
-        return at_rest(mesh)
 
 
 def row_drawing(hand: Hand, mesh: trimesh.Trimesh, values: dict) -> VisualScene:

@@ -6,7 +6,7 @@ import zlib
 from collections import Counter
 from collections.abc import Iterator
 from contextlib import closing, contextmanager
-from dataclasses import asdict, dataclass, field, replace
+from dataclasses import asdict, replace
 from datetime import datetime, timezone
 from functools import partial
 from importlib.metadata import version
@@ -17,67 +17,16 @@ from rich.progress import Progress, TextColumn
 
 from dexnudge.dataset.manifest import MANIFEST_NAME, Manifest, joint_groups, read_manifest, write_manifest
 from dexnudge.dataset.schema import BehaviourCounts
-from dexnudge.dataset.shards import DamagedShardError, is_complete, read_cloud, read_shard, shard_path
+from dexnudge.dataset.shards import DamagedShardError, is_complete, read_whole, shard_path
 from dexnudge.errors import DatasetError, HandError, InputError, OutputError
-from dexnudge.hands.hand import Hand
 from dexnudge.hands.registry import load_hand
 from dexnudge.jobs.folders import remove_leftovers
 from dexnudge.jobs.processes import WorkerDied, run_tasks
 from dexnudge.jobs.progress import progress
 from dexnudge.jobs.ray_cluster import run_tasks_on_ray
-from dexnudge.objects.sets import BUILTIN_PREFIX, ObjectEntry, resolve_object_set
+from dexnudge.objects.sets import BUILTIN_PREFIX, resolve_object_set
 from dexnudge.synthesis.object_data import GenerationConfig, ObjectOutcome, ObjectTask
 from dexnudge.version import __version__
-
-
-@dataclass(frozen=True)
-class Finished:
-    """Objects that are done: name -> mesh hash and counts. damaged: those that must be made again -> what is wrong."""
-
-    mesh_hash: dict[str, str] = field(default_factory=dict)
-    counts: dict[str, dict[str, BehaviourCounts]] = field(default_factory=dict)
-    damaged: dict[str, str] = field(default_factory=dict)
-
-
-def open_manifest(folder: Path, wanted: Manifest) -> Manifest:
-    """Return the manifest in `folder`, or `wanted` where there is none.
-
-    Raises:
-        DatasetError: the folder holds a dataset of another format version, hand, configuration, seed, or of other
-            versions of what decides the numbers.
-    """
-    if not (folder / MANIFEST_NAME).exists():
-        return wanted
-    found = read_manifest(folder)
-    for label in ("hand", "joint_names", "config", "seed", "versions"):
-        if getattr(found, label) != getattr(wanted, label):
-            raise DatasetError(
-                f"{folder} holds a dataset with another {label}: expected {getattr(wanted, label)!r}, "
-                f"got {getattr(found, label)!r}; choose another folder, or the same {label}"
-            )
-    return found
-
-
-def read_finished(folder: Path, manifest: Manifest, names: list[str]) -> Finished:
-    """Read every shard that is there, to the last byte, and remove those that are damaged.
-
-    Raises:
-        DatasetError: a shard belongs to another dataset.
-    """
-    finished = Finished()
-    for name in names:
-        if not is_complete(folder, name):
-            continue
-        try:
-            shard = read_shard(folder, manifest, name)
-            read_cloud(folder, manifest, name)
-        except DamagedShardError as error:
-            finished.damaged[name] = str(error)
-            shard_path(folder, name).unlink()
-            continue
-        finished.mesh_hash[name] = shard.mesh_hash
-        finished.counts[name] = shard.counts
-    return finished
 
 
 def totals(counts: dict[str, dict[str, BehaviourCounts]]) -> dict[str, BehaviourCounts]:
@@ -101,9 +50,9 @@ class GenerationLog:
         self._bars = bars
         self._bar = bars.add_task("objects", total=total, completed=finished, summary="")
         self._start = time.monotonic()
-        self.kept = self.attempted = self.failed_objects = 0
-        self.rejected: Counter[str] = Counter()
-        self._end_broken_line()
+        self._counts, self._failed_objects = BehaviourCounts(), 0
+        if self._path.is_file() and not self._path.read_bytes().endswith(b"\n"):
+            self._append("\n")  # a writer that was killed has left half a line
 
     def write(self, event: str, **content: Any) -> None:
         """Append a line; OutputError when the disk is full."""
@@ -117,12 +66,9 @@ class GenerationLog:
     def add(self, name: str, outcome: ObjectOutcome) -> None:
         """Count one object."""
         kept = sum(count.kept for count in outcome.counts.values())
-        self.kept += kept
-        self.attempted += sum(count.attempted for count in outcome.counts.values())
-        for count in outcome.counts.values():
-            self.rejected.update(count.rejected)
+        self._counts = sum(outcome.counts.values(), self._counts)
         if outcome.failed:
-            self.failed_objects += 1
+            self._failed_objects += 1
             result: dict[str, Any] = {"failed": outcome.failed, **({"trace": outcome.trace} if outcome.trace else {})}
             self.notify(f"object {name} failed: {outcome.failed}")
         else:
@@ -130,37 +76,28 @@ class GenerationLog:
         self._bars.update(self._bar, advance=1, summary=self.summary())
         self.write("object", name=name, seconds=round(outcome.seconds, 3), kept=kept, **result)
 
-    def rate(self) -> float:
-        """Return the kept configurations per second since this start."""
-        return self.kept / max(time.monotonic() - self._start, 1e-9)
-
     def summary(self) -> str:
         """Return rate, yield and the most frequent rejections in one line."""
-        yielded = 100.0 * self.kept / self.attempted if self.attempted else 0.0
-        reasons = [
-            f"{reason} {100.0 * number / self.attempted:.0f} %"
-            for reason, number in self.rejected.most_common(TOP_REASONS)
-        ]
-        rejections = f"; rejected: {', '.join(reasons)}" if reasons else ""
-        return f"{self.rate():.1f} kept/s, yield {yielded:.1f} %{rejections}"
+        counts, seconds = self._counts, max(time.monotonic() - self._start, 1e-9)
+        percent = 100.0 / max(counts.attempted, 1)
+        commonest = Counter(counts.rejected).most_common(TOP_REASONS)
+        reasons = ", ".join(f"{reason} {percent * number:.0f} %" for reason, number in commonest)
+        rejections = f"; rejected: {reasons}" if reasons else ""
+        return f"{counts.kept / seconds:.1f} kept/s, yield {percent * counts.kept:.1f} %{rejections}"
 
     def end(self, how: str) -> None:
         """Write the last line of this start."""
+        seconds = time.monotonic() - self._start
         self.write(
             "end",
             how=how,
-            seconds=round(time.monotonic() - self._start, 3),
-            kept=self.kept,
-            attempted=self.attempted,
-            kept_per_second=round(self.rate(), 3),
-            failed_objects=self.failed_objects,
-            rejected=dict(self.rejected.most_common()),
+            seconds=round(seconds, 3),
+            kept=self._counts.kept,
+            attempted=self._counts.attempted,
+            kept_per_second=round(self._counts.kept / max(seconds, 1e-9), 3),
+            failed_objects=self._failed_objects,
+            rejected=dict(Counter(self._counts.rejected).most_common()),
         )
-
-    def _end_broken_line(self) -> None:
-        """A writer that was killed may have left half a line."""
-        if self._path.is_file() and not self._path.read_bytes().endswith(b"\n"):
-            self._append("\n")
 
     def _append(self, text: str) -> None:
         try:
@@ -224,19 +161,26 @@ def generate_dataset(
     if not objects.startswith(BUILTIN_PREFIX) and Path(objects).exists():
         objects = str(Path(objects).resolve())  # workers on other machines have another working directory
     entries = resolve_object_set(objects, units=config.units, length=config.length)
-    manifest = _open(out.resolve(), load_hand(config.hand), config, seed)
+    manifest = _open(out.resolve(), config, seed)
     names = sorted({*manifest.objects, *(entry.name for entry in entries)})
-    finished = read_finished(out, manifest, names)
-    manifest.objects = {name: finished.mesh_hash.get(name) for name in names}
+    done: dict[str, ObjectOutcome] = {}
+    damaged: dict[str, str] = {}
+    for name, shard in read_whole(out, manifest, [name for name in names if is_complete(out, name)]):
+        if isinstance(shard, DamagedShardError):
+            damaged[name] = str(shard)
+            shard_path(out, name).unlink()
+        else:
+            done[name] = ObjectOutcome(mesh_hash=shard.mesh_hash, counts=shard.counts)
+    manifest.objects = {name: done[name].mesh_hash if name in done else None for name in names}
     manifest.failed_objects, manifest.counts = {}, {}
     write_manifest(out, manifest)
     # In an order that mixes all kinds of objects, so that a run that is stopped early holds some of each.
     mixed = sorted(entries, key=lambda entry: zlib.crc32(entry.name.encode()))
-    missing = [entry for entry in mixed if entry.name not in finished.mesh_hash]
+    missing = [entry for entry in mixed if entry.name not in done]
     try:
         with generation_log(out, total=len(entries), finished=len(entries) - len(missing)) as log:
-            log.write("start", engine=engine, workers=workers, missing=len(missing), damaged=finished.damaged)
-            for name, reason in finished.damaged.items():
+            log.write("start", engine=engine, workers=workers, missing=len(missing), damaged=damaged)
+            for name, reason in damaged.items():
                 log.notify(f"object {name} is generated again: {reason}")
             work = partial(ObjectTask, out.resolve(), replace(manifest, objects={}), config)
             if engine == "ray":
@@ -244,8 +188,14 @@ def generate_dataset(
             else:
                 results = run_tasks(work, missing, workers=workers, isolated=True)
             with closing(results):
-                _collect(results, out, manifest, finished, log)
-        manifest.counts = {behaviour: asdict(count) for behaviour, count in totals(finished.counts).items()}
+                for entry, result in results:
+                    outcome = ObjectOutcome(failed=result.reason) if isinstance(result, WorkerDied) else result
+                    _enter(manifest, out, entry.name, outcome)
+                    if not outcome.failed:
+                        done[entry.name] = outcome
+                    log.add(entry.name, outcome)
+        counts = totals({name: outcome.counts for name, outcome in done.items()})
+        manifest.counts = {behaviour: asdict(count) for behaviour, count in counts.items()}
         write_manifest(out, manifest)
     except OutputError as error:
         safe = sum(is_complete(out, entry.name) for entry in entries)
@@ -255,7 +205,7 @@ def generate_dataset(
         ) from error
     finally:
         remove_leftovers(out)  # of workers that were stopped while they wrote
-    if not finished.counts:
+    if not done:
         name, reason = next(iter(sorted(manifest.failed_objects.items())))
         raise DatasetError(
             f"none of the {len(entries)} objects of {objects} could be generated; the first, {name}: {reason}"
@@ -263,8 +213,9 @@ def generate_dataset(
     return manifest
 
 
-def _open(out: Path, hand: Hand, config: GenerationConfig, seed: int) -> Manifest:
-    """The manifest to go on with; makes the folder."""
+def _open(out: Path, config: GenerationConfig, seed: int) -> Manifest:
+    """The manifest to go on with, which must be of the same hand, configuration, seed and versions; makes the folder."""
+    hand = load_hand(config.hand)
     if not hand.fingertips:
         raise HandError(
             f"hand '{hand.name}' has no fingertips, so nothing that could touch an object; expected at least one "
@@ -288,31 +239,26 @@ def _open(out: Path, hand: Hand, config: GenerationConfig, seed: int) -> Manifes
         seed=seed,
         versions={"dexnudge": __version__, **{package: version(package) for package in PACKAGES}},
     )
-    manifest = open_manifest(out, wanted)
-    remove_leftovers(out)
-    return manifest
-
-
-def _collect(
-    results: Iterator[tuple[ObjectEntry, ObjectOutcome | WorkerDied]],
-    out: Path,
-    manifest: Manifest,
-    finished: Finished,
-    log: GenerationLog,
-) -> None:
-    """Count every object as it ends: done, or failed with the reason."""
-    for entry, result in results:
-        outcome = ObjectOutcome(failed=result.reason) if isinstance(result, WorkerDied) else result
-        if not outcome.failed and not is_complete(out, entry.name):
-            raise OutputError(
-                f"the shard of {entry.name!r} was written on another machine, which does not share {out} with this "
-                "one; expected a folder that all machines of the cluster share."
+    found = read_manifest(out) if (out / MANIFEST_NAME).exists() else wanted
+    for label in ("hand", "joint_names", "config", "seed", "versions"):
+        if getattr(found, label) != getattr(wanted, label):
+            raise DatasetError(
+                f"{out} holds a dataset with another {label}: expected {getattr(wanted, label)!r}, "
+                f"got {getattr(found, label)!r}; choose another folder, or the same {label}"
             )
-        if outcome.failed:
-            manifest.failed_objects[entry.name] = outcome.failed
-            del manifest.objects[entry.name]
-        else:
-            manifest.objects[entry.name] = outcome.mesh_hash
-            finished.mesh_hash[entry.name] = outcome.mesh_hash
-            finished.counts[entry.name] = outcome.counts
-        log.add(entry.name, outcome)
+    remove_leftovers(out)
+    return found
+
+
+def _enter(manifest: Manifest, out: Path, name: str, outcome: ObjectOutcome) -> None:
+    """Enter into the manifest what became of an object."""
+    if outcome.failed:
+        manifest.failed_objects[name] = outcome.failed
+        del manifest.objects[name]
+        return
+    if not is_complete(out, name):
+        raise OutputError(
+            f"the shard of {name!r} was written on another machine, which does not share {out} with this "
+            "one; expected a folder that all machines of the cluster share."
+        )
+    manifest.objects[name] = outcome.mesh_hash

@@ -6,6 +6,7 @@ import traceback
 import zlib
 from collections import Counter
 from dataclasses import dataclass, field, replace
+from functools import partial
 from pathlib import Path
 
 import numpy as np
@@ -18,14 +19,15 @@ from dexnudge.dataset.schema import BehaviourCounts, ConfigurationRow, round_con
 from dexnudge.dataset.shards import write_shard
 from dexnudge.energies import HandEnergy, TermWeights, build_scene_fields
 from dexnudge.energies.descent import pose_from_configuration
-from dexnudge.errors import DexnudgeError, OutputError
+from dexnudge.errors import DatasetError, DexnudgeError, OutputError
 from dexnudge.geometry.meshes import centre_of_mass
 from dexnudge.geometry.surface_points import object_cloud, surface_points
 from dexnudge.geometry.transforms import resting_origin
 from dexnudge.geometry.warp_runtime import WarpStruct
 from dexnudge.hands.hand import Hand
 from dexnudge.hands.registry import load_hand
-from dexnudge.objects.sets import ObjectEntry
+from dexnudge.objects.builtin import is_builtin
+from dexnudge.objects.sets import ObjectEntry, object_mesh, resolve_object_set
 from dexnudge.scenes.resting import resting_pose
 from dexnudge.synthesis.acceptance import (
     GraspVerifier,
@@ -55,13 +57,7 @@ def generate_object(
 ) -> tuple[list[ConfigurationRow], Float[np.ndarray, "point 6"], dict[str, BehaviourCounts]]:
     """Return (kept rows, surface points, counts per behaviour) of one object, in its resting frame.
 
-    Args:
-        hand: what is configured.
-        mesh: the object, metres, any frame.
-        non_prehensile: attempts to push, press or hook.
-        grasps: attempts to grasp.
-        generator: of every draw.
-        seed: what the rows are labelled with.
+    mesh: metres, any frame; non_prehensile, grasps: attempts; seed: what the rows are labelled with.
     """
     mesh = at_rest(mesh)
     surface = surface_points(mesh, spacing=TARGET_SPACING)
@@ -94,6 +90,42 @@ def at_rest(mesh: trimesh.Trimesh) -> trimesh.Trimesh:
     resting.apply_transform(resting_pose(resting))
     resting.apply_translation(-resting_origin(resting))
     return resting
+
+
+class ObjectMeshes:
+    """The meshes of a dataset's objects. objects: the set that they come from; None stands for built-in objects."""
+
+    def __init__(self, manifest: Manifest, objects: str | None) -> None:
+        self._objects = objects
+        length = manifest.config.get("length")
+        length = float(length) if isinstance(length, int | float) else None
+        if objects is None:
+            entries = [
+                ObjectEntry(name, partial(object_mesh, name, length=length))
+                for name in manifest.objects
+                if is_builtin(name)
+            ]
+        else:
+            entries = resolve_object_set(objects, units=str(manifest.config.get("units", "m")), length=length)
+        self._known = {entry.name: entry for entry in entries}
+
+    def check_known(self, name: str) -> None:
+        """Raise DatasetError for an object that is not in the set."""
+        if name not in self._known:
+            raise DatasetError(
+                f"the mesh of {name!r} is not in {self._objects or 'the built-in objects'}; expected the set that the "
+                "dataset was generated from; give it as `objects`"
+            )
+
+    def at_rest(self, name: str, digest: str | None) -> trimesh.Trimesh:
+        """Return one object's mesh [m], resting frame; raises DatasetError unless `digest` is its `mesh_hash`."""
+        self.check_known(name)
+        mesh = self._known[name].load()
+        if mesh_hash(mesh) != digest:
+            raise DatasetError(
+                f"the mesh of {name!r} is not the one that the dataset was generated from; correct `objects`"
+            )
+        return at_rest(mesh)
 
 
 def _batches(total: int) -> list[int]:

@@ -2,7 +2,7 @@
 
 from collections.abc import Callable, Iterable
 from contextlib import closing
-from dataclasses import asdict, dataclass, fields, replace
+from dataclasses import asdict, dataclass, replace
 from functools import partial
 from pathlib import Path
 from typing import Any
@@ -13,12 +13,10 @@ from jaxtyping import Float, Int
 from dexnudge.dataset.info import known_hand
 from dexnudge.dataset.manifest import Manifest, read_manifest
 from dexnudge.dataset.schema import BEHAVIOURS, BehaviourCounts
-from dexnudge.dataset.shards import DamagedShardError, Shard, column_matrix, is_complete, read_cloud, read_shard
+from dexnudge.dataset.shards import DamagedShardError, Shard, column_matrix, complete_objects, read_shard, read_whole
 from dexnudge.errors import DatasetError
-from dexnudge.hands.registry import load_hand
 from dexnudge.jobs.processes import WorkerDied, run_tasks
 from dexnudge.jobs.progress import progress
-from dexnudge.objects.sets import ObjectEntry, resolve_object_set
 from dexnudge.simulation.hold import FARTHEST, MOST_TURNED
 from dexnudge.synthesis.acceptance import (
     GraspVerifier,
@@ -28,7 +26,7 @@ from dexnudge.synthesis.acceptance import (
     resting_scene,
 )
 from dexnudge.synthesis.generate import totals
-from dexnudge.synthesis.object_data import GenerationConfig, at_rest, mesh_hash
+from dexnudge.synthesis.object_data import ObjectMeshes
 
 PENETRATION_TOLERANCE = 1e-4  # [m] the same query on another machine; a tenth of what decides
 MARGIN_TOLERANCE = 2e-3  # the same solver on another machine, and the rounding of what is stored; no unit
@@ -40,44 +38,29 @@ DRIFT_SHARE = 0.05
 BATCH = 256  # rows verified together: what memory a worker needs does not grow with the shard
 
 
-@dataclass(frozen=True)
-class RowCheckTask:
-    """The rows of one object that are verified again; mesh_hash is of the mesh that they were generated from."""
-
-    entry: ObjectEntry
-    mesh_hash: str
-    rows: Int[np.ndarray, " picked"]
-
-
 class RowCheck:
     """Verifies the rows of one object after another, with the hand loaded once."""
 
-    def __init__(self, folder: Path, manifest: Manifest, hand: str) -> None:
-        self._folder = folder
-        self._manifest = manifest
-        self._hand = load_hand(hand)
+    def __init__(self, folder: Path, manifest: Manifest, meshes: ObjectMeshes) -> None:
+        self._folder, self._manifest, self._meshes = folder, manifest, meshes
+        self._hand = manifest.load_hand()
 
-    def __call__(self, task: RowCheckTask) -> list[str]:
-        """Return every difference between the shard and what is found now, in words.
+    def __call__(self, task: tuple[str, Int[np.ndarray, " picked"]]) -> list[str]:
+        """Return every difference between an object's rows in the shard and what is found now, in words.
 
         Raises:
             DatasetError: the mesh is another one; the shard is damaged.
         """
-        mesh = task.entry.load()
-        if mesh_hash(mesh) != task.mesh_hash:
-            raise DatasetError(
-                f"the mesh of {task.entry.name!r} is not the one that the dataset was generated from; correct `objects`"
-            )
-        mesh = at_rest(mesh)
-        shard = read_shard(self._folder, self._manifest, task.entry.name)
-        grasps = np.array([label == "grasp" for label in shard.table.column("behaviour").to_pylist()], dtype=bool)
+        name, rows = task
+        shard = read_shard(self._folder, self._manifest, name)
+        mesh = self._meshes.at_rest(name, shard.mesh_hash)
+        is_grasp = np.array([label == "grasp" for label in shard.table.column("behaviour").to_pylist()], dtype=bool)
+        grasps, others = rows[is_grasp[rows]], rows[~is_grasp[rows]]
         differences = []
-        for rows, verifier in (
-            (task.rows[~grasps[task.rows]], lambda: NonPrehensileVerifier(self._hand, resting_scene(mesh))),
-            (task.rows[grasps[task.rows]], lambda: GraspVerifier(self._hand, floating_scene(mesh))),
-        ):
-            if len(rows):
-                differences += _compare(shard, rows, verifier())
+        if len(others):
+            differences += _compare(shard, others, NonPrehensileVerifier(self._hand, resting_scene(mesh)))
+        if len(grasps):
+            differences += _compare(shard, grasps, GraspVerifier(self._hand, floating_scene(mesh)))
         return differences
 
 
@@ -156,21 +139,18 @@ def check_dataset(
         DatasetError: a file is of another dataset; or an object's mesh is not the one it was generated from.
     """
     manifest = read_manifest(folder)
-    names = [name for name in sorted(manifest.objects) if is_complete(folder, name)]
+    names = complete_objects(folder, manifest)
     if not names:
         raise DatasetError(f"{folder} holds no shard; expected at least one; run `dexnudge dataset generate` first.")
     hand = known_hand(manifest)
     shards: dict[str, Shard] = {}
     differences = []
-    for name in names:
-        try:
-            shard = read_shard(folder, manifest, name, links=hand.link_names if hand else None)
-            read_cloud(folder, manifest, name)
-        except DamagedShardError as error:
-            differences.append(str(error))
-            continue
-        shards[name] = shard
-        differences += _count_again(shard, manifest)
+    for name, shard in read_whole(folder, manifest, names, links=hand.link_names if hand else None):
+        if isinstance(shard, DamagedShardError):
+            differences.append(str(shard))
+        else:
+            shards[name] = shard
+            differences += _count_again(shard, manifest)
     counts = totals({name: shard.counts for name, shard in shards.items()})
     for behaviour, claimed in manifest.counts.items():  # empty until generation has ended
         found = asdict(counts.get(behaviour, BehaviourCounts()))
@@ -178,27 +158,26 @@ def check_dataset(
             differences.append(f"manifest: {claimed} attempts of {behaviour}, {found} in the shards")
     verified = 0
     if objects is not None:
-        config = GenerationConfig(**_settings(manifest))
-        known = {entry.name: entry for entry in resolve_object_set(objects, units=config.units, length=config.length)}
+        meshes = ObjectMeshes(manifest, objects)
         picked = _pick({name: shard.table.num_rows for name, shard in shards.items()}, num, seed)
-        tasks = [
-            RowCheckTask(_entry(known, name, objects), shards[name].mesh_hash, rows) for name, rows in picked.items()
-        ]
-        check = partial(RowCheck, folder, replace(manifest, objects={}, failed_objects={}), config.hand)
-        differences += _verify_again(check, tasks, workers)
-        verified = sum(len(task.rows) for task in tasks)
+        for name in picked:
+            meshes.check_known(name)
+        check = partial(RowCheck, folder, replace(manifest, objects={}, failed_objects={}), meshes)
+        differences += _verify_again(check, list(picked.items()), workers)
+        verified = sum(map(len, picked.values()))
     num_rows = sum(shard.table.num_rows for shard in shards.values())
     return DatasetCheck(len(names), num_rows, verified, tuple(differences))
 
 
-def _verify_again(check: partial[RowCheck], tasks: list[RowCheckTask], workers: int) -> Iterable[str]:
+def _verify_again(
+    check: partial[RowCheck], tasks: list[tuple[str, Int[np.ndarray, " picked"]]], workers: int
+) -> Iterable[str]:
     found: dict[str, list[str]] = {}
     with progress() as bars, closing(run_tasks(check, tasks, workers=workers)) as results:
-        bar = bars.add_task("configurations", total=sum(len(task.rows) for task in tasks))
-        for task, result in results:
-            name = task.entry.name
+        bar = bars.add_task("configurations", total=sum(len(rows) for _, rows in tasks))
+        for (name, rows), result in results:
             found[name] = [f"{name}: not verified: {result.reason}"] if isinstance(result, WorkerDied) else result
-            bars.update(bar, advance=len(task.rows))
+            bars.update(bar, advance=len(rows))
     return [difference for name in sorted(found) for difference in found[name]]
 
 
@@ -224,23 +203,3 @@ def _count_again(shard: Shard, manifest: Manifest) -> list[str]:
     if manifest.objects[name] not in (None, shard.mesh_hash):
         differences.append(f"{name}: its shard is of the mesh {shard.mesh_hash}, manifest: {manifest.objects[name]}")
     return differences
-
-
-def _settings(manifest: Manifest) -> dict[str, Any]:
-    """The settings that `GenerationConfig` knows; DatasetError when the manifest lacks some."""
-    names = [field.name for field in fields(GenerationConfig)]
-    missing = [name for name in names if name not in manifest.config]
-    if missing:
-        raise DatasetError(
-            f"the manifest lacks the setting {missing[0]!r}; expected {', '.join(names)}; generate again"
-        )
-    return {name: manifest.config[name] for name in names}
-
-
-def _entry(known: dict[str, ObjectEntry], name: str, objects: str) -> ObjectEntry:
-    if name not in known:
-        raise DatasetError(
-            f"the dataset has the object {name!r}, which is not in {objects}; expected the set that it was generated "
-            "from; correct `objects`"
-        )
-    return known[name]
