@@ -25,7 +25,7 @@ def test_adding_objects_moves_none_across():
 
 def test_the_share_is_about_right():
     names = [f"object-{k}" for k in range(4000)]
-    _, held_out = split_objects(names, validation_fraction=0.05)
+    _, held_out = split_objects(names)
     assert 150 < len(held_out) < 250  # binomial: 200 +- 14
     assert abs(sum(map(hash_fraction, names)) / len(names) - 0.5) < 0.02  # uniform: standard error 0.005
     assert split_objects(["alone"]) == ([0], [])

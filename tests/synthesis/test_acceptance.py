@@ -131,7 +131,7 @@ def test_no_contact_holds_nothing(grasps, hand):
     far[0, :9] = [0.0, 0.0, 0.6, 1, 0, 0, 0, 1, 0]
     verdict = grasps(far)
     assert (verdict.reason, verdict.kept.tolist()) == (["no contact"], [False])
-    assert verdict.contact_links(0) == ()
+    assert verdict.columns(0)["contact_links"] == ()
 
 
 def test_kept_again_with_the_same_margins(pushes, kept):
@@ -174,7 +174,7 @@ def test_rows_do_not_depend_on_each_other(pushes, kept):
     together, alone = pushes(kept[0]), pushes(kept[0][2:3])
     np.testing.assert_array_equal(alone.penetration[0], together.penetration[2])
     np.testing.assert_allclose(alone.direction_margin[0], together.direction_margin[2], atol=1e-9)
-    assert alone.contact_links(0) == together.contact_links(2)
+    assert alone.columns(0)["contact_links"] == together.columns(2)["contact_links"]
 
 
 def test_behaviours_by_where_the_hand_touches_and_comes_from():

@@ -83,7 +83,7 @@ def test_rows_say_what_a_verification_of_their_q_finds(hand, generated):
         depths = [row.penetration_object, row.penetration_environment, row.penetration_self]
         np.testing.assert_allclose(depths, found.penetration[index], atol=1e-9)
         np.testing.assert_allclose(row.direction_margin, found.direction_margin[index], atol=1e-6)
-        assert row.contact_links == found.contact_links(index)
+        assert row.contact_links == found.columns(index)["contact_links"]
         contacts = found.contacts[index]
         assert row.behaviour == behaviour_of(contacts, found.direction_margin[index], row.q[:3])
         for name, point in zip(row.contact_links, row.contact_points, strict=True):

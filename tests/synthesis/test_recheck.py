@@ -57,7 +57,7 @@ LIES = {
                       r"contact_points\[0\]\[1\] is "),
     "contact point left out": (False, "contact_points", lambda old: old[1:], r"\d contact_points in the file, \d found"),
     "link": (False, "contact_links", lambda old: ["palm", *old[1:]], r"contact_links are \('palm'"),
-    "depth": (True, "penetration_self", lambda old: old + 0.0005, r"penetration\[2\] is "),
+    "depth": (True, "penetration_self", lambda old: old + 0.0005, "penetration_self is "),
     "drift": (True, "hold_translation", lambda old: old + 1.1 * DRIFT_SHARE * LETS_GO, "hold_translation is "),
     "turn": (True, "hold_rotation", lambda old: old + 0.02, "hold_rotation is "),
     "no drift": (True, "hold_translation", lambda _: None, "hold_translation is nan in the file"),

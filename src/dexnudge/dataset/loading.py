@@ -27,19 +27,15 @@ def turn_configurations(
     q: Float[Tensor, "*batch dimension"], yaw: Float[Tensor, "*#batch"]
 ) -> Float[Tensor, "*batch dimension"]:
     """Return the hand carried around with the object: translation and both rotation columns turn, joint angles stay."""
-    translation = turn_vectors(q[..., 0:3], yaw)
-    first_column = turn_vectors(q[..., 3:6], yaw)
-    second_column = turn_vectors(q[..., 6:9], yaw)
-    return torch.cat([translation, first_column, second_column, q[..., 9:]], dim=-1)
+    turned = turn_vectors(q[..., :9].unflatten(-1, (3, 3)), yaw[..., None])
+    return torch.cat([turned.flatten(-2), q[..., 9:]], dim=-1)
 
 
 def turn_clouds(
     clouds: Float[Tensor, "object point 6"], yaw: Float[Tensor, " object"]
 ) -> Float[Tensor, "object point 6"]:
     """Return turned points [m] and normals, one yaw per object."""
-    points = turn_vectors(clouds[..., :3], yaw[:, None])
-    normals = turn_vectors(clouds[..., 3:], yaw[:, None])
-    return torch.cat([points, normals], dim=-1)
+    return turn_vectors(clouds.unflatten(-1, (2, 3)), yaw[:, None, None]).flatten(-2)
 
 
 VALIDATION_FRACTION = 0.05  # of the objects; the test set is made of other objects altogether
@@ -51,18 +47,16 @@ def hash_fraction(object_name: str) -> float:
     return int.from_bytes(digest[:8], "big") / 2.0**64
 
 
-def split_objects(
-    names: Sequence[str], *, validation_fraction: float = VALIDATION_FRACTION
-) -> tuple[list[int], list[int]]:
+def split_objects(names: Sequence[str]) -> tuple[list[int], list[int]]:
     """Return the indices of training and validation objects.
 
-    An object is held out when its hash falls below `validation_fraction`. With two or more objects neither side is
+    An object is held out when its hash falls below `VALIDATION_FRACTION`. With two or more objects neither side is
     empty: the smallest hash is then held out, or the largest one kept for training.
     """
     fractions = [hash_fraction(name) for name in names]
-    held_out = [index for index, fraction in enumerate(fractions) if fraction < validation_fraction]
+    held_out = [index for index, fraction in enumerate(fractions) if fraction < VALIDATION_FRACTION]
     order = sorted(range(len(names)), key=fractions.__getitem__)
-    if len(names) >= 2 and validation_fraction > 0.0:
+    if len(names) >= 2:
         if not held_out:
             held_out = order[:1]
         elif len(held_out) == len(names):

@@ -30,14 +30,7 @@ CLOUD_COLUMNS = ("px", "py", "pz", "nx", "ny", "nz")
 
 @dataclass(frozen=True, kw_only=True)
 class ConfigurationRow:
-    """One kept hand configuration of one object.
-
-    q: (9 + d) resting frame [m, rad]; direction_margin: (16) force margin while the object slides along direction k,
-    `INFEASIBLE` where none exists (all of them for grasps); contact_points: (link, 3) mean contact point of each of
-    `contact_links`, on the object, resting frame [m]; penetrations: depth >= 0 [m]; seed: the run's seed;
-    hold_translation [m], hold_rotation [rad]: worst drift of the object while a grasp is held against forces from all
-    sides in simulation, None for other behaviours.
-    """
+    """One kept hand configuration of one object; units, frames and meanings are those of `configuration_schema`."""
 
     behaviour: str
     q: Float[np.ndarray, " dimension"]

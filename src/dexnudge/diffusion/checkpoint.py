@@ -38,17 +38,10 @@ def save_model(
     dtype: torch.dtype = torch.float16,
     provenance: dict[str, object] | None = None,
 ) -> Path:
-    """Write a model folder and return it.
+    """Write a model folder and return it: the weights as `dtype`, the normaliser as float32.
 
     Each file appears whole or not at all, and `config.json`, written last, carries the hash of the weights it belongs to.
-
-    Args:
-        folder: where to.
-        config: of the network.
-        weights: `state_dict` of a `ConditionalDenoiser`, stored as `dtype`.
-        normaliser: stored as float32.
-        dtype: of the weights.
-        provenance: what it was trained on, for the reader.
+    weights: `state_dict` of a `ConditionalDenoiser`; provenance: what it was trained on, for the reader.
 
     Raises:
         CheckpointError: a weight is not finite as `dtype`.

@@ -6,7 +6,7 @@ that one process would have taken with the whole batch, and keep equal weights w
 
 import os
 from collections.abc import Iterator, Sequence
-from contextlib import AbstractContextManager, contextmanager
+from contextlib import contextmanager
 from dataclasses import dataclass
 
 import torch
@@ -32,11 +32,6 @@ def check_precision(precision: Precision, device: torch.device) -> None:
             f"precision is bfloat16, which {device} cannot compute: expected a processor with AVX-512 or bfloat16 "
             "instructions and a torch with oneDNN, or such a GPU; set `precision` to float32."
         )
-
-
-def computed_in(precision: Precision, device: torch.device) -> AbstractContextManager[object]:
-    """Return the context in which the transformer's products are computed; float32 changes nothing."""
-    return torch.autocast(device.type, torch.bfloat16, enabled=precision == "bfloat16")
 
 
 CPU = torch.device("cpu")

@@ -221,14 +221,13 @@ class TransformerBlock(nn.Module):
     def forward(
         self,
         tokens: Float[Tensor, "batch token width"],
-        shift_attention: Float[Tensor, "row 1 width"],
-        scale_attention: Float[Tensor, "row 1 width"],
-        gate_attention: Float[Tensor, "row 1 width"],
-        shift_mlp: Float[Tensor, "row 1 width"],
-        scale_mlp: Float[Tensor, "row 1 width"],
-        gate_mlp: Float[Tensor, "row 1 width"],
+        *modulation: Float[Tensor, "row 1 width"],
     ) -> Float[Tensor, "batch token width"]:
-        """Same shape as `tokens`; equal to `tokens` where both gates are zero."""
+        """Same shape as `tokens`, and equal to them where both gates are zero.
+
+        modulation: shift, scale and gate of the attention, then of the MLP.
+        """
+        shift_attention, scale_attention, gate_attention, shift_mlp, scale_mlp, gate_mlp = modulation
         attended = self.attend(modulate(tokens, shift_attention, scale_attention))
         tokens = torch.addcmul(tokens, gate_attention, attended)
         return torch.addcmul(tokens, gate_mlp, self.mlp(modulate(tokens, shift_mlp, scale_mlp)))

@@ -155,13 +155,8 @@ def train(
     With `config.max_minutes` and without `config.steps` the number of steps is planned first. SIGTERM and SIGINT end the
     run after the current step with everything saved. Started by torchrun, the processes share every batch.
 
-    Args:
-        dataset_folder: what `dexnudge dataset generate` wrote.
-        out_folder: of the run; the same for all processes.
-        config: settings.
-        stop_at_step: ends the run there as a signal does.
-        made_with: versions and machine, for the model's card, which is written at the end.
-        on_plan: told the plan, in the main process.
+    stop_at_step: ends the run there as a signal does; made_with: versions and machine, for the model's card, which is
+    written at the end; on_plan: told the plan, in the main process.
 
     Raises:
         DatasetError: unusable data.

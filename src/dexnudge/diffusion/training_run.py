@@ -11,7 +11,7 @@ from torch import Tensor
 from dexnudge.dataset.loading import Dataset, split_objects
 from dexnudge.diffusion.batches import BatchSampler
 from dexnudge.diffusion.config import DEFAULT_STEPS, ModelConfig, TrainingConfig
-from dexnudge.diffusion.distributed import Processes, check_precision, computed_in
+from dexnudge.diffusion.distributed import Processes, check_precision
 from dexnudge.diffusion.network import ConditionalDenoiser, Normaliser
 from dexnudge.diffusion.objective import diffusion_loss, loss_weights, stratified_timesteps, validate
 from dexnudge.diffusion.schedule import NoiseSchedule
@@ -88,7 +88,7 @@ class TrainingRun:
         epsilon, t = noise[rows].to(self._device), timesteps[rows].to(self._device)
         x_0 = self.normaliser.normalise(batch.q)
         condition = batch.condition(self._network.encode(batch.points))
-        with computed_in(self.config.precision, self._device):
+        with torch.autocast(self._device.type, torch.bfloat16, enabled=self.config.precision == "bfloat16"):
             prediction = self._network(self._schedule.add_noise(x_0, epsilon, t), t, *condition.inputs).float()
         weights = loss_weights(self._schedule, t, self.config.loss_weighting, self.config.snr_limit)
         loss = diffusion_loss(prediction, self._schedule.target(x_0, epsilon, t), weights)

@@ -5,6 +5,7 @@ planar direction, and a grasp must hold in physics.
 """
 
 from dataclasses import dataclass, replace
+from typing import Any
 
 import numpy as np
 import torch
@@ -23,6 +24,7 @@ from dexnudge.verification.criteria import PENETRATION_LIMIT, SUCCESS_MARGIN
 from dexnudge.verification.measurements import Measurements
 
 PRESSING = 0.7  # mean vertical part of the contacts' normals above which a hand presses
+PARTS = ("object", "environment", "self")  # that a hand may penetrate
 FAR_BELOW = 5.0  # [m]
 PLANE_SIDE, PLANE_DEPTH = 2.0, 0.5  # [m] a support so wide and deep that it has no other side
 
@@ -49,15 +51,34 @@ class Verified:
         """Which configurations are kept."""
         return np.asarray([not reason for reason in self.reason], dtype=bool)
 
-    def contact_links(self, row: int) -> tuple[str, ...]:
-        """Return the names of the links that touch the object, links ascending."""
-        return tuple(self.hand.link_names[link] for link in np.unique(self.contacts[row].link))
+    def columns(self, row: int) -> dict[str, Any]:
+        """Return what a dataset stores of one verdict, by the names of `ConfigurationRow`; links ascending.
 
-    def contact_points(self, row: int) -> Float[np.ndarray, "link 3"]:
-        """Return the mean contact point of each of `contact_links` [m]."""
+        contact_points: the mean of each link's contacts [m].
+        """
         contacts = self.contacts[row]
-        means = [contacts.points[contacts.link == link].mean(axis=0) for link in np.unique(contacts.link)]
-        return np.asarray(means).reshape(-1, 3)
+        touching = np.unique(contacts.link)
+        links = tuple(self.hand.link_names[link] for link in touching)
+        means = [contacts.points[contacts.link == link].mean(axis=0) for link in touching]
+        drift = {name: float(getattr(self, name)[row]) for name in ("hold_translation", "hold_rotation")}
+        depths = zip(PARTS, self.penetration[row].tolist(), strict=True)
+        return {
+            "direction_margin": self.direction_margin[row],
+            "contact_links": links,
+            "contact_points": np.asarray(means).reshape(-1, 3),
+            "digits": tuple(sorted({digit for link in links if (digit := self.hand.digit_of_link[link]) is not None})),
+            **{f"penetration_{part}": depth for part, depth in depths},
+            **{name: None if np.isnan(value) else value for name, value in drift.items()},
+        }
+
+
+def geometry_reasons(
+    depth: Float[np.ndarray, "n 3"], touches: Bool[np.ndarray, " n"], *, parts: tuple[str, ...], limit: float
+) -> list[str]:
+    """Return why each hand is rejected for its geometry, "" where it is not; depth [m] of each of `parts`."""
+    deepest = [parts[index] for index in depth.argmax(axis=1)]
+    outcomes = zip(deepest, depth.max(axis=1) > limit, touches, strict=True)
+    return [f"penetration {part}" if deep else "" if touch else "no contact" for part, deep, touch in outcomes]
 
 
 def resting_scene(object_mesh: trimesh.Trimesh) -> Scene:
@@ -123,13 +144,9 @@ def _clean(hand: Hand, scene: Scene, q: Float[np.ndarray, "n coordinates"]) -> V
     found = Measurements(HandBatch(hand, torch.as_tensor(q, dtype=torch.float64)), scene)
     depths = found.penetrations
     penetration = np.stack([depths.object, depths.environment, depths.self_collision], axis=1)
-    reason = []
-    for row, contacts in zip(penetration, found.contacts, strict=True):
-        deepest = ("object", "environment", "self")[int(row.argmax())]
-        touching = "" if len(contacts.points) else "no contact"
-        reason.append(f"penetration {deepest}" if row.max() > PENETRATION_LIMIT else touching)
+    touches = np.asarray([len(contacts.points) > 0 for contacts in found.contacts], dtype=bool)
     return Verified(
-        reason=reason,
+        reason=geometry_reasons(penetration, touches, parts=PARTS, limit=PENETRATION_LIMIT),
         penetration=penetration,
         direction_margin=np.full((len(q), NUM_DIRECTIONS), INFEASIBLE),
         hold_translation=np.full(len(q), np.nan),

@@ -43,12 +43,9 @@ class RowPicture:
 
 
 def draw_samples(folder: Path | str, *, objects: str | None = None, seed: int = 0) -> list[RowPicture]:
-    """Draw up to five random rows of each behaviour, in the order of `BEHAVIOURS`.
+    """Draw up to five random rows of each behaviour, in the order of `BEHAVIOURS`; `seed` decides which.
 
-    Args:
-        folder: of the dataset.
-        objects: the set that it was generated from; not needed where all objects are built-in ones.
-        seed: which rows.
+    objects: the set that the dataset was generated from; not needed where all objects are built-in ones.
 
     Raises:
         DatasetError: the dataset is damaged, or an object's mesh is not the one that it was generated from.
@@ -128,10 +125,7 @@ NO_CHARTS = "Without charts: they are drawn by matplotlib, which is not installe
 
 
 def write_dataset_page(info: DatasetInfo, samples: list[RowPicture], folder: Path | str) -> list[Path]:
-    """Write `dataset.html`, and for each behaviour that has samples a sheet `samples-<behaviour>.png`.
-
-    Returns:
-        The page's path, then the sheets'.
+    """Write `dataset.html`, and for each behaviour with samples a sheet `samples-<behaviour>.png`; return all paths.
 
     Raises:
         OutputError: the folder cannot be written.

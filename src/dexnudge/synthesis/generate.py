@@ -142,14 +142,8 @@ def generate_dataset(
     versions give the same bytes, whatever the engine, the number of workers and the stops; only `log.jsonl`, which
     tells how the run went, differs.
 
-    Args:
-        objects: a set as in `resolve_object_set`.
-        out: folder of the dataset; on a Ray cluster one that all machines share, as must be the meshes.
-        config: what to generate for each object.
-        seed: of the run; each object's draws depend on it and the object's name.
-        workers: processes of this machine.
-        engine: "processes", or "ray" for a Ray cluster.
-        ray_address: of a running cluster; None starts one on this machine, with `workers` cores.
+    objects: a set as in `resolve_object_set`; out, and the meshes: on a Ray cluster in folders that all machines share;
+    workers: processes of this machine; ray_address: of a running cluster, None starts one with `workers` cores.
 
     Raises:
         InputError: nothing to generate: no attempts, an empty set, a hand without fingertips; or no object could be.

@@ -4,7 +4,6 @@ import hashlib
 import time
 import traceback
 import zlib
-from collections import Counter
 from dataclasses import dataclass, field, replace
 from functools import partial
 from pathlib import Path
@@ -32,9 +31,9 @@ from dexnudge.scenes.resting import resting_pose
 from dexnudge.synthesis.acceptance import (
     GraspVerifier,
     NonPrehensileVerifier,
-    Verified,
     behaviour_of,
     floating_scene,
+    geometry_reasons,
     resting_scene,
 )
 from dexnudge.synthesis.grasps import GraspConfig, descend_to_grasp
@@ -144,25 +143,19 @@ def _verify(
 ) -> None:
     """Adds kept configurations to `rows` and every attempt to `counts`; what is judged is what will be stored."""
     q = round_configuration(q.astype(np.float64))
-    hopeless = _hopeless(hand, fields, q)
-    for row, reason in enumerate(hopeless):
-        if reason:
-            _reject(counts[intents[row]], reason)
-    promising = [row for row, reason in enumerate(hopeless) if not reason]
+    reasons = _hopeless(hand, fields, q)
+    promising = [row for row, reason in enumerate(reasons) if not reason]
     verified = verifier(q[promising])
+    behaviours = list(intents)
     for index, row in enumerate(promising):
-        if verified.reason[index]:
-            _reject(counts[intents[row]], verified.reason[index])
-        else:
-            kept = _row(hand, q[row], intents[row], verified, index, seed)
-            counts[kept.behaviour].attempted += 1
-            counts[kept.behaviour].kept += 1
-            rows.append(kept)
-
-
-def _reject(counts: BehaviourCounts, reason: str) -> None:
-    counts.attempted += 1
-    counts.rejected = dict(Counter(counts.rejected) + Counter([reason]))
+        reasons[row] = verified.reason[index]
+        if not reasons[row]:
+            margin, contacts = verified.direction_margin[index], verified.contacts[index]
+            if intents[row] != "grasp":
+                behaviours[row] = behaviour_of(contacts, margin, q[row, :3])
+            rows.append(ConfigurationRow(behaviour=behaviours[row], q=q[row], seed=seed, **verified.columns(index)))
+    for behaviour, reason in zip(behaviours, reasons, strict=True):
+        counts[behaviour] += BehaviourCounts(attempted=1, kept=int(not reason), rejected={reason: 1} if reason else {})
 
 
 def _hopeless(hand: Hand, fields: WarpStruct, q: Float[np.ndarray, "n coordinates"]) -> list[str]:
@@ -173,37 +166,8 @@ def _hopeless(hand: Hand, fields: WarpStruct, q: Float[np.ndarray, "n coordinate
     energy(pose_from_configuration(torch.as_tensor(q, dtype=torch.float32)))
     depth = energy.depth.amax(dim=1).numpy()
     distance = energy.contact_distance[:, tips].amin(dim=1).numpy()
-    reasons = []
-    for row in range(len(q)):
-        if depth[row].max() > OBVIOUSLY_DEEP:
-            reasons.append("penetration " + ("environment", "object", "self")[int(depth[row].argmax())])
-        else:
-            reasons.append("no contact" if distance[row] > OUT_OF_REACH else "")
-    return reasons
-
-
-def _row(
-    hand: Hand, q: Float[np.ndarray, " coordinates"], intent: str, verified: Verified, index: int, seed: int
-) -> ConfigurationRow:
-    margin = verified.direction_margin[index]
-    links = verified.contact_links(index)
-    digits = sorted({digit for link in links if (digit := hand.digit_of_link[link]) is not None})
-    behaviour = "grasp" if intent == "grasp" else behaviour_of(verified.contacts[index], margin, q[:3])
-    penetration = verified.penetration[index]
-    return ConfigurationRow(
-        behaviour=behaviour,
-        q=q,
-        direction_margin=margin,
-        contact_links=links,
-        contact_points=verified.contact_points(index),
-        digits=tuple(digits),
-        penetration_object=float(penetration[0]),
-        penetration_environment=float(penetration[1]),
-        penetration_self=float(penetration[2]),
-        hold_translation=float(verified.hold_translation[index]) if behaviour == "grasp" else None,
-        hold_rotation=float(verified.hold_rotation[index]) if behaviour == "grasp" else None,
-        seed=seed,
-    )
+    parts = ("environment", "object", "self")  # in the kernel's order
+    return geometry_reasons(depth, distance <= OUT_OF_REACH, parts=parts, limit=OBVIOUSLY_DEEP)
 
 
 @dataclass(frozen=True)

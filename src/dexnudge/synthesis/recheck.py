@@ -35,6 +35,13 @@ CONTACT_TOLERANCE = 1e-4  # [m] thirteen times the rounding of what is stored, a
 # one sums end in other last digits, and contacts that slip amplify them: changes of 1e-12 to 1e-6 in q and contacts moved
 # drifts by up to 0.15 mm and 0.003 rad. This share of what decides is 2.5 mm and 0.013 rad.
 DRIFT_SHARE = 0.05
+TOLERANCES = {
+    **dict.fromkeys(("penetration_object", "penetration_environment", "penetration_self"), PENETRATION_TOLERANCE),
+    "direction_margin": MARGIN_TOLERANCE,
+    "contact_points": CONTACT_TOLERANCE,
+    "hold_translation": DRIFT_SHARE * FARTHEST,
+    "hold_rotation": DRIFT_SHARE * MOST_TURNED,
+}
 BATCH = 256  # rows verified together: what memory a worker needs does not grow with the shard
 
 
@@ -77,29 +84,28 @@ def _compare(
             if found.reason[place]:
                 differences.append(f"{label}: kept in the file, found to be rejected for {found.reason[place]}")
             else:
-                differences += [f"{label}: {difference}" for difference in _row_differences(stored, found, place)]
+                lies = _row_differences(stored, found.columns(place))
+                differences += [f"{label}: {lie}" for lie in lies]
     return differences
 
 
-def _row_differences(stored: dict[str, Any], found: Verified, place: int) -> list[str]:
-    """Where the columns of one row differ from the verdict at `place`."""
-    depths = [stored[f"penetration_{what}"] for what in ("object", "environment", "self")]
-    differences = _numbers("penetration", depths, found.penetration[place], PENETRATION_TOLERANCE)
-    margin = stored["direction_margin"]
-    differences += _numbers("direction_margin", margin, found.direction_margin[place], MARGIN_TOLERANCE)
-    links, points = tuple(stored["contact_links"]), stored["contact_points"]
-    if links != found.contact_links(place):
-        differences.append(f"contact_links are {links} in the file, {found.contact_links(place)} found")
-    elif len(points) != len(links):
-        differences.append(f"{len(points)} contact_points in the file, {len(links)} found")
-    else:
-        differences += _numbers("contact_points", points, found.contact_points(place), CONTACT_TOLERANCE)
-    for name, limit in (("hold_translation", FARTHEST), ("hold_rotation", MOST_TURNED)):
-        differences += _numbers(name, stored[name], getattr(found, name)[place], DRIFT_SHARE * limit)
+def _row_differences(stored: dict[str, Any], found: dict[str, Any]) -> list[str]:
+    """Where the columns of one row differ from those found now."""
+    differences = [
+        f"{name} are {tuple(stored[name])} in the file, {found[name]} found"
+        for name in ("contact_links", "digits")
+        if tuple(stored[name]) != found[name]
+    ]
+    for name, tolerance in TOLERANCES.items():
+        ours, theirs = len(np.atleast_1d(found[name])), len(np.atleast_1d(stored[name]))
+        if ours == theirs:
+            differences += _numbers(name, stored[name], found[name], tolerance)
+        elif tuple(stored["contact_links"]) == found["contact_links"]:
+            differences.append(f"{theirs} {name} in the file, {ours} found")
     return differences
 
 
-def _numbers(what: str, stored: Any, found: Float[np.ndarray, "*shape"] | float, tolerance: float) -> list[str]:
+def _numbers(what: str, stored: Any, found: Float[np.ndarray, "*shape"] | float | None, tolerance: float) -> list[str]:
     """The worst difference of a column's numbers, if any; nothing stored (None) equals nothing found (NaN)."""
     ours, theirs = np.asarray(found, dtype=np.float64), np.asarray(stored, dtype=np.float64)
     error = np.where(np.isnan(theirs) & np.isnan(ours), 0.0, np.abs(theirs - ours))
@@ -126,14 +132,7 @@ def check_dataset(
     """Read every file and add up its counts; with the set of `objects` it was made from, verify rows again, in parallel.
 
     Reading refuses numbers that are not finite and behaviours, digits and links (where the hand can be loaded) that do
-    not exist.
-
-    Args:
-        folder: of the dataset, which may be unfinished.
-        objects: the set that it was generated from; None reads only.
-        num: verify only so many rows, drawn with `seed` over all objects; None verifies every row.
-        seed: of that draw.
-        workers: processes.
+    not exist. The dataset may be unfinished. num: verify only so many rows, drawn with `seed` over all objects.
 
     Raises:
         DatasetError: a file is of another dataset; or an object's mesh is not the one it was generated from.
