@@ -169,7 +169,7 @@ def check_dataset(
 
 
 def _verify_again(
-    check: partial[RowCheck], tasks: list[tuple[str, Int[np.ndarray, " picked"]]], workers: int
+    check: partial[RowCheck], tasks: list[tuple[str, Int[np.ndarray, " _"]]], workers: int
 ) -> Iterable[str]:
     found: dict[str, list[str]] = {}
     with progress() as bars, closing(run_tasks(check, tasks, workers=workers)) as results:
