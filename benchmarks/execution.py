@@ -45,7 +45,6 @@ class Benchmark:
             "approach s",
             "forces s",
             "simulation s",
-            "exact distance s",
             "x real time",
             "x bare steps",
         )
@@ -70,7 +69,7 @@ class Benchmark:
             wall += one.seconds["simulation"]
             simulated += float(one.trace.time[-1])
             bare += _bare_steps(simulation, one.trace)
-        cells = [f"{seconds[stage]:.3f}" for stage in ("approach", "forces", "simulation", "exact distance")]
+        cells = [f"{seconds[stage]:.3f}" for stage in ("approach", "forces", "simulation")]
         return [str(len(done)), *cells, f"{simulated / wall:.1f}", f"{wall / bare:.2f}"]
 
 

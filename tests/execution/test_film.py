@@ -62,7 +62,6 @@ def trace(simulation):
         ctrl=np.zeros((RECORDS, model.nu)),
         mocap=np.zeros((RECORDS, 7)),
         object_pose=pose,
-        base_pose=np.zeros((RECORDS, 7)),
         hand_object_force=rng.uniform(0, 5, (RECORDS, 2)),
         hand_environment_clearance=rng.uniform(0, 0.05, RECORDS),
         hand_environment_depth=np.zeros(RECORDS),

@@ -4,7 +4,7 @@ import numpy as np
 import pytest
 import trimesh
 
-from dexnudge.execution.retreat import DISTANCES, opening_path, retreat
+from dexnudge.execution.scene_rollout import DISTANCES, opening_path, retreat
 from dexnudge.planning.hand_clearance import HandClearance
 from dexnudge.scenes.boxes import box
 from dexnudge.scenes.scene import Scene
@@ -31,16 +31,16 @@ def bent_hand() -> np.ndarray:
 
 
 def test_a_hand_in_free_space_stays(small_hand):
-    found = retreat(small_hand, scene_of(), bent_hand())
-    np.testing.assert_array_equal(found.way, np.zeros(3))
-    np.testing.assert_array_equal(found.openings, [[0.0]])
+    way, openings = retreat(small_hand, scene_of(), bent_hand())
+    np.testing.assert_array_equal(way, np.zeros(3))
+    np.testing.assert_array_equal(openings, [[0.0]])
 
 
 def test_a_hand_under_a_shelf_draws_back_until_its_finger_can_open(small_hand):
     q = bent_hand()
     shelf = box((-0.2, -0.2, 0.04), (0.2, 0.2, 0.06))  # 40 mm up: over the bent finger, in the way of the open one
     scene = scene_of(shelf)
-    way = retreat(small_hand, scene, q).way
+    way, _ = retreat(small_hand, scene, q)
     assert np.linalg.norm(way) == pytest.approx(DISTANCES[1])  # 22 mm too high for the open finger
     measure = HandClearance(small_hand, scene)
     for angle in np.linspace(0.0, BENT, 7):

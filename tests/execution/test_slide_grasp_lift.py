@@ -1,14 +1,13 @@
 """The order of the acts, and when they end; hand, object and physics are stand-ins that do what each test says."""
 
-from dataclasses import dataclass, field
+from dataclasses import dataclass, field, replace
 from types import SimpleNamespace
 
 import pytest
 
 from dexnudge.execution import slide_grasp_lift
 from dexnudge.execution.grasp_and_lift import NoGrasp
-from dexnudge.execution.slide import SlideResult
-from dexnudge.execution.slide_grasp_lift import SlideGraspLift
+from dexnudge.execution.slide_grasp_lift import Attempt, SlideGraspLift
 from dexnudge.planning.outcomes import Outcome
 from dexnudge.simulation.success import LiftVerdict
 
@@ -27,9 +26,10 @@ class Acts:
     grasps: bool = True
     done: list[str] = field(default_factory=list)
 
-    def slide(self, _scene: object) -> SlideResult:
+    def slide(self, _scene: object, attempt: Attempt) -> Attempt:
         self.done.append("slide")
-        return SlideResult(self.slides.pop(0), "", len(self.done), 0.08, 0.07)
+        slid = replace(attempt, configuration=len(self.done), length_asked=0.08, length_reached=0.07)
+        return replace(slid, outcome=self.slides.pop(0))
 
     def lift(self, _scene: object, _chosen: object) -> None:
         self.done.append("lift")
@@ -48,7 +48,7 @@ def play(monkeypatch):
     """Runs these acts."""
 
     def overhang(free: float | None):
-        return (free, Outcome.SUCCESS, "") if free else (None, Outcome.STOPPED_SHORT, "9 mm short of 20% overhang")
+        return free or (Outcome.STOPPED_SHORT, "9 mm short of 20% overhang")
 
     def run(acts: Acts, *, attempts: int = 3):
         rollout = SimpleNamespace(attempt=1, divergence=None, trace=None)

@@ -5,9 +5,8 @@ import pytest
 import torch
 
 from dexnudge.planning.connect import connect
-from dexnudge.planning.hand_clearance import HandClearance
+from dexnudge.planning.hand_clearance import CLEARANCE, HandClearance, MotionCheck
 from dexnudge.planning.hand_motion import between, palm_pose, state, state_space
-from dexnudge.planning.motion_check import CLEARANCE, MotionCheck
 from dexnudge.verification.penetration import PenetrationCheck
 
 

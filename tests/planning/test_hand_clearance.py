@@ -56,10 +56,9 @@ def test_a_hand_deep_inside_a_solid_is_not_free(boxy_hand, scene_of):
 
 def test_nearest_link_and_place(boxy_hand, block_scene):
     measure = HandClearance(boxy_hand, block_scene)
-    pose = np.eye(4)
-    pose[:3, 3] = 0.3, 0.0, 0.083
-    found = measure(pose[None, :3, 3], np.eye(3)[None], np.array([[0.0, 0.0, 0.4, 0.0]]))
-    link, place = measure.link_and_point(int(found.nearest[0, 0]), pose, np.array([0.0, 0.0, 0.4, 0.0]))
+    q = np.array([0.3, 0.0, 0.083, 1.0, 0.0, 0.0, 0.0, 1.0, 0.0, 0.0, 0.0, 0.4, 0.0])
+    found = measure(q[None, :3], np.eye(3)[None], q[None, 9:])
+    link, place = measure.link_and_point(int(found.nearest[0, 0]), q)
     assert link == "tip_a"  # the straight finger; the other one is bent
     np.testing.assert_allclose(place[2], 0.083 - 0.073, atol=1e-6)
 

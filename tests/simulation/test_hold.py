@@ -14,7 +14,6 @@ from dexnudge.mechanics.contacts import HandContacts
 from dexnudge.objects.builtin import builtin_object
 from dexnudge.scenes.resting import resting_pose
 from dexnudge.simulation import hold
-from dexnudge.simulation import squeeze as squeezing
 from dexnudge.simulation.hold import HoldTest
 from dexnudge.simulation.model import GRASP_FRICTION, OBJECT, grasp_model
 
@@ -39,8 +38,8 @@ def test_contacts_are_as_soft_as_mujoco_has_them_by_default(pads):
 def test_two_pads_hold_exactly_what_coulomb_allows(pads, pad_grasp, monkeypatch, share, held):
     # Both pads press with N: along x and z the block holds while 2 * friction * N > F.
     normal = share * hold.PULL / (2 * GRASP_FRICTION)
-    monkeypatch.setattr(squeezing, "SQUEEZE", 2 * normal)
-    monkeypatch.setattr(squeezing, "EVENNESS", 1e-3)  # so that the sum is what is asked for
+    monkeypatch.setattr(hold, "SQUEEZE", 2 * normal)
+    monkeypatch.setattr(hold, "EVENNESS", 1e-3)  # so that the sum is what is asked for
     q, contacts = pad_grasp
     (result,) = pads(q[None], [contacts])
     assert result.held is held
@@ -50,16 +49,16 @@ def test_two_pads_hold_exactly_what_coulomb_allows(pads, pad_grasp, monkeypatch,
 
 
 @pytest.fixture(scope="module")
-def standing(pad_hand, block):
+def standing(pad_hand):
     """The block on four feet, since a pair of pieces makes one contact, on a slab that is all there is of the hand."""
     feet = []
     for x in (-0.025, 0.025):
         for z in (-0.015, 0.015):
             foot = trimesh.creation.box((0.01, 2 * HALF_WIDTH, 0.01))
             foot.apply_translation((x, 0.0, z))
-            feet.append(np.asarray(foot.vertices))
+            feet.append(foot)
     slab, nothing = trimesh.creation.box((0.4, 0.1, 0.4)), trimesh.Trimesh()
-    return grasp_model(replace(pad_hand, link_meshes=(slab, nothing, nothing)), block, feet)
+    return grasp_model(replace(pad_hand, link_meshes=(slab, nothing, nothing)), trimesh.util.concatenate(feet))
 
 
 @pytest.mark.parametrize(("share", "slips"), [(0.95, False), (1.05, True)])

@@ -9,10 +9,9 @@ from dexnudge.hands.physical import JOINT_EFFORT
 from dexnudge.mechanics.sliding_task import GRAVITY
 from dexnudge.planning.outcomes import Outcome
 from dexnudge.simulation.hand_path import along_line, waiting
-from dexnudge.simulation.hold import LiftRehearsal
+from dexnudge.simulation.hold import STRONGEST_LINK, LiftRehearsal, squeeze
 from dexnudge.simulation.model import scene_model
 from dexnudge.simulation.rollout import Rollout, Trace
-from dexnudge.simulation.squeeze import STRONGEST_LINK, squeeze
 from dexnudge.simulation.success import judge_lift
 
 MASS = 0.15  # [kg]
@@ -28,11 +27,11 @@ def lifted(pad_hand, pad_grasp, block_scene, *, friction: float) -> tuple[Rollou
     rollout.follow(waiting(q, seconds=0.1), "reach")
     with rollout.elsewhere():
         simulation.place(q)
-        wanted = squeeze(simulation, contacts, half_length=0.03, friction=0.6)
-    rollout.close(wanted.motor_torque, "close")
+        force, motor_torque = squeeze(simulation, contacts, half_length=0.03, friction=0.6)
+    rollout.close(motor_torque, "close")
     rollout.follow(along_line(rollout.commanded, np.array([0.0, 0.0, HEIGHT]), speed=0.1), "lift")
     rollout.follow(waiting(rollout.commanded, seconds=0.5), "hold")
-    return rollout, float(-(wanted.force * contacts.normals).sum())
+    return rollout, float(-(force * contacts.normals).sum())
 
 
 @pytest.fixture(scope="module")
@@ -104,7 +103,6 @@ def made_up(*, lifted=0.1, held=0.1, carried=0.0, depth=0.0, attempt=2) -> Trace
         ctrl=nothing,
         mocap=np.zeros((count, 7)),
         object_pose=pose,
-        base_pose=np.zeros((count, 7)),
         hand_object_force=np.zeros((count, 2)),
         hand_environment_clearance=np.zeros(count),
         hand_environment_depth=deep,

@@ -47,7 +47,7 @@ def test_a_second_push_goes_on_where_the_first_ended(simulation, pad_grasp, idle
     assert both.attempt.tolist() == [1] * count + [2] * (len(both.time) - count)
     np.testing.assert_allclose(both.qpos[count], both.qpos[count - 1], atol=1e-3)  # no jump
     assert rollout.q[0] == pytest.approx(0.04, abs=1e-3)
-    assert rollout.q[0] == pytest.approx(both.base_pose[-1, 0])
+    assert rollout.q[0] == pytest.approx(both.qpos[-1, simulation.palm_position])
 
 
 def test_carrying_on_keeps_what_the_motors_are_told(simulation, pad_grasp, idle):

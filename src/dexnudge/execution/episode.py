@@ -3,23 +3,20 @@
 import shutil
 from collections.abc import Sequence
 from dataclasses import asdict, dataclass
-from functools import cached_property
 from pathlib import Path
 from tempfile import TemporaryDirectory
 from typing import Any
 from xml.etree import ElementTree
 
 import numpy as np
-from jaxtyping import Float
 
 from dexnudge.errors import InputError
 from dexnudge.execution.executor import Execution, Executor
 from dexnudge.execution.film import ANIMATION_FILE, PAGE_FILE, STRIP_FILE, film_of_trace, write_film
-from dexnudge.execution.grasp_and_lift import HOLD_TIME, LIFT
-from dexnudge.execution.slide_grasp_lift import GRASP_DRAWS, SlideGraspLift, SlideGraspLiftResult
-from dexnudge.hands.hand import Hand
+from dexnudge.execution.slide_grasp_lift import GRASP_DRAWS, Attempt, SlideGraspLift, SlideGraspLiftResult
 from dexnudge.jobs.folders import new_folder
 from dexnudge.jobs.provenance import machine, versions
+from dexnudge.planning.approach import Approach
 from dexnudge.planning.outcomes import Outcome
 from dexnudge.results.folder import write_summary
 from dexnudge.results.samples import Sample
@@ -27,6 +24,7 @@ from dexnudge.sampling.sampler import Sampler
 from dexnudge.scenes.scene import Scene
 from dexnudge.simulation.model import TIMESTEP, SimulationModel, scene_model
 from dexnudge.simulation.rollout import Divergence, Trace
+from dexnudge.simulation.success import PushVerdict
 from dexnudge.viewer.recording import Recording
 
 MODEL_FILE = "scene.xml"
@@ -36,13 +34,9 @@ FILM_FILES = {".gif": ANIMATION_FILE, ".png": STRIP_FILE, ".html": PAGE_FILE}
 
 @dataclass(frozen=True, eq=False, repr=False)
 class Episode:
-    """A configuration played out in physics: a push, or slide, grasp and lift.
+    """A configuration played out in physics: a push, or all attempts to slide, grasp and lift.
 
-    Attributes:
-        scene: in which it was played.
-        simulation: its model in MuJoCo.
-        result: of the push, or of all attempts to slide, grasp and lift.
-        configuration: number of the configuration that pushed.
+    simulation: the model of the scene in MuJoCo. configuration: number among those given of the one that pushed.
     """
 
     scene: Scene
@@ -53,8 +47,7 @@ class Episode:
     @property
     def outcome(self) -> Outcome:
         """How it ended; its `sentence` says it in words."""
-        result = self.result
-        return result.verdict.outcome if isinstance(result, Execution) else result.attempts[-1].outcome
+        return (self.result.verdict if isinstance(self.result, Execution) else self.result.attempts[-1]).outcome
 
     @property
     def detail(self) -> str:
@@ -69,21 +62,19 @@ class Episode:
     @property
     def length_asked(self) -> float:
         """Length of the push or of the last slide [m]; 0 where the object was grasped where it lay."""
-        return self._lengths[0]
+        return self._pushed.length_asked or 0.0
 
     @property
     def length_reached(self) -> float:
         """How far the object's centre of mass moved along the motion in that push or slide [m]."""
-        return self._lengths[1]
+        return self._pushed.length_reached or 0.0
 
-    @cached_property
-    def _lengths(self) -> tuple[float, float]:
+    @property
+    def _pushed(self) -> PushVerdict | Attempt:
         if isinstance(self.result, Execution):
-            return self.result.verdict.length_asked, self.result.verdict.length_reached
-        for attempt in reversed(self.result.attempts):
-            if attempt.length_asked is not None and attempt.length_reached is not None:
-                return attempt.length_asked, attempt.length_reached
-        return 0.0, 0.0
+            return self.result.verdict
+        attempts = self.result.attempts
+        return next((one for one in reversed(attempts) if one.length_asked is not None), attempts[-1])
 
     @property
     def trace(self) -> Trace | None:
@@ -140,10 +131,18 @@ class Episode:
         """
         folder = Path(folder)
         with new_folder(folder, overwrite=overwrite, marker=MODEL_FILE) as written:
-            self.write(written, pictures=pictures)
-            write_model([self], written, xml=self.simulation.xml)
-            write_summary(written, self.summary() | provenance())
+            self.write_all(written, pictures=pictures)
         return folder
+
+    def write_all(
+        self, folder: Path, *, title: str = "", pictures: bool = True, details: dict[str, Any] | None = None
+    ) -> dict[str, Any]:
+        """Write the same into a folder that exists; return the summary, which ends with `details`."""
+        self.write(folder, title=title, pictures=pictures)
+        write_model([self], folder, xml=self.simulation.xml)
+        summary = self.summary() | (details or {}) | provenance()
+        write_summary(folder, summary)
+        return summary
 
     def write(self, folder: Path, *, title: str = "", pictures: bool = True) -> None:
         """Write trace and film into a folder that exists; the trace is an npz archive without pickles.
@@ -161,8 +160,8 @@ class Episode:
             forces = self.result.forces
             arrays |= {"contact_force": forces.force, "motor_torque": forces.motor_torque}
             arrays["base_wrench"] = forces.base_wrench
-            way, names = self.result.approach.trajectory, np.array(self.simulation.hand.joint_names)
-            if way is not None:
+            if isinstance(self.result.approach, Approach):
+                way, names = self.result.approach.trajectory, np.array(self.simulation.hand.joint_names)
                 np.savez(folder / f"{stem}_approach.npz", times=way.times, q=way.q, joint_names=names)
         np.savez_compressed(folder / trace_file(self.configuration), **arrays)
         if self.divergence is not None:
@@ -190,26 +189,21 @@ class Episode:
                 "success_first_attempt": result.attempts[0].success,
                 "ended": None if result.ended is None else result.ended.value,
                 "attempts": [{"success": one.success, **asdict(one)} for one in result.attempts],
-                "lift": LIFT,
-                "hold_seconds": HOLD_TIME,
             }
-        blocked, verdict = result.approach.blocked, result.verdict
-        return (
-            {"configuration": self.configuration}
-            | shared
-            | {
-                "turned_deg": verdict.turned_deg,
-                "sunk": verdict.sunk,
-                "hand_environment": verdict.hand_environment,
-                "hand_environment_exact": result.exact_environment,
-                "approach": result.approach.planner
-                if blocked is None
-                else f"none, starts at contact: {blocked.reason}",
-                "cone_share": float(result.forces.cone_share[0]),
-                "diverged_at": -1 if result.divergence is None else result.divergence.step,
-                "seconds": {stage: round(value, 4) for stage, value in result.seconds.items()},
-            }
-        )
+        approach, verdict = result.approach, result.verdict
+        return {
+            "configuration": self.configuration,
+            **shared,
+            "turned_deg": verdict.turned_deg,
+            "sunk": verdict.sunk,
+            "hand_environment": verdict.hand_environment,
+            "approach": approach.planner
+            if isinstance(approach, Approach)
+            else f"none, starts at contact: {approach.reason}",
+            "cone_share": float(result.forces.cone_share[0]),
+            "diverged_at": -1 if result.divergence is None else result.divergence.step,
+            "seconds": {stage: round(value, 4) for stage, value in result.seconds.items()},
+        }
 
 
 def execute(
@@ -241,34 +235,15 @@ def execute(
     for name, value in (("attempts", attempts), ("draws", draws)):
         if value < 1:
             raise InputError(f"`{name}` is {value}; expected at least 1")
+    q = np.stack([np.asarray(each.q, dtype=np.float64) for each in (sample, *alternatives)])
     if not then_grasp:
         simulation = scene_model(sample.hand, sample.scene)
-        q = np.asarray(sample.q, dtype=np.float64)
-        return Episode(sample.scene, simulation, Executor(sample.scene, simulation)(q))
-    q = np.stack([np.asarray(each.q, dtype=np.float64) for each in (sample, *alternatives)])
-    numbers = np.arange(len(q))
-    return slide_grasp_lift(
-        sample.scene, sample.hand, q, numbers, attempts=attempts, draws=draws, seed=seed, weights=weights
-    )
-
-
-def slide_grasp_lift(
-    scene: Scene,
-    hand: Hand,
-    q: Float[np.ndarray, "n coordinates"],
-    numbers: np.ndarray,
-    *,
-    attempts: int,
-    draws: int,
-    seed: int,
-    weights: Path | str | None,
-) -> Episode:
-    """Return the episode of slide, grasp and lift with configurations q, which have these `numbers`; see `execute`."""
-    sampler = Sampler.from_pretrained(hand, weights=weights)
-    simulation = scene_model(hand, scene)
-    result = SlideGraspLift(scene, simulation, q, numbers, sampler, draws=draws, seed=seed).run(attempts)
-    used = next((one.configuration for one in result.attempts if one.configuration >= 0), int(numbers[0]))
-    return Episode(scene, simulation, result, used)
+        return Episode(sample.scene, simulation, Executor(sample.scene, simulation)(q[0]))
+    sampler = Sampler.from_pretrained(sample.hand, weights=weights)
+    simulation = scene_model(sample.hand, sample.scene)
+    result = SlideGraspLift(sample.scene, simulation, q, sampler, draws=draws, seed=seed).run(attempts)
+    used = next((one.configuration for one in result.attempts if one.configuration >= 0), 0)
+    return Episode(sample.scene, simulation, result, used)
 
 
 def trace_file(configuration: int) -> str:

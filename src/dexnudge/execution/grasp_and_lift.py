@@ -1,23 +1,24 @@
 """The second act: grasp the object where it lies, lift it and hold it."""
 
+from collections import Counter
 from dataclasses import dataclass
 
 import numpy as np
 from jaxtyping import Float
 
-from dexnudge.execution.grasp_finder import Grasp, GraspFinder
+from dexnudge.execution.grasp_finder import Grasp, GraspFinder, contacts_in_world
 from dexnudge.execution.scene_rollout import SceneRollout
 from dexnudge.geometry.exact_distance import ExactDistance
 from dexnudge.geometry.surface_points import surface_points
-from dexnudge.hands.hand import ROOT_COORDINATES, Hand
+from dexnudge.geometry.transforms import transform_configurations
+from dexnudge.hands.hand import Hand
 from dexnudge.mechanics.sliding_task import sliding_task
 from dexnudge.planning.approach import Approach, ApproachPlanner
 from dexnudge.planning.hand_clearance import HandClearance
-from dexnudge.planning.hand_motion import palm_pose
 from dexnudge.planning.outcomes import Outcome
 from dexnudge.scenes.scene import Scene
 from dexnudge.simulation.hand_path import along_line, along_way, waiting
-from dexnudge.simulation.squeeze import squeeze
+from dexnudge.simulation.hold import squeeze
 
 OUTWARD = tuple(np.arange(0.0, 0.401, 0.04))  # [m] along the motion before the lift, the least first
 RAISE = 0.004  # [m] off the support before it moves outward: the springs of the base give way by 1.5 mm
@@ -53,19 +54,12 @@ class LiftWay:
             count = int(np.ceil(np.linalg.norm(way) / STEP))
             shifts += [start + way * step / count for step in range(1, count + 1)]
             start = start + way
-        pose = palm_pose(q)
-        rotation = np.repeat(pose[None, :3, :3], len(shifts), axis=0)
-        angles = np.repeat(q[None, ROOT_COORDINATES:], len(shifts), axis=0)
-        hand = self._hand(q[:3] + np.array(shifts), rotation, angles).distance[:, 0]
+        hand = self._hand.shifted(q, np.array(shifts)).distance[:, 0]
         if (hand < min(ROOM, hand[0] - ALLOWANCE)).any():
             return False
-        least = np.inf
-        for shift in shifts:
-            distance = float(self._environment(self._points + shift).distance.min())
-            least = min(ROOM, distance - ALLOWANCE) if least == np.inf else least
-            if distance < least:
-                return False
-        return True
+        distances = (float(self._environment(self._points + shift).distance.min()) for shift in shifts)
+        least = min(ROOM, next(distances) - ALLOWANCE)
+        return all(distance >= least for distance in distances)
 
 
 LIFT = 0.10  # [m]
@@ -110,32 +104,28 @@ class GraspAndLift:
     def choose(self, scene: Scene) -> ChosenGrasp | NoGrasp:
         """Return the best grasp that the hand can reach from where it is, and lift; draw some where none is known."""
         self.found = self._finder.still_clean(scene, self.found)
-        rejected: dict[str, int] = {}
+        rejected: Counter[str] = Counter()
         for _ in range(GRASP_BATCHES):
             if self.found:
                 break
-            found = self._finder.find(scene, num=self._draws, seed=self._seed + self.drawn)
-            self.drawn += found.drawn
-            self.found, rejected = found.grasps, found.rejected
+            self.found, rejected = self._finder.find(scene, num=self._draws, seed=self._seed + self.drawn)
+            self.drawn += self._draws
         if not self.found:
-            text = ", ".join(
-                f"{reason} {count}" for reason, count in sorted(rejected.items(), key=lambda item: -item[1])
-            )
-            return NoGrasp(
-                "grasp search", Outcome.NO_GRASP, f"in {self.drawn} draws; of the last {self._draws}: {text}"
-            )
+            text = ", ".join(f"{reason} {count}" for reason, count in rejected.most_common())
+            detail = f"in {self.drawn} draws; of the last {self._draws}: {text}"
+            return NoGrasp("grasp search", Outcome.NO_GRASP, detail)
         planner, up = ApproachPlanner(self._stage.hand, scene), LiftWay(self._stage.hand, scene, height=LIFT)
         reasons = []
         for grasp in self.found[:MOST_PLANNED]:
-            q = grasp.in_world(scene.T_world_object)
+            q = np.asarray(transform_configurations(scene.T_world_object, grasp.q[None])[0])
             ways = up(q)
             if ways is None:
                 reasons.append("no free way up or out")
                 continue
             approach = planner.plan(q, start=self._stage.q)
-            if approach.blocked is None:
+            if isinstance(approach, Approach):
                 return ChosenGrasp(grasp, approach, ways)
-            reasons.append(f"{approach.blocked.stage}: {approach.blocked.reason}")
+            reasons.append(f"{approach.stage}: {approach.reason}")
         return NoGrasp("approach", Outcome.APPROACH_BLOCKED, f"for {len(reasons)} grasps; the best: {reasons[0]}")
 
     def lift(self, scene: Scene, chosen: ChosenGrasp) -> None:
@@ -144,13 +134,13 @@ class GraspAndLift:
         rollout = self._stage.go_to_pre_contact(chosen.approach, from_outside=True)
         times, q = chosen.approach.last_stretch
         rollout.follow(along_way(times, q), "reach")
-        contacts = chosen.grasp.contacts_in_world(scene.T_world_object)
+        contacts = contacts_in_world(chosen.grasp.contacts, scene.T_world_object)
         half_length = sliding_task(scene).half_length
         with rollout.elsewhere():
             model = self._stage.model_at(scene)
             model.place(q[-1])
             friction = SQUEEZE_SHARE * scene.friction_hand
-            torque = squeeze(model, contacts, half_length=half_length, friction=friction).motor_torque
+            _, torque = squeeze(model, contacts, half_length=half_length, friction=friction)
         rollout.close(torque, "close")
         for way in chosen.ways:
             rollout.follow(along_line(rollout.commanded, way, speed=LIFT_SPEED), "lift")

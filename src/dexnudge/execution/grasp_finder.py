@@ -52,40 +52,16 @@ class Grasp:
     contacts: HandContacts
     drift: float
 
-    def in_world(self, T_world_object: Float[np.ndarray, "4 4"]) -> Float[np.ndarray, " coordinates"]:
-        """Return its q with the object at this pose."""
-        return np.asarray(transform_configurations(T_world_object, self.q[None])[0])
-
-    def contacts_in_world(self, T_world_object: Float[np.ndarray, "4 4"]) -> HandContacts:
-        """Return its contacts with the object at this pose."""
-        return contacts_in_world(self.contacts, T_world_object)
-
-
-@dataclass(frozen=True)
-class FoundGrasps:
-    """Grasps, best first, of so many draws; the others by the reason why not: drawn = found + rejected."""
-
-    grasps: list[Grasp]
-    drawn: int
-    rejected: dict[str, int]
-
 
 class GraspFinder:
-    """Finds grasps of one object by one hand, wherever the object lies.
-
-    Args:
-        hand: the sampler's, as read from the files of the scene.
-        sampler: has a prior that knows grasps.
-        scene: gives the object.
-        rehearsal: of lifts of this object by this hand.
-    """
+    """Finds grasps of the scene's object by one hand, wherever the object lies; `rehearsal` is of lifts of the same."""
 
     def __init__(self, hand: Hand, sampler: Sampler, scene: Scene, rehearsal: LiftRehearsal) -> None:
         self._hand, self._sampler, self._rehearsal = hand, sampler, rehearsal
         self._hold = HoldTest(hand, scene.object_mesh)
 
-    def find(self, scene: Scene, *, num: int, seed: int) -> FoundGrasps:
-        """Return the grasps among `num` draws in this scene that hold."""
+    def find(self, scene: Scene, *, num: int, seed: int) -> tuple[list[Grasp], Counter[str]]:
+        """Return the grasps among `num` draws in this scene that hold, best first; the other draws by the reason why not."""
         problem = prepare(scene)
         problem = replace(problem, balance=holding_balance(problem))
         drawn = self._sampler.draw(problem, num=num, seed=seed, method=GRASPS).q.astype(np.float64)
@@ -106,8 +82,7 @@ class GraspFinder:
                 continue
             drift = max(held.translation / FARTHEST, held.rotation / MOST_TURNED, rehearsed)
             grasps.append(Grasp(q[row], contacts[row], drift))
-        grasps.sort(key=lambda grasp: grasp.drift)
-        return FoundGrasps(grasps, num, dict(Counter(reason for reason in reasons if reason)))
+        return sorted(grasps, key=lambda grasp: grasp.drift), Counter(reason for reason in reasons if reason)
 
     def still_clean(self, scene: Scene, grasps: list[Grasp]) -> list[Grasp]:
         """Return those that are clean in this scene too, in which the object may lie elsewhere."""

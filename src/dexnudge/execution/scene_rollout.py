@@ -1,33 +1,35 @@
 """The simulation of one hand in one scene, and what the hand does between pushing, grasping and lifting."""
 
 from dataclasses import replace
+from itertools import combinations, pairwise
 
 import numpy as np
 from jaxtyping import Float
 
-from dexnudge.execution.retreat import retreat
+from dexnudge.hands.hand import ROOT_COORDINATES, Hand
 from dexnudge.mechanics.sliding_task import sliding_task
-from dexnudge.planning.approach import Approach
-from dexnudge.planning.hand_motion import SpeedLimits
+from dexnudge.planning.approach import OPENING_ALLOWANCE, Approach
+from dexnudge.planning.hand_clearance import CLEARANCE, HandClearance
+from dexnudge.planning.hand_motion import JOINT_SPEED, palm_pose, state_space
 from dexnudge.planning.outcomes import Outcome
 from dexnudge.scenes.scene import Scene
 from dexnudge.simulation.hand_path import along_line, along_way, bending, waiting
 from dexnudge.simulation.model import SimulationModel
 from dexnudge.simulation.rollout import Rollout
 from dexnudge.simulation.success import MOST_SUNK
+from dexnudge.verification.criteria import PENETRATION_LIMIT
+from dexnudge.verification.penetration import self_penetration
 
 FREE_SPEED = 0.10  # [m/s] of a hand that moves away, in the middle of its way
 REST_TIME = 0.2  # [s] in which an object that was let go comes to rest
+DISTANCES = (0.0, 0.03, 0.06, 0.10, 0.15, 0.20, 0.30)  # [m] the first that is free is taken
+STEP = 0.002  # [m] between the places that are checked
+OPENING_STEPS = 17  # openings that are checked between two sets of joint angles
+LEAST_CLEARANCE = 0.0015  # [m] kept while it moves away, or what it has where it stands
 
 
 class SceneRollout:
-    """A rollout that begins when the hand first goes to the object.
-
-    Attributes:
-        hand: the hand.
-        first: the scene as it was at the start.
-        simulation: its model.
-    """
+    """A rollout that begins when the hand first goes to the object; `first` is the scene as it was at the start."""
 
     def __init__(self, first: Scene, simulation: SimulationModel) -> None:
         self.hand, self.first, self.simulation = simulation.hand, first, simulation
@@ -78,9 +80,10 @@ class SceneRollout:
         free = None if self.why_over() else retreat(self.hand, self.scene_now(), rollout.q)
         if free is None:
             return
-        rollout.follow(along_line(rollout.commanded, free.way, speed=FREE_SPEED), "release")
-        for angles in free.openings:
-            rollout.follow(bending(rollout.commanded, angles, speed=SpeedLimits().joint), "release")
+        way, openings = free
+        rollout.follow(along_line(rollout.commanded, way, speed=FREE_SPEED), "release")
+        for angles in openings:
+            rollout.follow(bending(rollout.commanded, angles, speed=JOINT_SPEED), "release")
 
     def moved(self, since: Scene) -> Float[np.ndarray, " 3"]:
         """Return the way of the object's centre of mass since `since` [m, world]."""
@@ -95,3 +98,64 @@ class SceneRollout:
         moved, motion = self.moved(self.first), self.first.motion
         sunk = float(motion[2] * (moved @ motion) - moved[2])  # a motion downhill is no sinking
         return Outcome.FELL if sunk > MOST_SUNK else None
+
+
+def retreat(
+    hand: Hand, scene: Scene, q: Float[np.ndarray, " coordinates"]
+) -> tuple[Float[np.ndarray, " 3"], list[Float[np.ndarray, " joint"]]] | None:
+    """Return how a hand that has let go withdraws: a translation [m, world], then joint angles [rad] one after another.
+
+    It is the shortest one after which the fingers can open without touching anything or each other; None if there is none.
+    Tried are up, back along the fingers, back of the hand first, along the scene's motion and against it, and the sums of
+    two of them.
+    """
+    openings = opening_path(hand, q[ROOT_COORDINATES:])
+    if openings is None:
+        return None
+    measure = HandClearance(hand, scene)
+    room = max(0.0, min(LEAST_CLEARANCE, float(measure.shifted(q, np.zeros((1, 3))).distance.min())))
+    opening = _between([q[ROOT_COORDINATES:], *openings])
+    for distance in DISTANCES:
+        for direction in _directions(hand, palm_pose(q), scene.motion)[: 1 if distance == 0 else None]:
+            way = distance * direction
+            open_there = measure.shifted(q, np.repeat(way[None], len(opening), axis=0), opening, stop=CLEARANCE)
+            if open_there.distance.min() < CLEARANCE:
+                continue
+            shifts = np.linspace(0.0, 1.0, int(distance / STEP) + 2)[:, None] * way
+            if measure.shifted(q, shifts, stop=room).distance.min() >= room:
+                return way, openings
+    return None
+
+
+def opening_path(hand: Hand, angles: Float[np.ndarray, " joint"]) -> list[Float[np.ndarray, " joint"]] | None:
+    """Return joint angles from these to the open hand; None if no clean order is found.
+
+    The links are never more than 1 mm in one another, nor deeper than they are now: fingers that have pressed may have
+    been pushed into each other a little, since the simulation knows no contacts between links.
+    All digits open at once if that is clean, else one of them before the others, or after them.
+    """
+    opened = state_space(hand, angles).opened
+    paths = [[opened]]
+    for digit in hand.fingertips:
+        mine = np.zeros(hand.num_joints, dtype=bool)
+        for name, joint in zip(hand.link_names, hand.joints, strict=True):
+            if joint is not None and joint.index is not None:
+                mine[joint.index] |= hand.digit_of_link[name] == digit
+        paths += [[np.where(mine, opened, angles), opened], [np.where(mine, angles, opened), opened]]
+    allowed = max(PENETRATION_LIMIT, float(self_penetration(hand, angles[None])[0]) + OPENING_ALLOWANCE)
+    return next((path for path in paths if self_penetration(hand, _between([angles, *path])).max() <= allowed), None)
+
+
+def _between(path: list[Float[np.ndarray, " joint"]]) -> Float[np.ndarray, "n joint"]:
+    """Return joint angles along a path."""
+    fractions = np.linspace(0.0, 1.0, OPENING_STEPS)[:, None]
+    return np.concatenate([start + fractions * (end - start) for start, end in pairwise(path)])
+
+
+def _directions(
+    hand: Hand, pose: Float[np.ndarray, "4 4"], motion: Float[np.ndarray, " 3"]
+) -> list[Float[np.ndarray, " 3"]]:
+    back = -pose[:3, :3]
+    own = [np.array([0.0, 0.0, 1.0]), back @ hand.finger_axis, back @ hand.palm_normal, motion, -motion]
+    sums = own + [one + two for one, two in combinations(own, 2)]
+    return [total / np.linalg.norm(total) for total in sums if np.linalg.norm(total) > 0.3]

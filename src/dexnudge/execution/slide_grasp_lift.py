@@ -8,21 +8,33 @@ from dataclasses import dataclass, replace
 from typing import Any
 
 import numpy as np
-from jaxtyping import Float, Int
+from jaxtyping import Float
 
 from dexnudge.execution.grasp_and_lift import LIFT, GraspAndLift, NoGrasp
 from dexnudge.execution.grasp_finder import GraspFinder
 from dexnudge.execution.scene_rollout import SceneRollout
-from dexnudge.execution.slide import Slide, overhang
+from dexnudge.geometry.transforms import transform_configurations
+from dexnudge.mechanics.sliding_task import sliding_task
+from dexnudge.planning.approach import Approach, ApproachPlanner
+from dexnudge.planning.object_path import GraspableLimits, plan_object_motion, supports_of_way
 from dexnudge.planning.outcomes import Outcome
 from dexnudge.sampling.sampler import Sampler
 from dexnudge.scenes.scene import Scene
+from dexnudge.simulation.hand_path import SPEED, along_line, push_path
 from dexnudge.simulation.hold import LiftRehearsal
 from dexnudge.simulation.model import SimulationModel
+from dexnudge.simulation.push_forces import push_forces
 from dexnudge.simulation.rollout import Divergence, Trace
-from dexnudge.simulation.success import judge_lift
+from dexnudge.simulation.success import MOST_PENETRATION, MOST_TURNED, judge_lift
+from dexnudge.verification.verdicts import contacts_of, verify
 
 GRASP_DRAWS = 32  # of grasps at a time, unless told otherwise
+AIM = GraspableLimits(overhang=(0.40, 0.45), balance=0.008)  # of the slide, which may fall short or go too far
+REACHED = GraspableLimits(overhang=(0.20, 0.90))  # after it: far enough to look for grasps, and not tipping
+MOST_CORRECTIONS = 3  # of a push whose object stays behind
+CLOSE_BEHIND = 0.003  # [m] that an object may stay behind
+MOST_BEHIND, MOST_SHARE_BEHIND = 0.03, 0.3  # [m] + share of the way; an object that is farther behind has been lost
+MOST_PLANNED = 6  # configurations that are planned for until one has a way
 
 
 @dataclass(frozen=True)
@@ -30,10 +42,10 @@ class Attempt:
     """One attempt; None or -1 stands for what it did not come to.
 
     phase: in which it failed, of "slide", "grasp search", "approach", "lift", "hold"; "" where the object was lifted and
-    held. outcome: how it ended. detail: what `outcome` leaves open, for people. configuration: number of the one that slid
-    the object; -1 where it lay graspable already. overhang: free share of the object's length after the slide. grasps:
-    found, of `drawn` draws so far. drift: of the grasp taken. length_asked, length_reached [m]: of the slide. raised,
-    least_held [m], turned_deg, hand_environment [m]: see `LiftVerdict`.
+    held. outcome: how it ended. detail: what `outcome` leaves open, for people. configuration: place of the one that slid
+    the object among those given; -1 where it lay graspable already. overhang: free share of the object's length after the
+    slide. grasps: found, of `drawn` draws so far. drift: of the grasp taken. length_asked, length_reached [m]: of the slide.
+    raised, least_held [m], turned_deg, hand_environment [m]: see `LiftVerdict`.
     """
 
     number: int
@@ -63,6 +75,97 @@ class Attempt:
         return self.outcome is Outcome.SUCCESS
 
 
+def overhang(scene: Scene) -> float | tuple[Outcome, str]:
+    """Return the free share of the object's length if it is graspable where it lies, else why it is not, and in detail."""
+    plan = plan_object_motion(scene, REACHED)
+    if isinstance(plan, Outcome):
+        return plan, ""
+    if plan.length > 0.0:
+        return Outcome.STOPPED_SHORT, f"{1e3 * plan.length:.0f} mm short of {REACHED.overhang[0]:.0%} overhang"
+    return plan.overhang
+
+
+class Slide:
+    """Slides the object of a stage along the scene's motion with configurations q, each of them once, in their order."""
+
+    def __init__(self, stage: SceneRollout, q: Float[np.ndarray, "n coordinates"]) -> None:
+        self._stage, self._waiting = stage, dict(enumerate(np.asarray(q, dtype=np.float64)))
+
+    def __call__(self, scene: Scene, attempt: Attempt) -> Attempt:
+        """Push the object from where it lies in `scene`; return the attempt with what came of it."""
+        plan = plan_object_motion(scene, AIM)
+        if isinstance(plan, Outcome):
+            plan = plan_object_motion(scene)
+        if isinstance(plan, Outcome):
+            return replace(attempt, outcome=plan)
+        chosen = self._choose(scene)
+        if len(chosen) == 2:
+            return replace(attempt, outcome=chosen[0], detail=chosen[1])
+        index, q, approach = chosen
+        del self._waiting[index]
+        rollout = self._stage.go_to_pre_contact(approach, from_outside=False)
+        (contacts,) = contacts_of(scene, self._stage.hand, q[None])
+        task = sliding_task(scene)
+        with rollout.elsewhere():
+            supports = supports_of_way(scene, plan.length)
+            forces = push_forces(self._stage.model_at(scene), q, contacts, supports, task)
+        rollout.push(push_path(*approach.last_stretch, motion=task.motion, length=plan.length), forces)
+        self._catch_up(scene, plan.length)
+        self._stage.back_off(approach)
+        outcome, detail = self._judged(scene)
+        return replace(
+            attempt,
+            outcome=outcome,
+            detail=detail,
+            configuration=index,
+            length_asked=plan.length,
+            length_reached=float(self._stage.moved(scene) @ scene.motion),
+        )
+
+    def _choose(self, scene: Scene) -> tuple[int, np.ndarray, Approach] | tuple[Outcome, str]:
+        """Return the first configuration that fits the object where it lies now, its q and a way there, or why none does."""
+        moved = scene.T_world_object @ np.linalg.inv(self._stage.first.T_world_object)
+        planner = ApproachPlanner(self._stage.hand, scene)
+        failed = Outcome.NO_CONFIGURATION, ""
+        for index, first in list(self._waiting.items())[:MOST_PLANNED]:
+            q = np.asarray(transform_configurations(moved, first[None])[0])
+            if self._stage.begun:
+                verdict = verify(scene, self._stage.hand, q[None])
+                if not verdict.success[0]:
+                    failed = Outcome.NO_LONGER_FITS, f"configuration {index}: {verdict.reasons[0]}"
+                    continue
+            approach = planner.plan(q, start=self._stage.q)
+            if isinstance(approach, Approach):
+                return index, q, approach
+            failed = Outcome.APPROACH_BLOCKED, approach.reason
+        return failed
+
+    def _catch_up(self, scene: Scene, length: float) -> None:
+        """Carry on by as much as the object has stayed behind, as a hand that sees the object would."""
+        rollout = self._stage.rollout
+        for _ in range(MOST_CORRECTIONS):
+            behind = length - float(self._stage.moved(scene) @ scene.motion)
+            touching = rollout.trace.hand_object_force[-1, 0] > 0
+            if not touching or not CLOSE_BEHIND < behind < MOST_BEHIND + MOST_SHARE_BEHIND * length:
+                return
+            rollout.carry_on(along_line(rollout.commanded, behind * scene.motion, speed=SPEED), "push")
+
+    def _judged(self, before: Scene) -> tuple[Outcome, str]:
+        over = self._stage.why_over()
+        if over:
+            return over, ""
+        rollout = self._stage.rollout
+        trace = rollout.trace
+        depth = trace.hand_environment_depth[trace.attempt == rollout.attempt].max()
+        turned = rollout.T_world_object @ np.linalg.inv(before.T_world_object)
+        tilt = np.degrees(np.arccos(np.clip(turned[2, 2], -1.0, 1.0)))
+        if tilt > MOST_TURNED:
+            return Outcome.TIPPED, f"by {tilt:.0f} deg"
+        if depth > MOST_PENETRATION:
+            return Outcome.HAND_IN_ENVIRONMENT, f"{1e3 * depth:.1f} mm"
+        return Outcome.SUCCESS, ""
+
+
 @dataclass(frozen=True)
 class SlideGraspLiftResult:
     """All attempts, at least one, and the trace of the whole simulation; None where nothing could be played.
@@ -77,16 +180,10 @@ class SlideGraspLiftResult:
 
 
 class SlideGraspLift:
-    """Slides, grasps and lifts the object of one scene.
+    """Slides, grasps and lifts the object of one scene, of which `simulation` is the model.
 
-    Args:
-        scene: the scene.
-        simulation: its model, which holds the hand.
-        q: configurations that were sampled for the scene's motion, in the order in which they are to be tried.
-        indices: their numbers in the folder.
-        sampler: of the same hand, with a prior that knows grasps.
-        draws: of grasps at a time.
-        seed: of those.
+    q are configurations that were sampled for the scene's motion, in the order in which they are to be tried. Grasps are
+    drawn by `sampler`, made for the same hand, `draws` at a time, from `seed` on.
     """
 
     def __init__(
@@ -94,7 +191,6 @@ class SlideGraspLift:
         scene: Scene,
         simulation: SimulationModel,
         q: Float[np.ndarray, "n coordinates"],
-        indices: Int[np.ndarray, " n"],
         sampler: Sampler,
         *,
         draws: int = GRASP_DRAWS,
@@ -102,7 +198,7 @@ class SlideGraspLift:
     ) -> None:
         self._stage = SceneRollout(scene, simulation)
         finder = GraspFinder(simulation.hand, sampler, scene, LiftRehearsal(simulation, scene))
-        self._slide = Slide(self._stage, dict(zip(indices.tolist(), np.asarray(q, dtype=np.float64), strict=True)))
+        self._slide = Slide(self._stage, q)
         self._grasp = GraspAndLift(self._stage, finder, draws=draws, seed=seed)
 
     def run(self, most_attempts: int) -> SlideGraspLiftResult:
@@ -125,16 +221,15 @@ class SlideGraspLift:
     def _attempt(self, number: int) -> Attempt:
         scene = self._stage.scene_now()
         attempt = Attempt(number, "", Outcome.SUCCESS)
-        free, outcome, detail = overhang(scene)
-        if free is None:
-            slid = self._slide(scene)
+        free = overhang(scene)
+        if isinstance(free, tuple):
+            attempt = self._slide(scene, attempt)
+            if not attempt.success:
+                return replace(attempt, phase="slide")
             scene = self._stage.scene_now()
-            attempt = replace(attempt, **vars(slid))
-            outcome, detail = slid.outcome, slid.detail
-            if outcome is Outcome.SUCCESS:
-                free, outcome, detail = overhang(scene)
-        if free is None:
-            return replace(attempt, phase="slide", outcome=outcome, detail=detail)
+            free = overhang(scene)
+            if isinstance(free, tuple):
+                return replace(attempt, phase="slide", outcome=free[0], detail=free[1])
         chosen = self._grasp.choose(scene)
         attempt = replace(attempt, overhang=free, grasps=len(self._grasp.found), drawn=self._grasp.drawn)
         if isinstance(chosen, NoGrasp):

@@ -28,6 +28,7 @@ from dexnudge.experiments.records import TrialRecord
 from dexnudge.experiments.statistics import Estimate, estimate_of_sums, ratio
 from dexnudge.experiments.tables import group_table
 from dexnudge.experiments.trial import Section
+from dexnudge.planning.approach import Approach
 from dexnudge.planning.outcomes import Outcome
 from dexnudge.results.samples import Sample, Samples
 from dexnudge.simulation.model import SimulationModel, changed_physics, scene_model
@@ -209,7 +210,7 @@ class ExecutionTrial(DrawnTrial[ExecutionRecord]):
             sunk=round(verdict.sunk, 5),
             hand_environment=round(verdict.hand_environment, 6),
             cone_share=float(execution.forces.cone_share[0]),
-            approach="" if execution.approach.trajectory is None else execution.approach.planner,
+            approach=execution.approach.planner if isinstance(execution.approach, Approach) else "",
             disturbed={
                 setting_name(name, factor): executor.again(
                     q, execution, changed_physics(simulation, **{name: factor})

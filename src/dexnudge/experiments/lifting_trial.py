@@ -92,9 +92,8 @@ class LiftingTrial(DrawnTrial[LiftingRecord]):
         grasps = Sampler.from_pretrained(sampler.hand, weights=config.weights, device=config.device)
 
         def play(samples: Samples, seed: int) -> dict[str, Any]:
-            indices = np.flatnonzero(samples.success)
-            q, simulation = samples.q[indices].astype(np.float64), scene_model(sampler.hand, samples.scene)
-            result = SlideGraspLift(samples.scene, simulation, q, indices, grasps, seed=seed).run(self.attempts)
+            q, simulation = samples.verified.q.astype(np.float64), scene_model(sampler.hand, samples.scene)
+            result = SlideGraspLift(samples.scene, simulation, q, grasps, seed=seed).run(self.attempts)
             return {
                 "attempts": [_rounded(each) for each in result.attempts],
                 "ended": "" if result.ended is None else result.ended.value,

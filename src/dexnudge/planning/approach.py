@@ -8,9 +8,15 @@ from jaxtyping import Bool, Float
 from dexnudge.errors import InputError
 from dexnudge.hands.hand import ROOT_COORDINATES, Hand
 from dexnudge.planning.connect import connect, outside_states
-from dexnudge.planning.hand_clearance import HandClearance
+from dexnudge.planning.hand_clearance import (
+    CLEARANCE,
+    Blocked,
+    HandClearance,
+    MotionCheck,
+    blocked_by,
+    blocked_by_itself,
+)
 from dexnudge.planning.hand_motion import (
-    SpeedLimits,
     State,
     States,
     StateSpace,
@@ -22,8 +28,7 @@ from dexnudge.planning.hand_motion import (
     state_space,
     timed,
 )
-from dexnudge.planning.motion_check import CLEARANCE, Blocked, MotionCheck, blocked_by, blocked_by_itself
-from dexnudge.planning.pre_contact import back_off_directions, pre_contacts
+from dexnudge.planning.pre_contact import Stuck, back_off_directions, pre_contacts
 from dexnudge.scenes.scene import Scene
 from dexnudge.verification.criteria import PENETRATION_LIMIT
 from dexnudge.verification.penetration import self_penetration
@@ -39,46 +44,38 @@ MOST_STARTS = 6  # outside states offered to the planner
 
 @dataclass(frozen=True)
 class Approach:
-    """The result of planning: exactly one of `trajectory` and `blocked` is None.
+    """A way from outside, or from the given start, to the goal.
 
-    Attributes:
-        trajectory: from outside, or from the given start, to the goal.
-        blocked: what stands in the way where no way was found.
-        pre_contact_time: when the straight last stretch begins [s]; NaN without a trajectory.
-        planner: "straight" when no way around anything was needed, else "RRT-Connect".
+    pre_contact_time: when the straight last stretch begins [s]. planner: "straight" when no way around anything was needed,
+    else "RRT-Connect".
     """
 
-    trajectory: Trajectory | None
-    blocked: Blocked | None
+    trajectory: Trajectory
     pre_contact_time: float
     planner: str
 
     @property
     def transit(self) -> tuple[Float[np.ndarray, " sample"], Float[np.ndarray, "sample coordinates"]]:
-        """Times [s] and q up to pre-contact, of an approach that is not blocked."""
-        assert self.trajectory is not None
+        """Times [s] and q up to pre-contact."""
         early = self.trajectory.times <= self.trajectory.times[self._late][0]
         return self.trajectory.times[early], self.trajectory.q[early]
 
     @property
     def last_stretch(self) -> tuple[Float[np.ndarray, " sample"], Float[np.ndarray, "sample coordinates"]]:
-        """Times [s, from 0] and q from pre-contact to contact, of an approach that is not blocked."""
-        assert self.trajectory is not None
+        """Times [s, from 0] and q from pre-contact to contact."""
         times = self.trajectory.times[self._late]
         return times - times[0], self.trajectory.q[self._late]
 
     @property
     def _late(self) -> Bool[np.ndarray, " whole"]:
-        assert self.trajectory is not None
         return self.trajectory.times >= self.pre_contact_time - 1e-9
 
 
 class ApproachPlanner:
     """Plans approaches of one hand in one scene, the object being at rest; make it once for many configurations."""
 
-    def __init__(self, hand: Hand, scene: Scene, *, limits: SpeedLimits | None = None) -> None:
+    def __init__(self, hand: Hand, scene: Scene) -> None:
         self.hand, self.scene = hand, scene
-        self.limits = limits or SpeedLimits()
         self._measure = HandClearance(hand, scene)
 
     def plan(
@@ -88,67 +85,55 @@ class ApproachPlanner:
         start: Float[np.ndarray, " coordinates"] | None = None,
         seed: int = 0,
         budget: int = BUDGET,
-    ) -> Approach:
-        """Plan a way to the configuration `q`.
+    ) -> Approach | Blocked:
+        """Plan a way to the configuration `q`, or say what stands in the way.
 
         First straight ways from states outside (see `outside_states`) to pre-contact states (see `pre_contacts`), then
         RRT-Connect between them. The hand keeps 3 mm from everything until pre-contact, 1.5 mm where there is no
         more room (between the states that are looked at, 0.5 mm are assured), then goes straight to `q`.
 
-        Args:
-            q: configuration (9 + d,), world.
-            start: where the hand is now (9 + d,); None: any state outside.
-            seed: of the planner.
-            budget: states that the planner may look at.
+        q and `start`, where the hand is now (None: any state outside), are configurations (9 + d,), world. RRT-Connect may
+        look at `budget` states.
 
         Raises:
             InputError: `q` or `start` has the wrong length or is not finite.
         """
-        found = self._plan(self._configuration("q", q), start, seed, budget)
-        if isinstance(found, Blocked):
-            return Approach(None, found, float("nan"), "")
-        trajectory, pre_contact_time, planner = found
-        return Approach(trajectory, None, pre_contact_time, planner)
-
-    def _plan(
-        self, q: np.ndarray, start: np.ndarray | None, seed: int, budget: int
-    ) -> Blocked | tuple[Trajectory, float, str]:
+        q = self._configuration("q", q)
         space, own_depth = self._space(q[ROOT_COORDINATES:])
-        check = MotionCheck(space, self._measure)
-        goal = state(palm_pose(q), 0.0)
         if own_depth > PENETRATION_LIMIT:
             return blocked_by_itself("goal", own_depth)
+        check, goal = MotionCheck(space, self._measure), state(palm_pose(q), 0.0)
         if check.clearances(goal[None], stop=-PENETRATION_LIMIT).distance.min() < -PENETRATION_LIMIT:
             return self._blocked(check, goal, "goal", "the configuration itself penetrates by more than 1 mm")
+        directions, cosines = back_off_directions(self.hand, self.scene, check, q)
         for clearance in CLEARANCES:
             check = MotionCheck(space, self._measure, clearance)
-            waiting = pre_contacts(self.hand, self.scene, check, q)
-            if len(waiting.states):
+            waiting = pre_contacts(check, goal, directions, cosines)
+            if not isinstance(waiting, Stuck):
                 break
-        else:
-            reason = "no straight way of 5 to 30 mm leads to contact"
-            assert waiting.stuck is not None
-            return self._blocked(check, waiting.stuck, waiting.stuck_stage, reason)
-        first, before = self._begin(check, start)
-        if isinstance(first, Blocked):
-            return first
-        if first is None:
-            directions = back_off_directions(self.hand, self.scene, check, q)[0]
-            starts, ends = outside_states(self.scene, check, waiting.states, directions=directions)
+        if isinstance(waiting, Stuck):
+            return self._blocked(check, waiting.where, waiting.stage, "no straight way of 5 to 30 mm leads to contact")
+        before: Trajectory | None = None
+        if start is None:
+            starts, ends = outside_states(self.scene, check, waiting, directions=directions)
             if len(starts) == 0:
                 reason = "no free place outside the surroundings within 0.6 m"
-                return self._blocked(check, waiting.states[0], "start", reason)
+                return self._blocked(check, waiting[0], "start", reason)
         else:
-            starts, ends = np.repeat(first[None], len(waiting.states), axis=0), waiting.states
-        path, planner = self._transit(check, starts, ends, waiting.states, seed, budget)
+            start = self._configuration("start", start)
+            opening = self._opening(check, start)
+            if isinstance(opening, Blocked):
+                return opening
+            before = opening
+            starts, ends = np.repeat(state(palm_pose(start), 1.0)[None], len(waiting), axis=0), waiting
+        path, planner = self._transit(check, starts, ends, waiting, seed, budget)
         if path is None:
             where = between(starts[0], ends[0], np.array([check.blocked_at(starts[0], ends[0]) or 0.0]))
             return self._blocked(check, where[0], "transit", f"no way found within {budget} states")
         states = np.concatenate([path, goal[None]])
-        after = timed(space, states, self.limits, contact_from=len(path) - 1)
-        last_stretch = timed(space, states[-2:], self.limits, contact_from=0).duration
-        whole = joined(before, after)
-        return whole, float(whole.times[-1] - last_stretch), planner
+        whole = joined(before, timed(space, states, contact_from=len(path) - 1))
+        last_stretch = timed(space, states[-2:], contact_from=0).duration
+        return Approach(whole, float(whole.times[-1] - last_stretch), planner)
 
     @staticmethod
     def _transit(
@@ -172,11 +157,8 @@ class ApproachPlanner:
         opened = space.joint_angles(np.array([largest]))[0]
         return replace(space, opened=opened, sweep=space.sweep * largest), float(depth[0])
 
-    def _begin(self, check: MotionCheck, start: np.ndarray | None) -> tuple[State | Blocked | None, Trajectory | None]:
-        """Return where the way begins, and the motion of the fingers alone before that; None without a given start."""
-        if start is None:
-            return None, None
-        start = self._configuration("start", start)
+    def _opening(self, check: MotionCheck, start: np.ndarray) -> Trajectory | Blocked:
+        """Return the motion of the fingers alone at `start`, as far open as on the way that follows."""
         here = state(palm_pose(start), 1.0)
         own = state_space(self.hand, start[ROOT_COORDINATES:])
         own = replace(own, opened=check.space.opened, sweep=own.sweep + check.space.sweep)
@@ -186,11 +168,11 @@ class ApproachPlanner:
         blocked = fingers.blocked_at(closed, here)
         if blocked is not None:
             closed[7] = blocked
-            return self._blocked(fingers, closed, "start", "the hand cannot open its fingers where it starts"), None
+            return self._blocked(fingers, closed, "start", "the hand cannot open its fingers where it starts")
         depth = float(self_penetration(self.hand, own.joint_angles(np.linspace(0.0, 1.0, OPENING_STEPS))).max())
         if depth > PENETRATION_LIMIT:
-            return blocked_by_itself("start", depth), None
-        return here, timed(own, np.stack([closed, here]), self.limits, contact_from=2)
+            return blocked_by_itself("start", depth)
+        return timed(own, np.stack([closed, here]), contact_from=2)
 
     def _blocked(self, check: MotionCheck, where: State, stage: str, reason: str) -> Blocked:
         return blocked_by(check, self.scene, where, stage=stage, reason=reason)

@@ -6,8 +6,8 @@ import numpy as np
 from jaxtyping import Float
 
 from dexnudge.errors import InputError
+from dexnudge.planning.hand_clearance import MotionCheck
 from dexnudge.planning.hand_motion import QUATERNION, State, States
-from dexnudge.planning.motion_check import MotionCheck
 from dexnudge.scenes.scene import Scene
 
 GAP = 0.05  # [m] between the hand and the bounding box of surroundings and object
@@ -71,14 +71,9 @@ SHORTCUT_RANGE = 0.5  # of the path, spanned by one shortcut at most
 def connect(check: MotionCheck, starts: States, goals: States, *, seed: int, budget: int) -> States | None:
     """Plan a path of free straight motions from one of `starts` to one of `goals`; None where the budget runs out.
 
-    Args:
-        check: decides which motions are free; all starts and goals must be.
-        starts: first states, at least one.
-        goals: last states, at least one.
-        seed: the same seed gives the same path. OMPL has one seed for the process, from which every planner takes its own
-            when it is made; it is set anew on each call, so earlier and later uses of OMPL in the process change nothing
-            here, but they are changed. Not for several threads of one process.
-        budget: states that may be looked at, counted by `check.measure`.
+    All starts and goals must be free, at least one of each. The same seed gives the same path: OMPL has one seed for the
+    process, which is set anew on each call; so this is not for several threads of one process. `budget` is in states that
+    are looked at, counted by `check.measure`.
 
     Raises:
         InputError: OMPL is not installed.

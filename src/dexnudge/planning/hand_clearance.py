@@ -1,23 +1,28 @@
-"""How far a hand is from the surroundings and from the object at rest, for many poses of the hand at once."""
+"""How far a hand is from the surroundings and from the object at rest, and whether it can move straight between states."""
 
+from collections.abc import Sequence
 from dataclasses import dataclass
 
 import numpy as np
 import torch
 import trimesh
-from jaxtyping import Float, Int
+from jaxtyping import Bool, Float, Int
 
+from dexnudge.geometry.exact_distance import ExactDistance
 from dexnudge.geometry.warp_runtime import WarpStruct, wp
-from dexnudge.hands.hand import Hand
+from dexnudge.hands.hand import ROOT_COORDINATES, Hand
 from dexnudge.hands.kinematics import kinematic_tree
 from dexnudge.jobs.cached import cached_per_instance
 from dexnudge.planning.clearance_kernel import ClearanceHand, HandStates, Obstacle, PointBalls, clearances, point_balls
+from dexnudge.planning.hand_motion import State, States, StateSpace, between, matrices, palm_pose
 from dexnudge.scenes.scene import Scene
 
 CAP = 0.10  # [m] clearances are measured up to here; beyond, all that counts is that it is far
 BATCH = 128  # states of one launch; the buffers are that long
 NO_STOP = -1.0e3  # [m] below every distance: the walk goes on until the least one is found
 OBSTACLES: tuple[str, str] = ("environment", "object")  # columns of what the kernel returns
+CLEARANCE = 0.003  # [m] kept at every state that is checked
+ASSURED = 0.0005  # [m] what is left of it between them, by the bound on how far any point of the hand moves
 
 
 @dataclass(frozen=True)
@@ -93,11 +98,22 @@ class HandClearance:
             nearest[rows] = self._arrays["nearest"][:size]
         return Clearances(distance, nearest)
 
-    def link_and_point(
-        self, ball: int, T_world_palm: Float[np.ndarray, "4 4"], joint_angles: Float[np.ndarray, " joint"]
-    ) -> tuple[str, Float[np.ndarray, "3"]]:
-        """Return the name of the link that a ball belongs to and the place of its centre [m, world] for one state."""
-        q = np.concatenate([T_world_palm[:3, 3], T_world_palm[:3, 0], T_world_palm[:3, 1], joint_angles])
+    def shifted(
+        self,
+        q: Float[np.ndarray, " coordinates"],
+        shifts: Float[np.ndarray, "n 3"],
+        joint_angles: Float[np.ndarray, "n joint"] | None = None,
+        *,
+        stop: float = NO_STOP,
+    ) -> Clearances:
+        """Return the clearances of the hand at q (world) moved by `shifts` [m], with its own joint angles or these."""
+        rotation = np.repeat(palm_pose(q)[None, :3, :3], len(shifts), axis=0)
+        if joint_angles is None:
+            joint_angles = np.repeat(q[None, ROOT_COORDINATES:], len(shifts), axis=0)
+        return self(q[:3] + shifts, rotation, joint_angles, stop=stop)
+
+    def link_and_point(self, ball: int, q: Float[np.ndarray, " coordinates"]) -> tuple[str, Float[np.ndarray, "3"]]:
+        """Return the name of the link that a ball belongs to and the place of its centre [m, world] for one q."""
         balls = self._model[1]
         link = int(balls.link[ball])
         T_world_link = self.hand.forward_kinematics(torch.as_tensor(q[None], dtype=torch.float64))[0, link].numpy()
@@ -132,3 +148,104 @@ def _model(hand: Hand) -> tuple[WarpStruct, PointBalls]:
     model.link = array(balls.link, wp.int32)
     model.following = array(balls.following, wp.int32)
     return model, balls
+
+
+@dataclass(frozen=True)
+class MotionCheck:
+    """Checks straight motions so finely that nothing can slip through.
+
+    A state with clearance c vouches for all states to which no point of the hand moves farther than c; where that does not
+    cover the motion, its halves are checked. States next to each other are at most 2 (clearance - 0.5 mm)
+    apart, 5 mm, in the motion of the hand's fastest point, whatever the clearance.
+    """
+
+    space: StateSpace
+    measure: HandClearance
+    clearance: float = CLEARANCE
+
+    def clearances(self, states: States, *, stop: float = NO_STOP) -> Clearances:
+        """Return the least distances to environment and object; see `HandClearance`."""
+        return self.measure(states[:, :3], matrices(states), self.space.joint_angles(states[:, 7]), stop=stop)
+
+    def states_free(self, states: States) -> Bool[np.ndarray, " n"]:
+        """Return which states keep the clearance."""
+        return self.clearances(states, stop=self.clearance).distance.min(axis=1) >= self.clearance
+
+    def free(self, start: State, end: State) -> bool:
+        """Return whether the whole straight motion keeps the clearance, both ends included."""
+        return self.blocked_at(start, end) is None
+
+    def blocked_at(self, start: State, end: State) -> float | None:
+        """Return a fraction of the motion at which the clearance is not kept; None where the motion is free.
+
+        It is that of the coarsest state that shows the obstacle, not of the first along the way.
+        """
+        way = self.space.displacement(start, end)
+        ends = self.states_free(between(start, end, np.array([1.0, 0.0])))
+        if not ends.all():
+            return 0.0 if not ends[1] else 1.0
+        slack = self.clearance - ASSURED
+        middle, half = np.array([0.5]), 0.5
+        while len(middle):
+            distance = self.clearances(between(start, end, middle), stop=self.clearance).distance.min(axis=1)
+            if distance.min() < self.clearance:
+                return float(middle[np.argmin(distance)])
+            needed = half * way
+            if needed <= slack:
+                return None
+            open_yet = middle[np.minimum(distance, CAP) < needed + ASSURED]
+            half /= 2
+            middle = np.concatenate([open_yet - half, open_yet + half])
+        return None
+
+
+@dataclass(frozen=True)
+class Blocked:
+    """Why there is no way, and where: at the "start", in "transit", at "pre-contact", before "contact" or at the "goal".
+
+    obstacle: "environment", "object", or "hand" where the hand's own links are in one another. link: of the hand, the one
+    that comes nearest; empty for "hand". point: on the obstacle, nearest to that link [m, world]; NaN for "hand". clearance:
+    of that link there [m], negative inside. reason: one sentence.
+    """
+
+    stage: str
+    obstacle: str
+    link: str
+    point: Float[np.ndarray, "3"]
+    clearance: float
+    reason: str
+
+
+def nearest_obstacle(
+    check: MotionCheck, scene: Scene, where: State, *, among: Sequence[str] = OBSTACLES
+) -> tuple[str, str, Float[np.ndarray, "3"], float, Float[np.ndarray, "3"]] | None:
+    """Return what the hand is nearest to in the state `where`; None where all of `among` is beyond `CAP`.
+
+    Obstacle, link, point and clearance as in `Blocked`, and the unit direction from the obstacle to the hand.
+    """
+    found = check.clearances(where[None])
+    column = min((OBSTACLES.index(name) for name in among), key=lambda index: found.distance[0, index])
+    ball = int(found.nearest[0, column])
+    if ball < 0:
+        return None
+    link, place = check.measure.link_and_point(ball, check.space.configurations(where[None])[0])
+    mesh = scene.environment_mesh if OBSTACLES[column] == "environment" else scene.object_in_world()
+    hit = ExactDistance(mesh)(place[None])
+    gap = place - hit.closest[0]
+    length = float(np.linalg.norm(gap))
+    away = np.sign(hit.distance[0]) * gap / length if length > 0 else hit.normal[0]
+    return OBSTACLES[column], link, hit.closest[0], float(found.distance[0, column]), away
+
+
+def blocked_by(check: MotionCheck, scene: Scene, where: State, *, stage: str, reason: str) -> Blocked:
+    """Return what the hand is nearest to in the state `where`, which is known to be blocked."""
+    near = nearest_obstacle(check, scene, where)
+    assert near is not None
+    return Blocked(stage, *near[:4], reason)
+
+
+def blocked_by_itself(stage: str, depth: float) -> Blocked:
+    """Return that the hand's links are `depth` [m] in one another."""
+    return Blocked(
+        stage, "hand", "", np.full(3, np.nan), -depth, f"the hand's links are {1e3 * depth:.1f} mm in one another"
+    )

@@ -12,10 +12,8 @@ import torch
 from jaxtyping import Float
 from scipy.spatial.transform import Rotation
 
-from dexnudge.errors import InputError
 from dexnudge.hands.hand import ROOT_COORDINATES, Hand
 
-STATE = 8
 QUATERNION = slice(3, 7)
 ALMOST_EQUAL = 1e-9  # 1 - |cosine| below which two rotations are interpolated linearly: slerp divides by the sine
 SWEEP_STEPS = 16  # steps in which the way of the fingers' points is summed
@@ -120,29 +118,11 @@ def between(start: State, end: State, fraction: Float[np.ndarray, " n"]) -> Stat
     return states
 
 
-@dataclass(frozen=True, kw_only=True)
-class SpeedLimits:
-    """Limits that a trajectory keeps.
-
-    base: of the palm's origin [m/s]. base_rotation: of the palm's turning [rad/s]. joint: of every finger joint [rad/s].
-    contact: of the palm's origin on the last stretch, where the fingers meet the object [m/s].
-
-    Raises:
-        InputError: a limit that is not a finite number above 0.
-    """
-
-    base: float = 0.25
-    base_rotation: float = 1.5  # a wrist's usual half of its rated speed
-    joint: float = 2.0
-    contact: float = 0.05
-
-    def __post_init__(self) -> None:
-        for name, value in vars(self).items():
-            if not (np.isfinite(value) and value > 0):
-                raise InputError(f"the speed limit {name} is {value}; expected a finite number above 0")
-
-
-SAMPLE_INTERVAL = 0.02  # [s] most between two samples: 5 mm at the base's default speed
+BASE_SPEED = 0.25  # [m/s] of the palm's origin
+CONTACT_SPEED = 0.05  # [m/s] the same on the last stretch, where the fingers meet the object
+TURN_SPEED = 1.5  # [rad/s] of the palm: a wrist's usual half of its rated speed
+JOINT_SPEED = 2.0  # [rad/s] of every finger joint
+SAMPLE_INTERVAL = 0.02  # [s] most between two samples: 5 mm at the base's speed
 
 
 @dataclass(frozen=True)
@@ -162,20 +142,19 @@ class Trajectory:
         return float(self.times[-1] - self.times[0])
 
 
-def timed(space: StateSpace, path: States, limits: SpeedLimits, *, contact_from: int) -> Trajectory:
-    """Time a path of states: as fast as the limits allow, each straight piece at constant speed.
+def timed(space: StateSpace, path: States, *, contact_from: int) -> Trajectory:
+    """Time a path of states: as fast as the limits above allow, each straight piece at constant speed.
 
-    Duration of a piece = the longest of translation / base, turn / base_rotation and the greatest change of a joint angle
-    / joint. From the state `contact_from` on, the base keeps to the slower limit `contact`.
+    From the state `contact_from` on, the base keeps to the slower CONTACT_SPEED.
     """
     fastest_joint = float(np.abs(space.opened - space.closed).max())
     times, states = [0.0], [path[:1]]
     for index, (start, end) in enumerate(pairwise(path)):
-        speed = limits.contact if index >= contact_from else limits.base
+        speed = CONTACT_SPEED if index >= contact_from else BASE_SPEED
         seconds = max(
             float(np.linalg.norm(end[:3] - start[:3])) / speed,
-            rotation_angle(start, end) / limits.base_rotation,
-            abs(end[7] - start[7]) * fastest_joint / limits.joint,
+            rotation_angle(start, end) / TURN_SPEED,
+            abs(end[7] - start[7]) * fastest_joint / JOINT_SPEED,
         )
         if seconds == 0.0:
             continue

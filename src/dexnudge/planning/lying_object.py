@@ -89,11 +89,8 @@ class LyingObject:
 
     def below(self, shift: Float[np.ndarray, "3"]) -> Float[np.ndarray, " n"]:
         """Return the way [m] from each point of the lower side straight down to the surroundings, up to `SEEN`."""
-        return (
-            self._environment(self.lower + shift + LIFT * self.normal, -self.normal, reach=SEEN + LIFT + INSET)
-            - LIFT
-            - INSET
-        )
+        lower = self.lower + shift + LIFT * self.normal
+        return self._environment(lower, -self.normal, reach=SEEN + LIFT + INSET) - LIFT - INSET
 
     def front_is_carried(self, shift: Float[np.ndarray, "3"], direction: Float[np.ndarray, "3"], room: float) -> bool:
         """Return whether the foremost points of the lower side have less than `room` [m] below; quicker than `below`."""
@@ -121,7 +118,9 @@ class LyingObject:
         points = self.lower + shift
         resting = points[np.argmin(gap)]
         foot = centre + down * ((resting - centre) @ self.normal) / (down @ self.normal)
-        plane = self.plane_axes()
+        first = np.array([1.0, 0.0, 0.0]) - self.normal[0] * self.normal  # as near the world's x as can be
+        first /= np.linalg.norm(first)
+        plane = np.stack([first, np.cross(self.normal, first)])
         flat = (points - foot) @ plane.T
         T_rocked, tilt = np.eye(4), 0.0
         while (gap <= SUPPORT_DISTANCE).sum() >= 3:
@@ -144,12 +143,6 @@ class LyingObject:
             axis = across[0] * plane[1] - across[1] * plane[0]
             T_rocked = _turned(angle * axis, about=foot - offset * across @ plane) @ T_rocked
         return best
-
-    def plane_axes(self) -> Float[np.ndarray, "2 3"]:
-        """Return two unit axes of the support's plane; the first as near the world's x as can be."""
-        first = np.array([1.0, 0.0, 0.0]) - self.normal[0] * self.normal
-        first /= np.linalg.norm(first)
-        return np.stack([first, np.cross(self.normal, first)])
 
 
 @cached_per_instance

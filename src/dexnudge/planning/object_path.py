@@ -10,10 +10,9 @@ from dataclasses import dataclass, replace
 import numpy as np
 from jaxtyping import Float
 
-from dexnudge.errors import InputError
 from dexnudge.jobs.cached import cached_per_instance
 from dexnudge.mechanics.contacts import SupportContacts, support_contacts
-from dexnudge.planning.lying_object import SEEN, LyingObject, lying_object
+from dexnudge.planning.lying_object import LyingObject, lying_object
 from dexnudge.planning.outcomes import Outcome
 from dexnudge.scenes.scene import Scene
 
@@ -52,72 +51,45 @@ def _known(_: Scene) -> dict[float, SupportContacts]:
 STEP = 0.0025  # [m] between the places that are tried
 BALANCE_STEPS = 4  # of these per check of the balance: where support ends is found 10 mm too late at most
 STOP_SHORT = 0.001  # [m] kept from what ends a free way
+LEAST_FREE = 0.020  # [m] least length of the free part: a fingertip's
+LONGEST = 1.0  # [m] of the whole motion
 
 
 @dataclass(frozen=True, kw_only=True)
 class GraspableLimits:
     """What makes an object graspable.
 
-    overhang: least and most free part of its length along the motion [-]. room: least way above and below the free part
-    [m]: a finger is 20 mm thick. free_length: least length of the free part [m]: a fingertip's. balance: least distance
-    from the centre of mass to the edge of the support [m], all the way. longest: of the whole motion [m].
-
-    Raises:
-        InputError: a value out of its domain.
+    overhang: least and most free part of its length along the motion [-], 0 < least <= most < 1. room: least way above and
+    below the free part [m]: a finger is 20 mm thick. balance: least distance from the centre of mass to the edge of the
+    support [m], all the way.
     """
 
     overhang: tuple[float, float] = (0.30, 0.45)
     room: float = 0.025
-    free_length: float = 0.020
     balance: float = 0.004
-    longest: float = 1.0
-
-    def __post_init__(self) -> None:
-        least, most = self.overhang
-        if not 0 < least <= most < 1:
-            raise InputError(f"`overhang` is {self.overhang}; expected two fractions, 0 < least <= most < 1")
-        for name in ("room", "free_length", "balance", "longest"):
-            if not getattr(self, name) > 0:
-                raise InputError(f"`{name}` is {getattr(self, name)}; expected a number above 0")
 
 
 DEFAULT_LIMITS = GraspableLimits()
 
 
 @dataclass(frozen=True)
-class FreePart:
-    """The foremost part of an object in which every point of both sides has room.
-
-    overhang: its share of the object's length along the motion [-]. length: the same in metres. room_below, room_above:
-    least way from it to the surroundings along the support's normal [m], up to 1 m.
-    """
-
-    overhang: float
-    length: float
-    room_below: float
-    room_above: float
-
-
-@dataclass(frozen=True)
 class ObjectMotion:
     """A way of the object to where it is graspable.
 
-    Attributes:
-        poses: T_world_object at rest and at the end; one pose alone where the object is graspable as it lies.
-        free: the part that can be grasped at the end.
-        balance: distance from the centre of mass to the edge of what carries the object at the end [m].
-        support_normal: unit, world.
+    start, end: of the origin of its frame [m, world]; the same where the object is graspable as it lies. overhang: the
+    foremost part of its length along the motion in which every point of both sides has room at the end [-]. free_length: the
+    same in metres.
     """
 
-    poses: Float[np.ndarray, "k 4 4"]
-    free: FreePart
-    balance: float
-    support_normal: Float[np.ndarray, "3"]
+    start: Float[np.ndarray, "3"]
+    end: Float[np.ndarray, "3"]
+    overhang: float
+    free_length: float
 
     @property
     def length(self) -> float:
         """Length of the way [m]."""
-        return float(np.linalg.norm(np.diff(self.poses[:, :3, 3], axis=0), axis=1).sum())
+        return float(np.sqrt(((self.end - self.start) ** 2).sum()))
 
 
 def plan_object_motion(scene: Scene, limits: GraspableLimits = DEFAULT_LIMITS) -> ObjectMotion | Outcome:
@@ -137,32 +109,31 @@ def plan_object_motion(scene: Scene, limits: GraspableLimits = DEFAULT_LIMITS) -
     way = _distance(lying, direction, limits)
     if isinstance(way, Outcome):
         return way
-    poses = np.repeat(scene.T_world_object[None], 2 if way else 1, axis=0)
-    poses[1:, :3, 3] += way * direction
-    balance = lying.at_rest(way * direction, least=limits.balance).margin
-    return ObjectMotion(poses, _free_part(lying, way * direction, direction, limits.room), balance, lying.normal)
+    start = scene.T_world_object[:3, 3]
+    return ObjectMotion(start, start + way * direction, *_free_part(lying, way * direction, direction, limits.room))
 
 
 def _distance(lying: LyingObject, direction: np.ndarray, limits: GraspableLimits) -> float | Outcome:
     """Return the least way [m] along a direction to where the object is graspable."""
-    free_way = lying.free_travel(np.zeros(3), direction, reach=limits.longest + STOP_SHORT) - STOP_SHORT
+    free_way = lying.free_travel(np.zeros(3), direction, reach=LONGEST + STOP_SHORT) - STOP_SHORT
     for index, way in enumerate(np.arange(0.0, free_way, STEP)):
         place = way * direction
         if index % BALANCE_STEPS == 0 and lying.at_rest(place, least=limits.balance).margin < limits.balance:
             return Outcome.WOULD_TIP
         if lying.front_is_carried(place, direction, limits.room):
             continue
-        free = _free_part(lying, place, direction, limits.room)
-        if free.overhang > limits.overhang[1]:
+        overhang, free_length = _free_part(lying, place, direction, limits.room)
+        if overhang > limits.overhang[1]:
             return Outcome.WOULD_OVERHANG
-        if free.overhang >= limits.overhang[0] and free.length >= limits.free_length:
+        if overhang >= limits.overhang[0] and free_length >= LEAST_FREE:
             if lying.at_rest(place, least=limits.balance).margin < limits.balance:
                 return Outcome.WOULD_TIP
             return float(way)
-    return Outcome.OBSTRUCTED if free_way < limits.longest - STEP else Outcome.NO_EDGE
+    return Outcome.OBSTRUCTED if free_way < LONGEST - STEP else Outcome.NO_EDGE
 
 
-def _free_part(lying: LyingObject, shift: np.ndarray, direction: np.ndarray, room: float) -> FreePart:
+def _free_part(lying: LyingObject, shift: np.ndarray, direction: np.ndarray, room: float) -> tuple[float, float]:
+    """Return overhang [-] and length [m] of the free part of the shifted object; see `ObjectMotion`."""
     below, above = lying.below(shift), lying.above(shift)
     lower, upper = lying.lower @ direction, lying.upper @ direction
     along = lying.points @ direction
@@ -171,12 +142,7 @@ def _free_part(lying: LyingObject, shift: np.ndarray, direction: np.ndarray, roo
     edge = float(tight.max(initial=-np.inf))
     roomy = np.concatenate([lower[lower > edge], upper[upper > edge]])
     free = front - float(roomy.min(initial=front))  # from a point that has room: never more than is free
-    return FreePart(
-        free / length,
-        free,
-        float(below[lower > edge].min(initial=SEEN)),
-        float(above[upper > edge].min(initial=SEEN)),
-    )
+    return free / length, free
 
 
 @cached_per_instance

@@ -10,8 +10,8 @@ from jaxtyping import Float
 from dexnudge.geometry.exact_distance import ExactDistance
 from dexnudge.hands.hand import Hand
 from dexnudge.mechanics.contacts import HAND_CONTACT_DISTANCE, hand_contacts
+from dexnudge.planning.hand_clearance import MotionCheck, nearest_obstacle
 from dexnudge.planning.hand_motion import State, States, between, palm_pose, state
-from dexnudge.planning.motion_check import MotionCheck, nearest_obstacle
 from dexnudge.scenes.scene import Scene
 
 BACK_OFF = (0.02, 0.03, 0.01, 0.005)  # [m] along the straight way, the preferred one first
@@ -29,19 +29,17 @@ OPENING_COST, ASIDE_COST, DISTANCE_COST = 1.0, 0.5, 5.0  # order of preference, 
 
 
 @dataclass(frozen=True)
-class PreContacts:
-    """States from which a hand can go straight to contact, most preferred first.
+class Stuck:
+    """The state nearest to being a pre-contact one, where there is none.
 
-    stuck: the state nearest to being one, where there is none.
-    stuck_stage: "pre-contact" when that is the waiting state itself, "contact" when it lies on the last stretch.
+    stage: "pre-contact" when it is the waiting state itself, "contact" when it lies on the last stretch.
     """
 
-    states: States
-    stuck: State | None = None
-    stuck_stage: str = "pre-contact"
+    where: State
+    stage: str
 
 
-def contact_normals(hand: Hand, scene: Scene, q: Float[np.ndarray, " coordinates"]) -> Float[np.ndarray, "contact 3"]:
+def _contact_normals(hand: Hand, scene: Scene, q: Float[np.ndarray, " coordinates"]) -> Float[np.ndarray, "contact 3"]:
     """Return the object's outward unit normals at its contacts with the hand, world."""
     T = hand.forward_kinematics(torch.as_tensor(q[None], dtype=torch.float64))[0].numpy()
     dense = hand.dense_points
@@ -66,7 +64,7 @@ def back_off_directions(
     the surroundings where they are within 2 cm, and the sums of two and three of them. Where nothing touches or the
     normals cancel, away from the object's centre stands for their mean.
     """
-    normals = contact_normals(hand, scene, q)
+    normals = _contact_normals(hand, scene, q)
     pose = palm_pose(q)
     away = pose[:3, 3] - scene.object_in_world().bounds.mean(axis=0)
     mean = normals.mean(axis=0) if len(normals) else np.zeros(3)
@@ -76,25 +74,26 @@ def back_off_directions(
     back = -pose[:3, :3]
     own = [mean, np.array([0.0, 0.0, 1.0]), back @ hand.finger_axis, back @ hand.palm_normal, scene.motion]
     nearest = nearest_obstacle(check, scene, state(pose, 0.0), among=("environment",))
-    if nearest is not None and nearest.clearance < NEAR_ENVIRONMENT:
-        own.append(nearest.away)
+    if nearest is not None and nearest[3] < NEAR_ENVIRONMENT:
+        own.append(nearest[4])
     sums = [sum(parts) for count in (1, 2, 3) for parts in combinations(own, count)]
     directions = np.array([total for total in sums if np.linalg.norm(total) > 0.3])
     directions /= np.linalg.norm(directions, axis=1, keepdims=True)
     return directions, directions @ mean
 
 
-def pre_contacts(hand: Hand, scene: Scene, check: MotionCheck, q: Float[np.ndarray, " coordinates"]) -> PreContacts:
-    """Return states 10 to 30 mm back, 5 mm where there is no more room, that keep the clearance and lead straight to `q`.
+def pre_contacts(
+    check: MotionCheck, goal: State, directions: Float[np.ndarray, "n 3"], cosines: Float[np.ndarray, " n"]
+) -> States | Stuck:
+    """Return states that keep the clearance and lead straight to `goal`, most preferred first.
 
-    The fingers are opened where that is needed.
+    They are 10 to 30 mm back along one of `directions` (see `back_off_directions`), 5 mm where there is no more room; the
+    fingers are opened where that is needed.
     """
-    goal = state(palm_pose(q), 0.0)
-    directions, cosine = back_off_directions(hand, scene, check, q)
     candidates, cost = [], []
     for opening in OPENINGS:
         for distance in BACK_OFF:
-            for direction, aligned in zip(directions, cosine, strict=True):
+            for direction, aligned in zip(directions, cosines, strict=True):
                 candidate = goal.copy()
                 candidate[:3] += distance * direction
                 candidate[7] = opening
@@ -107,8 +106,11 @@ def pre_contacts(hand: Hand, scene: Scene, check: MotionCheck, q: Float[np.ndarr
     distance = check.clearances(states, stop=check.clearance).distance.min(axis=1)
     free = np.flatnonzero(distance >= check.clearance)
     if len(free) == 0:
-        return PreContacts(states[:0], states[int(np.argmax(distance))], "pre-contact")
-    floor = contact_floor(check, goal)
+        return Stuck(states[int(np.argmax(distance))], "pre-contact")
+    # Of environment and object, on the last stretch.
+    floor = np.minimum(
+        [STRETCH_SHARE * check.clearance, 0.0], check.clearances(goal[None]).distance[0] - GOAL_ALLOWANCE
+    )
     found, stuck = [], None
     for index in free[:TRIED]:
         blocked = blocked_on_stretch(check, states[index], goal, floor=floor)
@@ -118,13 +120,7 @@ def pre_contacts(hand: Hand, scene: Scene, check: MotionCheck, q: Float[np.ndarr
                 break
         elif stuck is None:
             stuck = blocked
-    return PreContacts(np.array(found).reshape(-1, 8), None if found else stuck, "contact")
-
-
-def contact_floor(check: MotionCheck, goal: State) -> Float[np.ndarray, "2"]:
-    """Return the least signed distance to environment and object on the last stretch [m]."""
-    at_goal = check.clearances(goal[None]).distance[0]
-    return np.minimum([STRETCH_SHARE * check.clearance, 0.0], at_goal - GOAL_ALLOWANCE)
+    return np.array(found) if stuck is None or found else Stuck(stuck, "contact")
 
 
 def blocked_on_stretch(check: MotionCheck, start: State, goal: State, *, floor: Float[np.ndarray, "2"]) -> State | None:

@@ -4,8 +4,7 @@ A link counts as its convex hull, as in most simulations of hands, unless the hu
 surroundings, convex parts are taken as they stand; the others are cut by CoACD, and the result is measured against the part.
 """
 
-from dataclasses import dataclass
-from typing import TypeAlias
+from typing import Any, TypeAlias
 
 import numpy as np
 import trimesh
@@ -59,23 +58,12 @@ def _first_body(vertices: Float[np.ndarray, "vertex 3"]) -> list[int]:
     return chosen
 
 
-@dataclass(frozen=True)
-class Decomposition:
-    """How finely CoACD cuts, and how long it searches for each cut (its own values are 150, 20 and 3).
-
-    concavity: of half the longest side. pieces: the most that there may be, -1 for any number.
-    """
-
-    concavity: float
-    pieces: int
-    iterations: int
-    nodes: int
-    depth: int
-
-
-DECOMPOSE_OBJECT = Decomposition(concavity=0.02, pieces=12, iterations=60, nodes=10, depth=3)  # 1.5 mm on a phone
-DECOMPOSE_LINK = Decomposition(concavity=0.06, pieces=-1, iterations=20, nodes=6, depth=2)  # 3 mm on a palm
-DECOMPOSE_ENVIRONMENT = Decomposition(concavity=0.01, pieces=-1, iterations=60, nodes=10, depth=3)  # the finest cuts
+# How finely CoACD cuts (of half the longest side), into how many pieces at most (-1: any number), and how long it searches
+# for each cut (its own values are 150, 20 and 3).
+SEARCH = {"mcts_iterations": 60, "mcts_nodes": 10, "mcts_max_depth": 3}
+DECOMPOSE_OBJECT = SEARCH | {"threshold": 0.02, "max_convex_hull": 12}  # 1.5 mm on a phone
+DECOMPOSE_LINK = {"threshold": 0.06, "mcts_iterations": 20, "mcts_nodes": 6, "mcts_max_depth": 2}  # 3 mm on a palm
+DECOMPOSE_ENVIRONMENT = SEARCH | {"threshold": 0.01}  # the finest cuts
 
 Vertices: TypeAlias = Float[np.ndarray, "_ 3"]
 
@@ -102,7 +90,7 @@ def bodies_of(mesh: trimesh.Trimesh) -> list[trimesh.Trimesh]:
     return bodies if all(body.is_watertight and body.volume > 0 for body in bodies) else [mesh]
 
 
-def decomposed(mesh: trimesh.Trimesh, settings: Decomposition) -> list[Vertices]:
+def decomposed(mesh: trimesh.Trimesh, settings: dict[str, Any]) -> list[Vertices]:
     """Return the vertices [m, mesh frame] of CoACD's pieces.
 
     Raises:
@@ -113,15 +101,11 @@ def decomposed(mesh: trimesh.Trimesh, settings: Decomposition) -> list[Vertices]
     coacd.set_log_level("off")
     found = coacd.run_coacd(
         coacd.Mesh(np.asarray(mesh.vertices, dtype=np.float64), np.asarray(mesh.faces, dtype=np.int32)),
-        threshold=settings.concavity,
-        max_convex_hull=settings.pieces,
         preprocess_mode="off" if mesh.is_watertight else "on",
         preprocess_resolution=VOXELS_OF_OPEN_MESH,
         resolution=SURFACE_SAMPLES,
-        mcts_iterations=settings.iterations,
-        mcts_nodes=settings.nodes,
-        mcts_max_depth=settings.depth,
         seed=0,
+        **settings,
     )
     thinnest = THINNEST_PIECE * float(mesh.extents.max()) ** 3
     pieces = [np.asarray(vertices) for vertices, _ in found if _hull_volume(vertices) > thinnest]

@@ -12,8 +12,7 @@ from dexnudge.simulation.model import TIMESTEP
 Path = Float[np.ndarray, "step coordinates"]  # q (world) at every step
 
 SPEED = 0.05  # [m/s] of the base along the motion
-PHASES = ("settle", "approach", "squeeze", "push", "stop")  # of a push
-SETTLE, APPROACH, SQUEEZE, PUSH, STOP = PHASES
+PHASES = SETTLE, _, SQUEEZE, PUSH, _ = ("settle", "approach", "squeeze", "push", "stop")  # of a push
 SETTLE_TIME = 0.1  # [s] in which the object comes to rest on its supports, untouched
 SQUEEZE_TIME = 0.4  # [s] in which the fingers close the last 2 mm and the forces build up
 RAMP_TIME = 0.1  # [s] in which the base gets to its speed, and stops

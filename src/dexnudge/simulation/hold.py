@@ -1,4 +1,4 @@
-"""Whether a grasp holds its object in MuJoCo: DexGraspBench's force test (Chen et al., 2025), and a rehearsal of a lift.
+"""Whether a grasp holds in MuJoCo: its squeeze, DexGraspBench's force test (Chen et al., 2025), and a rehearsal of a lift.
 
 In the force test the hand squeezes; then a force of 10 * mass newtons pulls at the object's centre of mass for two seconds
 along each of six axes. A grasp holds if the object never gets 5 cm or 15 degrees away from where it was before.
@@ -11,16 +11,56 @@ import mujoco
 import numpy as np
 import trimesh
 from jaxtyping import Float
+from scipy.optimize import nnls
 
 from dexnudge.hands.hand import Hand
 from dexnudge.hands.physical import POSITION_GAIN
 from dexnudge.mechanics.contacts import HandContacts
+from dexnudge.mechanics.friction_cone import EDGE_COUNT, UP, friction_cone_edges, wrenches
 from dexnudge.mechanics.sliding_task import GRAVITY
 from dexnudge.scenes.scene import Scene
 from dexnudge.simulation.hand_path import waiting
-from dexnudge.simulation.model import ENVIRONMENT_SIDE, GRASP_MASS, SimulationModel, changed_physics, grasp_model
+from dexnudge.simulation.model import (
+    ENVIRONMENT_SIDE,
+    GRASP_FRICTION,
+    GRASP_MASS,
+    SimulationModel,
+    changed_physics,
+    grasp_model,
+)
 from dexnudge.simulation.rollout import IDLE_TORQUE, Rollout
-from dexnudge.simulation.squeeze import Squeeze, squeeze
+
+SQUEEZE = 14.0  # [N] wanted sum of all normal forces, before the limit per link
+STRONGEST_LINK = 5.0  # [N] normal force of one link; what a tendon-driven finger holds continuously
+BALANCE = 100.0  # weight of the net wrench against the sum of the forces: balance comes first
+EVENNESS = 0.1  # weight of each edge's own size: forces spread over contacts and keep to the middle of their cones
+
+
+def squeeze(
+    simulation: SimulationModel, contacts: HandContacts, *, half_length: float, friction: float = GRASP_FRICTION
+) -> tuple[Float[np.ndarray, "contact 3"], Float[np.ndarray, " motor"]]:
+    """Return forces on the object [N, frame of the contacts] whose net wrench is nearly zero, and the motor torques [N m].
+
+    Of the grasp at which `simulation` was placed; the forces stay inside cones of this `friction`.
+    Non-negative least squares over the edges of the contacts' friction pyramids: no net wrench first (torques over
+    `half_length` [m]), then a sum of normal forces near SQUEEZE, then evenly spread; scaled down until no link presses
+    harder than STRONGEST_LINK. A force f of the hand at a contact takes the joint torques J^T f; a motor that two
+    joints share takes the mean of theirs, since its tendon pulls on both alike.
+    """
+    edges = friction_cone_edges(contacts.normals, UP, friction=friction)
+    centre = np.array(simulation.data.xipos[simulation.object_body])
+    wrench = wrenches(contacts.points[:, None], edges, centre=centre, half_length=half_length).reshape(-1, 6)
+    count = len(wrench)
+    rows = np.concatenate([BALANCE * wrench.T, np.ones((1, count)), EVENNESS * np.eye(count)])
+    wanted = np.zeros(len(rows))
+    wanted[6] = SQUEEZE
+    size, _ = nnls(rows, wanted)
+    strongest = np.bincount(np.repeat(contacts.link, EDGE_COUNT), weights=size).max()
+    size *= min(1.0, STRONGEST_LINK / max(strongest, STRONGEST_LINK))
+    force = np.einsum("ck,ckx->cx", size.reshape(-1, EDGE_COUNT), edges)
+    torque = np.einsum("cxa,cx->a", simulation.contact_jacobians(contacts), force)
+    return force, torque @ simulation.angle_of_motor
+
 
 FARTHEST = 0.05  # [m] this and the next are DexGraspBench's limits of a grasp that holds
 MOST_TURNED = float(np.radians(15.0))
@@ -61,10 +101,7 @@ def at_rest(start: ObjectPose, poses: Sequence[ObjectPose], checks_left: int) ->
     It is no faster now than in the window before; at its present speed it would cover less than a tenth of the limits in
     the time that is left; and even at four times that speed it would stay within nine tenths of them.
 
-    Args:
-        start: from which the limits are measured.
-        poses: one per check since the pull began.
-        checks_left: checks until the pull ends.
+    The limits are measured from `start`; `poses` are one per check since the pull began, `checks_left` until it ends.
     """
     if len(poses) < max(FIRST_STOP, 2 * WINDOW + 1):
         return False
@@ -107,10 +144,8 @@ class Held:
 class HoldTest:
     """Tests grasps of one hand on one object; a result depends on its grasp alone, not on what was tested before.
 
-    Args:
-        hand: a description from `dexnudge.hands`.
-        object_mesh: metres; its frame is that of q and of the contacts.
-        full_length: whether pulls go on for their two seconds even when the object has come to rest.
+    The frame of `object_mesh` [m] is that of q and of the contacts. With `full_length` pulls go on for their two seconds
+    even when the object has come to rest.
 
     Raises:
         MeshError: the object cannot be cut into convex pieces.
@@ -132,11 +167,11 @@ class HoldTest:
         run = _Run(object_pose(self._grasp))
         if len(contacts.points) == 0:
             return run.verdict("no contact", "squeeze")
-        wanted = squeeze(self._grasp, contacts, half_length=self._half_length)
+        force, motor_torque = squeeze(self._grasp, contacts, half_length=self._half_length)
         # Forces that hold a pull and its opposite add up to a squeeze: contacts that allow none cannot hold both.
-        if float(np.linalg.norm(wanted.force, axis=1).sum()) < LEAST_SQUEEZE:
+        if float(np.linalg.norm(force, axis=1).sum()) < LEAST_SQUEEZE:
             return run.verdict("no squeeze", "squeeze")
-        self._close(wanted, run)
+        self._close(motor_torque, run)
         reason = run.check(object_pose(self._grasp))
         if reason:
             return run.verdict(reason, "squeeze")
@@ -149,15 +184,15 @@ class HoldTest:
                 return run.verdict(reason, name)
         return run.verdict("", "")
 
-    def _close(self, wanted: Squeeze, run: "_Run") -> None:
+    def _close(self, motor_torque: Float[np.ndarray, " motor"], run: "_Run") -> None:
         """Bring the motors to the wanted torques, whatever gaps they close on the way, and keep their targets there."""
         model, data = self._grasp.model, self._grasp.data
-        idle = np.abs(wanted.motor_torque) < IDLE_TORQUE
+        idle = np.abs(motor_torque) < IDLE_TORQUE
         place = np.array(data.ctrl)
         low, high = model.actuator_ctrlrange.T
         for update in range(CLOSING_UPDATES):
             share = min(1.0, (update + 1) / RAMP)
-            target = data.actuator_length + share * wanted.motor_torque / POSITION_GAIN
+            target = data.actuator_length + share * motor_torque / POSITION_GAIN
             data.ctrl[:] = np.clip(np.where(idle, place, target), low, high)
             self._step(CLOSING_STEPS, run)
         self._step(SETTLING_STEPS, run)
@@ -210,9 +245,7 @@ HELD_TIME = 1.0  # [s]
 class LiftRehearsal:
     """Rehearses lifts of a scene's object in free space, the object heavier and more slippery than it should be.
 
-    Args:
-        simulation: the model of hand and scene; the surroundings are left out.
-        scene: gives the hand's friction and the object's size.
+    Of the model of hand and scene, the surroundings are left out.
     """
 
     def __init__(self, simulation: SimulationModel, scene: Scene) -> None:
@@ -236,9 +269,8 @@ class LiftRehearsal:
         simulation.model.opt.gravity[:] = 0.0
         rollout = Rollout(simulation, q, recorded=False)
         start = object_pose(simulation)
-        rollout.close(
-            squeeze(simulation, contacts, half_length=self._half_length, friction=self._friction).motor_torque, "close"
-        )
+        _, motor_torque = squeeze(simulation, contacts, half_length=self._half_length, friction=self._friction)
+        rollout.close(motor_torque, "close")
         simulation.model.opt.gravity[:] = 0.0, 0.0, -GRAVITY
         rollout.follow(waiting(q, seconds=HELD_TIME), "hold")
         return float("inf") if rollout.divergence else start.share(object_pose(simulation))

@@ -1,6 +1,6 @@
 """Hand, object and surroundings as one MuJoCo model: the scene in which pushes, grasps and lifts are played.
 
-Two variants come from the same builder: `scene_model_xml`, a hand on a compliant arm in a whole scene, and
+Two variants come from the same builder: `scene_model`, a hand on a compliant arm in a whole scene, and
 `grasp_model`, a hand whose palm is fixed and one free object, with DexGraspBench's settings.
 """
 
@@ -178,16 +178,7 @@ class SimulationModel:
 
 
 def scene_model(hand: Hand, scene: Scene) -> SimulationModel:
-    """Build and compile the model of a hand in a scene; see `scene_model_xml`."""
-    return load_scene_model(scene_model_xml(hand, scene), hand, scene)
-
-
-def scene_model_xml(hand: Hand, scene: Scene) -> str:
-    """Return the model as MJCF that needs no other file, so that what is simulated is what a file of this text holds.
-
-    Args:
-        hand: its joints and motors.
-        scene: object, surroundings, frictions, mass.
+    """Return the model of a hand in a scene, compiled from MJCF that needs no other file: what its file holds is simulated.
 
     Raises:
         MeshError: object or surroundings cannot be cut into convex pieces.
@@ -222,24 +213,19 @@ def scene_model_xml(hand: Hand, scene: Scene) -> str:
     surroundings = spec.worldbody.add_body(name=SURROUNDINGS)
     _add_pieces(spec, surroundings, environment_pieces(scene.environment_mesh), environment_surface)
     spec.compile()
-    return str(spec.to_xml())
+    return load_scene_model(str(spec.to_xml()), hand, scene)
 
 
 def load_scene_model(xml: str, hand: Hand, scene: Scene) -> SimulationModel:
-    """Compile what `scene_model_xml` returned for the same hand and scene."""
+    """Compile the `xml` of the model of the same hand and scene, without cutting anything into pieces again."""
     return _indexed(hand, mujoco.MjModel.from_xml_string(xml), xml, scene.T_world_object)
 
 
-def grasp_model(hand: Hand, object_mesh: trimesh.Trimesh, pieces: list[Vertices] | None = None) -> SimulationModel:
+def grasp_model(hand: Hand, object_mesh: trimesh.Trimesh) -> SimulationModel:
     """Build the model of a hand whose palm stays where it is placed, and a free object of 100 g without gravity.
 
     Only links against the object make contacts: a verified grasp has no links in each other, and the motions that the hold
-    test allows are small.
-
-    Args:
-        hand: its joints and motors.
-        object_mesh: metres; the frame of q.
-        pieces: convex pieces of the object, in the mesh's frame; found where they are not given.
+    test allows are small. The frame of `object_mesh` [m] is that of q.
 
     Raises:
         MeshError: the object cannot be cut into convex pieces.
@@ -256,7 +242,7 @@ def grasp_model(hand: Hand, object_mesh: trimesh.Trimesh, pieces: list[Vertices]
     spec.option.disableflags |= int(getattr(mujoco.mjtDisableBit, "mjDSBL_MULTICCD", 0))
     spec.body(hand.link_names[0]).mocap = True
     body = _add_object(spec, object_mesh, GRASP_MASS)
-    _add_pieces(spec, body, object_pieces(object_mesh) if pieces is None else pieces, thing)
+    _add_pieces(spec, body, object_pieces(object_mesh), thing)
     return _indexed(hand, spec.compile(), "", np.eye(4))
 
 

@@ -108,6 +108,17 @@ class PushForces:
     base_closing: Float[np.ndarray, " 3"]
 
 
+@dataclass(frozen=True)
+class _Pushed:
+    """What hand and object bring to every place; jacobians: of the contacts' points [m/rad]."""
+
+    simulation: SimulationModel
+    q: Float[np.ndarray, " coordinates"]
+    contacts: HandContacts
+    task: SlidingTask
+    jacobians: Float[np.ndarray, "contact 3 angle"]
+
+
 def push_forces(
     simulation: SimulationModel,
     q: Float[np.ndarray, " coordinates"],
@@ -126,10 +137,10 @@ def push_forces(
     limit: what it pulls too much its base holds back.
     """
     simulation.place(q)
-    jacobians = simulation.contact_jacobians(contacts)
+    pushed = _Pushed(simulation, q, contacts, task, simulation.contact_jacobians(contacts))
     found: list[tuple[np.ndarray, float]] = [(np.zeros((len(contacts.points), 3)), 0.0)]
     for carrying in supports:
-        found.append(_chosen(simulation, q, contacts, carrying, task, jacobians) or found[-1])
+        found.append(_chosen(pushed, carrying) or found[-1])
     share = np.array([share for _, share in found[1:]])
     surplus = np.array([_surplus(each, contacts, task) for each, _ in found[1:]])
     force = surplus[:, None, None] * np.stack([each for each, _ in found[1:]])
@@ -138,7 +149,7 @@ def push_forces(
     closed = closed_configuration(simulation, q, pressing.tolist())
     return PushForces(
         force=force,
-        motor_torque=np.stack([_motor_torque(simulation, q, jacobians, each) for each in force]),
+        motor_torque=np.stack([_motor_torque(pushed, each) for each in force]),
         base_wrench=np.concatenate([force, np.cross(contacts.points - q[:3], force)], axis=2).sum(axis=1),
         cone_share=share,
         surplus=surplus,
@@ -154,24 +165,19 @@ def _surplus(force: Float[np.ndarray, "contact 3"], contacts: HandContacts, task
     return max(1.0, min(SURPLUS, task.max_normal_force / hardest)) if hardest > 0 else 1.0
 
 
-def _chosen(
-    simulation: SimulationModel,
-    q: np.ndarray,
-    contacts: HandContacts,
-    supports: SupportContacts,
-    task: SlidingTask,
-    jacobians: np.ndarray,
-) -> tuple[Float[np.ndarray, "contact 3"], float] | None:
+def _chosen(pushed: _Pushed, supports: SupportContacts) -> tuple[Float[np.ndarray, "contact 3"], float] | None:
     """Return forces at one place, and the share of the cone that they use; None if nothing balances.
 
     Of the contacts that press or push alone, if they can do it well inside their cones: a squeeze that is a little off
     turns the object.
     """
+    contacts, task = pushed.contacts, pushed.task
     kept = pressing(contacts, task.motion)
     tries = [(kept, share) for share in CONE_SHARES[:-1]] + [(np.ones_like(kept), share) for share in CONE_SHARES]
     for used, share in tries:
         narrowed = replace(task, friction_hand=share * task.friction_hand)
-        found = _balanced(simulation, q, some_contacts(contacts, used), supports, narrowed, jacobians[used])
+        some = some_contacts(contacts, used)
+        found = _balanced(replace(pushed, contacts=some, task=narrowed, jacobians=pushed.jacobians[used]), supports)
         if found is not None:
             force = np.zeros_like(contacts.points)
             force[used] = found
@@ -180,20 +186,14 @@ def _chosen(
     return None if solved is None else (solved.hand, 1.0)
 
 
-def _balanced(
-    simulation: SimulationModel,
-    q: np.ndarray,
-    contacts: HandContacts,
-    supports: SupportContacts,
-    task: SlidingTask,
-    jacobians: np.ndarray,
-) -> Float[np.ndarray, "contact 3"] | None:
+def _balanced(pushed: _Pushed, supports: SupportContacts) -> Float[np.ndarray, "contact 3"] | None:
+    contacts, task = pushed.contacts, pushed.task
     problem = balance_problem(contacts, supports, task)
     if problem.blocked or len(contacts.points) == 0:
         return None
     edges, hand = np.ascontiguousarray(problem.hand[..., :3]), problem.hand.reshape(-1, 6)
     support = problem.support_normal + problem.support_friction
-    mismatch, slack = _tendon_rows(simulation, q, np.einsum("cxa,ckx->cka", jacobians, edges).reshape(len(hand), -1))
+    mismatch, slack = _tendon_rows(pushed, np.einsum("cxa,ckx->cka", pushed.jacobians, edges).reshape(len(hand), -1))
     count, others = len(hand), len(support) + slack.shape[1]
     links = np.repeat(problem.link, EDGE_COUNT)
     of_link = (links == np.arange(problem.link.max() + 1)[:, None]).astype(float)
@@ -224,12 +224,12 @@ def _balanced(
 
 
 def _tendon_rows(
-    simulation: SimulationModel, q: np.ndarray, torque: Float[np.ndarray, "edge angle"]
+    pushed: _Pushed, torque: Float[np.ndarray, "edge angle"]
 ) -> tuple[Float[np.ndarray, "pair edge"], Float[np.ndarray, "pair slack"]]:
     """Return the follower's minus the leader's torque per edge [N m per unit force], and what joint stops take."""
-    pairs = simulation.hand.coupled_indices
+    pairs = pushed.simulation.hand.coupled_indices
     mismatch = (torque[:, pairs[:, 0]] - torque[:, pairs[:, 1]]).T
-    straight, together = _stops(simulation.hand, q)
+    straight, together = _stops(pushed.simulation.hand, pushed.q)
     slack = np.concatenate([-np.diag(straight.astype(float)), np.diag(together.astype(float))], axis=1)
     return mismatch, slack[:, np.abs(slack).sum(axis=0) > 0] * LEVER
 
@@ -241,13 +241,13 @@ def _stops(hand: Hand, q: np.ndarray) -> tuple[np.ndarray, np.ndarray]:
     return follower < hand.lower[pairs[:, 0]] + AT_STOP, follower > leader - AT_STOP
 
 
-def _motor_torque(simulation: SimulationModel, q: np.ndarray, jacobians: np.ndarray, force: np.ndarray) -> np.ndarray:
+def _motor_torque(pushed: _Pushed, force: np.ndarray) -> np.ndarray:
     """Return J^T f per motor; of a shared tendon the joints' mean, or the leader's where a stop carries its follower."""
-    torque = np.einsum("cxa,cx->a", jacobians, force)
+    simulation, torque = pushed.simulation, np.einsum("cxa,cx->a", pushed.jacobians, force)
     motors = simulation.motor_of_angle
     found = torque @ simulation.angle_of_motor
     for (follower, leader), straight in zip(
-        simulation.hand.coupled_indices, _stops(simulation.hand, q)[0], strict=True
+        simulation.hand.coupled_indices, _stops(simulation.hand, pushed.q)[0], strict=True
     ):
         if straight and torque[follower] > torque[leader]:
             found[motors[:, leader] > 0] = torque[leader]

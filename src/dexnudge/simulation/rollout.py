@@ -55,7 +55,6 @@ class Trace:
         attempt: number of the attempt, from 1.
         qpos, ctrl, mocap: MuJoCo's coordinates, motor targets, and target of the base (position, quaternion wxyz).
         object_pose: centre of mass [m, world], quaternion wxyz of the object's frame.
-        base_pose: of the palm, position [m] and quaternion wxyz.
         hand_object_force: sums of the normal and of the tangential forces of hand on object [N].
         hand_environment_clearance: [m] between convex pieces, at most 50 mm, negative where they penetrate.
         hand_environment_depth: greatest depth by MuJoCo's contacts at any step since the record before [m].
@@ -69,7 +68,6 @@ class Trace:
     ctrl: Float[np.ndarray, "record nu"]
     mocap: Float[np.ndarray, "record 7"]
     object_pose: Float[np.ndarray, "record 7"]
-    base_pose: Float[np.ndarray, "record 7"]
     hand_object_force: Float[np.ndarray, "record 2"]
     hand_environment_clearance: Float[np.ndarray, " record"]
     hand_environment_depth: Float[np.ndarray, " record"]
@@ -93,13 +91,8 @@ class Rollout:
     """A simulation from the hand at `q_start` (world) and the object where the model has it.
 
     The same acts give the same trace, whatever the model was used for before. With `recorded` off there are no records,
-    which take longer than the simulation.
-
-    Attributes:
-        simulation: the model; its `data` is the state now.
-        commanded: configuration that the hand was told last.
-        attempt: number of the attempt that records belong to.
-        divergence: None unless the simulation got out of hand; nothing is played after that.
+    which take longer than the simulation. commanded: configuration that the hand was told last. attempt: number of the one
+    that records belong to. divergence: None unless the simulation got out of hand; nothing is played after that.
     """
 
     def __init__(
@@ -151,10 +144,11 @@ class Rollout:
 
     def follow(self, path: Path, phase: str) -> None:
         """Move the hand along `path`; the fingers keep their grip where there is one."""
-        motors = path[:, ROOT_COORDINATES:] @ self.simulation.motor_of_angle.T
-        self.play(
-            self._path_commands(path, motors if self._grip is None else np.tile(self._grip, (len(path), 1)), phase)
-        )
+        if self._grip is None:
+            motors = path[:, ROOT_COORDINATES:] @ self.simulation.motor_of_angle.T
+        else:
+            motors = np.tile(self._grip, (len(path), 1))
+        self.play(self._path_commands(path, motors, phase))
 
     def carry_on(self, path: Path, phase: str) -> None:
         """Move the base along `path` with fingers and base pressing as they are told to now."""
@@ -263,7 +257,7 @@ class Rollout:
 
     def _record(self, phase: str, deepest: float) -> None:
         simulation, data = self.simulation, self.simulation.data
-        palm, free = simulation.palm_position, simulation.object_position
+        free = simulation.object_position
         record = {
             "time": data.time,
             "phase": phase,
@@ -272,7 +266,6 @@ class Rollout:
             "ctrl": np.array(data.ctrl),
             "mocap": np.concatenate([data.mocap_pos[0], data.mocap_quat[0]]),
             "object_pose": np.concatenate([data.xipos[simulation.object_body], data.qpos[free + 3 : free + 7]]),
-            "base_pose": np.array(data.qpos[palm : palm + 7]),
             "hand_object_force": contact_force_sums(simulation, HAND_SIDE, OBJECT_SIDE),
             "hand_environment_clearance": hand_clearance(simulation),
             "hand_environment_depth": deepest,
