@@ -129,7 +129,7 @@ EQUAL_TIME = (
 
 def projection_effect(
     sampler: Sampler, hand: Hand, scene: Scene, *, num: int, seed: int, method: Method
-) -> dict[str, dict[str, float]]:
+) -> dict[str, dict[str, float | int]]:
     """Return the figures of draws "before" and "after" the projection; nothing for a method without one."""
     if method.projection is None:
         return {}
@@ -138,7 +138,7 @@ def projection_effect(
     return {name: stage_figures(verify(scene, hand, q)) for name, q in stages.items()}
 
 
-def stage_figures(verdicts: Verdicts) -> dict[str, float]:
+def stage_figures(verdicts: Verdicts) -> dict[str, float | int]:
     """Return how many are verified, and means over all: links in contact, force margin, deepest penetration [mm].
 
     A hand that stands in the object touches it all around, so its margin says little: read it with the penetration.
