@@ -13,16 +13,17 @@ from dexnudge.energies.force_residual import ForceResidual
 from dexnudge.hands.hand import ROOT_COORDINATES
 from dexnudge.sampling.denoise import DenoisingConfig
 from dexnudge.sampling.guidance.clean import CleanDescent, CleanGradient
-from dexnudge.sampling.guidance.gradient import (
+from dexnudge.sampling.guidance.rule import (
+    ReverseStep,
+    active_contacts,
     configuration_energy,
     gradient_at_clean_estimate,
     gradient_through_network,
     squared_violation,
+    unguided,
     unit,
 )
-from dexnudge.sampling.guidance.paper import PaperGuidance
-from dexnudge.sampling.guidance.rule import ReverseStep, active_contacts, unguided
-from dexnudge.sampling.guidance.spherical import CleanSpherical, Resampled, SphericalGuidance, resampled
+from dexnudge.sampling.guidance.spherical import CleanSpherical, PaperGuidance, Resampled, SphericalGuidance, resampled
 
 BATCH = 6
 WEIGHTS = DenoisingConfig().weights

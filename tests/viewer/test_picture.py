@@ -4,10 +4,9 @@ import trimesh
 from PIL import Image
 
 from dexnudge.errors import InputError, OutputError
-from dexnudge.viewer import ray_hits as parallel_launch
-from dexnudge.viewer.camera import Camera
+from dexnudge.viewer import trace_kernel as parallel_launch
+from dexnudge.viewer.camera import Camera, choose_camera
 from dexnudge.viewer.picture import render_array, render_png
-from dexnudge.viewer.viewpoint import choose_camera
 from dexnudge.viewer.visual_scene import PALETTE, Part, VisualScene
 
 SIZE = (200, 150)

@@ -1,7 +1,7 @@
 import numpy as np
 import trimesh
 
-from dexnudge.viewer.ray_hits import first_hits, warp_mesh
+from dexnudge.viewer.trace_kernel import first_hits, warp_mesh
 
 
 def naive_hits(triangles, origins, directions):

@@ -4,6 +4,7 @@ Meshes are OBJ with every digit, so that points drawn on them after reading are 
 """
 
 import re
+from dataclasses import dataclass
 from pathlib import Path
 from xml.etree import ElementTree
 from xml.etree.ElementTree import Element, SubElement
@@ -14,15 +15,35 @@ from jaxtyping import Float
 
 from dexnudge.hands.config import HandConfig, write_hand_config
 from dexnudge.hands.hand import Hand, Joint
-from dexnudge.hands.physical import (
-    JOINT_ARMATURE,
-    JOINT_DAMPING,
-    JOINT_EFFORT,
-    JOINT_VELOCITY,
-    POSITION_GAIN,
-    body_inertia,
-)
 from dexnudge.hands.xml_text import numbers
+
+DENSITY = 1000.0  # [kg/m^3] plastic housing with motors; gives the Shadow Hand's fingers their published 10-20 g
+MIN_MASS = 0.002  # [kg] of links without geometry, as the Shadow model in gymnasium-robotics has it
+MIN_INERTIA = 1.0e-6  # [kg m^2] keeps small links stable at time steps of some milliseconds
+JOINT_EFFORT = 2.0  # [N m] Shadow Robot's published URDF
+JOINT_VELOCITY = 2.0  # [rad/s] Shadow Robot's published URDF
+JOINT_DAMPING = 0.1  # [N m s/rad] the Shadow model in gymnasium-robotics
+JOINT_ARMATURE = 0.001  # [kg m^2] the Shadow model in gymnasium-robotics
+POSITION_GAIN = 5.0  # [N m/rad] 5 N at a fingertip 0.1 m away for an error of 0.1 rad
+
+
+@dataclass(frozen=True)
+class BodyInertia:
+    """Mass [kg], centre of mass [m, link frame], moments of inertia about it along the link's axes [kg m^2]."""
+
+    mass: float
+    centre: Float[np.ndarray, " 3"]
+    diagonal: Float[np.ndarray, " 3"]
+
+
+def body_inertia(mesh: trimesh.Trimesh) -> BodyInertia:
+    """Return the inertia of a box as large as the mesh's bounding box, with the mass of its convex hull."""
+    if len(mesh.faces) == 0:
+        return BodyInertia(MIN_MASS, np.zeros(3), np.full(3, MIN_INERTIA))
+    mass = max(MIN_MASS, DENSITY * mesh.convex_hull.volume)
+    squares = np.asarray(mesh.extents) ** 2
+    return BodyInertia(mass, mesh.bounds.mean(axis=0), np.maximum(MIN_INERTIA, mass / 12 * (squares.sum() - squares)))
+
 
 NO_LOWER_LIMIT = -100.0  # [rad] farther than any joint turns
 
@@ -112,7 +133,7 @@ def export_hand(hand: Hand, folder: Path | str) -> Path:
     """Write hand.urdf, hand.yaml, hand.xml (MJCF) and meshes/*.obj into `folder`, made if need be.
 
     The root link is the palm. `collision` and `visual` meshes are both the geometry that is judged. Masses and motor
-    limits are nominal (see `physical.py`).
+    limits are nominal (constants above).
 
     Returns:
         the path of hand.urdf.

@@ -13,7 +13,7 @@ import numpy as np
 import trimesh
 
 from dexnudge.errors import HandError
-from dexnudge.hands import primitives
+from dexnudge.hands import link_meshes
 from dexnudge.hands.config import HandConfig, read_hand_config
 from dexnudge.hands.hand import Hand
 from dexnudge.hands.tree import Mimic, Tree, TreeJoint, hand_from_tree
@@ -217,15 +217,15 @@ def _geom_mesh(model: mujoco.MjModel, geom: int) -> trimesh.Trimesh:
         if mesh.volume < 0.0:
             mesh.invert()
     elif kind == mujoco.mjtGeom.mjGEOM_BOX:
-        mesh = primitives.box(2 * size)
+        mesh = link_meshes.box(2 * size)
     elif kind == mujoco.mjtGeom.mjGEOM_CYLINDER:
-        mesh = primitives.cylinder(size[0], 2 * size[1])
+        mesh = link_meshes.cylinder(size[0], 2 * size[1])
     elif kind == mujoco.mjtGeom.mjGEOM_CAPSULE:
-        mesh = primitives.capsule(size[0], 2 * size[1])
+        mesh = link_meshes.capsule(size[0], 2 * size[1])
     elif kind == mujoco.mjtGeom.mjGEOM_SPHERE:
-        mesh = primitives.sphere(size[0])
+        mesh = link_meshes.sphere(size[0])
     elif kind == mujoco.mjtGeom.mjGEOM_ELLIPSOID:
-        mesh = primitives.ellipsoid(size)
+        mesh = link_meshes.ellipsoid(size)
     else:
         raise HandError(
             f"geom '{model.geom(geom).name}': expected mesh, box, cylinder, capsule, sphere or ellipsoid, got {kind.name}; "

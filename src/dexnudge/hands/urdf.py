@@ -14,7 +14,7 @@ import yaml
 from jaxtyping import Float
 
 from dexnudge.errors import HandError
-from dexnudge.hands import primitives
+from dexnudge.hands import link_meshes
 from dexnudge.hands.config import HandConfig, read_hand_config
 from dexnudge.hands.hand import Hand
 from dexnudge.hands.link_meshes import load_link_mesh, mesh_path
@@ -169,8 +169,8 @@ def _shape(shape: Element, where: str, folder: Path) -> trimesh.Trimesh:
             f"{where}: <{shape.tag}>: expected {' and '.join(keys)} above zero, got {shape.attrib}; mend it"
         )
     if shape.tag == "box":
-        return primitives.box(sizes[0])
-    return getattr(primitives, shape.tag)(*(float(size[0]) for size in sizes))
+        return link_meshes.box(sizes[0])
+    return getattr(link_meshes, shape.tag)(*(float(size[0]) for size in sizes))
 
 
 def _origin(element: Element, where: str) -> Float[np.ndarray, "4 4"]:

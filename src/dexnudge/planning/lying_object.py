@@ -7,8 +7,8 @@ from jaxtyping import Float
 from scipy.spatial import ConvexHull, QhullError
 from scipy.spatial.transform import Rotation
 
+from dexnudge.geometry.exact_distance import Rays
 from dexnudge.geometry.meshes import centre_of_mass
-from dexnudge.geometry.rays import Rays
 from dexnudge.geometry.surface_lattice import Boxes, distinct_rows, lattice_in_boxes, surface_lattice
 from dexnudge.jobs.cached import cached_per_instance
 from dexnudge.mechanics.contacts import SUPPORT_DISTANCE, support_contacts

@@ -11,9 +11,8 @@ from dexnudge.errors import InputError, UnknownNameError, did_you_mean
 from dexnudge.plugins import call_foreign, load_plugin, plugin_names
 from dexnudge.sampling.denoise import DenoisingConfig
 from dexnudge.sampling.guidance.clean import CleanDescent, CleanGradient
-from dexnudge.sampling.guidance.paper import PaperGuidance
 from dexnudge.sampling.guidance.rule import GuidanceRule, ReverseStep, unguided
-from dexnudge.sampling.guidance.spherical import CleanSpherical, Resampled, SphericalGuidance
+from dexnudge.sampling.guidance.spherical import CleanSpherical, PaperGuidance, Resampled, SphericalGuidance
 from dexnudge.sampling.projection import ProjectionConfig
 
 GUIDING_WEIGHTS = TermWeights(contact=6.0, sweep=1.0, base=1.0, clearance_base=0.010)

@@ -17,11 +17,10 @@ from dexnudge.scenes.clutter import clutter
 from dexnudge.scenes.corner import corner
 from dexnudge.scenes.drawer import drawer
 from dexnudge.scenes.layers import layers, slot
-from dexnudge.scenes.ramp import ramp
 from dexnudge.scenes.scene import Scene
 from dexnudge.scenes.shelf import deep, shelf
 from dexnudge.scenes.stack import stack
-from dexnudge.scenes.table import table
+from dexnudge.scenes.table import ramp, table
 
 SceneFamily = Callable[[trimesh.Trimesh, np.random.Generator], Scene]
 

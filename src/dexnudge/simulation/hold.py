@@ -13,8 +13,8 @@ import trimesh
 from jaxtyping import Float
 from scipy.optimize import nnls
 
+from dexnudge.hands.export import POSITION_GAIN
 from dexnudge.hands.hand import Hand
-from dexnudge.hands.physical import POSITION_GAIN
 from dexnudge.mechanics.contacts import HandContacts
 from dexnudge.mechanics.friction_cone import EDGE_COUNT, UP, friction_cone_edges, wrenches
 from dexnudge.mechanics.sliding_task import GRAVITY

@@ -14,8 +14,8 @@ import numpy as np
 from jaxtyping import Float, Int
 from scipy.spatial.transform import Rotation
 
+from dexnudge.hands.export import POSITION_GAIN
 from dexnudge.hands.hand import ROOT_COORDINATES
-from dexnudge.hands.physical import POSITION_GAIN
 from dexnudge.simulation.hand_path import SQUEEZE, Path, PushPath, interpolated, palm_velocity, rotations
 from dexnudge.simulation.model import ENVIRONMENT_SIDE, HAND_SIDE, OBJECT_SIDE, TIMESTEP, SimulationModel
 from dexnudge.simulation.push_forces import PushForces

@@ -7,9 +7,8 @@ from typing import Any
 import numpy as np
 import trimesh
 
-from dexnudge.viewer.camera import TAN_HALF_HEIGHT, Camera
+from dexnudge.viewer.camera import TAN_HALF_HEIGHT, Camera, choose_camera
 from dexnudge.viewer.ray_scene import corner_normals
-from dexnudge.viewer.viewpoint import choose_camera
 from dexnudge.viewer.visual_scene import CONTACT_RADIUS, CREASE_ANGLE, PALETTE, Role, VisualScene, check_same_bodies
 
 ASPECT = 4 / 3  # of the stage for which the first view is chosen

@@ -9,12 +9,10 @@ from PIL import Image, ImageDraw, ImageFont
 
 from dexnudge.errors import InputError, OutputError
 from dexnudge.geometry.warp_runtime import WarpStruct, wp
-from dexnudge.viewer.camera import Camera
-from dexnudge.viewer.ray_hits import parallel_launch
+from dexnudge.viewer.camera import Camera, choose_camera
 from dexnudge.viewer.ray_scene import ray_scene
 from dexnudge.viewer.shading_kernel import Pixels, shade_picture, trace_picture
-from dexnudge.viewer.trace_kernel import Surface, View
-from dexnudge.viewer.viewpoint import choose_camera
+from dexnudge.viewer.trace_kernel import Surface, View, parallel_launch
 from dexnudge.viewer.visual_scene import VisualScene
 
 SIZE = (1280, 960)  # pixels, width and height

@@ -8,10 +8,8 @@ from jaxtyping import Bool, Float, Shaped
 
 from dexnudge.geometry.warp_runtime import WarpStruct, wp
 from dexnudge.jobs.cached import cached_per_instance
-from dexnudge.viewer.camera import Camera
-from dexnudge.viewer.ray_hits import warp_mesh
-from dexnudge.viewer.trace_kernel import TRIANGLE, Geometry, Triangle
-from dexnudge.viewer.viewpoint import hiding_faces
+from dexnudge.viewer.camera import Camera, hiding_faces
+from dexnudge.viewer.trace_kernel import TRIANGLE, Geometry, Triangle, warp_mesh
 from dexnudge.viewer.visual_scene import CONTACT_RADIUS, CREASE_ANGLE, PALETTE, Part, Role, VisualScene
 
 LARGEST_FAN = 128  # triangles at one vertex beyond which its corners stay flat: the cost grows with the square

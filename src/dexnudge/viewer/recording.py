@@ -7,8 +7,7 @@ import numpy as np
 from jaxtyping import Float, Int
 
 from dexnudge.errors import InputError
-from dexnudge.viewer.camera import Camera, framing_camera
-from dexnudge.viewer.viewpoint import choose_camera
+from dexnudge.viewer.camera import Camera, choose_camera, framing_camera
 from dexnudge.viewer.visual_scene import VisualScene, check_same_bodies
 
 SAMPLES = 6  # moments that the camera is chosen for

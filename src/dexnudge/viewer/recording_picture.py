@@ -7,10 +7,9 @@ from jaxtyping import Bool, UInt8
 from PIL import Image
 
 from dexnudge.errors import InputError, OutputError
-from dexnudge.viewer.camera import Camera
+from dexnudge.viewer.camera import Camera, hiding_faces
 from dexnudge.viewer.picture import arrange, render_array, write_png
 from dexnudge.viewer.recording import SAMPLES, Recording, recording_camera
-from dexnudge.viewer.viewpoint import hiding_faces
 
 TILE = (400, 300)  # pixels of each picture, width and height
 STRIP_PICTURES = 6

@@ -13,8 +13,7 @@ from jaxtyping import Float
 from torch import Tensor
 
 from dexnudge.energies.descent import HandDescent, StepSizes, configuration_from_pose, pose_from_configuration
-from dexnudge.sampling.guidance.gradient import gradient_at_clean_estimate, unit
-from dexnudge.sampling.guidance.rule import ReverseStep
+from dexnudge.sampling.guidance.rule import ReverseStep, gradient_at_clean_estimate, unit
 
 
 @dataclass(frozen=True)

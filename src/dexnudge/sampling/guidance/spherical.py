@@ -1,4 +1,6 @@
-"""Guidance on the sphere about DDIM's mean: noise that is turned towards descent of the energy, its length kept.
+"""The paper's Eq. 5 as printed, and guidance on the sphere about DDIM's mean.
+
+On the sphere, noise is turned towards descent of the energy and its length is kept.
 
 `SphericalGuidance` is DSG (Yang et al., ICML 2024), its gradient taken through the network. `CleanSpherical` takes the
 gradient at the clean estimate, and turns less where the energy is low and for joint angles. `Resampled` adds sequential
@@ -15,13 +17,25 @@ from torch import Tensor
 
 from dexnudge.diffusion.schedule import ddim_mean_and_sigma
 from dexnudge.hands.hand import ROOT_COORDINATES
-from dexnudge.sampling.guidance.gradient import (
+from dexnudge.sampling.guidance.rule import (
     SMALLEST_NORM,
+    ReverseStep,
     gradient_at_clean_estimate,
     gradient_through_network,
     unit,
 )
-from dexnudge.sampling.guidance.rule import ReverseStep
+
+
+@dataclass(frozen=True)
+class PaperGuidance:
+    """Eq. 5 with strength s in the normalised space of x."""
+
+    strength: float = 0.05
+
+    def __call__(self, step: ReverseStep) -> Float[Tensor, "batch dimension"]:
+        """Return x_{t-1}, each sample guided by its own gradient's direction."""
+        x0_hat, gradient = gradient_through_network(step)
+        return step.ddim(x0_hat) - self.strength * unit(gradient)
 
 
 @dataclass(frozen=True)
