@@ -32,7 +32,7 @@ class Benchmark:
     hand: str = "shadow_lite"
     """Hand."""
     seed: int = 0
-    """Of scenes and draws."""
+    """Seed of scenes and draws."""
 
     def run(self) -> None:
         """Print machine, versions, and a line for each scene."""

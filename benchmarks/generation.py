@@ -52,7 +52,7 @@ class Benchmark:
     hand: str = "shadow_lite"
     """Hand."""
     seed: int = 0
-    """Of the draws."""
+    """Seed of the draws."""
 
     def run(self) -> None:
         """Print machine, versions, rates and yields by kind, counts by behaviour and the share of each stage."""

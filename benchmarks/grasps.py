@@ -75,7 +75,7 @@ class Benchmark:
     hand: str = "shadow_lite"
     """Hand."""
     seed: int = 0
-    """Of the draws."""
+    """Seed of the draws."""
 
     def run(self) -> None:
         """Print machine, versions, one line for each object and method, the totals and their ratio."""

@@ -69,7 +69,7 @@ class Comparison:
     num: int = 16
     """Draws for each object, scene and method."""
     seed: int = field(default=1)
-    """Of scenes and draws."""
+    """Seed of scenes and draws."""
 
     def run(self) -> None:
         """Train, draw, write the table after each object."""

@@ -24,7 +24,7 @@ class Demo:
     num: int = 32
     """Draws for each scene."""
     seed: int = 0
-    """Of scenes and draws."""
+    """Seed of scenes and draws."""
 
     def run(self) -> None:
         """Write the folders, then print the table."""

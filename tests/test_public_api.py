@@ -81,3 +81,44 @@ def test_a_scene_in_surroundings_of_ones_own(tmp_path):
 
 def test_what_a_hand_says_of_itself(boxy_hand):
     assert repr(boxy_hand) == "Hand 'boxy': 4 joints, 5 links, digits a, b, 1 couplings"
+
+
+MISTAKEN = """
+import numpy as np
+import dexnudge as dn
+
+class Left:
+    name, weight = "left", 1.0
+    def __call__(self, hands, scene):
+        return hands.q[:, 0] ** 2
+
+hand, scene = dn.load_hand("shadow_lite"), dn.build_scene("table", "phone")
+q = np.zeros((1, 9 + hand.num_joints))
+for mistaken in (
+    lambda: dn.Sampler("shadow_lite"),
+    lambda: dn.Sampler(hand).sample("phone"),
+    lambda: dn.verify(hand, scene, q),
+    lambda: dn.verify(scene, hand, q, Left()),
+    lambda: dn.Sampler(hand, terms=Left()),
+    lambda: dn.Sampler(hand, terms=[Left]),
+    lambda: dn.HandBatch(hand, q[0]),
+):
+    try:
+        mistaken()
+    except dn.InputError as error:
+        print(error)
+"""
+
+
+def test_arguments_of_another_class_are_refused_by_name():
+    """In a process of its own: here, where the tests run, annotations are checked before the functions are called."""
+    done = subprocess.run([sys.executable, "-c", MISTAKEN], capture_output=True, text=True, check=True)
+    assert [line.partition(",")[0] for line in done.stdout.splitlines()] == [
+        "`hand` is 'shadow_lite'; expected a Hand",
+        "`scene` is 'phone'; expected a Scene",
+        "`scene` is a Hand; expected a Scene",
+        "`criteria` is a Left; expected a sequence: [*default_criteria()",
+        "`terms` is a Left; expected a sequence of terms",
+        "entry 0 of `terms` is the class Left; expected an object",
+        "`q` is torch.float64 of shape (25",
+    ]

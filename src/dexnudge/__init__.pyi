@@ -18,6 +18,7 @@ from dexnudge.hands.batch import HandBatch as HandBatch
 from dexnudge.hands.export import export_hand as export_hand
 from dexnudge.hands.hand import Hand as Hand
 from dexnudge.hands.registry import load_hand as load_hand
+from dexnudge.mechanics.contacts import HandContacts as HandContacts
 from dexnudge.objects.builtin import builtin_names as builtin_names, builtin_object as builtin_object
 from dexnudge.planning.outcomes import Outcome as Outcome
 from dexnudge.results.checking import Check as Check, check as check
@@ -33,5 +34,6 @@ from dexnudge.verification.criteria import (
     find_criterion as find_criterion,
 )
 from dexnudge.verification.measurements import Measurements as Measurements, measure as measure
+from dexnudge.verification.penetration import Penetrations as Penetrations
 from dexnudge.verification.verdicts import Verdicts as Verdicts, verify as verify
 from dexnudge.version import __version__ as __version__

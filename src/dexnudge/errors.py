@@ -14,6 +14,13 @@ def did_you_mean(name: str, known: Iterable[str]) -> str:
     return f" (did you mean {close[0]!r}?)" if close else ""
 
 
+def check_kind(argument: str, value: object, expected: type, example: str) -> None:
+    """Refuse an argument of another class, such as a name in place of a hand; InputError."""
+    if not isinstance(value, expected):
+        given = repr(value) if isinstance(value, str) else f"a {type(value).__name__}"
+        raise InputError(f"`{argument}` is {given}; expected a {expected.__name__}, such as {example}")
+
+
 class DexnudgeError(Exception):
     """Base of every deliberate error."""
 

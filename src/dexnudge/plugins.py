@@ -63,9 +63,11 @@ def load_plugin(kind: str, name: str, *, known: tuple[str, ...] = ()) -> Any:
     entries = _entries(kind)
     if name not in entries:
         names = [*known, *sorted(entries)]
+        expected = f"expected one of {', '.join(names)}, or the name of one" if names else "expected the name of one"
+        found = "" if names else ", of which there is none"
         raise UnknownNameError(
-            f"unknown {kind} {name!r}{did_you_mean(name, names)}; expected one of {', '.join(names) or 'none'}, or the name "
-            f"of one that an installed package brings (entry point '{GROUPS[kind]}')"
+            f"unknown {kind} {name!r}{did_you_mean(name, names)}; {expected} that an installed package brings "
+            f"(entry point '{GROUPS[kind]}'){found}"
         )
     entry = entries[name]
     what = f"{kind} '{name}' of package {_source(entry)} cannot be imported from '{entry.value}'"

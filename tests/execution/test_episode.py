@@ -8,7 +8,7 @@ import numpy as np
 import pytest
 from PIL import Image
 
-from dexnudge.errors import InputError, OutputError
+from dexnudge.errors import CheckpointError, InputError, OutputError
 from dexnudge.execution.episode import Episode, execute, write_model
 from dexnudge.execution.slide_grasp_lift import Attempt, SlideGraspLiftResult
 from dexnudge.planning.outcomes import Outcome
@@ -94,3 +94,12 @@ def test_bad_numbers_are_refused(sample):
 def test_every_outcome_has_its_sentence():
     assert len({outcome.sentence for outcome in Outcome}) == len(Outcome)
     assert all(Outcome(outcome.value) is outcome for outcome in Outcome)
+
+
+def test_a_rejected_configuration_is_executed_with_a_warning(sample, tmp_path):
+    rejected = replace(sample, success=False, reason="contact")
+    with (
+        pytest.warns(UserWarning, match="the configuration was rejected for 'contact'"),
+        pytest.raises(CheckpointError),
+    ):
+        execute(rejected, then_grasp=True, weights=tmp_path / "nowhere")

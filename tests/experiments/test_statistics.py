@@ -77,6 +77,7 @@ def test_the_interval_of_a_ratio_is_scipys():
 def test_a_ratio_without_a_denominator_is_infinite_and_its_interval_is_no_nan():
     one_of_three = estimate_of_sums(np.array([[1.0, 0.0], [1.0, 0.0], [1.0, 2.0]]), ratio)
     assert one_of_three.value == 1.5
+    assert one_of_three.text().endswith(" (-)")
     assert one_of_three.high == np.inf  # (2/3)^3 of the resamples miss the third object
     assert one_of_three.low == pytest.approx(0.5)
     assert as_json({"rates": [one_of_three]}) == {"rates": [{"value": 1.5, "low": one_of_three.low, "high": None}]}

@@ -17,9 +17,10 @@ def block(centre, size) -> trimesh.Trimesh:
 def test_a_ball_sunk_into_a_slab(depth):
     ball = trimesh.creation.icosphere(3, 0.05)
     ball.apply_translation([0, 0, -ball.bounds[0, 2] - depth])
-    found, point = deepest_overlap(ball, block((0, 0, -0.05), (1, 1, 0.1)))
+    found, point, way = deepest_overlap(ball, block((0, 0, -0.05), (1, 1, 0.1)))
     assert found == pytest.approx(depth, rel=0.02)
     assert np.linalg.norm(point[:2]) < 0.02
+    np.testing.assert_allclose(way, [0, 0, depth], atol=0.02 * depth)
 
 
 def test_a_thin_rod_through_the_middle_of_a_plate_is_found():

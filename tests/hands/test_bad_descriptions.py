@@ -370,9 +370,26 @@ def test_entities_in_a_mesh(write_hand):
 def test_without_yaml_the_message_says_what_to_write(write_hand):
     assert message(write_hand(config=None)) == (
         "DIR/small.urdf has no YAML beside it: expected small.yaml or hand.yaml with the palm, the fingertips and the "
-        "direction in which the palm faces; write there, after checking:\n"
-        "palm: palm\nfingertips: {thumbtip: thumbtip, pad: pad}\npalm_normal: [0, 0, 1]"
+        "direction in which the palm faces; check these lines, write the direction in the palm's frame in place of x, y "
+        "and z, and save them there:\npalm: palm\nfingertips: {thumb: thumbtip, pad: pad}\npalm_normal: [x, y, z]"
     )
+
+
+def test_the_proposed_yaml_names_digits_and_no_empty_mount_and_waits_for_the_palms_direction(write_hand):
+    path = write_hand(config=None)
+    joint = '<joint name="{0}" type="{1}"><parent link="{2}"/><child link="{3}"/>{4}</joint>'
+    limits = '<axis xyz="1 0 0"/><limit lower="0" upper="1" effort="1" velocity="1"/>'
+    links = ("mount", "base", "index_1", "index_2", "thumb_1", "thumb_2")
+    parts = [f'<link name="{name}"/>' for name in links]
+    parts.append(joint.format("screws", "fixed", "mount", "base", ""))
+    for digit in ("index", "thumb"):
+        parts.append(joint.format(f"{digit}_j1", "revolute", "base", f"{digit}_1", limits))
+        parts.append(joint.format(f"{digit}_j2", "revolute", f"{digit}_1", f"{digit}_2", limits))
+    path.write_text(f'<robot name="pair">{"".join(parts)}</robot>')
+    lines = message(path).splitlines()[1:]
+    assert lines == ["palm: base", "fingertips: {index: index_2, thumb: thumb_2}", "palm_normal: [x, y, z]"]
+    path.with_suffix(".yaml").write_text("\n".join(lines))
+    assert "key 'palm_normal': expected three numbers [x, y, z]" in message(path)
 
 
 @pytest.mark.parametrize(
@@ -453,8 +470,8 @@ def test_links_with_numbers_for_names_are_printed_so_that_they_can_be_pasted(wri
     path = write_hand(config=None)
     for number, name in enumerate(("forearm", "thumbtip", "thumb", "palm", "finger", "pad", "tip")):
         path.write_text(path.read_text().replace(f'"{name}"', f'"{number}"'))
-    lines = message(path).partition("after checking:\n")[2]
-    path.with_suffix(".yaml").write_text(lines.replace("palm: '0'", "palm: '3'"))
+    lines = message(path).partition("save them there:\n")[2]
+    path.with_suffix(".yaml").write_text(lines.replace("[x, y, z]", "[0, 0, 1]"))
     assert load_hand(path).link_names[0] == "3"
 
 

@@ -5,6 +5,7 @@ import pytest
 import torch
 import trimesh
 
+from dexnudge.errors import InputError
 from dexnudge.hands.batch import HandBatch
 
 
@@ -34,3 +35,10 @@ def test_points_are_differentiable_in_the_configuration(boxy_hand, q):
         return HandBatch(boxy_hand, value).points[:, ::40]
 
     torch.autograd.gradcheck(some_points, q.requires_grad_())
+
+
+def test_an_array_is_made_into_a_tensor_and_another_shape_is_refused(boxy_hand):
+    q = np.zeros((2, 9 + boxy_hand.num_joints))
+    assert HandBatch(boxy_hand, q).q.dtype == torch.float64
+    with pytest.raises(InputError, match="expects floating-point numbers of shape"):
+        HandBatch(boxy_hand, q[:, :9])

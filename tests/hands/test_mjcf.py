@@ -196,6 +196,4 @@ def test_included_files_may_have_any_root_and_include_each_other(path):
 
 def test_without_yaml_the_message_says_what_to_write(path):
     (path.parent / "hand.yaml").unlink()
-    assert message(path).endswith(
-        "write there, after checking:\npalm: palm\nfingertips: {tip: tip}\npalm_normal: [0, 0, 1]"
-    )
+    assert message(path).endswith("save them there:\npalm: palm\nfingertips: {tip: tip}\npalm_normal: [x, y, z]")

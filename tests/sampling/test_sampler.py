@@ -45,7 +45,8 @@ def test_missing_weights(hand, tmp_path):
         Sampler.from_pretrained(hand, weights=folder)
     assert str(caught.value) == (
         f"no weights for hand 'shadow_lite': expected a model folder, got {folder}, which does not exist; "
-        "train some with `dexnudge train` and pass them as `weights`"
+        "train some with `dexnudge train` and pass them as `weights`, or draw without any by the `method` "
+        "random_start_projection"
     )
 
 
@@ -56,6 +57,11 @@ def test_weights_are_loaded_only_where_a_method_needs_them(hand, tmp_path):
         sampler.load(RANDOM, "steered_noise")
     with pytest.raises(UnknownNameError):
         sampler.load("magic")
+
+
+def test_a_place_beyond_the_last_sample_is_refused(drawn):
+    with pytest.raises(IndexError, match="place 99 of 16 samples; expected one from -16 to 15"):
+        drawn[99]
 
 
 def test_another_device_than_the_cpu_is_refused(hand):

@@ -113,7 +113,7 @@ def test_an_object_that_touches_nothing_is_refused(scene):
 
     assert message_of(0, 0, 0.008) == (
         "the object touches nothing: the nearest surface is 3.0 mm below it; expected at most 1 mm; "
-        "move the object by (0.0000, 0.0000, -0.0030) m"
+        "move the object by (0.0000, 0.0000, -0.0030) m in the world"
     )
     assert message_of(100, 0, 5.0) == (
         "the object touches nothing: the nearest surface is 99.6 m beside it; expected at most 1 mm; "
@@ -125,7 +125,10 @@ def test_surroundings_that_penetrate_the_object_are_refused(scene):
     scene.validate()
     sunk = scene.T_world_object.copy()
     sunk[2, 3] = 0.002  # 3 mm into the slab
-    with pytest.raises(SceneError, match=r"^the environment already penetrates the object by 3\.0 mm near \("):
+    with pytest.raises(
+        SceneError, match=r"^the environment already penetrates the object by 3\.0 mm near \("
+    ) as caught:
         dataclasses.replace(scene, T_world_object=sunk).validate()
+    assert "move the object away from that surface by (0.0000, 0.0000, 0.0030) m in the world" in str(caught.value)
     sunk[2, 3] = 0.0045  # half a millimetre, as a measured pose may be
     dataclasses.replace(scene, T_world_object=sunk).validate()

@@ -24,7 +24,7 @@ class Execute:
     """Play the best verified configurations out in MuJoCo: close in, squeeze, push by the scene's motion length.
 
     A push succeeds if the object advances 80 % of the way, turns less than 15 degrees and is not dropped, and the hand
-    never gets deeper than 2 mm into the surroundings. With --then-grasp the object is pushed until it can be grasped,
+    never enters the surroundings by more than 2 mm. With --then-grasp the object is pushed until it can be grasped,
     grasped, lifted by 10 cm and held for 2 s, in one continuous simulation. Exit code 3: nothing succeeds.
     """
 
@@ -39,7 +39,7 @@ class Execute:
     attempts: Count = 3
     """With --then-grasp: most attempts; each goes on from where the one before left hand and object."""
     seed: Count = 0
-    """With --then-grasp: of the grasps."""
+    """With --then-grasp: seed of the grasps."""
     weights: OptionalFolder = None
     """With --then-grasp: folder of the model; the shipped one unless given."""
     out: OptionalFolder = None
@@ -112,7 +112,7 @@ def _print_pushes(summary: dict[str, Any]) -> None:
         figures = ["", "", ""]
         if "length_reached" in row:
             figures = [
-                f"{1e3 * row['length_reached']:.1f} of {1e3 * row['length_asked']:.0f}",
+                f"{round(1e3 * row['length_reached'], 1) + 0.0:.1f} of {1e3 * row['length_asked']:.0f}",
                 f"{row['turned_deg']:.1f}",
                 f"{1e3 * row['hand_environment']:.2f}",
             ]
@@ -128,7 +128,7 @@ def _print_attempts(summary: dict[str, Any]) -> None:
         shown.add_row(
             str(row["number"]),
             "" if row["configuration"] < 0 else str(row["configuration"]),
-            "" if moved is None else f"{1e3 * moved:.0f} of {1e3 * row['length_asked']:.0f}",
+            "" if moved is None else f"{round(1e3 * moved)} of {1e3 * row['length_asked']:.0f}",
             "" if row["overhang"] is None else f"{row['overhang']:.0%}",
             "" if row["grasps"] < 0 else f"{row['grasps']} of {row['drawn']}",
             "" if row["raised"] is None else f"{1e3 * row['raised']:.0f}",

@@ -14,29 +14,29 @@ class Plugins:
     """
 
     def run(self) -> int:
-        """Print a line for each kind, and one for each thing that a package brings."""
+        """Print a heading for each kind and one name a line."""
         from dexnudge.plugins import find_plugins
 
         for kind, names in builtin_names().items():
-            say(f"{kind}: {', '.join(names)}")
-            for found in find_plugins(kind, builtin=names)[len(names) :]:
-                say(f"  {found.name}, from {found.source}" + (f"; broken: {found.broken}" if found.broken else ""))
+            say(f"{kind}:")
+            for found in find_plugins(kind, builtin=names):
+                source = "" if found.name in names and not found.broken else f", from {found.source}"
+                say(f"  {found.name}{source}" + (f"; broken: {found.broken}" if found.broken else ""))
         return 0
 
 
 def builtin_names() -> dict[str, tuple[str, ...]]:
     """Return the built-in names of each kind."""
-    from dexnudge.energies.weights import TermWeights
+    from dexnudge.energies.weights import BUILTIN_WEIGHTS
     from dexnudge.hands.registry import HANDS
     from dexnudge.sampling.methods import METHODS
     from dexnudge.scenes.families import SCENE_FAMILIES
     from dexnudge.verification.criteria import default_criteria
 
-    distances = ("clearance", "contact_gap")
     return {
         "hand": tuple(HANDS),
         "scene": tuple(SCENE_FAMILIES),
-        "energy term": tuple(name for name in vars(TermWeights()) if not name.startswith(distances)),
+        "energy term": BUILTIN_WEIGHTS,
         "criterion": tuple(criterion.name for criterion in default_criteria()),
         "guidance rule": tuple(METHODS),
     }

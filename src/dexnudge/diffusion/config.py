@@ -203,11 +203,11 @@ class TrainingConfig:
     warmup_steps: int = 500
     """Steps over which the learning rate rises."""
     weight_decay: float = 0.01
-    """Of AdamW."""
+    """Weight decay of AdamW."""
     gradient_clip: float = 1.0
     """Largest norm of the gradient."""
     ema_decay: float = 0.999
-    """Of the averaged weights, which are the model."""
+    """Decay of the averaged weights, which are the model."""
     grasp_fraction: float = 0.25
     """Share of groups that are grasps; 1 trains the grasp-only baseline."""
     behaviour_balance: float = 0.5
@@ -239,7 +239,7 @@ class TrainingConfig:
     log_every: int = 50
     """Steps between lines of the log."""
     seed: int = 0
-    """Of weights, noise and batches."""
+    """Seed of weights, noise and batches."""
     num_threads: int | None = None
     """Threads of torch; as many as there are cores unless given."""
     device: Literal["cpu", "cuda"] = "cpu"

@@ -15,7 +15,7 @@ what a term must not allow costs about as much.
 """
 
 import math
-from collections.abc import Sequence
+from collections.abc import Iterable, Sequence
 from copy import copy
 from typing import Any, Protocol, runtime_checkable
 
@@ -25,7 +25,8 @@ from jaxtyping import Float
 from torch import Tensor
 
 from dexnudge.energies.descent import HandPose, configuration_from_pose
-from dexnudge.errors import InputError
+from dexnudge.energies.weights import BUILTIN_WEIGHTS
+from dexnudge.errors import InputError, UnknownNameError
 from dexnudge.hands.batch import HandBatch
 from dexnudge.hands.hand import Hand
 from dexnudge.plugins import call_foreign, load_plugin
@@ -62,8 +63,15 @@ def check_terms(terms: Sequence[Any]) -> tuple[EnergyTerm, ...]:
     Raises:
         InputError: a name or a weight that makes no sense, no function, or two terms of one name.
     """
+    if isinstance(terms, str) or not isinstance(terms, Iterable):
+        given = type(terms).__name__
+        raise InputError(f"`terms` is a {given}; expected a sequence of terms, such as [{given}()]")
     names: list[str] = []
     for place, term in enumerate(terms):
+        if isinstance(term, type):
+            raise InputError(
+                f"entry {place} of `terms` is the class {term.__name__}; expected an object, such as {term.__name__}()"
+            )
         kind, name = type(term).__name__, getattr(term, "name", None)
         if not isinstance(name, str) or not name.strip():
             raise InputError(
@@ -90,6 +98,11 @@ def find_term(name: str, *, weight: float | None = None) -> EnergyTerm:
         UnknownNameError: no package brings it; the message lists those that exist.
         InputError: it cannot be imported or made, is no term, or the weight makes no sense.
     """
+    if name in BUILTIN_WEIGHTS:
+        raise UnknownNameError(
+            f"energy term '{name}' is built in; expected one that a package brings; on the command line its weight is "
+            f"`weight_{name}`"
+        )
     found = load_plugin("energy term", name)
     return check_terms([call_foreign(f"energy term '{name}' cannot be made", _make_term, found, weight)])[0]
 

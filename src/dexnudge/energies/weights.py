@@ -53,3 +53,7 @@ class TermWeights:
                 raise InputError(
                     f"the {what} '{name}' of the energy is {value:g}; expected a finite number, 0 or more{off}"
                 )
+
+
+BUILTIN_WEIGHTS = tuple(name for name in vars(TermWeights()) if not name.startswith(("clearance", "contact_gap")))
+"""Names of the built-in terms, whose weights can be set."""

@@ -1,6 +1,7 @@
 """What came of playing configurations out in physics: watched, saved, and judged by its outcome."""
 
 import shutil
+import warnings
 from collections.abc import Sequence
 from dataclasses import asdict, dataclass
 from pathlib import Path
@@ -36,7 +37,11 @@ FILM_FILES = {".gif": ANIMATION_FILE, ".png": STRIP_FILE, ".html": PAGE_FILE}
 class Episode:
     """A configuration played out in physics: a push, or all attempts to slide, grasp and lift.
 
-    simulation: the model of the scene in MuJoCo. configuration: number among those given of the one that pushed.
+    Attributes:
+        scene: the scene in which it was played.
+        simulation: the model of the scene in MuJoCo.
+        result: what the push, or what each attempt to slide, grasp and lift, found in detail.
+        configuration: number, among those given, of the one that pushed.
     """
 
     scene: Scene
@@ -92,7 +97,7 @@ class Episode:
         detail = f" ({self.detail})" if self.detail else ""
         return (
             f"{kind} of {self.simulation.hand.name} in '{self.scene.name}': {self.outcome.sentence}{detail}; "
-            f"{1e3 * self.length_reached:.0f} of {1e3 * self.length_asked:.0f} mm{attempts}"
+            f"{round(1e3 * self.length_reached)} of {round(1e3 * self.length_asked)} mm{attempts}"
         )
 
     def recording(self, title: str = "") -> Recording:
@@ -219,12 +224,12 @@ def execute(
     """Play a configuration out in MuJoCo: close in, squeeze, and push the object by the length of the scene's motion.
 
     Args:
-        sample: a verified configuration in its scene, such as `samples[0]`.
+        sample: a configuration in its scene, such as `samples[0]`. One that was rejected is played, too, with a warning.
         then_grasp: slide the object until it can be grasped, grasp it, lift it by 10 cm and hold it for 2 s.
         alternatives: with `then_grasp`, configurations of the same scene with which further attempts push.
         attempts: with `then_grasp`, at most so many; each goes on from where the one before left hand and object.
-        draws: of grasps at a time.
-        seed: of the grasps.
+        draws: with `then_grasp`, the number of grasps that are sampled at a time; 32 unless given.
+        seed: with `then_grasp`, the seed of the grasps.
         weights: folder of the model that draws them; None for the one that ships for this hand.
 
     Raises:
@@ -235,6 +240,10 @@ def execute(
     for name, value in (("attempts", attempts), ("draws", draws)):
         if value < 1:
             raise InputError(f"`{name}` is {value}; expected at least 1")
+    if not sample.success:
+        warnings.warn(
+            f"the configuration was rejected for '{sample.reason}'; it is executed all the same", stacklevel=2
+        )
     q = np.stack([np.asarray(each.q, dtype=np.float64) for each in (sample, *alternatives)])
     if not then_grasp:
         simulation = scene_model(sample.hand, sample.scene)

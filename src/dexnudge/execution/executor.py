@@ -23,7 +23,7 @@ from dexnudge.verification.verdicts import contacts_of
 class Execution:
     """The push of one configuration.
 
-    divergence: None unless the simulation got out of hand. forces: with which the hand pressed. approach: of which the last,
+    divergence: None unless the simulation diverged. forces: with which the hand pressed. approach: of which the last,
     straight stretch is simulated; where it is blocked the hand starts at contact. seconds: wall time by stage.
     """
 

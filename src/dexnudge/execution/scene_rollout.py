@@ -86,7 +86,7 @@ class SceneRollout:
             rollout.follow(bending(rollout.commanded, angles, speed=JOINT_SPEED), "release")
 
     def moved(self, since: Scene) -> Float[np.ndarray, " 3"]:
-        """Return the way of the object's centre of mass since `since` [m, world]."""
+        """Return the displacement of the object's centre of mass since `since` [m, world]."""
         return sliding_task(self.scene_now()).centre - sliding_task(since).centre
 
     def why_over(self) -> Outcome | None:

@@ -21,9 +21,9 @@ class ExperimentConfig:
         objects: a set as in `resolve_object_set`.
         max_objects: take this many of the set, evenly spaced in its order; None for all.
         scenes: names of scene families.
-        methods: names in `sampling.METHODS`.
+        methods: names of sampling methods.
         num: draws of each trial.
-        seed: of the whole experiment; `trial_seed` derives that of a trial.
+        seed: seed of the whole experiment; `trial_seed` derives that of a trial.
         units: of mesh files, unless the set implies a scale.
         length: longest side of every object [m], or None for the size that the set implies.
         hand: built-in name or URDF file.

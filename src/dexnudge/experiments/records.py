@@ -24,7 +24,7 @@ class TrialRecord:
         status: "done"; "unverified", where a trial needs a verified draw and there is none; "failed", where the object
             cannot be read, does not fit its scene, cannot be simulated, or the worker process died.
         reason: why it failed; "" where it did not.
-        seed: of the scene and of the draws.
+        seed: seed of the scene and of the draws.
         num: draws attempted. verified: those that are verified.
         seconds: by stage.
     """

@@ -16,6 +16,8 @@ from dexnudge.experiments.trial import Section, TrialKind
 
 REPORT = "report"  # .md, .json and .csv
 RATES_CHART = "rates.png"
+FEWEST = 5  # objects from which an interval says something about others
+FEW = f" With fewer than {FEWEST} objects an interval says little; (-) where none can be given: use more objects."
 
 
 def write_report(kind: TrialKind[Record], out: Path) -> str:
@@ -36,8 +38,9 @@ def write_report(kind: TrialKind[Record], out: Path) -> str:
     measured = measure(records, kind.metrics)
     counts = [metric for metric in kind.metrics if metric.form == "counts"]
     rates = [metric for metric in kind.metrics if metric not in counts]
+    few = FEW if len({record.object for record in records}) < FEWEST else ""
     sections = [
-        Section("", f"{setting(config, claim)} {kind.about}", metric_table(measured, rates)),
+        Section("", f"{setting(config, claim)} {kind.about}{few}", metric_table(measured, rates)),
         Section("Methods", "", method_table(row["method"] for row in measured)),
         Section("Rates", "", chart=(RATES_CHART, lambda: rates_chart(kind, measured))),
         *kind.sections(records),

@@ -31,9 +31,10 @@ class Estimate:
         return f"{100 * self.value:.1f} ({100 * self.low:.0f}-{100 * self.high:.0f})"
 
     def text(self, digits: int = 2) -> str:
-        """Return the number as text: "0.21 (0.19-0.24)"."""
+        """Return the number as text: "0.21 (0.19-0.24)"; "0.21 (-)" where an end is infinite, so that it says nothing."""
         value, low, high = (f"{number:.{digits}f}" for number in (self.value, self.low, self.high))
-        return f"{value} ({low}-{high})" if np.isfinite(self.value) else "none"
+        interval = f"{low}-{high}" if np.isfinite([self.low, self.high]).all() else "-"
+        return f"{value} ({interval})" if np.isfinite(self.value) else "none"
 
     def inverse(self) -> "Estimate":
         """Return one over the number, which must not be negative; infinite where it is 0."""

@@ -13,21 +13,26 @@ SPACING = 0.003  # [m] between the points that are tested
 MARGIN = 1e-6  # [m] around the bounds, so that rounding drops no point on them
 
 
-def deepest_overlap(first: trimesh.Trimesh, second: trimesh.Trimesh) -> tuple[float, Float[np.ndarray, "3"]]:
-    """Return the largest depth [m] of a point of one mesh inside the other, and that point; 0 where they are apart.
+def deepest_overlap(
+    first: trimesh.Trimesh, second: trimesh.Trimesh
+) -> tuple[float, Float[np.ndarray, "3"], Float[np.ndarray, "3"]]:
+    """Return the largest depth [m] of a point of one mesh inside the other, that point, and the way of `first` out there.
+
+    The depth is 0 where they are apart. The way [m] takes the point to the nearest surface.
 
     Both ways: evenly spread points of each mesh, its corners and edges among them, against the other's exact distance.
     """
-    depth, where = 0.0, np.asarray(first.vertices[0], dtype=np.float64)
-    for points_of, inside_of in ((first, second), (second, first)):
+    depth, where, way = 0.0, np.asarray(first.vertices[0], dtype=np.float64), np.zeros(3)
+    for points_of, inside_of, sign in ((first, second, 1.0), (second, first, -1.0)):
         points = _points_near(points_of, inside_of.bounds)
         if len(points) == 0:
             continue
-        distance = ExactDistance(inside_of)(points).distance
-        deepest = int(np.argmin(distance))
-        if -distance[deepest] > depth:
-            depth, where = float(-distance[deepest]), points[deepest]
-    return depth, where
+        hit = ExactDistance(inside_of)(points)
+        deepest = int(np.argmin(hit.distance))
+        if -hit.distance[deepest] > depth:
+            depth, where = float(-hit.distance[deepest]), points[deepest]
+            way = sign * (hit.closest[deepest] - where)
+    return depth, where, way
 
 
 def way_to_surface(

@@ -8,6 +8,7 @@ import torch
 from jaxtyping import Float, Int
 from torch import Tensor
 
+from dexnudge.errors import InputError, check_kind
 from dexnudge.hands.hand import ROOT_COORDINATES, Hand
 
 
@@ -16,14 +17,37 @@ class HandBatch:
 
     Everything is differentiable in `q`.
 
+    Args:
+        hand: the kind of hand.
+        q: (n, 9 + d) floating-point tensor, [translation (3) [m] | 6D rotation (6) | joint angles (d) [rad]], one row for
+            each hand; an array is made into a tensor. Points and poses have its dtype.
+        dense: whether `points` are those that judge (at most 2 mm apart), instead of the sparse ones that guide.
+
     Attributes:
         hand: the kind of hand.
-        q: [translation [m] | 6D rotation | joint angles [rad]], one row per hand.
+        q: the configurations.
         derived: what others have computed from this batch, kept as long as it lives.
+
+    Raises:
+        InputError: `q` is not of shape (n, 9 + d), or holds no floating-point numbers.
     """
 
-    def __init__(self, hand: Hand, q: Float[Tensor, "batch coordinates"], *, dense: bool = False) -> None:
-        """A batch with the sparse points that guide or, if `dense`, with those that judge (at most 2 mm apart)."""
+    def __init__(
+        self,
+        hand: Hand,
+        q: Float[Tensor, "batch coordinates"] | Float[np.ndarray, "batch coordinates"],
+        *,
+        dense: bool = False,
+    ) -> None:
+        check_kind("hand", hand, Hand, 'load_hand("shadow_lite")')
+        coordinates = ROOT_COORDINATES + hand.num_joints
+        if not isinstance(q, Tensor):
+            q = torch.as_tensor(np.asarray(q))
+        if q.ndim != 2 or q.shape[1] != coordinates or not q.is_floating_point():
+            raise InputError(
+                f"`q` is {q.dtype} of shape {tuple(q.shape)}; hand '{hand.name}' expects floating-point numbers of shape "
+                f"(n, {coordinates})"
+            )
         self.hand, self.q = hand, q
         self.derived: dict[Any, Any] = {}
         self._surface = hand.dense_points if dense else hand.sparse_points

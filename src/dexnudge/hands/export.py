@@ -133,7 +133,7 @@ def export_hand(hand: Hand, folder: Path | str) -> Path:
     """Write hand.urdf, hand.yaml, hand.xml (MJCF) and meshes/*.obj into `folder`, made if need be.
 
     The root link is the palm. `collision` and `visual` meshes are both the geometry that is judged. Masses and motor
-    limits are nominal (constants above).
+    limits are nominal values, not the real hand's.
 
     Returns:
         the path of hand.urdf.

@@ -1,4 +1,4 @@
-"""A hand's kinematic tree as a description file states it, checked, hung up at the palm, and made into a `Hand`."""
+"""A hand's kinematic tree as a description file states it, checked, given the palm as its root, and made into a `Hand`."""
 
 from dataclasses import dataclass, replace
 

@@ -5,7 +5,9 @@ has no geometry. Several elements of one link are taken together. Read: mesh, bo
 """
 
 from collections import Counter
+from itertools import takewhile
 from pathlib import Path
+from typing import Any
 from xml.etree.ElementTree import Element
 
 import numpy as np
@@ -65,15 +67,31 @@ def config_path(path: Path, config: Path | str | None, tree: Tree) -> Path:
     for candidate in (path.with_suffix(".yaml"), path.with_name("hand.yaml")):
         if candidate.is_file():
             return candidate
-    parents = {joint.parent for joint in tree.joints}
-    leaves = [link for link in tree.links if link not in parents]
-    palm = min([link for link in tree.links if "palm" in link.lower()] or list(tree.links)[:1], key=len)
-    template = {"palm": palm, "fingertips": {link: link for link in leaves}, "palm_normal": [0, 0, 1]}
+    template = yaml.safe_dump(_proposal(tree), sort_keys=False, default_flow_style=None, width=1000)
     raise HandError(
         f"{path} has no YAML beside it: expected {path.with_suffix('.yaml').name} or hand.yaml with the palm, "
-        "the fingertips and the direction in which the palm faces; write there, after checking:\n"
-        + yaml.safe_dump(template, sort_keys=False, default_flow_style=None, width=1000).rstrip()
+        "the fingertips and the direction in which the palm faces; check these lines, write the direction in the palm's "
+        f"frame in place of x, y and z, and save them there:\n{template}palm_normal: [x, y, z]"
     )
+
+
+def _proposal(tree: Tree) -> dict[str, Any]:
+    """Return what the tree tells of palm and fingertips: links by name, the digits named by what their links share."""
+    carriers = [joint.parent for joint in tree.joints]
+    moving = [joint.parent for joint in tree.joints if not joint.fixed and not joint.slides]
+    named = sorted((link for link in tree.links if "palm" in link.lower()), key=len)
+    branching = [link for link in tree.links if carriers.count(link) > 1]
+    palm = [*named, *branching, *moving, *tree.links][0]
+    parent = {joint.child: joint.parent for joint in tree.joints}
+    fingertips = {}
+    for tip in (link for link in tree.links if link not in carriers):
+        chain = [tip]
+        while chain[-1] in parent and parent[chain[-1]] not in (palm, *branching):
+            chain.append(parent[chain[-1]])
+        alike = takewhile(lambda letters: len(set(letters)) == 1, zip(*chain, strict=False))
+        shared = "".join(letters[0] for letters in alike).rstrip("_-. 0123456789")
+        fingertips[shared if shared and shared not in fingertips else tip] = tip
+    return {"palm": palm, "fingertips": fingertips}
 
 
 def _joints(robot: Element, path: Path) -> list[TreeJoint]:

@@ -37,8 +37,10 @@ DISTINCT_DISTANCE = 1e-6
 class HandContacts:
     """Contacts of one configuration of the hand with the object.
 
-    points: closest points on the object [m, world]. normals: outward from the object, unit, world.
-    link: index of the hand link, ascending.
+    Attributes:
+        points: closest points on the object [m, world].
+        normals: outward from the object, unit, world.
+        link: index of the hand link that makes each contact, ascending.
     """
 
     points: Float[np.ndarray, "contact 3"]

@@ -154,7 +154,7 @@ def rate_of_key(p: Program, link: wp.int32, rate: vec6, entering_link: wp.int32)
 
 @wp.func
 def exchange(p: Program, leave: wp.int32, enter: wp.int32, enter_link: wp.int32, rate: vec6, step: wp.float64):
-    """Put column `enter`, at value `step`, in the place of the basic one at `leave` (slots, then keys)."""
+    """Put column `enter`, at value `step`, instead of the basic one at `leave` (slots, then keys)."""
     slot = leave
     if leave >= 6:
         # a key leaves: another basic column of its link becomes the key, and the old key takes that one's slot

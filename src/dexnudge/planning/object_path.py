@@ -74,7 +74,7 @@ DEFAULT_LIMITS = GraspableLimits()
 
 @dataclass(frozen=True)
 class ObjectMotion:
-    """A way of the object to where it is graspable.
+    """A path of the object to where it can be grasped.
 
     start, end: of the origin of its frame [m, world]; the same where the object is graspable as it lies. overhang: the
     foremost part of its length along the motion in which every point of both sides has room at the end [-]. free_length: the

@@ -12,7 +12,7 @@ from dexnudge.verification.criteria import AGREEMENT
 from dexnudge.verification.verdicts import Verdicts, verify
 
 
-@dataclass(frozen=True)
+@dataclass(frozen=True, repr=False)
 class Check:
     """What was written and what was found again.
 
@@ -28,6 +28,13 @@ class Check:
     found: Verdicts
     differences: tuple[str, ...]
     not_recomputed: Mapping[str, str]
+
+    def __repr__(self) -> str:
+        verdict = f"{len(self.differences)} figures differ" if self.differences else "every figure agrees"
+        lines = [f"Check of {len(self.found)} configurations, {int(self.found.success.sum())} verified: {verdict}"]
+        lines += [f"  {difference}" for difference in self.differences]
+        lines += [f"  not recomputed: {name}: {reason}" for name, reason in self.not_recomputed.items()]
+        return "\n".join(lines)
 
     @property
     def agrees(self) -> bool:

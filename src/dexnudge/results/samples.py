@@ -134,7 +134,11 @@ class Samples:
         self, key: int | np.integer | slice | Int[np.ndarray, " m"] | Bool[np.ndarray, " n"]
     ) -> Sample | Samples:
         if isinstance(key, int | np.integer):
-            place = range(len(self))[key]  # negative ones count from the end; IndexError beyond it
+            if not -len(self) <= key < len(self):
+                raise IndexError(
+                    f"place {key} of {len(self)} samples; expected one from {-len(self)} to {len(self) - 1}"
+                )
+            place = range(len(self))[key]
             return Sample(
                 scene=self.scene,
                 hand=self.hand,

@@ -16,7 +16,7 @@ from jaxtyping import Float
 
 from dexnudge.diffusion.prior import DiffusionPrior
 from dexnudge.energies.terms import EnergyTerm, check_terms
-from dexnudge.errors import CheckpointError, InputError
+from dexnudge.errors import CheckpointError, InputError, check_kind
 from dexnudge.hands.hand import Hand
 from dexnudge.results.samples import Samples
 from dexnudge.sampling.denoise import denoise
@@ -31,6 +31,7 @@ from dexnudge.verification.verdicts import Verdicts, verify
 
 SHIPPED_WEIGHTS = Path(__file__).parent.parent / "weights"
 DEFAULT_METHOD = "steered_noise"
+WITHOUT_WEIGHTS = "random_start_projection"
 MAX_DRAWS_FACTOR = 32  # a search for K verified draws gives up after this many draws each, unless told otherwise
 SMALLEST_CALL = 4  # draws: fewer take as long, since a call's own steps cost more than their arithmetic
 NOT_CONVERGED = 10.0  # added to the residual of a draw that the projection could not finish, so that it comes last
@@ -78,6 +79,7 @@ class Sampler:
         device: str = "cpu",
         poses: Path | str | TrainingPoses | None = None,
     ) -> None:
+        check_kind("hand", hand, Hand, 'load_hand("shadow_lite")')
         if device != "cpu":
             raise InputError(f"cannot sample on '{device}'; expected cpu, the only `device` that this version supports")
         self.hand, self.device, self.terms = hand, device, check_terms(terms)
@@ -118,7 +120,8 @@ class Sampler:
         if not folder.is_dir():
             raise CheckpointError(
                 f"no weights for hand '{self.hand.name}': expected a model folder, got {folder}, which does not exist; "
-                "train some with `dexnudge train` and pass them as `weights`"
+                "train some with `dexnudge train` and pass them as `weights`, or draw without any by the `method` "
+                f"{WITHOUT_WEIGHTS}"
             )
         return DiffusionPrior.from_folder(folder, self.hand, device=self.device)
 
@@ -152,10 +155,11 @@ class Sampler:
 
         Args:
             scene: the problem.
-            num: draws of one call, or with `verified` the most of one call: such a call draws twice as many as are
-                still missing, so that the first one comes soon.
-            seed: of the first call; later calls use seeds derived from it.
-            method: name in `METHODS`, or a method made from one.
+            num: number of draws. With `verified`, draws come in calls of at most `num`, each twice as many as are still
+                missing.
+            seed: seed of the first call; later calls use seeds derived from it.
+            method: name of a method, built in or of a package (`dexnudge plugins` lists them), or a method made from one;
+                `steered_noise` unless given.
             criteria: what a draw must meet to succeed: `default_criteria()`, and your own after them.
             verified: go on drawing until this many succeed.
             max_draws: stop after this many draws; the default is 32 for each one asked for in `verified`.
@@ -169,6 +173,7 @@ class Sampler:
             InputError: a count below 1, `max_draws` without `verified`, or a criterion that fails or does not fit.
             CheckpointError: no usable weights.
         """
+        check_kind("scene", scene, Scene, 'build_scene("table", "phone")')
         check_counts(num, verified, max_draws)
         criteria = check_criteria(criteria)
         if missing := missing_criteria(criterion.name for criterion in criteria):

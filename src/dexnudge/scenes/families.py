@@ -50,7 +50,7 @@ def build_scene(family: str, object: str | Path | trimesh.Trimesh, *, seed: int 
     Args:
         family: one of `scene_families()`.
         object: name of a built-in object, a mesh file [m], or a mesh in metres, object frame.
-        seed: of the draw. Same family, object and seed: same scene.
+        seed: seed of the scene's random parameters. The same family, object and seed give the same scene.
         physics: motion_length [m], mass [kg], friction_hand, friction_environment, max_normal_force [N]; defaults
             as in `Scene`.
 

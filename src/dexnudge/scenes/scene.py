@@ -38,11 +38,11 @@ class Scene:
         environment_mesh: metres, world frame (z up, gravity along -z).
         T_world_object: (4, 4) rigid transform from the object frame to the world.
         motion: (3,) unit vector in the world, direction in which the object should slide.
-        motion_length: how far it should slide [m].
-        mass: of the object [kg].
-        friction_hand: Coulomb coefficient between hand and object.
-        friction_environment: Coulomb coefficient between object and surroundings.
-        max_normal_force: largest normal force of one digit link [N].
+        motion_length: how far it should slide [m]; 0.10 unless given.
+        mass: mass of the object [kg]; 0.15 unless given.
+        friction_hand: Coulomb coefficient between hand and object; 0.8 unless given.
+        friction_environment: Coulomb coefficient between object and surroundings; 0.4 unless given.
+        max_normal_force: largest normal force of one digit link [N]; 5 unless given.
         name: scene family, or "user".
         parameters: what the family drew, by name, lengths in metres unless the name says otherwise.
         seed: seed of the generator that drew the parameters, None when nothing was drawn.
@@ -102,7 +102,7 @@ class Scene:
             object_pose: T_world_object, or a JSON file with it or with "position" and "quaternion_wxyz"; metres, whatever
                 `units` says.
             motion: direction (3,) in the world that the object should slide in; normalised.
-            units: of the numbers in the mesh files: m, cm, mm or in.
+            units: unit of the numbers in the mesh files: m, cm, mm or in.
             length: scale the object so that its longest side has this length [m].
             physics: motion_length [m], mass [kg], friction_hand, friction_environment, max_normal_force [N]; defaults
                 as above.
@@ -169,13 +169,13 @@ class Scene:
             SceneError: naming the depth or the distance, where, and how to mend it.
         """
         body = self.object_in_world()
-        depth, point = deepest_overlap(body, self.environment_mesh)
+        depth, point, way = deepest_overlap(body, self.environment_mesh)
         if depth > INITIAL_PENETRATION_LIMIT:
             raise SceneError(
                 f"the environment already penetrates the object by {1e3 * depth:.1f} mm near "
-                f"({point[0]:.3f}, {point[1]:.3f}, {point[2]:.3f}); expected at most "
-                f"{1e3 * INITIAL_PENETRATION_LIMIT:.0f} mm; move the object out along the surface that it rests on, "
-                "or check that both meshes are in metres"
+                f"({point[0]:.3f}, {point[1]:.3f}, {point[2]:.3f}) m in the world; expected at most "
+                f"{1e3 * INITIAL_PENETRATION_LIMIT:.0f} mm; move the object away from that surface by "
+                f"{_vector(way)} m in the world, or check that both meshes are in metres"
             )
         way = way_to_surface(body, self.environment_mesh, enough=SUPPORT_LIMIT)
         distance = float(np.linalg.norm(way))
@@ -195,13 +195,16 @@ class Scene:
             touching = np.linalg.norm(way_to_surface(moved, self.environment_mesh)) <= SUPPORT_LIMIT
             if touching and deepest_overlap(moved, self.environment_mesh)[0] <= INITIAL_PENETRATION_LIMIT:
                 return f"is the pose in {unit}? give its position in metres: it would touch there"
-        way = way.round(4) + 0.0  # no -0.0000
-        return f"move the object by ({way[0]:.4f}, {way[1]:.4f}, {way[2]:.4f}) m"
+        return f"move the object by {_vector(way)} m in the world"
 
 
 def load_scene(folder: str | Path) -> Scene:
     """Read a folder that `Scene.save` wrote; see `Scene.load`."""
     return Scene.load(folder)
+
+
+def _vector(way: Float[np.ndarray, "3"]) -> str:
+    return f"({', '.join(f'{each:.4f}' for each in way.round(4) + 0.0)})"  # no -0.0000
 
 
 def _length(metres: float) -> str:

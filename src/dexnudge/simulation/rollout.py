@@ -76,7 +76,7 @@ class Trace:
 
 @dataclass(frozen=True)
 class Divergence:
-    """A simulation that got out of hand.
+    """A simulation that diverged.
 
     step: at which the state was no longer finite or anything went faster than 100 m/s, counted from the start. state:
     MuJoCo's integration state at the last record, from which it can be replayed. last_step: to which that belongs.
@@ -92,7 +92,7 @@ class Rollout:
 
     The same acts give the same trace, whatever the model was used for before. With `recorded` off there are no records,
     which take longer than the simulation. commanded: configuration that the hand was told last. attempt: number of the one
-    that records belong to. divergence: None unless the simulation got out of hand; nothing is played after that.
+    that records belong to. divergence: None unless the simulation diverged; nothing is played after that.
     """
 
     def __init__(

@@ -20,7 +20,8 @@ LEAST_RAISED = 0.8  # of the lift, at its end and at every moment of the hold; t
 class PushVerdict:
     """The verdict on a push; `outcome` is the first condition that fails, figures are over the whole push.
 
-    length_reached: way of the object's centre of mass along the motion, from before the hand touched it to the end [m].
+    length_reached: displacement of the object's centre of mass along the motion [m], from before the hand touched it to the
+    end.
     turned_deg: largest angle from the object's first orientation at any record. sunk: farthest below the line on which it
     should move [m]. hand_environment: greatest depth of the hand in its surroundings [m] by MuJoCo's contacts.
     """

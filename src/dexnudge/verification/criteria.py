@@ -244,6 +244,9 @@ def check_criteria(criteria: Sequence[Any] | None) -> list[Criterion]:
     """
     if criteria is None:
         return default_criteria()
+    if isinstance(criteria, str) or not isinstance(criteria, Iterable):
+        given = type(criteria).__name__
+        raise InputError(f"`criteria` is a {given}; expected a sequence: [*default_criteria(), {given}()]")
     builtin = {criterion.name: criterion for criterion in _BUILTIN}
     names: set[str] = set()
     for place, criterion in enumerate(criteria):

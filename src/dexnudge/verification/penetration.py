@@ -28,7 +28,11 @@ THREADS = 2
 class Penetrations:
     """Greatest depth per configuration [m], 0 where nothing penetrates, and the hand's points near the object.
 
-    near_object: points within the reach that was asked for, in the OBJECT's frame.
+    Attributes:
+        object: of hand and object in each other.
+        environment: of hand and surroundings in each other.
+        self_collision: of the hand's links in each other.
+        near_object: points within the reach that was asked for, in the OBJECT's frame.
     """
 
     object: Float[np.ndarray, " n"]

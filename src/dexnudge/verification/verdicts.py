@@ -12,7 +12,7 @@ import torch
 from jaxtyping import Bool, Float, Int
 from torch import Tensor
 
-from dexnudge.errors import InputError
+from dexnudge.errors import InputError, check_kind
 from dexnudge.hands.batch import HandBatch
 from dexnudge.hands.hand import ROOT_COORDINATES, Hand
 from dexnudge.mechanics.contacts import HandContacts
@@ -32,7 +32,7 @@ class Verdicts:
             `valid_pose` has no others: its force margin and contacts are 0, the rest NaN.
         contacts: with the object, one for each configuration; none for one without a pose.
         contact_links: names of the links in contact with the object.
-        sentences: what failing each criterion means, by its name, for those that something fails.
+        sentences: what a failure means, by the name of each criterion that some configuration fails.
         criteria: what judged, in this order.
     """
 
@@ -73,7 +73,7 @@ class Verdicts:
 
     @property
     def force_margin(self) -> Float[np.ndarray, " n"]:
-        """Largest factor in [0, 3] on friction_environment at which forces balance (see mechanics.balance)."""
+        """Largest factor in [0, 3] on friction_environment at which forces balance."""
         return self._value("force_margin")
 
     @property
@@ -133,8 +133,11 @@ def verify(
             `[*default_criteria(), MyCriterion()]`. Whatever they are, a configuration must be a pose.
 
     Raises:
-        InputError: q is not of shape (n, 9 + d), or a criterion fails or returns what does not fit.
+        InputError: an argument of another class, q that is not of shape (n, 9 + d), or a criterion that fails or returns
+            what does not fit.
     """
+    check_kind("scene", scene, Scene, 'build_scene("table", "phone")')
+    check_kind("hand", hand, Hand, 'load_hand("shadow_lite")')
     q = _checked(hand, q)
     chosen = check_criteria(criteria)
     error, valid, sentence = judge(VALID_POSE, HandBatch(hand, torch.as_tensor(q), dense=True), scene)
