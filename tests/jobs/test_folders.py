@@ -7,6 +7,7 @@ import socket
 import subprocess
 import sys
 from contextlib import contextmanager
+from pathlib import Path
 
 import pytest
 
@@ -59,8 +60,35 @@ def test_overwrite_replaces_a_folder_of_ours_and_only_when_done(tmp_path):
     with new_folder(out, overwrite=True, marker=MARKER) as folder:
         (folder / MARKER).write_text("new")
     assert (out / MARKER).read_text() == "new"
-    assert os.listdir(out) == [MARKER]
     assert os.listdir(tmp_path) == ["out"]
+
+
+def test_overwrite_keeps_everything_that_such_an_output_does_not_consist_of(tmp_path):
+    out = tmp_path / "out"
+    for name in (MARKER, "old.txt", "notes.txt", "mesh/a.obj", "mesh/deep/b.obj", "mesh/mine.txt", "mine/summary.json"):
+        (out / name).parent.mkdir(parents=True, exist_ok=True)
+        (out / name).write_text("old")
+    (out / "empty").mkdir()
+    (out / "link").symlink_to("notes.txt")
+    (out / "gone").symlink_to("nowhere")
+    with new_folder(out, overwrite=True, marker=MARKER, ours=("*.txt", "mesh/*.obj")) as folder:
+        (folder / MARKER).write_text("new")
+        (out / "mine" / "later.txt").write_text("written while this ran")
+    kept = {path.relative_to(out).as_posix() for path in out.rglob("*") if path.is_symlink() or not path.is_dir()}
+    assert kept == {MARKER, "link", "gone", "mesh/deep/b.obj", "mesh/mine.txt", "mine/summary.json", "mine/later.txt"}
+    assert (out / "empty").is_dir()
+    assert (out / "gone").readlink() == Path("nowhere")
+    assert (out / MARKER).read_text() == "new"
+    assert os.listdir(tmp_path) == ["out"]
+
+
+@pytest.mark.skipif(not Path("/proc").is_dir(), reason="a folder in which nobody can make a file, root included")
+@pytest.mark.parametrize("make", [new_folder, owned_folder])
+def test_a_place_where_no_file_can_be_made_is_an_output_error_and_not_waited_for(make):
+    options = {"marker": MARKER} if make is new_folder else {}
+    for out in ("/proc/x", "/proc/x/y"):
+        with pytest.raises(OutputError, match=f"cannot write the output folder {out}"), make(out, **options):
+            pytest.fail("the block must not begin")
 
 
 def test_overwrite_never_deletes_a_folder_that_is_not_ours(tmp_path):

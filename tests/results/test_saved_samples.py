@@ -66,8 +66,17 @@ def test_an_existing_folder_is_replaced_only_when_told_to(boxy_hand, block, tmp_
     found.save(tmp_path / "out")
     with pytest.raises(dn.OutputError, match="exists"):
         found.save(tmp_path / "out")
+    written = {path.relative_to(tmp_path / "out") for path in (tmp_path / "out").rglob("*") if path.is_file()}
+    kept = [tmp_path / "out" / name for name in ("my_notes.txt", "execution/summary.json", "hand/licence.txt")]
+    for path in kept:
+        path.parent.mkdir(exist_ok=True)
+        path.write_text("mine")
+    (tmp_path / "out" / "hand" / "meshes" / "of_another_hand.obj").write_text("o")
     found[:2].save(tmp_path / "out", overwrite=True)
     assert len(dn.load_samples(tmp_path / "out")) == 2
+    assert [path.read_text() for path in kept] == ["mine"] * 3
+    files = {path for path in (tmp_path / "out").rglob("*") if path.is_file()} - {*kept}
+    assert {path.relative_to(tmp_path / "out") for path in files} == written
     with pytest.raises(dn.InputError, match="there are no samples to save"):
         found[:0].save(tmp_path / "none")
     assert not (tmp_path / "none").exists()

@@ -45,7 +45,7 @@ class Execute:
     out: OptionalFolder = None
     """Folder to write; unless given DIR/execution, with --then-grasp DIR/slide_grasp_lift, numbered where taken."""
     overwrite: Flag = False
-    """Replace an existing folder of an earlier execution."""
+    """Replace an existing folder of an earlier execution; other files in it stay."""
     films: Count = 1
     """Draw film.png and film.gif of the first N, which takes some seconds each; the page film.html is of each."""
 

@@ -27,7 +27,7 @@ class HandCommand:
     base: Flag = True
     """Leave the forearm out of the hand's geometry."""
     overwrite: Flag = False
-    """Replace an existing exported hand."""
+    """Replace an existing exported hand; other files in its folder stay."""
 
     def run(self) -> int:
         """Write the folder if asked; print the tables."""
@@ -36,10 +36,12 @@ class HandCommand:
         if self.export is None:
             _print(load_hand(self.hand, base=self.base))
             return 0
-        from dexnudge.hands.export import export_hand
+        from dexnudge.hands.export import HAND_FILES, export_hand
         from dexnudge.jobs.folders import new_folder
 
-        with new_folder(self.export, overwrite=self.overwrite, marker=MARKER, argument="export") as folder:
+        with new_folder(
+            self.export, overwrite=self.overwrite, marker=MARKER, ours=HAND_FILES, argument="export"
+        ) as folder:
             hand = load_hand(self.hand, base=self.base)
             export_hand(hand, folder)
         _print(hand)

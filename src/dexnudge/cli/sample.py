@@ -48,7 +48,6 @@ def nothing_verified(summary: dict[str, Any]) -> str:
     return said
 
 
-MARKER = "configurations.npz"
 RUNS = Path("runs")  # unless --out is given
 
 
@@ -73,7 +72,7 @@ class Sample(MeshOptions):
     out: OptionalFolder = None
     """Folder to write; unless given runs/OBJECT-SCENE, numbered where that is taken."""
     overwrite: Flag = False
-    """Replace an existing result folder."""
+    """Replace an existing result folder; other files in it stay."""
     num: Count = 32
     """Number of draws; all of them are written, verified ones first."""
     verified: Annotated[int | None, metavar("K")] = None
@@ -101,11 +100,11 @@ class Sample(MeshOptions):
     def run(self) -> int:
         """Sample, verify, write, print."""
         self._check_options()
-        from dexnudge.jobs.folders import new_folder
+        from dexnudge.results.folder import result_folder
 
         place = self.scene or Path(self.environment or "").stem
         out = out_folder(self.out, RUNS / f"{Path(self.object).stem}-{place}", overwrite=self.overwrite)
-        with new_folder(out, overwrite=self.overwrite, marker=MARKER) as folder:
+        with result_folder(out, overwrite=self.overwrite) as folder:
             summary = self._sample_into(folder)
         _print(summary)
         say(f"written: {out}")

@@ -19,7 +19,7 @@ from dexnudge.jobs.folders import new_folder
 from dexnudge.jobs.provenance import machine, versions
 from dexnudge.planning.approach import Approach
 from dexnudge.planning.outcomes import Outcome
-from dexnudge.results.folder import write_summary
+from dexnudge.results.folder import SUMMARY, write_summary
 from dexnudge.results.samples import Sample
 from dexnudge.sampling.sampler import Sampler
 from dexnudge.scenes.scene import Scene
@@ -29,6 +29,8 @@ from dexnudge.simulation.success import PushVerdict
 from dexnudge.viewer.recording import Recording
 
 MODEL_FILE = "scene.xml"
+EPISODE_FILES = (SUMMARY, "configuration_*.npz", "configuration_*/film.*")
+"""What else a folder of episodes consists of, as patterns of paths."""
 KEY_INTERVAL = 0.25  # [s] between two key frames
 FILM_FILES = {".gif": ANIMATION_FILE, ".png": STRIP_FILE, ".html": PAGE_FILE}
 
@@ -135,7 +137,7 @@ class Episode:
             OutputError: the folder exists without `overwrite`, or cannot be written.
         """
         folder = Path(folder)
-        with new_folder(folder, overwrite=overwrite, marker=MODEL_FILE) as written:
+        with new_folder(folder, overwrite=overwrite, marker=MODEL_FILE, ours=EPISODE_FILES) as written:
             self.write_all(written, pictures=pictures)
         return folder
 

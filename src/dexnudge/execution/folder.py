@@ -8,7 +8,7 @@ from typing import Any
 import numpy as np
 
 from dexnudge.errors import InputError
-from dexnudge.execution.episode import MODEL_FILE, Episode, execute, provenance, write_model
+from dexnudge.execution.episode import EPISODE_FILES, MODEL_FILE, Episode, execute, provenance, write_model
 from dexnudge.execution.executor import Execution, Executor
 from dexnudge.jobs.folders import new_folder
 from dexnudge.jobs.processes import WorkerDied, run_tasks
@@ -58,7 +58,8 @@ def push_folder(
         OutputError: `out` exists or cannot be written.
     """
     samples = read_verified(folder)[:top]
-    with new_folder(out or folder / PUSH_FOLDER, overwrite=overwrite, marker=MODEL_FILE) as written:
+    out = out or folder / PUSH_FOLDER
+    with new_folder(out, overwrite=overwrite, marker=MODEL_FILE, ours=EPISODE_FILES) as written:
         simulation = scene_model(samples.hand, samples.scene)
         episodes: list[Episode] = []
         rows: list[dict[str, Any]] = []
@@ -127,7 +128,8 @@ def lift_folder(
         CheckpointError: no weights for this hand, or weights that are broken or made for another.
     """
     first, *others = read_verified(folder)
-    with new_folder(out or folder / LIFT_FOLDER, overwrite=overwrite, marker=MODEL_FILE) as written:
+    out = out or folder / LIFT_FOLDER
+    with new_folder(out, overwrite=overwrite, marker=MODEL_FILE, ours=EPISODE_FILES) as written:
         episode = execute(first, then_grasp=True, alternatives=others, attempts=attempts, seed=seed, weights=weights)
         title, options = f"{folder.absolute().name}: slide, grasp, lift", {"seed": seed, "most_attempts": attempts}
         return episode.write_all(written, title=title, pictures=films, details=options)

@@ -127,6 +127,8 @@ def _add_motors(model: Element, hand: Hand) -> None:
 
 
 MESH_FOLDER = "meshes"
+HAND_FILES = ("hand.urdf", "hand.yaml", "hand.xml", f"{MESH_FOLDER}/*.obj")
+"""What `export_hand` writes, as patterns of paths."""
 
 
 def export_hand(hand: Hand, folder: Path | str) -> Path:

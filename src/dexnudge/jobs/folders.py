@@ -11,7 +11,7 @@ import os
 import shutil
 import socket
 import sys
-from collections.abc import Iterator
+from collections.abc import Iterator, Sequence
 from contextlib import contextmanager, suppress
 from datetime import datetime
 from pathlib import Path
@@ -23,6 +23,7 @@ from dexnudge.jobs.provenance import machine, versions
 TEMPORARY_PREFIX = ".writing-"
 LOCK_NAME = ".dexnudge-lock"  # in a folder that one run after another goes on with
 LOCK_SUFFIX = ".dexnudge-lock"  # of `.NAME.dexnudge-lock` beside a folder that appears when it is complete
+LOCK_ATTEMPTS = 1000  # each but the last lost to an owner that ended between two system calls
 LOCKED_BYTE = 1 << 30  # beyond the text: Windows lets nobody read a locked byte
 # What a full, read-only or failing disk raises, with or without the name of a file.
 DISK_ERRORS = frozenset({errno.ENOSPC, errno.EDQUOT, errno.EFBIG, errno.EROFS, errno.EIO})
@@ -80,7 +81,9 @@ def owned_folder(out: Path | str) -> Iterator[Path]:
 
 
 @contextmanager
-def new_folder(out: Path | str, *, overwrite: bool = False, marker: str, argument: str = "out") -> Iterator[Path]:
+def new_folder(
+    out: Path | str, *, overwrite: bool = False, marker: str, ours: Sequence[str] = (), argument: str = "out"
+) -> Iterator[Path]:
     """Own `out` and yield an empty folder beside it; when the block ends well it becomes `out` in one step.
 
     However else the block ends (an error, Ctrl-C, a full disk), the folder and the parents made for it are removed and
@@ -89,8 +92,10 @@ def new_folder(out: Path | str, *, overwrite: bool = False, marker: str, argumen
 
     Args:
         out: the folder to make. It must not exist, unless `overwrite`.
-        overwrite: replace an existing `out`, provided that it is empty or holds the file `marker`.
-        marker: name of a file that only such an output folder has; it keeps `overwrite` from deleting anything else.
+        overwrite: replace an existing `out`, provided that it is empty or holds the file `marker`. Only the files that
+            such an output consists of are replaced; everything else in `out` stays.
+        marker: name of a file that only such an output folder has.
+        ours: what else such an output consists of, as patterns of paths in it, such as "hand/meshes/*.obj".
         argument: what the caller's user calls `out`, for messages.
 
     Raises:
@@ -107,6 +112,8 @@ def new_folder(out: Path | str, *, overwrite: bool = False, marker: str, argumen
             try:
                 partial.mkdir()
                 yield partial
+                if replaced is not None:
+                    _keep_others(target, partial, (marker, *ours))
                 _put_in_place(partial, target, replaced)
             except OSError as error:
                 if isinstance(error, DexnudgeError) or not _concerns(error, partial, target):
@@ -192,11 +199,13 @@ def _locked(lock: Path, folder: Path, argument: str) -> Iterator[None]:
 
 def _acquire(lock: Path) -> int:
     """Descriptor of the lock file, which stands for the lock; BlockingIOError when another process holds it."""
-    while True:
+    missing = FileNotFoundError(errno.ENOENT, os.strerror(errno.ENOENT), str(lock))
+    for _ in range(LOCK_ATTEMPTS):
         lock.parent.mkdir(parents=True, exist_ok=True)
         try:
             descriptor = os.open(lock, os.O_RDWR | os.O_CREAT, 0o666)
-        except FileNotFoundError:  # the owner before has just removed a folder that it left empty
+        except FileNotFoundError as error:  # the owner before has just removed a folder that it left empty
+            missing = error
             continue
         try:
             _lock(descriptor)
@@ -209,6 +218,7 @@ def _acquire(lock: Path) -> int:
             os.close(descriptor)
             raise
         os.close(descriptor)  # the owner before removed the file after we had opened it
+    raise missing  # a place where no file can be made, such as /proc
 
 
 if sys.platform == "win32":
@@ -297,6 +307,33 @@ def _check_replaceable(target: Path, *, overwrite: bool, marker: str, argument: 
     for lock in target.glob(f"*{LOCK_SUFFIX}"):
         _refuse_held(lock, target, argument)
     return names
+
+
+def _keep_others(old: Path, new: Path, ours: Sequence[str]) -> None:
+    """Give `new` everything of `old` that is not an output's own file; links to the same files where the disk has them."""
+
+    def refuse(error: OSError) -> None:
+        raise error  # a folder that cannot be looked into would be lost
+
+    for folder, subfolders, files in os.walk(old, onerror=refuse):
+        for name in (*files, *subfolders):
+            path = Path(folder, name)
+            kept = new / path.relative_to(old)
+            if path.is_dir() and not path.is_symlink():
+                if not any(path.iterdir()):
+                    kept.mkdir(parents=True, exist_ok=True)
+                continue
+            if _exists(kept) or name.endswith(LOCK_SUFFIX) or _matches(path.relative_to(old), ours):
+                continue
+            kept.parent.mkdir(parents=True, exist_ok=True)
+            try:
+                os.link(path, kept, follow_symlinks=False)
+            except (OSError, NotImplementedError):  # a disk or a system without such links
+                shutil.copy2(path, kept, follow_symlinks=False)
+
+
+def _matches(path: Path, patterns: Sequence[str]) -> bool:
+    return any(len(path.parts) == pattern.count("/") + 1 and path.match(pattern) for pattern in patterns)
 
 
 def _put_in_place(partial: Path, target: Path, replaced: set[str] | None) -> None:

@@ -19,6 +19,7 @@ import time
 import zipfile
 import zlib
 from collections.abc import Sequence
+from contextlib import AbstractContextManager
 from dataclasses import replace
 from pathlib import Path
 from typing import Any
@@ -27,12 +28,13 @@ import numpy as np
 from jaxtyping import Float
 
 from dexnudge.errors import InputError
-from dexnudge.hands.export import export_hand
+from dexnudge.hands.export import HAND_FILES, export_hand
 from dexnudge.hands.hand import ROOT_COORDINATES, Hand
 from dexnudge.hands.registry import load_hand
 from dexnudge.jobs.folders import new_folder
 from dexnudge.jobs.provenance import machine, peak_memory_mb, versions
 from dexnudge.results.samples import Samples
+from dexnudge.scenes.files import SCENE_FILES
 from dexnudge.scenes.scene import Scene
 from dexnudge.verification.criteria import RESERVED, Criterion, find_criterion, missing_criteria
 from dexnudge.verification.verdicts import Verdicts, contacts_of, verify
@@ -40,8 +42,15 @@ from dexnudge.verification.verdicts import Verdicts, contacts_of, verify
 CONFIGURATIONS, SUMMARY = "configurations.npz", "summary.json"
 HAND = Path("hand", "hand.urdf")
 PAGE, PICTURE = "view.html", "view.png"
+RESULT_FILES = (*SCENE_FILES, *(f"{HAND.parent}/{file}" for file in HAND_FILES), SUMMARY, PAGE, PICTURE)
+"""What a result folder consists of beside configurations.npz, as patterns of paths."""
 KINDS = {"f": "float", "U": "text", "b": "bool"}
 """How messages call the kinds of arrays."""
+
+
+def result_folder(out: Path | str, *, overwrite: bool) -> AbstractContextManager[Path]:
+    """Own `out` and yield an empty folder that becomes it; `overwrite` replaces a result there (see `new_folder`)."""
+    return new_folder(out, overwrite=overwrite, marker=CONFIGURATIONS, ours=RESULT_FILES)
 
 
 def write_inputs(folder: Path, scene: Scene, hand: Hand) -> tuple[Scene, Hand]:
@@ -195,7 +204,7 @@ def save_samples(samples: Samples, out: Path, *, title: str, overwrite: bool) ->
             f"the samples cannot be verified again by {', '.join(missing)}; expected all built-in criteria, and those of "
             "your own installed; verify them again by criteria that are at hand"
         )
-    with new_folder(out, overwrite=overwrite, marker=CONFIGURATIONS) as folder:
+    with result_folder(out, overwrite=overwrite) as folder:
         scene, hand = write_inputs(folder, samples.scene, samples.hand)
         verdicts = verify(scene, hand, samples.q, samples.verdicts.criteria)
         written = replace(samples, scene=scene, hand=hand, verdicts=verdicts)

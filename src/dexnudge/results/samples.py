@@ -171,7 +171,7 @@ class Samples:
         Args:
             out: the folder to make.
             title: above page and picture.
-            overwrite: replace an existing result folder.
+            overwrite: replace an existing result folder; other files in it stay.
 
         Raises:
             OutputError: `out` exists without `overwrite`, is no result folder, or cannot be written.

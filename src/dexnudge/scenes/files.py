@@ -15,6 +15,7 @@ from dexnudge.jobs.provenance import recorded_versions
 from dexnudge.scenes.poses import read_json_object, rigid_transform, unit_motion
 
 SCENE_FILE, OBJECT_FILE, ENVIRONMENT_FILE = "scene.json", "object.obj", "environment.obj"
+SCENE_FILES = (SCENE_FILE, OBJECT_FILE, ENVIRONMENT_FILE)
 MESH_DIGITS = 9  # decimals of a coordinate in metres: a nanometre
 NUMBERS = ("motion_length", "mass", "friction_hand", "friction_environment", "max_normal_force")
 LARGEST_NUMBER = 1e6  # of any physical number of a scene, in its SI unit; more overflows in products
