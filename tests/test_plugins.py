@@ -10,8 +10,11 @@ import numpy as np
 import pytest
 
 import dexnudge as dn
+from dexnudge.cli.arguments import with_flags
 from dexnudge.cli.main import main
+from dexnudge.cli.sample import Sample
 from dexnudge.plugins import find_plugins, load_plugin, plugin_names, usable_plugins
+from dexnudge.verification.criteria import named_criteria
 
 EXAMPLE = Path(__file__).parents[1] / "examples" / "plugin"
 RANDOM = "random_start_projection"
@@ -119,9 +122,10 @@ def test_a_broken_package_is_named_and_skipped(broken):
 
 
 def test_what_is_broken_is_listed_with_the_reason(broken):
-    found = {plugin.name: plugin for plugin in find_plugins("criterion", builtin=("contact",))}
+    found = {p.name: p for p in find_plugins("criterion", builtin=("contact",), find=dn.find_criterion)}
     assert "has no attribute 'missing'" in found["none"].broken
-    assert found["misnamed"].broken == ""
+    assert "is named 'other'" in found["misnamed"].broken
+    assert found["explodes"].broken == ""
     assert found["contact"].broken == "the name 'contact' is taken by the built-in criterion"
     assert found["misnamed"].source == "strange 1.2"
 
@@ -135,13 +139,102 @@ def test_asking_for_something_broken_keeps_the_cause(broken):
     assert isinstance(caught.value.__cause__, ZeroDivisionError)
     with pytest.raises(dn.InputError, match=r"criterion 'fails' of package strange 1\.2 failed: ZeroDivisionError"):
         dn.find_criterion("fails")
-    with pytest.raises(dn.InputError, match="criterion 'misnamed' of a package is named 'other'"):
+    with pytest.raises(dn.InputError, match=r"criterion 'misnamed' of package strange 1\.2 is named 'other'"):
         dn.find_criterion("misnamed")
 
 
 def test_a_name_that_nobody_brings(broken):
     with pytest.raises(dn.UnknownNameError, match=r"unknown criterion 'conntact' \(did you mean 'contact'\?\)"):
         dn.find_criterion("conntact")
+
+
+UNSOUND = """
+three, nothing = 3, None
+class NeedsMore:
+    name, weight = "needs_more", 1.0
+    def __init__(self, size): ...
+    def __call__(self, *_): ...
+class Named(NeedsMore):
+    def __init__(self): ...
+def family(mesh): ...
+def makes_three(): return 3
+"""
+UNSOUND_POINTS = {  # entry point -> why it is of no use
+    "scenes": {
+        "three": "is of type int; expected a function that is called with (mesh, generator) and returns a Scene; mend",
+        "family": "cannot be called so: too many positional arguments; expected a function",
+        "not a ref!!": "is registered as 'not a ref!!'; expected module:name; mend",
+    },
+    "hands": {
+        "family": "cannot be called so",
+        "nothing": "is of type NoneType; expected a function that is called with base",
+    },
+    "criteria": {
+        "q": "the name of criterion 'q' is taken; expected",
+        "not-one": "criterion 'not-one' has no usable name; expected an identifier",
+        "NeedsMore": "cannot be called so: missing a required argument: 'size'; expected",
+        "makes_three": "made a int; expected a Criterion",
+    },
+    "energy_terms": {"three": "is of type int", "NeedsMore": "'size'", "makes_three": "term 0 of `terms`, a int"},
+    "guidance_rules": {"three": "is of type int", "NeedsMore": "'size'", "makes_three": "made a int; expected a rule"},
+}
+FLAGS = {"scenes": "--scene", "hands": "--hand", "criteria": "--criterion", "energy_terms": "--term"}
+
+
+@pytest.fixture
+def unsound(tmp_path, monkeypatch):
+    lines = []
+    for group, entries in UNSOUND_POINTS.items():
+        lines.append(f"[dexnudge.{group}]\n")
+        for name in entries:
+            place = {"q": "Q", "not-one": "NotOne", "not a ref!!": ""}.get(name, name)
+            lines.append(f"{name.replace(' ', '_')} = {f'unsound:{place}' if place else name}\n")
+    more = "class Q(Named): name = 'q'\nclass NotOne(Named): name = 'not-one'\n"
+    make_package(tmp_path, "unsound", UNSOUND + more, "".join(lines))
+    monkeypatch.syspath_prepend(tmp_path)
+
+
+def test_what_is_of_no_use_is_listed_as_broken(unsound, capsys):
+    assert main(["plugins"]) == 0
+    lines = capsys.readouterr().out.splitlines()
+    for entries in UNSOUND_POINTS.values():
+        for name, reason in entries.items():
+            start = f"  {name.replace(' ', '_')}, from unsound 1.2; broken: "
+            assert any(line.startswith(start) and reason in line for line in lines), (name, reason)
+
+
+@pytest.mark.parametrize(
+    ("group", "name"), [(group, name) for group in FLAGS for name in UNSOUND_POINTS[group] if " " not in name]
+)
+def test_asking_for_what_is_of_no_use_says_whose_it_is(unsound, group, name, capsys):
+    scene = [] if group == "scenes" else ["--scene", "table"]
+    assert main(["sample", "phone", *scene, FLAGS[group], name, "--out", "unused"]) == 2
+    said = capsys.readouterr().err
+    assert "of package unsound 1.2" in said
+    assert with_flags(UNSOUND_POINTS[group][name], Sample) in said
+
+
+def test_a_package_that_exits_at_import_is_broken_like_any_other(tmp_path, monkeypatch, capsys):
+    make_package(tmp_path, "quits", "import sys\nsys.exit(7)\n", "[dexnudge.scenes]\nfog = quits:fog\n")
+    monkeypatch.syspath_prepend(tmp_path)
+    assert main(["plugins"]) == 0
+    listed = capsys.readouterr().out
+    assert "fog, from quits 1.2; broken: scene 'fog' of package quits 1.2 cannot be imported" in listed
+    assert "guidance rule:" in listed
+    assert main(["sample", "phone", "--scene", "fog", "--out", str(tmp_path / "out")]) == 2
+    assert "scene 'fog' of package quits 1.2 cannot be imported" in capsys.readouterr().err
+
+
+def test_ctrl_c_during_an_import_passes_through(tmp_path, monkeypatch):
+    make_package(tmp_path, "stopped", "raise KeyboardInterrupt\n", "[dexnudge.scenes]\nfog = stopped:fog\n")
+    monkeypatch.syspath_prepend(tmp_path)
+    with pytest.raises(KeyboardInterrupt):
+        load_plugin("scene", "fog")
+
+
+def test_a_built_in_criterion_may_be_named(broken):
+    assert named_criteria(["contact"]) == dn.default_criteria()
+    assert [each.name for each in named_criteria(["contact", "explodes"])][-2:] == ["force_margin", "explodes"]
 
 
 def test_a_built_in_name_cannot_be_taken_over(broken):

@@ -10,6 +10,7 @@ Nothing is imported before it is asked for by name, or before all are listed.
 
 from __future__ import annotations
 
+import inspect
 import warnings
 from collections.abc import Callable
 from dataclasses import dataclass
@@ -27,6 +28,15 @@ GROUPS = {
     "arm": "dexnudge.arms",
 }
 """Entry-point group of each kind; arms are reserved for a later version."""
+_MADE_ALONE = "one, or a class or function that makes one without arguments"
+EXPECTED: dict[str, tuple[str, tuple[Any, ...], dict[str, Any]]] = {
+    "hand": ("a function that is called with base=True or False and returns a Hand", (), {"base": True}),
+    "scene": ("a function that is called with (mesh, generator) and returns a Scene", (None, None), {}),
+    "energy term": (_MADE_ALONE, (), {}),
+    "criterion": (_MADE_ALONE, (), {}),
+    "guidance rule": ("a Method, or a class or function that makes a rule without arguments", (), {}),
+}
+"""What an entry point of each kind must name, and the arguments that it is called with."""
 Made = TypeVar("Made")
 
 
@@ -58,7 +68,7 @@ def load_plugin(kind: str, name: str, *, known: tuple[str, ...] = ()) -> Any:
 
     Raises:
         UnknownNameError: no package brings it; the message lists the names that exist.
-        InputError: it fails at import; the cause is kept.
+        InputError: it fails at import (the cause is kept), or is no such thing as a package should register.
     """
     entries = _entries(kind)
     if name not in entries:
@@ -70,18 +80,53 @@ def load_plugin(kind: str, name: str, *, known: tuple[str, ...] = ()) -> Any:
             f"(entry point '{GROUPS[kind]}'){found}"
         )
     entry = entries[name]
-    what = f"{kind} '{name}' of package {_source(entry)} cannot be imported from '{entry.value}'"
-    return call_foreign(what, entry.load, mend="; mend or uninstall the package")
+    what = plugin_title(kind, name)
+    if EntryPoint.pattern.match(entry.value) is None:
+        raise InputError(
+            f"{what} is registered as '{entry.value}'; expected module:name; mend the package's entry point"
+        )
+    where = f"{what} cannot be imported from '{entry.value}'"
+    found = call_foreign(where, entry.load, mend="; mend or uninstall the package")
+    _check_kind(kind, found, f"{what}, '{entry.value}',")
+    return found
+
+
+def plugin_title(kind: str, name: str) -> str:
+    """Return how messages call what a package registered: its kind, name and package."""
+    return f"{kind} '{name}' of package {_source(_entries(kind)[name])}"
+
+
+def _check_kind(kind: str, found: Any, what: str) -> None:
+    """Refuse what cannot be called, or not with the arguments that a package's entry of this kind gets; InputError."""
+    expected, arguments, options = EXPECTED[kind]
+    if not callable(found) and not (kind == "guidance rule" and hasattr(found, "make_rule")):
+        raise InputError(
+            f"{what} is of type {type(found).__name__}; expected {expected}; mend the package's entry point"
+        )
+    if not callable(found) or (hasattr(found, "name") and not isinstance(found, type)):
+        return  # a method, or a term or criterion that is made already
+    try:
+        signature = inspect.signature(found)
+    except (TypeError, ValueError):  # of some compiled code: it shows when it is called
+        return
+    try:
+        signature.bind(*arguments, **options)
+    except TypeError as error:
+        raise InputError(
+            f"{what} cannot be called so: {error}; expected {expected}; mend its parameters, or give them defaults"
+        ) from error
 
 
 def call_foreign(what: str, function: Callable[..., Made], *arguments: Any, mend: str = "", **options: Any) -> Made:
     """Call a function that is not ours; whatever it raises becomes an InputError that keeps it as the cause.
 
+    sys.exit counts as an error, too; Ctrl-C passes through.
+
     The message begins with `what`, such as "criterion 'mine' failed", and ends with `mend`.
     """
     try:
         return function(*arguments, **options)
-    except Exception as error:  # foreign code may raise anything, and the culprit must be named
+    except (Exception, SystemExit) as error:  # foreign code may raise anything, and the culprit must be named
         raise InputError(f"{what}: {type(error).__name__}: {error}{mend}") from error
 
 
@@ -92,8 +137,9 @@ def call_plugin(kind: str, name: str, expected: type, *arguments: Any, **options
         UnknownNameError, InputError: as `load_plugin`; also where the call fails, or makes something that is not of the
             `expected` class.
     """
-    what = f"{kind} '{name}' of package {_source(_entries(kind)[name])}"
-    made = call_foreign(f"{what} failed", load_plugin(kind, name), *arguments, **options)
+    function = load_plugin(kind, name)
+    what = plugin_title(kind, name)
+    made = call_foreign(f"{what} failed", function, *arguments, **options)
     if not isinstance(made, expected):
         raise InputError(f"{what} made a {type(made).__name__}; expected a {expected.__name__}")
     return made
@@ -110,13 +156,19 @@ def usable_plugins(kind: str) -> dict[str, Any]:
     return found
 
 
-def find_plugins(kind: str, *, builtin: tuple[str, ...] = ()) -> list[Plugin]:
-    """Return everything of a kind, built-in ones first, with what is wrong about it; all packages' modules are imported."""
+def find_plugins(
+    kind: str, *, builtin: tuple[str, ...] = (), find: Callable[[str], object] | None = None
+) -> list[Plugin]:
+    """Return everything of a kind, built-in ones first, with what is wrong about it; all packages' modules are imported.
+
+    find: gets a package's thing by its name, as its users do, and raises InputError where it is broken; `load_plugin` alone
+    unless given.
+    """
     found = [Plugin(kind, name, "built in") for name in builtin]
     for name, entry in sorted(_entries(kind).items()):
         broken = ""
         try:
-            load_plugin(kind, name)
+            find(name) if find else load_plugin(kind, name)
         except InputError as error:
             broken = str(error)
         if name in builtin:

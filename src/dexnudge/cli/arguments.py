@@ -142,7 +142,7 @@ class Plugins:
     term: tyro.conf.UseAppendAction[Annotated[tuple[str, ...], metavar("NAME=WEIGHT")]] = ()
     """Further energy term for guidance and projection; its own weight without =WEIGHT. Repeatable."""
     criterion: tyro.conf.UseAppendAction[Annotated[tuple[str, ...], metavar("NAME")]] = ()
-    """Further condition that a draw must meet to be verified. Repeatable."""
+    """Further condition that a draw must meet to be verified; the built-in ones always hold. Repeatable."""
 
     def weights(self) -> dict[str, float | None]:
         """Return the weight of each term, by name; None for its own.

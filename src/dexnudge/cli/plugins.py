@@ -1,5 +1,6 @@
 """`dexnudge plugins`: what is built in, what installed packages bring, and what of it is broken."""
 
+from collections.abc import Callable
 from dataclasses import dataclass
 
 from dexnudge.cli.arguments import say
@@ -15,11 +16,19 @@ class Plugins:
 
     def run(self) -> int:
         """Print a heading for each kind and one name a line."""
+        from dexnudge.energies.terms import find_term
         from dexnudge.plugins import find_plugins
+        from dexnudge.sampling.methods import find_rule
+        from dexnudge.verification.criteria import find_criterion
 
+        find: dict[str, Callable[[str], object]] = {
+            "energy term": find_term,
+            "criterion": find_criterion,
+            "guidance rule": find_rule,
+        }
         for kind, names in builtin_names().items():
             say(f"{kind}:")
-            for found in find_plugins(kind, builtin=names):
+            for found in find_plugins(kind, builtin=names, find=find.get(kind)):
                 source = "" if found.name in names and not found.broken else f", from {found.source}"
                 say(f"  {found.name}{source}" + (f"; broken: {found.broken}" if found.broken else ""))
         return 0

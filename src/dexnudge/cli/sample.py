@@ -134,11 +134,11 @@ class Sample(MeshOptions):
         from dexnudge.results.folder import write_inputs, write_results
         from dexnudge.sampling.methods import find_method
         from dexnudge.sampling.sampler import Sampler, check_counts
-        from dexnudge.verification.criteria import default_criteria, find_criterion
+        from dexnudge.verification.criteria import named_criteria
 
         check_counts(self.num, self.verified, self.max_draws)
         terms = [find_term(name, weight=weight) for name, weight in self.plugins.weights().items()]
-        criteria = [*default_criteria(), *map(find_criterion, self.plugins.criterion)]
+        criteria = named_criteria(self.plugins.criterion)
         method = find_method(self.method).with_weights(self.losses.given())
         start = time.perf_counter()
         name, scene = self._scene()

@@ -29,7 +29,7 @@ from dexnudge.energies.weights import BUILTIN_WEIGHTS
 from dexnudge.errors import InputError, UnknownNameError
 from dexnudge.hands.batch import HandBatch
 from dexnudge.hands.hand import Hand
-from dexnudge.plugins import call_foreign, load_plugin
+from dexnudge.plugins import call_foreign, load_plugin, plugin_title
 from dexnudge.scenes.scene import Scene
 
 NO_GRADIENT = (
@@ -104,7 +104,12 @@ def find_term(name: str, *, weight: float | None = None) -> EnergyTerm:
             f"`weight_{name}`"
         )
     found = load_plugin("energy term", name)
-    return check_terms([call_foreign(f"energy term '{name}' cannot be made", _make_term, found, weight)])[0]
+    what = plugin_title("energy term", name)
+    made = call_foreign(f"{what} cannot be made", _make_term, found, weight)
+    try:
+        return check_terms([made])[0]
+    except InputError as error:
+        raise InputError(f"{what}: {error}") from error
 
 
 def _make_term(found: Any, weight: float | None) -> Any:

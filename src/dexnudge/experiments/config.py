@@ -106,9 +106,9 @@ def own_terms(config: ExperimentConfig) -> "list[EnergyTerm]":
 
 def own_criteria(config: ExperimentConfig) -> "list[Criterion]":
     """Return the conditions of success: the default ones, and those of installed packages that the config names."""
-    from dexnudge.verification.criteria import default_criteria, find_criterion
+    from dexnudge.verification.criteria import named_criteria
 
-    return [*default_criteria(), *map(find_criterion, config.criteria)]
+    return named_criteria(config.criteria)
 
 
 def trial_seed(seed: int, key: TrialKey) -> int:

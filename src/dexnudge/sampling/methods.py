@@ -8,7 +8,7 @@ from torch import Tensor
 
 from dexnudge.energies.weights import TermWeights
 from dexnudge.errors import InputError, UnknownNameError, did_you_mean
-from dexnudge.plugins import call_foreign, load_plugin, plugin_names
+from dexnudge.plugins import call_foreign, load_plugin, plugin_names, plugin_title
 from dexnudge.sampling.denoise import DenoisingConfig
 from dexnudge.sampling.guidance.clean import CleanDescent, CleanGradient
 from dexnudge.sampling.guidance.rule import GuidanceRule, ReverseStep, unguided
@@ -128,11 +128,16 @@ def find_method(name: str) -> Method:
         return found
     if not callable(found):
         raise InputError(
-            f"guidance rule '{name}' is a {type(found).__name__}; expected a `Method`, or a class whose objects are called "
-            "with a `ReverseStep` and return x_{t-1}"
+            f"{plugin_title(PLUGIN_KIND, name)} is of type {type(found).__name__}; expected a `Method`, or a class whose "
+            "objects are called with a `ReverseStep` and return x_{t-1}; mend the package's entry point"
         )
     summary = (found.__doc__ or "a rule of an installed package").partition("\n")[0]
     return replace(STEERED_NOISE, summary=summary, make_rule=lambda: _ForeignRule(name, found))
+
+
+def find_rule(name: str) -> GuidanceRule:
+    """Return the rule of one run of the method of that name; raises as `find_method` does, also where it cannot be made."""
+    return call_foreign(f"guidance rule '{name}' failed", find_method(name).make_rule)
 
 
 class _ForeignRule:
@@ -141,6 +146,11 @@ class _ForeignRule:
     def __init__(self, name: str, make_rule: Callable[[], GuidanceRule]) -> None:
         self._what = f"guidance rule '{name}' failed"
         self._rule = call_foreign(self._what, make_rule)
+        if not callable(self._rule):
+            raise InputError(
+                f"{plugin_title(PLUGIN_KIND, name)} made a {type(self._rule).__name__}; expected a rule that is called with "
+                "a `ReverseStep` and returns x_{t-1}; mend the package"
+            )
         self._name = name
 
     def __call__(self, step: ReverseStep) -> Float[Tensor, "batch dimension"]:

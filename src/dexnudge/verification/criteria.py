@@ -4,7 +4,7 @@ from __future__ import annotations
 
 import keyword
 import math
-from collections.abc import Callable, Iterable, Sequence
+from collections.abc import Callable, Iterable
 from dataclasses import dataclass
 from functools import partial
 from typing import Any, Protocol, runtime_checkable
@@ -18,7 +18,7 @@ from dexnudge.errors import InputError
 from dexnudge.hands.batch import HandBatch
 from dexnudge.hands.hand import ROOT_COORDINATES, Hand
 from dexnudge.mechanics.balance import MOTION_TOLERANCE
-from dexnudge.plugins import call_foreign, call_plugin, load_plugin
+from dexnudge.plugins import call_foreign, call_plugin, load_plugin, plugin_title
 from dexnudge.scenes.scene import Scene
 from dexnudge.verification.measurements import Measurements, measure
 
@@ -230,13 +230,26 @@ def find_criterion(name: str) -> Criterion:
     found = load_plugin("criterion", name, known=tuple(criterion.name for criterion in _BUILTIN))
     if isinstance(found, type) or not hasattr(found, "name"):  # a class or a function that makes one
         found = call_plugin("criterion", name, Criterion)
-    check_criteria([found])
+    what = plugin_title("criterion", name)
+    try:
+        check_criteria([found])
+    except InputError as error:
+        raise InputError(f"{what}: {error}") from error
     if found.name != name:
-        raise InputError(f"criterion '{name}' of a package is named '{found.name}'; expected its entry point's name")
+        raise InputError(f"{what} is named '{found.name}'; expected its entry point's name; rename one")
     return found
 
 
-def check_criteria(criteria: Sequence[Any] | None) -> list[Criterion]:
+def named_criteria(names: Iterable[str]) -> list[Criterion]:
+    """Return the built-in criteria, which always hold, and after them those of these names that packages bring.
+
+    Raises:
+        UnknownNameError, InputError: as `find_criterion`.
+    """
+    return [*_BUILTIN, *(find_criterion(name) for name in names if name not in {each.name for each in _BUILTIN})]
+
+
+def check_criteria(criteria: Iterable[Any] | None) -> list[Criterion]:
     """Return the criteria to judge by, `valid_pose` first: without a pose there is nothing to judge.
 
     Raises:
@@ -247,6 +260,7 @@ def check_criteria(criteria: Sequence[Any] | None) -> list[Criterion]:
     if isinstance(criteria, str) or not isinstance(criteria, Iterable):
         given = type(criteria).__name__
         raise InputError(f"`criteria` is a {given}; expected a sequence: [*default_criteria(), {given}()]")
+    criteria = list(criteria)
     builtin = {criterion.name: criterion for criterion in _BUILTIN}
     names: set[str] = set()
     for place, criterion in enumerate(criteria):
