@@ -82,6 +82,7 @@ def test_messages_of_the_library_name_options():
     assert with_flags(message, Evaluate) == (
         "--max-objects is 0 with --mass 1; `start` stays, and so does `dexnudge train --out`"
     )
+    assert with_flags("leave out the forearm (`base`)", Sample) == "leave out the forearm (--no-base)"
 
 
 def test_a_device_that_this_version_does_not_support_is_not_offered(dexnudge):

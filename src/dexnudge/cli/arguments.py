@@ -77,8 +77,8 @@ def _flags(kind: Any) -> dict[str, str]:
     """Return how the arguments that are options of a command are typed, by name."""
     flags: dict[str, str] = {}
     for field in fields(kind):
-        group = field.default_factory
-        flags |= _flags(group) if is_dataclass(group) else {field.name: f"--{field.name.replace('_', '-')}"}
+        group, off = field.default_factory, "no-" if field.default is True else ""
+        flags |= _flags(group) if is_dataclass(group) else {field.name: f"--{off}{field.name.replace('_', '-')}"}
     return flags
 
 

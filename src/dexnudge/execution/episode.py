@@ -11,7 +11,7 @@ from xml.etree import ElementTree
 
 import numpy as np
 
-from dexnudge.errors import InputError
+from dexnudge.errors import InputError, check_kind
 from dexnudge.execution.executor import Execution, Executor
 from dexnudge.execution.film import ANIMATION_FILE, PAGE_FILE, STRIP_FILE, film_of_trace, write_film
 from dexnudge.execution.slide_grasp_lift import GRASP_DRAWS, Attempt, SlideGraspLift, SlideGraspLiftResult
@@ -235,10 +235,11 @@ def execute(
         weights: folder of the model that draws them; None for the one that ships for this hand.
 
     Raises:
-        InputError: `attempts` or `draws` is below 1.
+        InputError: `sample` is something else, or `attempts` or `draws` is below 1.
         CheckpointError: no weights for this hand, or weights that are broken or made for another.
         MeshError: MuJoCo cannot take the object or the surroundings.
     """
+    check_kind("sample", sample, Sample, "samples[0]")
     for name, value in (("attempts", attempts), ("draws", draws)):
         if value < 1:
             raise InputError(f"`{name}` is {value}; expected at least 1")

@@ -53,9 +53,11 @@ class Hand:
     """A hand with d joint angles and L links, link 0 being the palm, parents before children.
 
     Attributes:
+        name: what weights and datasets call it.
         joint_names: the d independent joints in the order in which q holds them.
         lower: least joint angles [rad].
         upper: greatest joint angles [rad].
+        link_names: the L links, the palm first.
         link_parent: index of each link's parent, -1 for the palm.
         joints: for each link the joint that carries it; None for the palm.
         link_meshes: collision geometry in the link frame [m]; an empty mesh for a link without geometry.

@@ -21,7 +21,7 @@ from dexnudge.simulation.model import ENVIRONMENT_SIDE, HAND_SIDE, OBJECT_SIDE, 
 from dexnudge.simulation.push_forces import PushForces
 
 RECORD_STEPS = 10  # between two records: 20 ms
-FASTEST = 100.0  # [m/s, rad/s] anything faster is a simulation out of hand
+FASTEST = 100.0  # [m/s, rad/s] anything faster has diverged
 FAR = 0.05  # [m] clearances above this are not told apart
 TOUCHING, LOADED = 0.3, 0.8  # of the time of the squeeze: fingers have closed, forces are built up; the rest settles
 FOLLOW_TIME = 0.05  # [s] in which the base's target goes down or up to where the pressing hand has come to rest
