@@ -6,7 +6,8 @@ import numpy as np
 import pytest
 import trimesh
 
-from dexnudge.cli.sample import nothing_verified
+from dexnudge.cli.arguments import with_flags
+from dexnudge.cli.sample import Sample, nothing_verified
 
 NUM = 4
 
@@ -47,8 +48,10 @@ def test_an_object_wedged_against_a_wall(sample, dexnudge, tmp_path):
     out, summary, success = sample(FLOOR, wall)
     assert_nothing(summary, success)
     assert "motion_not_blocked" in summary["rejected"]
-    assert summary["reasons"]["motion_not_blocked"] in " ".join(out.split())
-    assert nothing_verified(summary) in " ".join(out.split())
+    said = " ".join(out.split())
+    assert with_flags(summary["reasons"]["motion_not_blocked"], Sample) in said
+    assert with_flags(nothing_verified(summary), Sample) in said
+    assert "choose another --motion" in said
     assert dexnudge("check", tmp_path / "out").code == 0
 
 

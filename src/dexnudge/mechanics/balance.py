@@ -10,7 +10,7 @@ from scipy.optimize import OptimizeResult, linprog
 
 from dexnudge.mechanics.contacts import HandContacts, SupportContacts
 from dexnudge.mechanics.friction_cone import EDGE_COUNT, friction_cone_edges, wrenches
-from dexnudge.mechanics.sliding_task import SlidingTask
+from dexnudge.mechanics.sliding_task import MOTION_TOLERANCE, SlidingTask
 
 MAX_FACTOR = 3.0
 """Largest factor on friction_environment that is tried [-]."""
@@ -18,8 +18,6 @@ SCAN_STEP = 0.25
 """Step of the coarse scan over the factor [-]; 1 and 1.5, which decide success and robustness, are on the grid."""
 BISECTIONS = 8
 """Halvings of one step of the scan: 0.25 / 2**8 is just below 1e-3."""
-MOTION_TOLERANCE = 1e-3
-"""|n . u| up to which a support contact counts as sliding, above as separating or blocking [-]."""
 
 LINPROG_INFEASIBLE = 2
 

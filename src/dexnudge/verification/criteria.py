@@ -17,7 +17,7 @@ from torch import Tensor
 from dexnudge.errors import InputError
 from dexnudge.hands.batch import HandBatch
 from dexnudge.hands.hand import ROOT_COORDINATES, Hand
-from dexnudge.mechanics.balance import MOTION_TOLERANCE
+from dexnudge.mechanics.sliding_task import MOTION_TOLERANCE
 from dexnudge.plugins import call_foreign, call_plugin, load_plugin, plugin_title
 from dexnudge.scenes.scene import Scene
 from dexnudge.verification.measurements import Measurements, measure
