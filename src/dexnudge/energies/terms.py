@@ -79,12 +79,7 @@ def check_terms(terms: Sequence[Any]) -> tuple[EnergyTerm, ...]:
             )
         if not callable(term):
             raise InputError(f"term '{name}', a {kind}, cannot be called; expected a method `__call__(hands, scene)`")
-        weight = getattr(term, "weight", None)
-        if isinstance(weight, bool) or not isinstance(weight, (int, float)) or not 0 < weight < math.inf:
-            raise InputError(
-                f"the weight of term '{name}' is {weight!r}; expected a finite number above 0; leave the term out to "
-                "switch it off"
-            )
+        _check_weight(name, getattr(term, "weight", None))
         if name in names:
             raise InputError(f"two terms are named '{name}'; expected a name of its own for each; rename one")
         names.append(name)
@@ -104,12 +99,22 @@ def find_term(name: str, *, weight: float | None = None) -> EnergyTerm:
             f"`weight_{name}`"
         )
     found = load_plugin("energy term", name)
+    if weight is not None:
+        _check_weight(name, weight)  # before anything that the package would be blamed for
     what = plugin_title("energy term", name)
     made = call_foreign(f"{what} cannot be made", _make_term, found, weight)
     try:
         return check_terms([made])[0]
     except InputError as error:
         raise InputError(f"{what}: {error}") from error
+
+
+def _check_weight(name: str, weight: object) -> None:
+    if isinstance(weight, bool) or not isinstance(weight, (int, float)) or not 0 < weight < math.inf:
+        raise InputError(
+            f"the weight of term '{name}' is {weight!r}; expected a finite number above 0; leave the term out to "
+            "switch it off"
+        )
 
 
 def _make_term(found: Any, weight: float | None) -> Any:
