@@ -4,6 +4,7 @@ import importlib.util
 import os
 import re
 import shlex
+import signal
 from collections.abc import Callable
 from contextlib import redirect_stdout
 from io import StringIO
@@ -31,6 +32,9 @@ def checkable_modules() -> list[str]:
 
 # Tests neither read nor write what the developer's own runs have cached; commands that they start inherit this.
 os.environ["DEXNUDGE_CACHE"] = "off"
+
+# A run in the background may ignore Ctrl-C; processes that tests start and interrupt must not inherit that.
+signal.signal(signal.SIGINT, signal.default_int_handler)
 
 # A busy machine is no failure: benchmarks time, tests do not.
 settings.register_profile("dexnudge", deadline=None)
