@@ -6,6 +6,10 @@ builtin that a caller would catch. The command line prints the message and exits
 
 import difflib
 from collections.abc import Iterable
+from numbers import Integral
+from typing import Any
+
+LARGEST_SEED = 2**63 - 1
 
 
 def did_you_mean(name: str, known: Iterable[str]) -> str:
@@ -19,6 +23,12 @@ def check_kind(argument: str, value: object, expected: type, example: str) -> No
     if not isinstance(value, expected):
         given = repr(value) if isinstance(value, str) else f"a {type(value).__name__}"
         raise InputError(f"`{argument}` is {given}; expected a {expected.__name__}, such as {example}")
+
+
+def check_seed(seed: Any) -> None:
+    """Refuse a seed that the generators of numpy and torch do not both take; InputError."""
+    if not isinstance(seed, Integral) or not 0 <= int(seed) <= LARGEST_SEED:
+        raise InputError(f"`seed` is {seed!r}; expected a whole number from 0 to {LARGEST_SEED}")
 
 
 class DexnudgeError(Exception):

@@ -100,3 +100,8 @@ def test_a_blocked_motion_is_said_even_where_most_draws_failed_for_something_els
     assert said == (
         "none of 5 draws is verified; 4 of them fail 'penetration_self': crossed; and something is in the way"
     )
+
+
+def test_a_reason_without_a_sentence_ends_with_its_name():
+    said = nothing_verified({"drawn": 5, "rejected": {"mine": 5}, "reasons": {"mine": " "}})
+    assert said == "none of 5 draws is verified; 5 of them fail 'mine'"

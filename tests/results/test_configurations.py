@@ -1,5 +1,6 @@
 """configurations.npz: what is written is what is read, and nothing else is read."""
 
+import tracemalloc
 import zipfile
 
 import numpy as np
@@ -122,3 +123,73 @@ def test_arrays_that_do_not_fit_together_are_named(tmp_path, changes, message):
     rewrite(tmp_path, **changes)
     with pytest.raises(InputError, match=message):
         read_configurations(tmp_path)
+
+
+def add_entry(folder, name, content):
+    with (
+        zipfile.ZipFile(folder / CONFIGURATIONS, "a", zipfile.ZIP_DEFLATED) as archive,
+        archive.open(name, "w") as file,
+    ):
+        for part in content:
+            file.write(part)
+
+
+def npy(header, data=b"", version=1):
+    text = header.encode()
+    length = len(text).to_bytes(2 if version == 1 else 4, "little")
+    return [b"\x93NUMPY" + bytes([version, 0]) + length + text + data]
+
+
+def header(shape, descr="'<f8'"):
+    return f"{{'descr': {descr}, 'fortran_order': False, 'shape': {shape}}}"
+
+
+@pytest.mark.parametrize(
+    ("name", "content", "message"),
+    [
+        ("q.npy", npy(header("(0,)")), "holds 'q.npy' twice"),
+        ("notes.txt", [b"hello"], "holds 'notes.txt', which is no array"),
+        ("x.npy", [b"hello"], "is damaged"),
+        ("x.npy", [], "is damaged"),
+        ("x.npy", npy(header(f"({2**50},)"), bytes(80)), rf"announces {2**53} bytes, and 80 follow"),
+        ("x.npy", npy(header(f"({2**50},)", "'<U0'")), "is damaged"),
+        ("x.npy", npy(header("(-1,)"), bytes(80)), "is damaged"),
+        ("x.npy", npy("[" * 9000), "is damaged"),
+        ("x.npy", npy("(" * 9000), "is damaged"),
+        ("x.npy", npy(header("(1,)", "'|O'"), bytes(8)), "without pickles"),
+        ("x.npy", npy(header("(1,)", "'<U1'"), b"\xff" * 4), "is damaged"),
+        ("x.npy", npy(header("(5,)"), bytes(40), version=7), "is damaged"),
+    ],
+)
+@pytest.mark.filterwarnings("ignore:Duplicate name")
+@pytest.mark.usefixtures("written")
+def test_an_entry_that_is_no_array_of_a_result_is_one_clear_error(tmp_path, name, content, message):
+    add_entry(tmp_path, name, content)
+    with pytest.raises(InputError, match=message):
+        read_configurations(tmp_path)
+
+
+@pytest.mark.usefixtures("written")
+def test_a_file_that_unpacks_to_gigabytes_is_refused_before_it_is_read(tmp_path):
+    add_entry(tmp_path, "x.npy", [bytes(2**26)] * 17)
+    tracemalloc.start()
+    try:
+        with pytest.raises(InputError, match=r"unpacks to 1088 MiB; expected at most 1024 MiB"):
+            read_configurations(tmp_path)
+        assert tracemalloc.get_traced_memory()[1] < 2**24
+    finally:
+        tracemalloc.stop()
+
+
+@pytest.mark.usefixtures("written")
+def test_a_file_without_configurations_is_refused(tmp_path):
+    with np.load(tmp_path / CONFIGURATIONS) as archive:
+        rewrite(tmp_path, **{key: archive[key][:0] for key in archive.files if key != "joint_names"})
+    with pytest.raises(InputError, match="holds no configurations; expected at least one"):
+        read_configurations(tmp_path)
+
+
+@pytest.mark.usefixtures("written")
+def test_contact_links_of_brackets_alone_are_one_name(tmp_path):
+    rewrite(tmp_path, contact_links=np.array(["[" * 100_000, "", "", "", ""]))
+    assert read_configurations(tmp_path)[2].contact_links[0] == ["[" * 100_000]

@@ -1,6 +1,7 @@
 """A result folder of Python's: what is saved is what `check` finds and what is read back."""
 
 import json
+import shutil
 from dataclasses import dataclass, replace
 
 import numpy as np
@@ -143,3 +144,76 @@ def test_a_summary_that_names_other_criteria_is_refused(boxy_hand, block, tmp_pa
     for read in (dn.check, dn.load_samples):
         with pytest.raises(dn.InputError, match=r"summary.json lists the criteria \['force_margin'\]"):
             read(tmp_path / "out")
+
+
+@pytest.fixture(scope="module")
+def saved(boxy_hand, block, tmp_path_factory):
+    folder = tmp_path_factory.mktemp("saved") / "out"
+    found = samples(boxy_hand, block)
+    q = found.q.copy()
+    q[:, 0] += np.array([0.01, 0.0, 0.02, 0.0])  # the further ahead of the centre, the worse
+    replace(found, q=q).save(folder)
+    return folder
+
+
+@pytest.fixture
+def copy(saved, tmp_path):
+    return shutil.copytree(saved, tmp_path / "copy")
+
+
+def change_arrays(folder, change):
+    with np.load(folder / "configurations.npz") as archive:
+        arrays = dict(archive)
+    np.savez(folder / "configurations.npz", **change(arrays))
+
+
+def add(name, amount, row=1):
+    def change(arrays):
+        arrays[name][row] += amount
+        return arrays
+
+    return change
+
+
+@pytest.mark.parametrize(
+    ("change", "difference"),
+    [
+        (add("force_margin", 0.02), "configuration 1: force_margin is"),
+        (add("force_margin", -0.02), "configuration 1: force_margin is"),
+        (add("penetration_object", 1e-4), "configuration 1: penetration_object is"),
+        (add("penetration_self", -1e-4), "configuration 1: penetration_self is"),
+        (add("valid_pose", 5e-5), "configuration 1: valid_pose is 0.000050"),
+        (add("force_margin", np.inf), "configuration 1: force_margin is inf"),
+        (
+            lambda arrays: {  # the verified ones from worst to best, the rejected one last
+                name: array if name == "joint_names" else array[[2, 1, 0, 3]] for name, array in arrays.items()
+            },
+            "is better than the one before it; expected the best first",
+        ),
+    ],
+)
+@pytest.mark.filterwarnings("error")
+def test_a_changed_figure_or_order_is_found(copy, change, difference):
+    change_arrays(copy, change)
+    differences = dn.check(copy).differences
+    assert any(difference in line for line in differences), differences
+
+
+@pytest.mark.parametrize(
+    ("key", "value"),
+    [
+        ("best_force_margin", 2.5),
+        ("best_force_margin", None),
+        ("verified_rate", 1.0),
+        ("robust_rate", "all"),
+        ("hand", "shadow"),
+        ("scene", "shelf"),
+        ("robust", 3.5),
+    ],
+)
+def test_a_changed_summary_is_found(copy, key, value):
+    summary = json.loads((copy / "summary.json").read_text())
+    assert summary[key] != value
+    (copy / "summary.json").write_text(json.dumps(summary | {key: value}))
+    (difference,) = dn.check(copy).differences
+    assert difference.startswith(f"summary.json: {key} is {value} in the file")

@@ -142,6 +142,16 @@ def test_a_name_that_is_no_identifier(name):
         check_criteria([Low(name=name)])
 
 
+@pytest.mark.parametrize("tolerance", ["x", -1, -1e-9, np.nan, np.inf, None, True])
+def test_a_tolerance_that_is_none(tolerance):
+    criterion = Low()
+    criterion.tolerance = tolerance
+    with pytest.raises(
+        dn.InputError, match=r"the `tolerance` of criterion 'low' is .*; expected a finite number, 0 or"
+    ):
+        check_criteria([criterion])
+
+
 @pytest.mark.parametrize("thing", [Low, 3, "low", lambda hands, scene: None])
 def test_what_is_no_criterion(thing):
     with pytest.raises(dn.InputError, match=r"entry 0 of `criteria` is .*; expected an object with a `name`"):

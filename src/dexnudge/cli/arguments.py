@@ -10,7 +10,7 @@ from typing import TYPE_CHECKING, Annotated, Any, Literal, TypeVar
 
 import tyro
 
-from dexnudge.errors import InputError
+from dexnudge.errors import LARGEST_SEED, InputError
 
 if TYPE_CHECKING:
     from rich.console import Console
@@ -48,7 +48,7 @@ ResultFolder = tyro.conf.Positional[Annotated[str, metavar("DIR")]]
 
 
 def check_at_least(minimum: int, **options: int | None) -> None:
-    """Refuse an option below `minimum`.
+    """Refuse an option below `minimum`, or above what numpy and torch take.
 
     Raises:
         InputError: names it as an argument.
@@ -56,6 +56,8 @@ def check_at_least(minimum: int, **options: int | None) -> None:
     for name, value in options.items():
         if value is not None and value < minimum:
             raise InputError(f"`{name}` is {value}; expected at least {minimum}")
+        if value is not None and value > LARGEST_SEED:
+            raise InputError(f"`{name}` is {value}; expected at most {LARGEST_SEED}")
 
 
 Settings = TypeVar("Settings")

@@ -69,7 +69,10 @@ class Evaluate(SetOptions):
     def run(self) -> int:
         """Run the missing trials of each kind, write and print their reports."""
         check_at_least(0, seed=self.seed)
-        check_at_least(1, num=self.num, workers=self.workers, execute_num=self.execute_num)
+        from dexnudge.sampling.sampler import check_counts
+
+        check_counts(self.num, None, None)
+        check_at_least(1, workers=self.workers, execute_num=self.execute_num)
         self._check_attempts()
         say(*self._reports(), f"written: {self.out}")
         return 0

@@ -42,7 +42,9 @@ def nothing_verified(summary: dict[str, Any]) -> str:
     """
     rejected, reasons = summary["rejected"], summary["reasons"]
     reason, count = next(iter(rejected.items()))
-    said = f"none of {summary['drawn']} draws is verified; {count} of them fail '{reason}': {reasons[reason]}"
+    said = f"none of {summary['drawn']} draws is verified; {count} of them fail '{reason}'"
+    if sentence := reasons[reason].strip():  # a criterion of somebody's own may have none
+        said += f": {sentence}"
     if reason != BLOCKED and BLOCKED in rejected:
         return f"{said}; and {reasons[BLOCKED]}"
     return said

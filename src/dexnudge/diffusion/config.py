@@ -4,7 +4,7 @@ import math
 from dataclasses import asdict, dataclass, field
 from typing import Any, Literal, get_args
 
-from dexnudge.errors import CheckpointError, InputError, UnknownNameError
+from dexnudge.errors import CheckpointError, InputError, UnknownNameError, check_seed
 
 PredictionType = Literal["epsilon", "sample", "v_prediction"]
 ScheduleName = Literal["cosine", "linear"]
@@ -259,6 +259,7 @@ class TrainingConfig:
         for name in ("yaw_jitter", "point_noise", "seed"):
             if not 0.0 <= getattr(self, name) < math.inf:
                 raise InputError(f"`{name}` is {getattr(self, name)}; expected 0 or more.")
+        check_seed(self.seed)
         if not 0.0 <= self.scale_jitter < 1.0:
             raise InputError(f"`scale_jitter` is {self.scale_jitter}; expected a relative error from 0 to below 1.")
         if self.max_minutes is not None and not 0.0 < self.max_minutes < math.inf:

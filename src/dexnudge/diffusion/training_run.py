@@ -80,7 +80,7 @@ class TrainingRun:
             DexnudgeError: the loss is not finite.
         """
         whole = self._sampler.batch(self.step)
-        generator = torch.Generator().manual_seed(self.config.seed * 1_000_003 + self.step)
+        generator = torch.Generator().manual_seed((self.config.seed * 1_000_003 + self.step) % 2**63)
         noise = torch.randn(whole.q.shape, generator=generator)
         timesteps = stratified_timesteps(len(whole.q), self._schedule.num_train_timesteps, generator)
         batch = whole.part(self._share).to(self._device)

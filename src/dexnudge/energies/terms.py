@@ -14,7 +14,6 @@ Energies are squared lengths [m^2] summed over points: 1 mm of penetration at 10
 what a term must not allow costs about as much.
 """
 
-import math
 from collections.abc import Iterable, Sequence
 from copy import copy
 from typing import Any, Protocol, runtime_checkable
@@ -25,7 +24,7 @@ from jaxtyping import Float
 from torch import Tensor
 
 from dexnudge.energies.descent import HandPose, configuration_from_pose
-from dexnudge.energies.weights import BUILTIN_WEIGHTS
+from dexnudge.energies.weights import BUILTIN_WEIGHTS, LARGEST_WEIGHT
 from dexnudge.errors import InputError, UnknownNameError
 from dexnudge.hands.batch import HandBatch
 from dexnudge.hands.hand import Hand
@@ -110,10 +109,10 @@ def find_term(name: str, *, weight: float | None = None) -> EnergyTerm:
 
 
 def _check_weight(name: str, weight: object) -> None:
-    if isinstance(weight, bool) or not isinstance(weight, (int, float)) or not 0 < weight < math.inf:
+    if isinstance(weight, bool) or not isinstance(weight, (int, float)) or not 0 < weight <= LARGEST_WEIGHT:
         raise InputError(
-            f"the weight of term '{name}' is {weight!r}; expected a finite number above 0; leave the term out to "
-            "switch it off"
+            f"the weight of term '{name}' is {weight!r}; expected a finite number above 0, at most "
+            f"{LARGEST_WEIGHT:g}; leave the term out to switch it off"
         )
 
 

@@ -1,11 +1,11 @@
 """Weights and clearances of the energy terms."""
 
-import math
 from dataclasses import dataclass
 
 from dexnudge.errors import InputError
 
 OUTSIDE_KERNEL = ("force", "limits")  # terms of those who know more than hand and scene
+LARGEST_WEIGHT = 1e6  # of any term: single precision holds its square times that of any length
 
 
 @dataclass(frozen=True)
@@ -24,7 +24,7 @@ class TermWeights:
     (`force_residual`, the guidance rules): the kernel knows nothing of them.
 
     Raises:
-        InputError: a value that is negative or not finite.
+        InputError: a value that is negative, not finite, or so large that an energy would overflow.
     """
 
     environment: float = 1.0
@@ -44,14 +44,14 @@ class TermWeights:
 
     def __post_init__(self) -> None:
         for name, value in vars(self).items():
-            if not (math.isfinite(value) and value >= 0.0):
+            if not 0.0 <= value <= LARGEST_WEIGHT:
                 what, off = (
                     ("distance", "")
                     if name.startswith(("clearance", "contact_gap"))
                     else ("weight", "; 0 switches it off")
                 )
                 raise InputError(
-                    f"the {what} '{name}' of the energy is {value:g}; expected a finite number, 0 or more{off}"
+                    f"the {what} '{name}' of the energy is {value:g}; expected a number from 0 to {LARGEST_WEIGHT:g}{off}"
                 )
 
 

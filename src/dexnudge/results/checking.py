@@ -7,7 +7,10 @@ from typing import Any
 
 import numpy as np
 
-from dexnudge.results.folder import count_draws, read_result
+from dexnudge.results.folder import LONGEST_QUOTE, count_draws, read_result
+from dexnudge.results.ranking import out_of_order
+from dexnudge.results.samples import Samples
+from dexnudge.scenes.scene import Scene
 from dexnudge.verification.criteria import AGREEMENT
 from dexnudge.verification.verdicts import Verdicts, verify
 
@@ -59,19 +62,31 @@ def check(folder: Path | str) -> Check:
     ]
     success = np.array([not reason for reason in reasons], dtype=bool)
     found = replace(found, reasons=reasons, success=success)
-    return Check(written, found, tuple(_differences(summary, written, found)), not_recomputed)
+    differences = (
+        *_value_differences(written, found),
+        *_verdict_differences(written, found),
+        *_order_differences(samples.scene, written, found),
+        *_summary_differences(summary, samples),
+    )
+    return Check(written, found, differences, not_recomputed)
 
 
-def _differences(summary: dict[str, Any], written: Verdicts, found: Verdicts) -> Iterator[str]:
+def _value_differences(written: Verdicts, found: Verdicts) -> Iterator[str]:
     for criterion in written.criteria:
         name = criterion.name
         one, other = written.values[name], found.values[name]
-        tolerance = getattr(criterion, "tolerance", AGREEMENT) * np.maximum(1.0, np.abs(other))
-        # NaN: nothing to measure. Infinities are equal though their difference is NaN.
-        agreeing = (np.abs(one - other) <= tolerance) | (one == other) | (np.isnan(one) & np.isnan(other))
+        tolerance = getattr(criterion, "tolerance", AGREEMENT)
+        agreeing = (one == other) | (np.isnan(one) & np.isnan(other))  # NaN: nothing to measure
+        finite = np.isfinite(one) & np.isfinite(other)
+        agreeing[finite] = abs(one - other)[finite] <= tolerance * np.maximum(1.0, abs(other))[finite]
         scale, unit = (1e3, " mm") if name.startswith("penetration_") else (1.0, "")
         for i in np.flatnonzero(~agreeing).tolist():
-            yield f"configuration {i}: {name} is {scale * one[i]:.3f}{unit} in the file, {scale * other[i]:.3f}{unit} found"
+            pair = scale * one[i], scale * other[i]
+            digits = 3 if abs(pair[0] - pair[1]) >= 1e-3 else 6  # so that the two are told apart
+            yield f"configuration {i}: {name} is {pair[0]:.{digits}f}{unit} in the file, {pair[1]:.{digits}f}{unit} found"
+
+
+def _verdict_differences(written: Verdicts, found: Verdicts) -> Iterator[str]:
     for i in range(len(written)):
         if written.success[i] != found.success[i]:
             yield f"configuration {i}: success is {written.success[i]} in the file, {found.success[i]} found"
@@ -80,12 +95,25 @@ def _differences(summary: dict[str, Any], written: Verdicts, found: Verdicts) ->
             yield f"configuration {i}: the reason is {own} in the file, {again} found"
         links, others = (verdicts.contact_links[i] for verdicts in (written, found))
         if set(links) != set(others):
-            shown = (", ".join(names) or "none" for names in (links, others))
+            shown = ((", ".join(names) or "none")[:LONGEST_QUOTE] for names in (links, others))
             yield f"configuration {i}: contact_links are {next(shown)} in the file, {next(shown)} found"
+
+
+def _order_differences(scene: Scene, written: Verdicts, found: Verdicts) -> Iterator[str]:
     late = np.flatnonzero(np.diff(written.success.astype(int)) > 0) + 1
     if len(late):
         yield f"configuration {late[0]} succeeds but stands after one that does not; expected verified ones first"
-    counts = count_draws(written)
-    for key in ("drawn", "verified", "robust", "rejected"):
-        if summary.get(key) != counts[key]:
-            yield f"summary.json: {key} is {summary.get(key)} in the file, {counts[key]} found"
+    elif (written.success == found.success).all():
+        for place in out_of_order(scene, found).tolist():
+            yield f"configuration {place} is better than the one before it; expected the best first"
+
+
+def _summary_differences(summary: dict[str, Any], samples: Samples) -> Iterator[str]:
+    """Compare with the other files: their figures are compared with what is found on their own."""
+    scene = samples.scene
+    known = {**count_draws(samples.verdicts), "scene": scene.name, "hand": samples.hand.name}
+    if "seed" in summary and scene.seed is not None:
+        known["seed"] = scene.seed
+    for key, value in known.items():
+        if key not in summary or summary[key] != value:
+            yield f"summary.json: {key} is {str(summary.get(key))[:LONGEST_QUOTE]} in the file, {value} found"

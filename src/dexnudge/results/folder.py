@@ -14,8 +14,11 @@ summary.json counts them, and tells what failing each criterion means and what t
 """
 
 import json
+import math
 import re
+import sys
 import time
+import tokenize
 import zipfile
 import zlib
 from collections.abc import Sequence
@@ -33,6 +36,7 @@ from dexnudge.hands.hand import ROOT_COORDINATES, Hand
 from dexnudge.hands.registry import load_hand
 from dexnudge.jobs.folders import new_folder
 from dexnudge.jobs.provenance import machine, peak_memory_mb, versions
+from dexnudge.results.ranking import best_first
 from dexnudge.results.samples import Samples
 from dexnudge.scenes.files import SCENE_FILES
 from dexnudge.scenes.scene import Scene
@@ -44,6 +48,22 @@ HAND = Path("hand", "hand.urdf")
 PAGE, PICTURE = "view.html", "view.png"
 RESULT_FILES = (*SCENE_FILES, *(f"{HAND.parent}/{file}" for file in HAND_FILES), SUMMARY, PAGE, PICTURE)
 """What a result folder consists of beside configurations.npz, as patterns of paths."""
+LARGEST_FILE = 2**30
+"""Of configurations.npz, unpacked [bytes]: some million draws; more is no result."""
+LONGEST_QUOTE = 200  # characters of a file's content in a message
+NPY_HEADERS = {(1, 0): np.lib.format.read_array_header_1_0, (2, 0): np.lib.format.read_array_header_2_0}
+DAMAGE = (
+    OSError,
+    ValueError,
+    EOFError,
+    zipfile.BadZipFile,
+    zlib.error,
+    RuntimeError,  # an unknown compression, a password, or a header with too many brackets
+    MemoryError,  # the same, and no lack of memory
+    SyntaxError,
+    tokenize.TokenError,
+)
+"""What reading an archive that numpy.savez did not write may raise."""
 KINDS = {"f": "float", "U": "text", "b": "bool"}
 """How messages call the kinds of arrays."""
 
@@ -99,9 +119,10 @@ def read_configurations(folder: Path) -> tuple[Float[np.ndarray, "n coordinates"
     if not path.is_file():
         raise InputError(f"{path} is missing; expected the folder that `dexnudge sample` or Samples.save wrote")
     try:
-        with path.open("rb") as file, np.lib.npyio.NpzFile(file, allow_pickle=False) as archive:  # never a bare .npy
-            arrays = {key: archive[key] for key in archive.files}
-    except (OSError, ValueError, EOFError, zipfile.BadZipFile, zlib.error) as error:
+        arrays = _read_arrays(path)
+    except InputError:
+        raise
+    except DAMAGE as error:
         raise InputError(
             f"{path} is damaged ({error}); expected an npz archive without pickles; sample again"
         ) from error
@@ -127,6 +148,8 @@ def read_configurations(folder: Path) -> tuple[Float[np.ndarray, "n coordinates"
                 f"{path}: {key} is {array.dtype} of shape {array.shape}; expected {KINDS[kind]} of shape "
                 f"({', '.join(map(str, shape))}); sample again"
             )
+    if not len(q):
+        raise InputError(f"{path} holds no configurations; expected at least one; sample again")
     if not np.isfinite(q).all():
         raise InputError(f"{path}: q holds NaN or infinity; expected finite numbers; sample again")
     names = [re.findall(r"(?:\\.|[^\\,])+", links, re.DOTALL) for links in arrays["contact_links"].tolist()]
@@ -138,6 +161,52 @@ def read_configurations(folder: Path) -> tuple[Float[np.ndarray, "n coordinates"
         contact_links=[[re.sub(r"\\(.)", r"\1", name, flags=re.DOTALL) for name in each] for each in names],
     )
     return q, tuple(arrays["joint_names"].tolist()), verdicts
+
+
+def _read_arrays(path: Path) -> dict[str, np.ndarray]:
+    """Return the arrays of an npz archive; no more is read into memory than its table of contents and headers allow.
+
+    Raises:
+        InputError: an entry that is no array, is there twice, or is larger than a result can be.
+        DAMAGE: the file is damaged.
+    """
+    arrays: dict[str, np.ndarray] = {}
+    with zipfile.ZipFile(path) as archive:
+        entries = archive.infolist()
+        size = sum(entry.file_size for entry in entries)
+        if size > LARGEST_FILE:
+            raise InputError(
+                f"{path} unpacks to {size / 2**20:.0f} MiB; expected at most {LARGEST_FILE >> 20} MiB; sample again"
+            )
+        for entry in entries:
+            key, shown = entry.filename.removesuffix(".npy"), repr(entry.filename[:LONGEST_QUOTE])
+            if key in arrays:
+                raise InputError(f"{path} holds {shown} twice; expected one array of each name; sample again")
+            if key == entry.filename:
+                raise InputError(f"{path} holds {shown}, which is no array; expected arrays only; sample again")
+            arrays[key] = _read_array(archive, entry)
+    return arrays
+
+
+def _read_array(archive: zipfile.ZipFile, entry: zipfile.ZipInfo) -> np.ndarray:
+    """Return the array of an entry; ValueError where its header announces anything but what follows."""
+    with archive.open(entry) as file:
+        read_header = NPY_HEADERS.get(np.lib.format.read_magic(file))
+        if read_header is None:
+            raise ValueError("an array is written in an unknown version of the npy format")
+        shape, _, dtype = read_header(file)
+        if dtype.hasobject:
+            raise ValueError("an array holds pickled objects")
+        announced, size = math.prod(shape) * dtype.itemsize, entry.file_size - file.tell()
+        if not dtype.itemsize or announced != size:
+            raise ValueError(f"the header of an array announces {announced} bytes, and {size} follow")
+        file.seek(0)
+        array: np.ndarray = np.lib.format.read_array(file, allow_pickle=False)
+    if dtype.kind == "U":
+        codes = array.reshape(-1).view(np.dtype(np.uint32).newbyteorder(dtype.byteorder))
+        if codes.max(initial=0) > sys.maxunicode:
+            raise ValueError("a text holds what is no character")
+    return array
 
 
 def count_draws(verdicts: Verdicts) -> dict[str, Any]:
@@ -206,9 +275,9 @@ def save_samples(samples: Samples, out: Path, *, title: str, overwrite: bool) ->
         )
     with result_folder(out, overwrite=overwrite) as folder:
         scene, hand = write_inputs(folder, samples.scene, samples.hand)
-        verdicts = verify(scene, hand, samples.q, samples.verdicts.criteria)
-        written = replace(samples, scene=scene, hand=hand, verdicts=verdicts)
-        written = written[np.argsort(~verdicts.success, kind="stable")]
+        q = samples.q.astype(np.float32)  # as the file holds it
+        verdicts = verify(scene, hand, q, samples.verdicts.criteria)
+        written = replace(samples, scene=scene, hand=hand, q=q, verdicts=verdicts)[best_first(scene, verdicts)]
         title = title or f"{hand.name}, {scene.name}"
         write_results(folder, written, title=title, seconds={}, details={"scene": scene.name, "hand": hand.name})
     return written
@@ -243,7 +312,7 @@ def read_result(folder: Path | str) -> tuple[Samples, dict[str, Any], dict[str, 
             f"{', '.join(hand.joint_names)}; expected the same joints in the same order; sample again"
         )
     names = summary.get("criteria")
-    if not isinstance(names, list) or {*map(str, names)} != {*verdicts.values}:
+    if not isinstance(names, list) or sorted(map(str, names)) != sorted(verdicts.values):
         raise InputError(
             f"{folder}: summary.json lists the criteria {names}, configurations.npz has the values of "
             f"{', '.join(verdicts.values)}; expected the same; sample again"
@@ -268,8 +337,12 @@ def _read_summary(folder: Path) -> dict[str, Any]:
         raise InputError(
             f"{path} is missing; expected the folder that `dexnudge sample` or Samples.save wrote"
         ) from error
-    except (OSError, ValueError) as error:
+    except (OSError, ValueError, RecursionError) as error:
         raise InputError(f"{path} is damaged ({error}); expected JSON; sample again") from error
     if not isinstance(summary, dict) or not isinstance(summary.get("rejected"), dict):
         raise InputError(f"{path} has no counts; expected drawn, verified and rejected; sample again")
+    for key, kind in (("reasons", dict), ("seconds", dict), ("sampler", list)):
+        if not isinstance(summary.get(key, kind()), kind):
+            what = "an object" if kind is dict else "a list"
+            raise InputError(f"{path}: {key} is {str(summary[key])[:LONGEST_QUOTE]}; expected {what}; sample again")
     return summary

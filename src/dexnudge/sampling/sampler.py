@@ -16,14 +16,14 @@ from jaxtyping import Float
 
 from dexnudge.diffusion.prior import DiffusionPrior
 from dexnudge.energies.terms import EnergyTerm, check_terms
-from dexnudge.errors import CheckpointError, InputError, check_kind
+from dexnudge.errors import CheckpointError, InputError, check_kind, check_seed
 from dexnudge.hands.hand import Hand
+from dexnudge.results.ranking import best_first
 from dexnudge.results.samples import Samples
 from dexnudge.sampling.denoise import denoise
 from dexnudge.sampling.methods import Method, find_method
 from dexnudge.sampling.problem import SamplingProblem, prepare
 from dexnudge.sampling.projection import project
-from dexnudge.sampling.ranking import best_first
 from dexnudge.sampling.starts import TrainingPoses, nearest_pose_start, random_start
 from dexnudge.scenes.scene import Scene
 from dexnudge.verification.criteria import Criterion, check_criteria, missing_criteria
@@ -33,6 +33,7 @@ SHIPPED_WEIGHTS = Path(__file__).parent.parent / "weights"
 DEFAULT_METHOD = "steered_noise"
 WITHOUT_WEIGHTS = "random_start_projection"
 MAX_DRAWS_FACTOR = 32  # a search for K verified draws gives up after this many draws each, unless told otherwise
+LARGEST_CALL = 10_000  # draws that are in memory, and in one batch, at once
 SMALLEST_CALL = 4  # draws: fewer take as long, since a call's own steps cost more than their arithmetic
 NOT_CONVERGED = 10.0  # added to the residual of a draw that the projection could not finish, so that it comes last
 
@@ -170,10 +171,11 @@ class Sampler:
 
         Raises:
             UnknownNameError: no such method.
-            InputError: a count below 1, `max_draws` without `verified`, or a criterion that fails or does not fit.
+            InputError: a seed or count out of range, `max_draws` without `verified`, or a criterion that does not fit.
             CheckpointError: no usable weights.
         """
         check_kind("scene", scene, Scene, 'build_scene("table", "phone")')
+        check_seed(seed)
         check_counts(num, verified, max_draws)
         criteria = check_criteria(criteria)
         if missing := missing_criteria(criterion.name for criterion in criteria):
@@ -260,6 +262,11 @@ def check_counts(num: int, verified: int | None, max_draws: int | None) -> None:
     for name, value in (("num", num), ("verified", verified), ("max_draws", max_draws)):
         if value is not None and value < 1:
             raise InputError(f"`{name}` is {value}; expected at least 1")
+    if num > LARGEST_CALL:
+        raise InputError(
+            f"`num` is {num}; expected at most {LARGEST_CALL}, the draws of one call; ask for `verified` draws, or sample "
+            "again with another seed"
+        )
     if max_draws is not None and verified is None:
         raise InputError(
             "`max_draws` limits the search for `verified` draws; expected both or neither; use `num` instead"

@@ -10,7 +10,7 @@ from typing import Any
 import numpy as np
 import trimesh
 
-from dexnudge.errors import SceneError, UnknownNameError, did_you_mean
+from dexnudge.errors import SceneError, UnknownNameError, check_seed, did_you_mean
 from dexnudge.objects.sets import object_mesh
 from dexnudge.plugins import call_plugin, plugin_names, usable_plugins
 from dexnudge.scenes.clutter import clutter
@@ -68,6 +68,7 @@ def build_scene(family: str, object: str | Path | trimesh.Trimesh, *, seed: int 
     unknown = sorted(set(physics) - set(PHYSICS))
     if unknown:
         raise SceneError(f"unknown physical parameter {unknown[0]!r}; expected {', '.join(PHYSICS)}")
+    check_seed(seed)
     mesh, generator = object_mesh(object), np.random.default_rng(seed)
     if family in SCENE_FAMILIES:
         scene = SCENE_FAMILIES[family](mesh, generator)

@@ -37,10 +37,10 @@ NUMPY_NAMES = ("file", "allow_pickle")
 """Names that numpy.savez cannot give to an array."""
 AGREEMENT = 1e-4
 """What a value found again may differ by, relative to the larger of it and 1, unless a criterion says otherwise."""
-PENETRATION_AGREEMENT = 2e-4
-"""The same for depths: what independent distance queries on one mesh may differ by [m]."""
-MARGIN_AGREEMENT = 0.02
-"""The same for force margins: what independent solvers of the force balance may differ by [-]."""
+BUILTIN_AGREEMENT = 1e-6
+"""The same for the built-in criteria, which are deterministic: what another machine's rounding explains."""
+MARGIN_AGREEMENT = 1e-3
+"""The same for force margins, whose solver stops at a tolerance of its own [-]."""
 
 
 @dataclass(frozen=True)
@@ -92,7 +92,7 @@ class BuiltinCriterion:
     read: Callable[[HandBatch, Measurements], tuple[Float[np.ndarray, " n"], Bool[np.ndarray, " n"]]]
     sentence: str
     value_without_pose: float = math.nan
-    tolerance: float = AGREEMENT
+    tolerance: float = BUILTIN_AGREEMENT
 
     def __call__(self, hands: HandBatch, scene: Scene) -> CriterionResult:
         """Judge each hand."""
@@ -169,19 +169,16 @@ _BUILTIN = (
         "penetration_environment",
         partial(_depth, part="environment"),
         "there is hardly room for the hand; make some, leave out the forearm (`base`), or draw more (`num`)",
-        tolerance=PENETRATION_AGREEMENT,
     ),
     BuiltinCriterion(
         "penetration_object",
         partial(_depth, part="object"),
         "the hand cannot close in without entering the object; draw more (`num`)",
-        tolerance=PENETRATION_AGREEMENT,
     ),
     BuiltinCriterion(
         "penetration_self",
         partial(_depth, part="self_collision"),
         "the fingers get into each other's way; draw more (`num`)",
-        tolerance=PENETRATION_AGREEMENT,
     ),
     BuiltinCriterion(
         "contact",
@@ -253,7 +250,7 @@ def check_criteria(criteria: Iterable[Any] | None) -> list[Criterion]:
     """Return the criteria to judge by, `valid_pose` first: without a pose there is nothing to judge.
 
     Raises:
-        InputError: something that is no criterion, or a name that is taken or no identifier.
+        InputError: something that is no criterion, a name that is taken or no identifier, or a tolerance that is none.
     """
     if criteria is None:
         return default_criteria()
@@ -277,6 +274,13 @@ def check_criteria(criteria: Iterable[Any] | None) -> list[Criterion]:
             )
         if name in (*RESERVED, *NUMPY_NAMES) or name in names or builtin.get(name, criterion) is not criterion:
             raise InputError(f"the name of criterion '{name}' is taken; expected one of its own; rename it")
+        tolerance = getattr(criterion, "tolerance", AGREEMENT)
+        number = isinstance(tolerance, int | float | np.integer | np.floating) and not isinstance(tolerance, bool)
+        if not number or not 0 <= tolerance < math.inf:
+            raise InputError(
+                f"the `tolerance` of criterion '{name}' is {tolerance!r}; expected a finite number, 0 or more; leave it "
+                f"out for {AGREEMENT:g}"
+            )
         names.add(name)
     return [VALID_POSE, *(criterion for criterion in criteria if criterion is not VALID_POSE)]
 

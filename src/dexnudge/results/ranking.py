@@ -14,10 +14,12 @@ from dexnudge.mechanics.friction_cone import helping, pressing, some_contacts
 from dexnudge.mechanics.sliding_task import sliding_task
 from dexnudge.planning.object_path import push_length, supports_along
 from dexnudge.scenes.scene import Scene
-from dexnudge.verification.criteria import ROBUST_MARGIN, SUCCESS_MARGIN
+from dexnudge.verification.criteria import MARGIN_AGREEMENT, ROBUST_MARGIN, SUCCESS_MARGIN
 from dexnudge.verification.verdicts import Verdicts
 
 STATIONS = 3  # places along the way beside its beginning; the last one is its end
+KEY_AGREEMENT = (0.0, MARGIN_AGREEMENT, MARGIN_AGREEMENT, 1e-6, 1e-6, 1e-6)
+"""What rounding may change in each key of the ranking."""
 SAME_PLACE = 1e-5  # [m] by which two places of supports differ for no other reason than rounding
 
 
@@ -69,6 +71,23 @@ def best_first(scene: Scene, verdicts: Verdicts) -> Int[np.ndarray, " n"]:
     alone that press or push, up to 1; by how near to the object's centre of mass or behind it they are on average; by how
     far they press or push; by the least penetration. Larger margins are those of hands that squeeze, and slip.
     """
+    return np.lexsort(_keys(scene, verdicts)[::-1])
+
+
+def out_of_order(scene: Scene, verdicts: Verdicts) -> Int[np.ndarray, " places"]:
+    """Return the places of those draws that `best_first` puts before the one in front of them.
+
+    Differences that another machine's rounding explains do not count.
+    """
+    keys = np.nan_to_num(_keys(scene, verdicts), nan=np.inf, posinf=np.finfo(np.float64).max)
+    difference = np.diff(keys, axis=1)
+    deciding = (difference != 0.0).argmax(axis=0)  # the first key in which two neighbours differ, if any
+    step = np.take_along_axis(difference, deciding[None], axis=0)[0]
+    return np.flatnonzero(step < -np.array(KEY_AGREEMENT)[deciding]) + 1
+
+
+def _keys(scene: Scene, verdicts: Verdicts) -> Float[np.ndarray, "key draw"]:
+    """Return what draws are ranked by, most important first; less is better."""
     margin, verified = np.asarray(verdicts.force_margin), np.flatnonzero(verdicts.success)
     pressing, ahead, helping = np.zeros((3, len(margin)))
     if len(verified) > 1:
@@ -76,8 +95,8 @@ def best_first(scene: Scene, verdicts: Verdicts) -> Int[np.ndarray, " n"]:
         pressing[verified] = pressing_margins(scene, contacts)
         ahead[verified], helping[verified] = forward_offset(scene, contacts), mean_help(scene, contacts)
     deepest = verdicts.deepest_penetration
-    order = (-np.minimum(margin, ROBUST_MARGIN), -np.minimum(pressing, SUCCESS_MARGIN), ahead, -helping, deepest)
-    return np.lexsort((*reversed(order), ~verdicts.success))
+    margins = -np.minimum(margin, ROBUST_MARGIN), -np.minimum(pressing, SUCCESS_MARGIN)
+    return np.stack([~verdicts.success, *margins, ahead, -helping, deepest]).astype(np.float64)
 
 
 def _carried_alike(scene: Scene) -> bool:

@@ -9,7 +9,7 @@ import trimesh
 from dexnudge.mechanics.balance import balance_problem, problem_margin
 from dexnudge.mechanics.contacts import HandContacts, support_contacts
 from dexnudge.mechanics.sliding_task import sliding_task
-from dexnudge.sampling.ranking import best_first, forward_offset, mean_help, path_margins, pressing_margins
+from dexnudge.results.ranking import best_first, forward_offset, mean_help, path_margins, pressing_margins
 from dexnudge.scenes.boxes import box
 from dexnudge.scenes.scene import Scene
 from dexnudge.verification.verdicts import Verdicts
