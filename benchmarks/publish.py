@@ -59,7 +59,8 @@ FIGURES = (  # that matter: what, run, kind, column
 ABOUT = (
     "Rates in % of everything that was attempted; in brackets, 95 % intervals by bootstrap over objects. Robust: with a "
     "force margin of at least 1.5. Written by `python benchmarks/publish.py`; `make results RUN=NAME` makes a table "
-    "again, `benchmarks/published_runs.yaml` lists the runs. Every figure, with all others of its run, is in [data](data)."
+    "again, `benchmarks/published_runs.yaml` lists the runs. The file that is linked below a table has every figure of its "
+    "run."
 )
 ORDER = (*PAPER_SUCCESS, *HARD_SCENES, *NEW_SCENES)  # of scenes in tables
 Row = dict[str, str]

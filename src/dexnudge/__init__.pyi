@@ -1,5 +1,6 @@
 # The public names. `__init__.py` imports them from where they are said to be here, on first use.
 
+from dexnudge.dataset.loading import Dataset as Dataset, load_dataset as load_dataset
 from dexnudge.energies.terms import EnergyTerm as EnergyTerm, find_term as find_term
 from dexnudge.errors import (
     CheckpointError as CheckpointError,

@@ -5,16 +5,20 @@ builtin that a caller would catch. The command line prints the message and exits
 """
 
 import difflib
+import math
+import os
 from collections.abc import Iterable
 from numbers import Integral
+from pathlib import Path
 from typing import Any
 
+LONGEST_QUOTE = 80  # characters of a wrong value in a message
 LARGEST_SEED = 2**63 - 1
 
 
 def did_you_mean(name: str, known: Iterable[str]) -> str:
     """Return " (did you mean 'table'?)" for the known name that is most like `name`, or nothing."""
-    close = difflib.get_close_matches(name, list(known), n=1)
+    close = difflib.get_close_matches(name, list(known), n=1) if isinstance(name, str) else []
     return f" (did you mean {close[0]!r}?)" if close else ""
 
 
@@ -25,10 +29,44 @@ def check_kind(argument: str, value: object, expected: type, example: str) -> No
         raise InputError(f"`{argument}` is {given}; expected a {expected.__name__}, such as {example}")
 
 
+def quote(value: object) -> str:
+    """Return a wrong value as messages show it: not longer than a line."""
+    if isinstance(value, int) and abs(value) > 10**LONGEST_QUOTE:
+        digits = int(math.log10(abs(value)))  # or one more: the logarithm is rounded
+        return f"an integer of {digits + (abs(value) >= 10**digits)} digits"
+    text = repr(value)
+    return text if len(text) <= LONGEST_QUOTE else f"{text[:LONGEST_QUOTE]}..."
+
+
+def check_integer(argument: str, value: object, *, least: int, most: int | None = None) -> None:
+    """Refuse what is no integer (True is none) or out of range; InputError."""
+    whole = isinstance(value, Integral) and not isinstance(value, bool)
+    if not whole or int(value) < least or (most is not None and int(value) > most):  # type: ignore[call-overload]
+        kind = "" if whole else "an integer of "
+        limit = f"at least {least}" if not whole or int(value) < least else f"at most {most}"  # type: ignore[call-overload]
+        raise InputError(f"`{argument}` is {quote(value)}; expected {kind}{limit}")
+
+
 def check_seed(seed: Any) -> None:
     """Refuse a seed that the generators of numpy and torch do not both take; InputError."""
-    if not isinstance(seed, Integral) or not 0 <= int(seed) <= LARGEST_SEED:
-        raise InputError(f"`seed` is {seed!r}; expected a whole number from 0 to {LARGEST_SEED}")
+    if isinstance(seed, bool) or not isinstance(seed, Integral) or not 0 <= int(seed) <= LARGEST_SEED:
+        raise InputError(f"`seed` is {quote(seed)}; expected a whole number from 0 to {LARGEST_SEED}")
+
+
+def check_path(argument: str, value: object, error: Any = None) -> None:
+    """Refuse what is no path of a file system, such as None or a text with a NUL; `error`, or InputError."""
+    if not isinstance(value, str | os.PathLike) or "\0" in str(value):
+        raise (error or InputError)(
+            f"`{argument}` is {quote(value)}; expected the path of a file or folder, without NUL"
+        )
+
+
+def what_failed(error: OSError) -> str:
+    """Return why a file or folder cannot be made, in words; a file in the place of a folder is named."""
+    if isinstance(error, FileExistsError | NotADirectoryError):
+        path = Path(error.filename)
+        return f"{next(filter(Path.is_file, [path, *path.parents]), path)}: a file stands where a folder is needed"
+    return error.strerror or str(error)
 
 
 class DexnudgeError(Exception):

@@ -98,6 +98,8 @@ def plugin_title(kind: str, name: str) -> str:
 
 def _check_kind(kind: str, found: Any, what: str) -> None:
     """Refuse what cannot be called, or not with the arguments that a package's entry of this kind gets; InputError."""
+    if kind not in EXPECTED:
+        return
     expected, arguments, options = EXPECTED[kind]
     if not callable(found) and not (kind == "guidance rule" and hasattr(found, "make_rule")):
         raise InputError(
@@ -120,9 +122,8 @@ def _check_kind(kind: str, found: Any, what: str) -> None:
 def call_foreign(what: str, function: Callable[..., Made], *arguments: Any, mend: str = "", **options: Any) -> Made:
     """Call a function that is not ours; whatever it raises becomes an InputError that keeps it as the cause.
 
-    sys.exit counts as an error, too; Ctrl-C passes through.
-
-    The message begins with `what`, such as "criterion 'mine' failed", and ends with `mend`.
+    sys.exit is an error, too; Ctrl-C passes through. The message begins with `what`, such as "criterion 'mine'
+    failed", and ends with `mend`.
     """
     try:
         return function(*arguments, **options)

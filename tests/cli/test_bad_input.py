@@ -110,7 +110,9 @@ def test_an_object_that_does_not_fit_its_scene(refused, tmp_path):
         (["--scene", "table", "--weight-object", "1e300"], "expected a number from 0 to 1e+06"),
         (["--scene", "table", "--mass", "-1"], "--mass is -1"),
         (["--scene", "table", "--friction-hand", "nan"], "--friction-hand is nan"),
-        (["--scene", "table", "--length", "70"], "length is 70"),
+        (["--scene", "table", "--length", "70"], "--length is 70 m"),
+        (["--scene", "table", "--units", "mm"], "--units is mm, but 'phone' is built in and has a size"),
+        (["--scene", "table", "--num", "-" + "9" * 400], "--num is an integer of 400 digits; expected at least 1\n"),
     ],
 )
 def test_options_that_contradict_or_make_no_sense(refused, options, message):
@@ -124,6 +126,7 @@ def test_options_that_contradict_or_make_no_sense(refused, options, message):
         (["evaluate", "--objects", "builtin:test"], ["--seed", 2**64], f"expected at most {2**63 - 1}"),
         (["evaluate", "--objects", "builtin:test"], ["--num", 10**9], "expected at most 10000"),
         (["train", "--data", "nothing"], ["--seed", 2**64], f"expected a whole number from 0 to {2**63 - 1}"),
+        (["evaluate", "--objects", "builtin:test"], ["--units", "cm"], "--units is cm, but 'builtin:test' is built in"),
         (["evaluate", "--objects", "builtin:test"], ["--workers", 0], "--workers is 0; expected at least 1"),
         (["evaluate", "--objects", "builtin:test"], ["--num", 0], "--num is 0; expected at least 1"),
         (["dataset", "generate", "--objects", "builtin:test"], ["--seed", -1], "--seed is -1; expected at least 0"),

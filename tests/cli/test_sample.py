@@ -180,6 +180,7 @@ def test_verified_goes_on_drawing_up_to_a_limit(dexnudge, tmp_path):
         "sample", "phone", "--scene", "table", "--out", tmp_path / "out", *QUICK, "--verified", 1000, "--max-draws", 3
     )
     assert outcome.code in (0, 3)
+    assert "of the 1000 verified draws asked for were reached in 3 draws" in " ".join(outcome.out.split())
     assert len(arrays(tmp_path / "out")["q"]) == 3
     assert json.loads((tmp_path / "out" / "summary.json").read_text())["drawn"] == 3
 

@@ -58,8 +58,8 @@ def test_the_wrong_unit_is_named(tmp_path):
     )
     assert message_of(path, units="ft") == "unknown unit 'ft'; expected one of m, cm, mm, in"
     expected = "expected the longest side of the object in metres, between 0.02 and 0.6"
-    assert message_of(path, length=15.0) == f"length is 15 m; {expected}"
-    assert message_of(path, length=float("nan")) == f"length is nan m; {expected}"
+    assert message_of(path, length=15.0) == f"`length` is 15 m; {expected}"
+    assert message_of(path, length=float("nan")) == f"`length` is nan m; {expected}"
 
 
 def test_unusable_meshes_are_named(tmp_path):

@@ -35,5 +35,5 @@ def test_a_missing_file_is_called_a_missing_file(tmp_path):
 
 
 def test_an_implausible_length_is_refused():
-    with pytest.raises(MeshError, match="length is 150 m"):
+    with pytest.raises(MeshError, match="`length` is 150 m"):
         resolve_object("phone", length=150.0)

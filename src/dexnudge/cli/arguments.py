@@ -10,7 +10,7 @@ from typing import TYPE_CHECKING, Annotated, Any, Literal, TypeVar
 
 import tyro
 
-from dexnudge.errors import LARGEST_SEED, InputError
+from dexnudge.errors import LARGEST_SEED, InputError, check_integer
 
 if TYPE_CHECKING:
     from rich.console import Console
@@ -54,10 +54,8 @@ def check_at_least(minimum: int, **options: int | None) -> None:
         InputError: names it as an argument.
     """
     for name, value in options.items():
-        if value is not None and value < minimum:
-            raise InputError(f"`{name}` is {value}; expected at least {minimum}")
-        if value is not None and value > LARGEST_SEED:
-            raise InputError(f"`{name}` is {value}; expected at most {LARGEST_SEED}")
+        if value is not None:
+            check_integer(name, value, least=minimum, most=LARGEST_SEED)
 
 
 Settings = TypeVar("Settings")

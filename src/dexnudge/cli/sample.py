@@ -109,6 +109,11 @@ class Sample(MeshOptions):
         with result_folder(out, overwrite=self.overwrite) as folder:
             summary = self._sample_into(folder)
         _print(summary)
+        if self.verified and summary["verified"] < self.verified:
+            say(
+                f"{summary['verified']} of the {self.verified} verified draws asked for were reached in {summary['drawn']} "
+                "draws; raise --max-draws for more"
+            )
         say(f"written: {out}")
         return 0 if summary["verified"] else NOTHING_SUCCEEDED
 
@@ -193,10 +198,13 @@ class Sample(MeshOptions):
         return write_results(folder, samples, title=title, seconds=seconds, details=details)
 
     def _scene(self) -> tuple[str, Scene]:
-        from dexnudge.objects.sets import resolve_object
+        from dexnudge.objects.builtin import is_builtin
+        from dexnudge.objects.sets import refuse_units, resolve_object
 
         found = resolve_object(self.object, units=self.units, length=self.length)
         if self.scene is not None:
+            if is_builtin(self.object):
+                refuse_units(self.object, self.units)
             from dexnudge.scenes.families import build_scene
 
             return found.name, build_scene(self.scene, found.mesh, seed=self.seed, **self.physics.given())

@@ -25,7 +25,7 @@ from torch import Tensor
 
 from dexnudge.energies.descent import HandPose, configuration_from_pose
 from dexnudge.energies.weights import BUILTIN_WEIGHTS, LARGEST_WEIGHT
-from dexnudge.errors import InputError, UnknownNameError
+from dexnudge.errors import InputError, UnknownNameError, check_kind
 from dexnudge.hands.batch import HandBatch
 from dexnudge.hands.hand import Hand
 from dexnudge.plugins import call_foreign, load_plugin, plugin_title
@@ -97,6 +97,7 @@ def find_term(name: str, *, weight: float | None = None) -> EnergyTerm:
             f"energy term '{name}' is built in; expected one that a package brings; on the command line its weight is "
             f"`weight_{name}`"
         )
+    check_kind("name", name, str, "that of an installed package's term")
     found = load_plugin("energy term", name)
     if weight is not None:
         _check_weight(name, weight)  # before anything that the package would be blamed for

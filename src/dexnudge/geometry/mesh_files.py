@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import io
+import re
 import struct
 from pathlib import Path
 
@@ -14,6 +15,7 @@ from dexnudge.geometry.mesh_guards import MAX_FACES, announced, damaged
 
 FORMATS = ("obj", "stl", "ply", "glb", "off", "dae")
 MAX_BYTES = 100_000_000  # 200,000 faces in the wordiest of the formats take a third of this
+NUMBER = re.compile(rb"[+-]?(?:\d+\.?\d*|\.\d+)(?:[eE][+-]?\d+)?")
 CUT_OFF = 0.02  # of an OBJ's vertices; more without a face, and no end to the last line: it was cut off
 Z_UP = np.array([[1.0, 0, 0, 0], [0, 0, -1, 0], [0, 1, 0, 0], [0, 0, 0, 1]])  # turns y up into z up
 
@@ -103,6 +105,21 @@ def parse_triangles(
     return mesh
 
 
+def _fault(data: bytes, kind: str) -> str:
+    """Return what is wrong with a file that a parser refuses, as far as its text tells; parsers speak of their arrays."""
+    if kind == "off":
+        count = re.match(rb"OFF\s+(?:#[^\n]*\s+)*(\d{1,18})", data[:4096])
+        lines = [line for line in data.splitlines()[2:] if line.split() and not line.startswith(b"#")]
+        if count and len(lines) < int(count[1]):
+            return f"{int(count[1])} vertices announced, lines for {len(lines)}"
+    if kind == "obj":
+        for line in data.splitlines():
+            words = line.split(b"#")[0].split()
+            if words[:1] == [b"v"] and not all(NUMBER.fullmatch(word) for word in words[1:]):
+                return f"the line '{line.decode('ascii', 'replace').strip()[:60]}' holds what is no number"
+    return f"its content is not that of {'an' if kind in ('obj', 'off') else 'a'} {kind} file"
+
+
 def _parsed(data: bytes, kind: str, name: str, *, keep_order: bool) -> trimesh.Trimesh:
     options = {"skip_materials": True} if kind in ("obj", "glb") else {}
     options |= {"maintain_order": True} if keep_order else {}
@@ -116,7 +133,7 @@ def _parsed(data: bytes, kind: str, name: str, *, keep_order: bool) -> trimesh.T
             scene = trimesh.load_scene(io.BytesIO(data), file_type=kind, process=False, **options)
             mesh = scene.to_mesh()
     except errors as error:
-        raise damaged(name, kind, f"{type(error).__name__}: {str(error)[:120]}") from error
+        raise damaged(name, kind, _fault(data, kind)) from error
     if not isinstance(mesh, trimesh.Trimesh):
         raise damaged(name, kind, "no triangles in it; a point cloud must be meshed first")
     return mesh

@@ -6,13 +6,14 @@ found and done: `watertight`, `scale` (file units to metres), and `notes`, a sen
 
 from __future__ import annotations
 
+from numbers import Real
 from pathlib import Path
 
 import numpy as np
 import trimesh
 from scipy.spatial import ConvexHull, QhullError
 
-from dexnudge.errors import MeshError
+from dexnudge.errors import MeshError, check_path, quote
 from dexnudge.geometry.mesh_files import read_triangles
 from dexnudge.geometry.mesh_guards import MAX_FACES, too_many_faces
 from dexnudge.geometry.mesh_repair import drop_doubled_faces, drop_specks, parts, wind_outward
@@ -40,6 +41,7 @@ def load_mesh(path: str | Path, *, units: str = "m", length: float | None = None
         MeshError: the file is missing, empty, truncated or no mesh; vertices that are not finite; no or more than
             200,000 triangles; no area; a sheet without volume; a longest side outside 0.02..0.6 m.
     """
+    check_path("path", path, MeshError)
     path = Path(path)
     factor = _unit_factor(units)
     mesh = _checked(read_triangles(path), path.name)
@@ -70,6 +72,7 @@ def load_environment(path: str | Path, *, units: str = "m") -> trimesh.Trimesh:
     Raises:
         MeshError: as `load_mesh`; or a longest side above 50 m.
     """
+    check_path("environment", path, MeshError)
     path = Path(path)
     factor = _unit_factor(units)
     mesh = _checked(read_triangles(path), path.name, surroundings=True)
@@ -84,15 +87,17 @@ def load_environment(path: str | Path, *, units: str = "m") -> trimesh.Trimesh:
     return mesh
 
 
-def check_length(length: float) -> None:
+def check_length(length: object) -> None:
     """Refuse a longest side [m] that no object can have.
 
     Raises:
-        MeshError: outside 0.02..0.6 m, or not finite.
+        MeshError: outside 0.02..0.6 m, or no real number.
     """
-    if not (np.isfinite(length) and SHORTEST_OBJECT <= length <= LONGEST_OBJECT):
+    real = isinstance(length, Real) and not isinstance(length, bool)
+    if not (real and SHORTEST_OBJECT <= length <= LONGEST_OBJECT):  # type: ignore[operator]
+        shown = f"{length:g} m" if isinstance(length, float) else quote(length)
         raise MeshError(
-            f"length is {length:g} m; expected the longest side of the object in metres, "
+            f"`length` is {shown}; expected the longest side of the object in metres, "
             f"between {SHORTEST_OBJECT:g} and {LONGEST_OBJECT:g}"
         )
 

@@ -13,6 +13,7 @@ import numpy as np
 import trimesh
 from jaxtyping import Float
 
+from dexnudge.errors import check_path
 from dexnudge.hands.config import HandConfig, write_hand_config
 from dexnudge.hands.hand import Hand, Joint
 from dexnudge.hands.xml_text import numbers
@@ -140,6 +141,7 @@ def export_hand(hand: Hand, folder: Path | str) -> Path:
     Returns:
         the path of hand.urdf.
     """
+    check_path("folder", folder)
     folder = Path(folder)
     (folder / MESH_FOLDER).mkdir(parents=True, exist_ok=True)
     files = mesh_files(hand)

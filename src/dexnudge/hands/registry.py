@@ -4,7 +4,7 @@ import os
 from collections.abc import Callable
 from pathlib import Path
 
-from dexnudge.errors import HandError, UnknownNameError, did_you_mean
+from dexnudge.errors import HandError, UnknownNameError, check_path, did_you_mean
 from dexnudge.hands.hand import Hand
 from dexnudge.hands.shadow_lite import shadow_lite
 from dexnudge.hands.urdf import hand_from_urdf
@@ -38,6 +38,7 @@ def load_hand(name_or_urdf: str | Path, *, base: bool = True) -> Hand:
         UnknownNameError: neither a known name nor a path of a description.
         HandError: a description that cannot be used as given.
     """
+    check_path("name_or_urdf", name_or_urdf, HandError)
     name = str(name_or_urdf)
     if name in HANDS:
         return HANDS[name](base=base)

@@ -67,9 +67,10 @@ def config_path(path: Path, config: Path | str | None, tree: Tree) -> Path:
     for candidate in (path.with_suffix(".yaml"), path.with_name("hand.yaml")):
         if candidate.is_file():
             return candidate
+    names = " or ".join(dict.fromkeys([path.with_suffix(".yaml").name, "hand.yaml"]))
     template = yaml.safe_dump(_proposal(tree), sort_keys=False, default_flow_style=None, width=1000)
     raise HandError(
-        f"{path} has no YAML beside it: expected {path.with_suffix('.yaml').name} or hand.yaml with the palm, "
+        f"{path} has no YAML beside it: expected {names} with the palm, "
         "the fingertips and the direction in which the palm faces; check these lines, write the direction in the palm's "
         f"frame in place of x, y and z, and save them there:\n{template}palm_normal: [x, y, z]"
     )

@@ -17,7 +17,7 @@ from datetime import datetime
 from pathlib import Path
 from typing import Any
 
-from dexnudge.errors import DexnudgeError, InputError, OutputError
+from dexnudge.errors import DexnudgeError, InputError, OutputError, what_failed
 from dexnudge.jobs.provenance import machine, versions
 
 TEMPORARY_PREFIX = ".writing-"
@@ -159,7 +159,7 @@ def claim_folder(out: Path, file: str, config: dict[str, Any], *, format_version
         unfinished.write_text(json.dumps(content, indent=2) + "\n", encoding="utf-8")
         unfinished.replace(path)
     except OSError as error:
-        raise OutputError(f"cannot write {out}: {error.strerror or error}; choose another `out`") from error
+        raise OutputError(f"cannot write {out}: {what_failed(error)}; choose another `out`") from error
 
 
 def read_claim(folder: Path, file: str, *, format_version: int) -> dict[str, Any]:
@@ -385,7 +385,7 @@ def _exists(path: Path) -> bool:
 
 def _cannot_write(folder: Path, error: OSError, argument: str) -> OutputError:
     return OutputError(
-        f"cannot write the output folder {folder}: {error.strerror or error}; expected a writable place with free "
+        f"cannot write the output folder {folder}: {what_failed(error)}; expected a writable place with free "
         f"space; nothing was left behind; choose another `{argument}`"
     )
 

@@ -12,7 +12,7 @@ from dataclasses import dataclass
 import numpy as np
 import trimesh
 
-from dexnudge.errors import UnknownNameError
+from dexnudge.errors import UnknownNameError, check_kind
 from dexnudge.objects.slab import SlabShape, slab_mesh
 from dexnudge.objects.styles import STYLES, camera_phone, cardboard_box, hardcover_book, plain_tablet, waisted_remote
 
@@ -123,6 +123,7 @@ def builtin_shape(name: str) -> SlabShape:
     Raises:
         UnknownNameError: no such object; the message lists those that exist.
     """
+    check_kind("name", name, str, "'phone'")
     if not is_builtin(name):
         raise UnknownNameError(f"unknown built-in object {name!r}; expected {describe_builtin_names()}")
     kind, _, number = name.partition("-")

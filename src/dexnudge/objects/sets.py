@@ -10,7 +10,7 @@ from pathlib import Path
 
 import trimesh
 
-from dexnudge.errors import MeshError, UnknownNameError, did_you_mean
+from dexnudge.errors import InputError, MeshError, UnknownNameError, did_you_mean, quote
 from dexnudge.geometry.mesh_files import FORMATS
 from dexnudge.geometry.meshes import check_length, load_mesh, load_scaled_mesh
 from dexnudge.objects.builtin import PLAIN, builtin_names, builtin_object, describe_builtin_names, is_builtin
@@ -55,7 +55,24 @@ def object_mesh(
     """Return the mesh [m] of an object given as a name, a file or a mesh; see `resolve_object`."""
     if isinstance(source, trimesh.Trimesh):
         return scaled_to_length(source if length is None else source.copy(), length)
+    if not isinstance(source, str | Path):
+        raise InputError(
+            f"`object` is {quote(source)}; expected the name of a built-in object, a mesh file, or a mesh in metres"
+        )
     return resolve_object(str(source), units=units, length=length).mesh
+
+
+def refuse_units(name: str, units: str) -> None:
+    """Refuse a unit for built-in objects, which have their size in metres.
+
+    Raises:
+        InputError: a unit other than the metre.
+    """
+    if units != "m":
+        raise InputError(
+            f"`units` is {units}, but {name!r} is built in and has a size; expected a mesh file, or no `units`; set the "
+            "longest side by `length`"
+        )
 
 
 def scaled_to_length(mesh: trimesh.Trimesh, length: float | None) -> trimesh.Trimesh:
@@ -97,9 +114,11 @@ def resolve_object_set(text: str, *, units: str = "m", length: float | None = No
 
     Raises:
         UnknownNameError: an unknown built-in set.
+        InputError: a unit for a built-in set.
         MeshError: the path does not exist or holds no meshes; a text file names a file that does not exist.
     """
     if text.startswith(BUILTIN_PREFIX):
+        refuse_units(text, units)
         names = builtin_names(text.removeprefix(BUILTIN_PREFIX))
         return [ObjectEntry(name, partial(_builtin, name, length)) for name in names]
     path = Path(text)

@@ -30,7 +30,7 @@ from typing import Any
 import numpy as np
 from jaxtyping import Float
 
-from dexnudge.errors import InputError
+from dexnudge.errors import InputError, check_path
 from dexnudge.hands.export import HAND_FILES, export_hand
 from dexnudge.hands.hand import ROOT_COORDINATES, Hand
 from dexnudge.hands.registry import load_hand
@@ -300,6 +300,7 @@ def read_result(folder: Path | str) -> tuple[Samples, dict[str, Any], dict[str, 
     Raises:
         InputError: a file is missing, damaged, or does not belong to the others.
     """
+    check_path("folder", folder)
     folder = Path(folder)
     if not folder.is_dir():
         raise InputError(f"{folder} is not a folder; expected the one that `dexnudge sample` or Samples.save wrote")

@@ -2,7 +2,7 @@
 
 from __future__ import annotations
 
-from collections.abc import Iterator
+from collections.abc import Iterator, Sequence
 from dataclasses import dataclass, field, replace
 from functools import cached_property
 from pathlib import Path
@@ -11,7 +11,9 @@ from typing import Any, overload
 import numpy as np
 import torch
 from jaxtyping import Bool, Float, Int
+from torch import Tensor
 
+from dexnudge.errors import InputError, check_integer, check_path, quote
 from dexnudge.hands.hand import ROOT_COORDINATES, Hand
 from dexnudge.mechanics.contacts import HandContacts
 from dexnudge.scenes.scene import Scene
@@ -19,6 +21,8 @@ from dexnudge.verification.verdicts import Verdicts
 from dexnudge.viewer.visual_scene import VisualScene, visual_scenes
 
 MOST_ON_PAGE = 500  # what a page can show
+PLACES = "an integer, a slice, a mask with an entry for each, or an array of places"
+Places = slice | Sequence[int] | Sequence[bool] | Int[np.ndarray, " m"] | Bool[np.ndarray, " n"] | Tensor
 NOT_ON_PAGE = ("valid_pose", "joint_limits", "contact", "motion_not_blocked")  # their values say little
 
 
@@ -129,11 +133,10 @@ class Samples:
     @overload
     def __getitem__(self, key: int | np.integer) -> Sample: ...
     @overload
-    def __getitem__(self, key: slice | Int[np.ndarray, " m"] | Bool[np.ndarray, " n"]) -> Samples: ...
-    def __getitem__(
-        self, key: int | np.integer | slice | Int[np.ndarray, " m"] | Bool[np.ndarray, " n"]
-    ) -> Sample | Samples:
-        if isinstance(key, int | np.integer):
+    def __getitem__(self, key: Places) -> Samples: ...
+    def __getitem__(self, key: int | np.integer | Places) -> Sample | Samples:
+        key = self._places(key)
+        if isinstance(key, int):
             if not -len(self) <= key < len(self):
                 raise IndexError(
                     f"place {key} of {len(self)} samples; expected one from {-len(self)} to {len(self) - 1}"
@@ -149,11 +152,27 @@ class Samples:
                 contacts=self.verdicts.contacts[place],
                 contact_links=tuple(self.verdicts.contact_links[place]),
             )
-        places = np.arange(len(self))[key]
+        places = key
         own_rank = None if self.own_rank is None else self.own_rank[places]
         return replace(
             self, q=self.q[places], verdicts=self.verdicts.take(places), own_rank=own_rank, seconds=dict(self.seconds)
         )
+
+    def _places(self, key: object) -> int | Int[np.ndarray, " m"]:
+        """Return one place, or the places that a slice, a mask or an array means; InputError for anything else."""
+        every = np.arange(len(self))
+        try:
+            given = every[key] if isinstance(key, slice) else np.asarray(key)
+        except (TypeError, ValueError, RuntimeError) as error:
+            raise InputError(f"samples[{quote(key)}]: {error}; expected {PLACES}") from error
+        if given.ndim == 0 and given.dtype.kind in "iu":
+            return int(given)
+        mask = given.dtype.kind == "b" and given.shape == every.shape
+        if not mask and (given.ndim != 1 or (given.size and given.dtype.kind not in "iu")):
+            raise InputError(f"samples[{quote(key)}] of {len(self)} samples; expected {PLACES}")
+        if not mask and given.size and not (-len(self) <= given.min() and given.max() < len(self)):
+            raise IndexError(f"samples[{quote(key)}] of {len(self)} samples; expected {PLACES}")
+        return every[given if mask else given.astype(np.int64)]
 
     def __repr__(self) -> str:
         lines = [f"{len(self)} samples of {self.hand.name} in '{self.scene.name}': {self.num_verified} verified"]
@@ -180,16 +199,22 @@ class Samples:
         """
         from dexnudge.results.folder import save_samples
 
+        check_path("out", out)
+
         return save_samples(self, Path(out), title=title, overwrite=overwrite)
 
     def picture(self, path: Path | str, *, index: int = 0) -> Path:
         """Write a PNG of one configuration in its scene, the best one unless told otherwise.
 
         Raises:
+            InputError: no sample at `index`, or a path that does not end in .png.
             OutputError: the file cannot be written.
         """
         from dexnudge.viewer.picture import render_png
 
+        if not len(self):
+            raise InputError("there are no samples to show; expected at least one")
+        check_integer("index", index, least=-len(self), most=len(self) - 1)
         return render_png(self._visual_scenes[index], path)
 
     def page(self, path: Path | str, *, title: str = "") -> Path:

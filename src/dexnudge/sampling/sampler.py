@@ -16,7 +16,7 @@ from jaxtyping import Float
 
 from dexnudge.diffusion.prior import DiffusionPrior
 from dexnudge.energies.terms import EnergyTerm, check_terms
-from dexnudge.errors import CheckpointError, InputError, check_kind, check_seed
+from dexnudge.errors import CheckpointError, InputError, check_integer, check_kind, check_path, check_seed
 from dexnudge.hands.hand import Hand
 from dexnudge.results.ranking import best_first
 from dexnudge.results.samples import Samples
@@ -117,6 +117,8 @@ class Sampler:
         """The learned prior; CheckpointError where there are no usable weights for this hand."""
         if isinstance(self._weights, DiffusionPrior):
             return self._weights
+        if self._weights is not None:
+            check_path("weights", self._weights, CheckpointError)
         folder = Path(self._weights) if self._weights is not None else SHIPPED_WEIGHTS / self.hand.name
         if not folder.is_dir():
             raise CheckpointError(
@@ -260,8 +262,8 @@ class Sampler:
 def check_counts(num: int, verified: int | None, max_draws: int | None) -> None:
     """Refuse counts that `Sampler.sample` could not serve, before anything slow has begun; InputError."""
     for name, value in (("num", num), ("verified", verified), ("max_draws", max_draws)):
-        if value is not None and value < 1:
-            raise InputError(f"`{name}` is {value}; expected at least 1")
+        if value is not None:
+            check_integer(name, value, least=1)
     if num > LARGEST_CALL:
         raise InputError(
             f"`num` is {num}; expected at most {LARGEST_CALL}, the draws of one call; ask for `verified` draws, or sample "
@@ -274,7 +276,10 @@ def check_counts(num: int, verified: int | None, max_draws: int | None) -> None:
 
 
 def _method(method: str | Method) -> Method:
-    return find_method(method) if isinstance(method, str) else method
+    if isinstance(method, str):
+        return find_method(method)
+    check_kind("method", method, Method, repr(DEFAULT_METHOD))
+    return method
 
 
 def _call_seed(seed: int, call: int) -> int:

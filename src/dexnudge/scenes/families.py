@@ -10,14 +10,14 @@ from typing import Any
 import numpy as np
 import trimesh
 
-from dexnudge.errors import SceneError, UnknownNameError, check_seed, did_you_mean
+from dexnudge.errors import UnknownNameError, check_kind, check_seed, did_you_mean
 from dexnudge.objects.sets import object_mesh
 from dexnudge.plugins import call_plugin, plugin_names, usable_plugins
 from dexnudge.scenes.clutter import clutter
 from dexnudge.scenes.corner import corner
 from dexnudge.scenes.drawer import drawer
 from dexnudge.scenes.layers import layers, slot
-from dexnudge.scenes.scene import Scene
+from dexnudge.scenes.scene import Scene, check_physics
 from dexnudge.scenes.shelf import deep, shelf
 from dexnudge.scenes.stack import stack
 from dexnudge.scenes.table import ramp, table
@@ -36,7 +36,6 @@ SCENE_FAMILIES: dict[str, SceneFamily] = {
     "ramp": ramp,
     "stack": stack,
 }
-PHYSICS = ("motion_length", "mass", "friction_hand", "friction_environment", "max_normal_force")
 
 
 def scene_families() -> tuple[str, ...]:
@@ -57,17 +56,17 @@ def build_scene(family: str, object: str | Path | trimesh.Trimesh, *, seed: int 
     Raises:
         UnknownNameError: no such family; the message lists those that exist.
         MeshError: the object's file cannot be used.
+        InputError: an object that is neither name, file nor mesh, or a seed that is no integer from 0 to 2^63 - 1.
         SceneError: the object does not fit, or a physical number is out of its domain.
     """
+    check_kind("family", family, str, "'table'")
     names = tuple(SCENE_FAMILIES) if family in SCENE_FAMILIES else (*SCENE_FAMILIES, *plugin_names("scene"))
     if family not in names:
         raise UnknownNameError(
             f"unknown scene {family!r}{did_you_mean(family, names)}; expected one of {', '.join(names)}, "
             "or your own surroundings through `environment`"
         )
-    unknown = sorted(set(physics) - set(PHYSICS))
-    if unknown:
-        raise SceneError(f"unknown physical parameter {unknown[0]!r}; expected {', '.join(PHYSICS)}")
+    check_physics(physics)
     check_seed(seed)
     mesh, generator = object_mesh(object), np.random.default_rng(seed)
     if family in SCENE_FAMILIES:

@@ -9,7 +9,7 @@ from typing import Any
 import numpy as np
 import trimesh
 
-from dexnudge.errors import OutputError, SceneError
+from dexnudge.errors import OutputError, SceneError, what_failed
 from dexnudge.geometry.meshes import load_environment, load_mesh
 from dexnudge.jobs.provenance import recorded_versions
 from dexnudge.scenes.poses import read_json_object, rigid_transform, unit_motion
@@ -40,7 +40,7 @@ def write_scene(
         path.write_text(json.dumps(content, indent=2, allow_nan=False) + "\n", encoding="utf-8")
     except OSError as error:
         raise OutputError(
-            f"{folder}: the scene cannot be written ({error.strerror}); expected a folder that you may write to; "
+            f"{folder}: the scene cannot be written ({what_failed(error)}); expected a folder that you may write to; "
             "choose another `out`"
         ) from error
     return path

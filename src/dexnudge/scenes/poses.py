@@ -10,13 +10,13 @@ import numpy as np
 import trimesh
 from jaxtyping import Float
 
-from dexnudge.errors import SceneError
+from dexnudge.errors import LONGEST_QUOTE, SceneError, check_path
 
 POSE_KEY, POSITION_KEY, QUATERNION_KEY = "T_world_object", "position", "quaternion_wxyz"
 QUATERNION_TOLERANCE = 1e-3  # on the norm; three decimals are what people type
 RIGID_TOLERANCE = 1e-5  # on R^T R - I; poses typed by hand carry six digits
 ROUNDED_TOLERANCE = 1e-3  # on R^T R - I; up to here the nearest rotation is taken: it carries three or four decimals
-LONGEST_QUOTE = 80  # characters of a wrong value in a message
+SMALLEST_SQUARED = 1e-100  # components below it or above its inverse are scaled before they are squared
 FARTHEST = 1e3  # [m] a pose farther from the origin than this is no pose of an object in a room
 
 
@@ -27,8 +27,8 @@ def rigid_transform(value: Any) -> Float[np.ndarray, "4 4"]:
         SceneError: not a 4 x 4 matrix of finite numbers, or |R^T R - I| > 1e-3.
     """
     try:
-        pose = np.array(value, dtype=np.float64)
-    except (TypeError, ValueError, OverflowError) as error:
+        pose = _real_numbers(value)
+    except (TypeError, ValueError, OverflowError, RuntimeError) as error:
         raise SceneError(f"T_world_object is not a matrix of numbers; expected 4 x 4 ({error})") from error
     if pose.shape != (4, 4):
         raise SceneError(f"T_world_object has shape {pose.shape}; expected (4, 4)")
@@ -57,21 +57,29 @@ def rigid_transform(value: Any) -> Float[np.ndarray, "4 4"]:
 
 
 def unit_motion(value: Any) -> Float[np.ndarray, "3"]:
-    """Return `value` as a unit vector; SceneError when it is zero, not finite, or not three numbers."""
+    """Return `value` as a unit vector; SceneError when it is zero, not finite, or not three real numbers."""
     try:
-        motion = np.array(value, dtype=np.float64)
-    except (TypeError, ValueError, OverflowError) as error:
+        motion = _real_numbers(value)
+    except (TypeError, ValueError, OverflowError, RuntimeError) as error:
         raise SceneError(f"motion is not a vector of numbers; expected three ({error})") from error
     if motion.shape != (3,):
         raise SceneError(f"motion has shape {motion.shape}; expected three numbers (dx, dy, dz)")
-    with np.errstate(over="ignore"):
-        length = float(np.linalg.norm(motion))
-    if not np.isfinite(length) or length < 1e-9:
+    largest = float(np.abs(motion).max())
+    if not 0 < largest < np.inf:
         raise SceneError(
             f"motion is ({motion[0]:g}, {motion[1]:g}, {motion[2]:g}); expected a finite direction that is not zero, "
             "such as (1, 0, 0)"
         )
-    return motion / length
+    if not SMALLEST_SQUARED < largest < 1 / SMALLEST_SQUARED:
+        motion = motion / largest
+    return motion / float(np.linalg.norm(motion))
+
+
+def _real_numbers(value: Any) -> np.ndarray:
+    """Return a float64 array; TypeError for complex numbers, whose imaginary part NumPy would drop."""
+    if np.iscomplexobj(np.asarray(value)):
+        raise TypeError("they are complex")
+    return np.array(value, dtype=np.float64)
 
 
 def load_pose(path: str | Path) -> Float[np.ndarray, "4 4"]:
@@ -80,8 +88,14 @@ def load_pose(path: str | Path) -> Float[np.ndarray, "4 4"]:
     Raises:
         SceneError: missing, malformed, or not a rigid pose.
     """
+    check_path("object_pose", path, SceneError)
     path = Path(path)
     content = read_json_object(path)
+    if POSE_KEY in content and (POSITION_KEY in content or QUATERNION_KEY in content):
+        raise SceneError(
+            f"{path}: holds the pose twice, as {POSE_KEY!r} and as {POSITION_KEY!r} or {QUATERNION_KEY!r}; expected one "
+            "of them; remove the other"
+        )
     if POSE_KEY in content:
         return rigid_transform(content[POSE_KEY])
     if POSITION_KEY not in content or QUATERNION_KEY not in content:

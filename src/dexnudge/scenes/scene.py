@@ -2,7 +2,7 @@
 
 from __future__ import annotations
 
-from collections.abc import Sequence
+from collections.abc import Iterable, Sequence
 from dataclasses import dataclass, field
 from numbers import Real
 from pathlib import Path
@@ -12,12 +12,12 @@ import numpy as np
 import trimesh
 from jaxtyping import Float
 
-from dexnudge.errors import SceneError
+from dexnudge.errors import SceneError, check_path, quote
 from dexnudge.geometry.meshes import load_environment
 from dexnudge.geometry.overlap import deepest_overlap, way_to_surface
 from dexnudge.objects.sets import object_mesh
 from dexnudge.scenes.files import LARGEST_NUMBER, NUMBERS, read_scene, write_scene
-from dexnudge.scenes.poses import LONGEST_QUOTE, load_pose, rigid_transform, unit_motion
+from dexnudge.scenes.poses import load_pose, rigid_transform, unit_motion
 
 FRICTION_HAND = 0.8  # rubber fingertip on plastic
 FRICTION_ENVIRONMENT = 0.4  # plastic on painted wood
@@ -113,6 +113,7 @@ class Scene:
             MeshError: a mesh cannot be used.
             UnknownNameError: the object is neither a file nor a built-in one.
         """
+        check_physics(physics)
         mesh = object_mesh(object, units=units, length=length)
         if not isinstance(environment, trimesh.Trimesh):
             environment = load_environment(environment, units=units)
@@ -127,6 +128,7 @@ class Scene:
         Raises:
             OutputError: the folder cannot be written.
         """
+        check_path("folder", folder)
         values: dict[str, Any] = {"T_world_object": self.T_world_object, "motion": self.motion}
         values |= {key: float(getattr(self, key)) for key in NUMBERS}
         values |= {"scene": self.name, "parameters": self.parameters, "seed": self.seed}
@@ -140,6 +142,7 @@ class Scene:
             SceneError: a file is missing or damaged, a path leaves the folder, or a value is out of its domain.
             MeshError: a mesh cannot be used.
         """
+        check_path("folder", folder, SceneError)
         return cls(**read_scene(Path(folder)))
 
     @property
@@ -203,6 +206,13 @@ def load_scene(folder: str | Path) -> Scene:
     return Scene.load(folder)
 
 
+def check_physics(physics: Iterable[str]) -> None:
+    """Refuse names that are not physical parameters of a scene; SceneError."""
+    unknown = sorted(set(physics) - set(NUMBERS))
+    if unknown:
+        raise SceneError(f"unknown physical parameter {unknown[0]!r}; expected {', '.join(NUMBERS)}")
+
+
 def _vector(way: Float[np.ndarray, "3"]) -> str:
     return f"({', '.join(f'{each:.4f}' for each in way.round(4) + 0.0)})"  # no -0.0000
 
@@ -220,7 +230,7 @@ def _direction(way: Float[np.ndarray, "3"]) -> str:
 def _check_number(label: str, value: object, *, minimum_excluded: bool) -> None:
     too_long = isinstance(value, int) and abs(value) > LARGEST_NUMBER  # perhaps for a float
     number = np.inf if too_long else float(value) if isinstance(value, Real) else np.nan
-    shown = repr(value)[:LONGEST_QUOTE]
+    shown = quote(value)
     if not np.isfinite(number) or number < 0 or (minimum_excluded and number == 0):
         raise SceneError(f"`{label}` is {shown}; expected a finite number {'> 0' if minimum_excluded else '>= 0'}")
     if number > LARGEST_NUMBER:

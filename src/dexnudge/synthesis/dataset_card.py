@@ -31,9 +31,9 @@ from dexnudge.synthesis.acceptance import PENETRATION_LIMIT, PRESSING
 from dexnudge.verification.penetration import SURFACE_SPACING
 
 CARD_FILE = "README.md"
-_LOAD = """from dexnudge.dataset.loading import load_dataset
+_LOAD = """import dexnudge as dn
 
-dataset = load_dataset(FOLDER)
+dataset = dn.load_dataset(FOLDER)
 print(dataset.q.shape, dataset.direction_margin.shape, dataset.clouds.shape)
 print(dataset.object_names[dataset.object_index[0]], dataset.manifest.joint_names)
 """

@@ -18,7 +18,7 @@ from rich.progress import Progress, TextColumn
 from dexnudge.dataset.manifest import MANIFEST_NAME, Manifest, joint_groups, read_manifest, write_manifest
 from dexnudge.dataset.schema import BehaviourCounts
 from dexnudge.dataset.shards import DamagedShardError, is_complete, read_whole, shard_path
-from dexnudge.errors import DatasetError, HandError, InputError, OutputError
+from dexnudge.errors import DatasetError, HandError, InputError, OutputError, what_failed
 from dexnudge.hands.registry import load_hand
 from dexnudge.jobs.folders import remove_leftovers
 from dexnudge.jobs.processes import WorkerDied, run_tasks
@@ -223,7 +223,7 @@ def _open(out: Path, config: GenerationConfig, seed: int) -> Manifest:
     try:
         out.mkdir(parents=True, exist_ok=True)
     except OSError as error:
-        raise OutputError(f"{out} cannot be made ({error.strerror}); choose another folder") from error
+        raise OutputError(f"{out} cannot be made ({what_failed(error)}); choose another folder") from error
     wanted = Manifest(
         hand=hand.name,
         joint_names=hand.joint_names,

@@ -14,7 +14,7 @@ import torch
 from jaxtyping import Bool, Float
 from torch import Tensor
 
-from dexnudge.errors import InputError
+from dexnudge.errors import InputError, check_kind
 from dexnudge.hands.batch import HandBatch
 from dexnudge.hands.hand import ROOT_COORDINATES, Hand
 from dexnudge.mechanics.sliding_task import MOTION_TOLERANCE
@@ -221,6 +221,7 @@ def find_criterion(name: str) -> Criterion:
         UnknownNameError: there is none; the message lists those that exist.
         InputError: the package's criterion cannot be imported or is none.
     """
+    check_kind("name", name, str, "'contact'")
     for criterion in _BUILTIN:
         if criterion.name == name:
             return criterion
@@ -256,7 +257,8 @@ def check_criteria(criteria: Iterable[Any] | None) -> list[Criterion]:
         return default_criteria()
     if isinstance(criteria, str) or not isinstance(criteria, Iterable):
         given = type(criteria).__name__
-        raise InputError(f"`criteria` is a {given}; expected a sequence: [*default_criteria(), {given}()]")
+        own = given if callable(criteria) else "MyCriterion"
+        raise InputError(f"`criteria` is a {given}; expected a sequence: [*default_criteria(), {own}()]")
     criteria = list(criteria)
     builtin = {criterion.name: criterion for criterion in _BUILTIN}
     names: set[str] = set()

@@ -12,7 +12,7 @@ from typing import Any
 
 import numpy as np
 
-from dexnudge.errors import InputError, OutputError
+from dexnudge.errors import InputError, OutputError, check_path
 from dexnudge.viewer.charts import recording_charts
 from dexnudge.viewer.page_data import ASPECT, page_data
 from dexnudge.viewer.recording import Recording, recording_camera
@@ -165,6 +165,7 @@ def _write(path: Path | str, kind: str, data: dict[str, Any], legend: Mapping[Ro
 
     values: HTML to be put in; text in it must be escaped already.
     """
+    check_path("path", path)
     package = files("dexnudge.viewer")
 
     def text(*names: str) -> str:

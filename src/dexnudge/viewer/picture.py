@@ -7,7 +7,7 @@ import numpy as np
 from jaxtyping import Bool, Float, UInt8
 from PIL import Image, ImageDraw, ImageFont
 
-from dexnudge.errors import InputError, OutputError
+from dexnudge.errors import InputError, OutputError, check_path, quote
 from dexnudge.geometry.warp_runtime import WarpStruct, wp
 from dexnudge.viewer.camera import Camera, choose_camera
 from dexnudge.viewer.ray_scene import ray_scene
@@ -60,8 +60,10 @@ def render_png(scene: VisualScene, path: Path | str, *, size: tuple[int, int] = 
     """Write the picture of a visual scene.
 
     Raises:
+        InputError: a path that does not end in .png.
         OutputError: the file cannot be written.
     """
+    _check_png(path)
     return write_png(render_array(scene, size=size), path)
 
 
@@ -69,8 +71,10 @@ def write_png(picture: UInt8[np.ndarray, "height width 3"], path: Path | str) ->
     """Write sRGB bytes as PNG.
 
     Raises:
+        InputError: a path that does not end in .png.
         OutputError: the file cannot be written.
     """
+    _check_png(path)
     path = Path(path)
     try:
         Image.fromarray(picture).save(path, format="PNG", optimize=False)
@@ -79,6 +83,12 @@ def write_png(picture: UInt8[np.ndarray, "height width 3"], path: Path | str) ->
             f"the picture {path} cannot be written: {error}; expected a folder that exists and is writable"
         ) from error
     return path
+
+
+def _check_png(path: Path | str) -> None:
+    check_path("path", path)
+    if Path(path).suffix.lower() != ".png":
+        raise InputError(f"`path` is {quote(str(path))}; expected a name that ends in .png; pictures are PNG files")
 
 
 def _view(camera: Camera, size: tuple[int, int]) -> WarpStruct:
