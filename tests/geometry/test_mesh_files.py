@@ -94,12 +94,12 @@ def test_a_million_faces_are_refused_before_they_are_parsed(kind, tmp_path):
     }
     path = tmp_path / f"huge.{kind}"
     path.write_bytes(content[kind])
-    start = time.perf_counter()
+    start = time.process_time()
     assert message_of(path) == (
         f"huge.{kind}: the mesh has 1,000,000 faces; expected at most {MAX_FACES:,}, so that exact distances stay fast; "
         "decimate it first (in MeshLab: Simplification: Quadric Edge Collapse Decimation)"
     )
-    assert time.perf_counter() - start < 2.0
+    assert time.process_time() - start < 2.0
 
 
 def test_an_obj_reads_no_other_file(tmp_path, monkeypatch):
@@ -232,9 +232,9 @@ def test_a_gltf_has_y_up(tmp_path):
 )
 def test_a_small_gltf_cannot_ask_for_much(changes, expected, tmp_path):
     path = written(tmp_path / "a.glb", glb(TRIANGLE | changes, np.eye(3, dtype=np.float32).tobytes()))
-    start = time.perf_counter()
+    start = time.process_time()
     assert expected in message_of(path)
-    assert time.perf_counter() - start < 5.0
+    assert time.process_time() - start < 5.0
 
 
 def collada(
@@ -269,11 +269,11 @@ def test_a_small_collada_cannot_ask_for_much(tmp_path):
     )
     text = collada('<instance_node url="#n24"/>', library=f"<library_nodes>{nodes}</library_nodes>")
     path = written(tmp_path / "bomb.dae", text.encode())
-    start = time.perf_counter()
+    start = time.process_time()
     assert message_of(path) == (
         "bomb.dae: the file places 16,777,216 copies of meshes; expected at most 10,000; join them"
     )
-    assert time.perf_counter() - start < 5.0
+    assert time.process_time() - start < 5.0
 
 
 def test_what_a_collada_may_not_hold(tmp_path):
