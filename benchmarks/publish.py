@@ -144,7 +144,50 @@ def page(listed: dict[str, Any], data: dict[str, list[Row]], docs: Path) -> str:
         main_table(data),
     ]
     for title in dict.fromkeys(run["title"] for run in listed.values() if run.get("page", True)):
-        sources = (("Draws", "test42", ""), ("Pushed", "executed", "executed"), ("Lifted", "lifted", "lifted"))
+        runs = {name: run for name, run in listed.items() if run["title"] == title}
+        stems = {
+            name: next((s for s in (f"{name}-lifted", f"{name}-executed", name) if s in data), "") for name in runs
+        }
+        found = [(data[stem], runs[name]) for name, stem in stems.items() if stem]
+        if not found:
+            continue
+        stem = next(filter(None, stems.values()))
+        groups = data.get(f"{stem}-{runs[next(iter(runs))].get('groups', '')}")
+        parts += [f"## {title}", groups_table(groups) if groups else run_table(found), made_with(data[stem], stem)]
+        chart = docs / "images" / f"{stem}-{'calibration' if stem.endswith('-executed') else 'rates'}.png"
+        parts += [f"![{title}](images/{chart.name})"] if chart.is_file() else []
+    return "\n\n".join(parts) + "\n"
+
+
+def figures_that_matter(data: dict[str, list[Row]]) -> str:
+    """Ten figures of dexnudge by main scene."""
+    scenes = tuple(PAPER_SUCCESS)
+    rows = []
+    for what, run, kind, column in FIGURES:
+        found = {row["scene"]: row for row in _of(data, run, kind) if row["method"] == STEERED_NOISE}
+        cells = [text(found.get(scene), column) for scene in scenes]
+        rows += [[what, *cells]] if any(cells) else []
+    return Table(["figure", *scenes], rows, labels=1).markdown()
+
+
+def main_table(data: dict[str, list[Row]], link: str = "data") -> str:
+    """Rates of the main methods beside the paper's."""
+    played = {
+        (column, row["scene"], row["method"]): row
+        for run, kind, column in (("executed", "executed", "top"), ("lifted", "lifted", "lifted"))
+        for row in _of(data, run, kind)
+    }
+    rows = []
+    for scene, paper in PAPER_SUCCESS.items():
+        for method in MAIN:
+            for row in _of(data, "test42", ""):
+                if (row["scene"], row["method"]) == (scene, method):
+                    cells = [text(row, name) for name in ("single", "single_robust", "top", "top_robust")]
+                    cells += [text(played.get((column, scene, method)), column) for column in ("top", "lifted")]
+                    rows.append([scene, LABELS[method], *cells, paper if method == STEERED_NOISE else ""])
+    header = ["scene", "method", "single draw", "robust", "top-ranked", "top-ranked robust", "pushed in physics"]
+    table = Table([*header, "slid, grasped, lifted", "the paper, its own scenes"], rows).markdown()
+    sources = (("Draws", "test42", ""), ("Pushed", "executed", "executed"), ("Lifted", "lifted", "lifted"))
     made = [
         f"{what}: {made_with(found, f'{run}-{kind}' if kind else run, link)}"
         for what, run, kind in sources

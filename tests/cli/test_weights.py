@@ -85,13 +85,13 @@ def test_a_dataset_of_another_version(dexnudge, tmp_path, command):
     [
         (
             ["--weight-sweep", -1],
-            "the weight 'sweep' of the energy is -1; expected a finite number, 0 or more; 0 switches it off",
+            "the weight 'sweep' of the energy is -1; expected a number from 0 to 1e+06; 0 switches it off",
         ),
-        (["--weight-force", "nan"], "the weight 'force' of the energy is nan; expected a finite number"),
-        (["--weight-contact", "inf"], "the weight 'contact' of the energy is inf; expected a finite number"),
+        (["--weight-force", "nan"], "the weight 'force' of the energy is nan; expected a number from 0 to 1e+06"),
+        (["--weight-contact", "inf"], "the weight 'contact' of the energy is inf; expected a number from 0 to 1e+06"),
         (
             ["--clearance-base", -0.01],
-            "the distance 'clearance_base' of the energy is -0.01; expected a finite number, 0 or more",
+            "the distance 'clearance_base' of the energy is -0.01; expected a number from 0 to 1e+06",
         ),
     ],
 )
