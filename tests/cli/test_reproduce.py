@@ -84,4 +84,4 @@ def test_a_killed_run_goes_on_and_reports(tmp_path):
     assert "nearest_pose: needs a dataset, --data DIR" in report
     pictures = set(re.findall(r"\]\((pictures/failure[^)]+)\)", report))
     assert {f"pictures/{path.name}" for path in (out / "pictures").glob("failure-*.png")} == pictures
-    assert pictures or "No draw of dexnudge was rejected." in report
+    assert pictures or "No draw was rejected." in report

@@ -118,10 +118,13 @@ def test_a_package_brings_a_rule_or_a_method(hand, problem, prior):
 @pytest.mark.usefixtures("installed")
 def test_what_a_package_brings_is_named_where_it_is_of_no_use(hand, problem, prior):
     sampler = Sampler(hand, weights=prior)
-    for name, message in (("short", r"Short object .* returned \(2, 24\)"), ("lost", "Lost object .* NaN")):
+    for name, message in (
+        ("short", r"guidance rule 'short' returned \(2, 24\)"),
+        ("lost", "guidance rule 'lost' .*NaN"),
+    ):
         with pytest.raises(InputError, match=message):
             sampler.draw(problem, num=2, seed=0, method=name)
-    with pytest.raises(InputError, match="guidance rule 'number' is a int"):
+    with pytest.raises(InputError, match=r"guidance rule 'number' of package own-rules .*is of type int"):
         find_method("number")
     with pytest.raises(
         UnknownNameError, match=r"did you mean 'half'.*nearest_pose, half, lost, number, paper, short, whole"
