@@ -5,8 +5,9 @@ from collections.abc import Callable
 import numpy as np
 import pytest
 
-from dexnudge.mechanics.contacts import HandContacts, SupportContacts
+from dexnudge.mechanics.contacts import HandContacts
 from dexnudge.mechanics.sliding_task import SlidingTask
+from dexnudge.scenes.support_contacts import SupportContacts
 
 LENGTH, WIDTH, HEIGHT = 0.16, 0.08, 0.02
 FACES = np.array([[-1.0, 0, 0], [1, 0, 0], [0, 1, 0], [0, -1, 0], [0, 0, 1]])

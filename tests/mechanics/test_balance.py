@@ -14,8 +14,9 @@ from dexnudge.mechanics.balance import (
     problem_margin,
     solve_balance,
 )
-from dexnudge.mechanics.contacts import HandContacts, SupportContacts
+from dexnudge.mechanics.contacts import HandContacts
 from dexnudge.mechanics.sliding_task import SlidingTask
+from dexnudge.scenes.support_contacts import SupportContacts
 
 Contact = Callable[..., HandContacts]
 few = settings(max_examples=12, deadline=None, suppress_health_check=[HealthCheck.function_scoped_fixture])

@@ -8,8 +8,9 @@ from hypothesis import strategies as st
 
 from dexnudge.geometry.exact_distance import ExactDistance
 from dexnudge.geometry.surface_lattice import surface_lattice
-from dexnudge.mechanics.contacts import HandContacts, hand_contacts, support_contacts, support_mask
+from dexnudge.mechanics.contacts import HandContacts, hand_contacts
 from dexnudge.scenes.scene import Scene
+from dexnudge.scenes.support_contacts import support_contacts, support_mask
 
 
 def plate_contacts(points: np.ndarray, link: np.ndarray, distance: np.ndarray, normals: np.ndarray) -> HandContacts:

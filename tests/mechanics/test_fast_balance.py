@@ -6,9 +6,10 @@ from scipy.spatial.transform import Rotation
 
 from dexnudge.mechanics import fast_balance
 from dexnudge.mechanics.balance import balance_problem, problem_margin, solve_balance
-from dexnudge.mechanics.contacts import HandContacts, SupportContacts
+from dexnudge.mechanics.contacts import HandContacts
 from dexnudge.mechanics.fast_balance import force_margins
 from dexnudge.mechanics.sliding_task import SlidingTask
+from dexnudge.scenes.support_contacts import SupportContacts
 
 Draw = Callable[..., HandContacts]
 TOLERANCE = 2e-3

@@ -3,11 +3,11 @@
 import numpy as np
 import pytest
 
-from dexnudge.mechanics.contacts import SUPPORT_DISTANCE
 from dexnudge.planning.lying_object import LyingObject
 from dexnudge.planning.object_path import supports_along
 from dexnudge.scenes.boxes import box, joined
 from dexnudge.scenes.scene import Scene
+from dexnudge.scenes.support_contacts import SUPPORT_DISTANCE
 
 LENGTH, FOOT = 0.12, 0.01  # [m] of the bar, and of each foot at its two ends
 

@@ -7,11 +7,12 @@ import pytest
 import trimesh
 
 from dexnudge.mechanics.balance import balance_problem, problem_margin
-from dexnudge.mechanics.contacts import HandContacts, support_contacts
+from dexnudge.mechanics.contacts import HandContacts
 from dexnudge.mechanics.sliding_task import sliding_task
 from dexnudge.results.ranking import best_first, forward_offset, mean_help, path_margins, pressing_margins
 from dexnudge.scenes.boxes import box
 from dexnudge.scenes.scene import Scene
+from dexnudge.scenes.support_contacts import support_contacts
 from dexnudge.verification.verdicts import Verdicts
 
 PENETRATIONS = ("penetration_object", "penetration_environment", "penetration_self")

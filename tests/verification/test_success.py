@@ -10,9 +10,9 @@ import dexnudge
 from dexnudge.errors import InputError
 from dexnudge.hands.hand import Hand
 from dexnudge.mechanics.balance import balance_problem, problem_margin
-from dexnudge.mechanics.contacts import support_contacts
 from dexnudge.mechanics.sliding_task import sliding_task
 from dexnudge.scenes.scene import Scene
+from dexnudge.scenes.support_contacts import support_contacts
 from dexnudge.verification.verdicts import Verdicts, contacts_of, verify
 
 Press = Callable[..., np.ndarray]

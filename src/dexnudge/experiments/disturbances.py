@@ -4,10 +4,10 @@ from dataclasses import replace
 
 import numpy as np
 
-from dexnudge.mechanics.contacts import support_contacts
 from dexnudge.mechanics.fast_balance import force_margins
 from dexnudge.mechanics.sliding_task import sliding_task
 from dexnudge.scenes.scene import Scene
+from dexnudge.scenes.support_contacts import support_contacts
 from dexnudge.verification.criteria import SUCCESS_MARGIN
 from dexnudge.verification.verdicts import Verdicts
 

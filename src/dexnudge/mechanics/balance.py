@@ -8,9 +8,10 @@ import numpy as np
 from jaxtyping import Bool, Float, Int
 from scipy.optimize import OptimizeResult, linprog
 
-from dexnudge.mechanics.contacts import HandContacts, SupportContacts
+from dexnudge.mechanics.contacts import HandContacts
 from dexnudge.mechanics.friction_cone import EDGE_COUNT, friction_cone_edges, wrenches
 from dexnudge.mechanics.sliding_task import MOTION_TOLERANCE, SlidingTask
+from dexnudge.scenes.support_contacts import SupportContacts
 
 MAX_FACTOR = 3.0
 """Largest factor on friction_environment that is tried [-]."""

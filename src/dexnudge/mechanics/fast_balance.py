@@ -11,10 +11,11 @@ from jaxtyping import Bool, Float
 
 from dexnudge.geometry.warp_runtime import WarpStruct, wp
 from dexnudge.mechanics.balance import balance_problem, problem_margin, solve_balance
-from dexnudge.mechanics.contacts import HandContacts, SupportContacts
+from dexnudge.mechanics.contacts import HandContacts
 from dexnudge.mechanics.friction_cone import EDGE_COUNT
 from dexnudge.mechanics.margin_kernel import FAILED_MARGIN, MEMORY_TYPES, Memory, margin_kernel
 from dexnudge.mechanics.sliding_task import SlidingTask
+from dexnudge.scenes.support_contacts import SupportContacts
 
 WORKERS_CUDA = 4096
 """Problems solved at once on CUDA; each worker holds about 25 kB of scratch memory."""

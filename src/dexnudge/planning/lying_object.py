@@ -11,8 +11,8 @@ from dexnudge.geometry.exact_distance import Rays
 from dexnudge.geometry.meshes import centre_of_mass
 from dexnudge.geometry.surface_lattice import Boxes, distinct_rows, lattice_in_boxes, surface_lattice
 from dexnudge.jobs.cached import cached_per_instance
-from dexnudge.mechanics.contacts import SUPPORT_DISTANCE, support_contacts
 from dexnudge.scenes.scene import Scene
+from dexnudge.scenes.support_contacts import SUPPORT_DISTANCE, support_contacts
 
 SPACING = 0.003  # [m] between the points that look for obstacles
 SIDE_SPACING = 0.005  # [m] between the points of the upper and lower side

@@ -11,10 +11,10 @@ import numpy as np
 from jaxtyping import Float
 
 from dexnudge.jobs.cached import cached_per_instance
-from dexnudge.mechanics.contacts import SupportContacts, support_contacts
 from dexnudge.planning.lying_object import LyingObject, lying_object
 from dexnudge.planning.outcomes import Outcome
 from dexnudge.scenes.scene import Scene
+from dexnudge.scenes.support_contacts import SupportContacts, support_contacts
 
 STRIDE = 0.01  # [m] at most between two places
 

@@ -8,12 +8,13 @@ from collections.abc import Sequence
 import numpy as np
 from jaxtyping import Float, Int
 
-from dexnudge.mechanics.contacts import HandContacts, SupportContacts
+from dexnudge.mechanics.contacts import HandContacts
 from dexnudge.mechanics.fast_balance import force_margins
 from dexnudge.mechanics.friction_cone import helping, pressing, some_contacts
 from dexnudge.mechanics.sliding_task import sliding_task
 from dexnudge.planning.object_path import push_length, supports_along
 from dexnudge.scenes.scene import Scene
+from dexnudge.scenes.support_contacts import SupportContacts
 from dexnudge.verification.criteria import MARGIN_AGREEMENT, ROBUST_MARGIN, SUCCESS_MARGIN
 from dexnudge.verification.verdicts import Verdicts
 

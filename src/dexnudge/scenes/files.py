@@ -18,6 +18,7 @@ SCENE_FILE, OBJECT_FILE, ENVIRONMENT_FILE = "scene.json", "object.obj", "environ
 SCENE_FILES = (SCENE_FILE, OBJECT_FILE, ENVIRONMENT_FILE)
 MESH_DIGITS = 9  # decimals of a coordinate in metres: a nanometre
 NUMBERS = ("motion_length", "mass", "friction_hand", "friction_environment", "max_normal_force")
+MARGINS = ("surface_noise", "clearance")  # [m] 0 in files of version 0.7, which lack them
 LARGEST_NUMBER = 1e6  # of any physical number of a scene, in its SI unit; more overflows in products
 REQUIRED = ("object_mesh", "environment_mesh", "T_world_object", "motion", *NUMBERS)
 
@@ -59,7 +60,8 @@ def read_scene(folder: Path) -> dict[str, Any]:
     missing = [key for key in REQUIRED if key not in content]
     if missing:
         raise SceneError(f"{path}: the key {missing[0]!r} is missing; expected {', '.join(REQUIRED)}")
-    for key in NUMBERS:
+    content = dict.fromkeys(MARGINS, 0.0) | content
+    for key in (*NUMBERS, *MARGINS):
         if isinstance(content[key], bool) or not isinstance(content[key], int | float):
             raise SceneError(f"{path}: {key} is {content[key]!r}; expected a number")
         if abs(content[key]) > LARGEST_NUMBER:  # also an integer of hundreds of digits
@@ -77,7 +79,7 @@ def read_scene(folder: Path) -> dict[str, Any]:
         "name": str(content.get("scene", "user")),
         "parameters": parameters,
         "seed": seed,
-        **{key: float(content[key]) for key in NUMBERS},
+        **{key: float(content[key]) for key in (*NUMBERS, *MARGINS)},
     }
 
 

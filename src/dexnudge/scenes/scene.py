@@ -16,7 +16,7 @@ from dexnudge.errors import SceneError, check_path, quote
 from dexnudge.geometry.meshes import load_environment
 from dexnudge.geometry.overlap import deepest_overlap, way_to_surface
 from dexnudge.objects.sets import object_mesh
-from dexnudge.scenes.files import LARGEST_NUMBER, NUMBERS, read_scene, write_scene
+from dexnudge.scenes.files import LARGEST_NUMBER, MARGINS, NUMBERS, read_scene, write_scene
 from dexnudge.scenes.poses import load_pose, rigid_transform, unit_motion
 
 FRICTION_HAND = 0.8  # rubber fingertip on plastic
@@ -43,6 +43,8 @@ class Scene:
         friction_hand: Coulomb coefficient between hand and object; 0.8 unless given.
         friction_environment: Coulomb coefficient between object and surroundings; 0.4 unless given.
         max_normal_force: largest normal force of one digit link [N]; 5 unless given.
+        surface_noise: by how much the measured surfaces scatter about the true ones, root mean square [m]; 0 for a model.
+        clearance: distance that hands keep from the surroundings [m].
         name: scene family, or "user".
         parameters: what the family drew, by name, lengths in metres unless the name says otherwise.
         seed: seed of the generator that drew the parameters, None when nothing was drawn.
@@ -61,6 +63,8 @@ class Scene:
     friction_hand: float = FRICTION_HAND
     friction_environment: float = FRICTION_ENVIRONMENT
     max_normal_force: float = MAX_NORMAL_FORCE
+    surface_noise: float = 0.0
+    clearance: float = 0.0
     name: str = "user"
     parameters: dict[str, Any] = field(default_factory=dict)
     seed: int | None = None
@@ -73,7 +77,7 @@ class Scene:
         object.__setattr__(self, "motion", unit_motion(self.motion))
         for label in ("motion_length", "mass", "max_normal_force"):
             _check_number(label, getattr(self, label), minimum_excluded=True)
-        for label in ("friction_hand", "friction_environment"):
+        for label in ("friction_hand", "friction_environment", "surface_noise", "clearance"):
             _check_number(label, getattr(self, label), minimum_excluded=False)
 
     def object_in_world(self) -> trimesh.Trimesh:
@@ -130,7 +134,7 @@ class Scene:
         """
         check_path("folder", folder)
         values: dict[str, Any] = {"T_world_object": self.T_world_object, "motion": self.motion}
-        values |= {key: float(getattr(self, key)) for key in NUMBERS}
+        values |= {key: float(getattr(self, key)) for key in (*NUMBERS, *MARGINS)}
         values |= {"scene": self.name, "parameters": self.parameters, "seed": self.seed}
         return write_scene(values, Path(folder), object_mesh=self.object_mesh, environment_mesh=self.environment_mesh)
 

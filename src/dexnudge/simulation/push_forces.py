@@ -17,9 +17,10 @@ from scipy.optimize import nnls
 
 from dexnudge.hands.hand import ROOT_COORDINATES, Hand
 from dexnudge.mechanics.balance import balance_problem, contact_forces
-from dexnudge.mechanics.contacts import HandContacts, SupportContacts
+from dexnudge.mechanics.contacts import HandContacts
 from dexnudge.mechanics.friction_cone import EDGE_COUNT, pressing, some_contacts
 from dexnudge.mechanics.sliding_task import SlidingTask
+from dexnudge.scenes.support_contacts import SupportContacts
 from dexnudge.simulation.model import OBJECT_SIDE, SimulationModel
 
 NEAR = 0.02  # [m] from the object within which a link may be asked to touch it

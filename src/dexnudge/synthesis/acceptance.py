@@ -15,10 +15,11 @@ from jaxtyping import Bool, Float
 from dexnudge.dataset.schema import INFEASIBLE, NUM_DIRECTIONS, best_direction, direction_angles
 from dexnudge.hands.batch import HandBatch
 from dexnudge.hands.hand import Hand
-from dexnudge.mechanics.contacts import HandContacts, support_contacts
+from dexnudge.mechanics.contacts import HandContacts
 from dexnudge.mechanics.fast_balance import force_margins
 from dexnudge.mechanics.sliding_task import sliding_task
 from dexnudge.scenes.scene import Scene
+from dexnudge.scenes.support_contacts import support_contacts
 from dexnudge.simulation.hold import HoldTest
 from dexnudge.verification.criteria import PENETRATION_LIMIT, SUCCESS_MARGIN
 from dexnudge.verification.measurements import Measurements

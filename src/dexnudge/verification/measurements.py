@@ -8,16 +8,11 @@ import numpy as np
 from jaxtyping import Float
 
 from dexnudge.hands.batch import HandBatch
-from dexnudge.mechanics.contacts import (
-    HAND_CONTACT_DISTANCE,
-    HandContacts,
-    SupportContacts,
-    hand_contacts,
-    support_contacts,
-)
+from dexnudge.mechanics.contacts import HAND_CONTACT_DISTANCE, HandContacts, hand_contacts
 from dexnudge.mechanics.fast_balance import Margins, force_margins
 from dexnudge.mechanics.sliding_task import SlidingTask, sliding_task
 from dexnudge.scenes.scene import Scene
+from dexnudge.scenes.support_contacts import SupportContacts, support_contacts
 from dexnudge.verification.penetration import PenetrationCheck, Penetrations
 
 

@@ -4,7 +4,7 @@ from hypothesis import given
 from hypothesis import strategies as st
 from scipy.spatial import ConvexHull
 
-from dexnudge.mechanics.support_hull import HULL_TOLERANCE, MAX_CORNERS, hull_corners, reduce_supports
+from dexnudge.scenes.support_hull import HULL_TOLERANCE, MAX_CORNERS, hull_corners, reduce_supports
 
 HALF_LENGTH = 0.08
 
