@@ -7,7 +7,8 @@ import pytest
 import trimesh
 
 from dexnudge.errors import SceneError
-from dexnudge.scenes.poses import rigid_transform, unit_motion
+from dexnudge.geometry.rigid import rigid_transform
+from dexnudge.scenes.poses import unit_motion
 from dexnudge.scenes.scene import Scene
 
 

@@ -11,8 +11,10 @@ import trimesh
 
 from dexnudge.errors import OutputError, SceneError, what_failed
 from dexnudge.geometry.meshes import load_environment, load_mesh
+from dexnudge.geometry.rigid import rigid_transform
+from dexnudge.jobs.json_files import path_inside, read_json_object
 from dexnudge.jobs.provenance import recorded_versions
-from dexnudge.scenes.poses import read_json_object, rigid_transform, unit_motion
+from dexnudge.scenes.poses import unit_motion
 
 SCENE_FILE, OBJECT_FILE, ENVIRONMENT_FILE = "scene.json", "object.obj", "environment.obj"
 SCENE_FILES = (SCENE_FILE, OBJECT_FILE, ENVIRONMENT_FILE)
@@ -72,8 +74,8 @@ def read_scene(folder: Path) -> dict[str, Any]:
     if seed is not None and (isinstance(seed, bool) or not isinstance(seed, int)):
         raise SceneError(f"{path}: seed is {seed!r}; expected an integer or null")
     return {
-        "object_mesh": load_mesh(_inside(folder, content["object_mesh"], "object_mesh")),
-        "environment_mesh": load_environment(_inside(folder, content["environment_mesh"], "environment_mesh")),
+        "object_mesh": load_mesh(_mesh_file(folder, content["object_mesh"], "object_mesh")),
+        "environment_mesh": load_environment(_mesh_file(folder, content["environment_mesh"], "environment_mesh")),
         "T_world_object": rigid_transform(content["T_world_object"]),
         "motion": unit_motion(content["motion"]),
         "name": str(content.get("scene", "user")),
@@ -83,17 +85,9 @@ def read_scene(folder: Path) -> dict[str, Any]:
     }
 
 
-def _inside(folder: Path, value: Any, key: str) -> Path:
+def _mesh_file(folder: Path, value: Any, key: str) -> Path:
     """Return the path of a mesh below the folder; SceneError when it points anywhere else."""
-    if not isinstance(value, str) or not value or "\0" in value:
-        raise SceneError(f"{key} is {value!r}; expected a path relative to the folder of {SCENE_FILE}")
-    target = (folder / value).resolve()
-    if Path(value).is_absolute() or "\\" in value or not target.is_relative_to(folder.resolve()):
-        raise SceneError(
-            f"{key} is {value!r}, outside the folder of {SCENE_FILE}; expected a relative path inside it; "
-            "copy the mesh into the folder"
-        )
-    return target
+    return path_inside(folder, value, key, file=SCENE_FILE, what="mesh")
 
 
 def _write_obj(mesh: trimesh.Trimesh, path: Path, title: str) -> None:

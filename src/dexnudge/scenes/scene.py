@@ -15,9 +15,10 @@ from jaxtyping import Float
 from dexnudge.errors import SceneError, check_path, quote
 from dexnudge.geometry.meshes import load_environment
 from dexnudge.geometry.overlap import deepest_overlap, way_to_surface
+from dexnudge.geometry.rigid import rigid_transform
 from dexnudge.objects.sets import object_mesh
 from dexnudge.scenes.files import LARGEST_NUMBER, MARGINS, NUMBERS, read_scene, write_scene
-from dexnudge.scenes.poses import load_pose, rigid_transform, unit_motion
+from dexnudge.scenes.poses import load_pose, unit_motion
 
 FRICTION_HAND = 0.8  # rubber fingertip on plastic
 FRICTION_ENVIRONMENT = 0.4  # plastic on painted wood

@@ -1,0 +1,61 @@
+"""JSON that others wrote: read without trust, and the files it names kept inside its folder."""
+
+from __future__ import annotations
+
+import json
+from pathlib import Path
+from typing import Any
+
+from dexnudge.errors import SceneError
+
+
+def read_json(path: Path) -> Any:
+    """Read a JSON file.
+
+    Raises:
+        SceneError: missing, unreadable, malformed, or with NaN or infinity in it.
+    """
+    try:
+        return json.loads(path.read_text(encoding="utf-8"), parse_constant=_refuse_constant)
+    except (FileNotFoundError, IsADirectoryError) as error:
+        raise SceneError(f"{path}: no such file; expected a JSON file") from error
+    except (ValueError, OSError, RecursionError) as error:
+        raise SceneError(f"{path}: cannot be read as JSON ({error}); the file is truncated or damaged") from error
+
+
+def read_json_object(path: Path) -> dict[str, Any]:
+    """Read the JSON object in a file.
+
+    Raises:
+        SceneError: as `read_json`, or not an object.
+    """
+    content = read_json(path)
+    if not isinstance(content, dict):
+        raise SceneError(f"{path}: holds a JSON {type(content).__name__}; expected an object with named values")
+    return content
+
+
+def path_inside(folder: Path, value: Any, key: str, *, file: str, what: str) -> Path:
+    """Return the path of `what`, which `key` of `file` names, below `folder`.
+
+    Raises:
+        SceneError: not a path, or it points anywhere else, also through a link.
+    """
+    if not isinstance(value, str) or not value or "\0" in value:
+        raise SceneError(f"{key} is {value!r}; expected a path relative to the folder of {file}")
+    try:
+        target = (folder / value).resolve()
+    except (OSError, RuntimeError) as error:
+        raise SceneError(
+            f"{key} is {value!r}, which is no path ({error}); expected one in the folder of {file}"
+        ) from error
+    if Path(value).is_absolute() or "\\" in value or not target.is_relative_to(folder.resolve()):
+        raise SceneError(
+            f"{key} is {value!r}, outside the folder of {file}; expected a relative path inside it; "
+            f"copy the {what} into the folder"
+        )
+    return target
+
+
+def _refuse_constant(text: str) -> float:
+    raise ValueError(f"{text} is not a JSON number")

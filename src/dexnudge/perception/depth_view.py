@@ -1,0 +1,141 @@
+"""Depth views: what a depth camera measured, where it stood, and which pixels are the object.
+
+Camera frame (OpenCV, ROS optical frame): x right, y down, z forward along the optical axis. The centre of the pixel in
+column u and row v has image coordinates (u, v): x = (u - cx) z / fx, y = (v - cy) z / fy.
+"""
+
+from __future__ import annotations
+
+from contextlib import suppress
+from dataclasses import dataclass
+from numbers import Real
+from typing import Any
+
+import numpy as np
+from jaxtyping import Bool, Float
+
+from dexnudge.errors import SceneError, quote
+from dexnudge.geometry.rigid import rigid_transform
+from dexnudge.perception.depth_images import MAX_PIXELS
+
+UNSCALED = "scale depth (`depth_unit`), not the camera"
+NEAREST, FARTHEST = 0.02, 20.0  # [m] between which the median depth of a view of a workplace lies
+WIDEST_IMAGE, NARROWEST_IMAGE = 20.0, 0.005  # width over focal length: fields of view of 169 and 0.3 degrees
+
+
+@dataclass(frozen=True, eq=False)
+class DepthView:
+    """One depth image and its camera.
+
+    `depth` [m] lies along the optical axis; 0 = not measured (NaN and infinity, which ROS writes, become 0). `fx`, `fy`,
+    `cx`, `cy` [px]. `T_world_camera`: rigid. `mask`: the object's pixels, or None where they are not known. `assumed`:
+    pixels whose depth was not measured but completed. `name`: what messages call the view.
+
+    Raises:
+        SceneError: arrays of other shapes, nothing measured, depth that is negative or no workplace's, intrinsics that
+            no camera has, or a transform that is not rigid.
+    """
+
+    depth: Float[np.ndarray, "height width"]
+    fx: float
+    fy: float
+    cx: float
+    cy: float
+    T_world_camera: Float[np.ndarray, "4 4"]
+    mask: Bool[np.ndarray, "height width"] | None = None
+    assumed: Bool[np.ndarray, "height width"] | None = None
+    name: str = "view"
+
+    def __post_init__(self) -> None:
+        depth = np.array(self.depth, dtype=np.float32)
+        if depth.ndim != 2 or not depth.size or depth.size > MAX_PIXELS:
+            raise SceneError(f"{self.name}: depth has shape {depth.shape}; expected (height, width)")
+        depth[~np.isfinite(depth)] = 0.0
+        measured = depth != 0
+        if not measured.any():
+            raise SceneError(f"{self.name}: no pixel is measured (all are 0 or NaN); expected depth; leave it out")
+        least, median = float(depth.min()), float(np.median(depth[measured]))
+        if least < 0 or not NEAREST <= median <= FARTHEST:
+            found = f"is negative, {least:g} m" if least < 0 else f"is {median:g} m in the median"
+            raise SceneError(
+                f"{self.name}: depth {found}; expected {NEAREST:g} to {FARTHEST:g} m along the optical axis, 0 = not "
+                "measured; is `depth_unit` the length of one step in metres (0.001 for millimetres)?"
+            )
+        object.__setattr__(self, "depth", depth)
+        for key in ("mask", "assumed"):
+            pixels = getattr(self, key)
+            if pixels is not None:
+                if np.shape(pixels) != depth.shape:
+                    raise SceneError(
+                        f"{self.name}: {key} has shape {np.shape(pixels)}; expected {depth.shape}, as depth"
+                    )
+                object.__setattr__(self, key, np.asarray(pixels) != 0)
+        self._check_intrinsics()
+        try:
+            pose = rigid_transform(self.T_world_camera, "T_world_camera", unscaled=UNSCALED)
+        except SceneError as error:
+            raise SceneError(f"{self.name}: {error}") from error
+        object.__setattr__(self, "T_world_camera", pose)
+
+    @property
+    def height(self) -> int:
+        """Rows of the image."""
+        return int(self.depth.shape[0])
+
+    @property
+    def width(self) -> int:
+        """Columns of the image."""
+        return int(self.depth.shape[1])
+
+    @property
+    def measured(self) -> Bool[np.ndarray, "height width"]:
+        """Pixels with depth, also completed ones."""
+        return self.depth > 0
+
+    def points(self, pixels: Bool[np.ndarray, "height width"] | None = None) -> Float[np.ndarray, "n 3"]:
+        """World points [m] of the pixels with depth, in row-major order; `pixels` chooses among them."""
+        rows, columns = np.nonzero(self.measured if pixels is None else self.measured & pixels)
+        z = self.depth[rows, columns].astype(np.float64)
+        in_camera = np.stack([(columns - self.cx) / self.fx * z, (rows - self.cy) / self.fy * z, z], axis=1)
+        return in_camera @ self.T_world_camera[:3, :3].T + self.T_world_camera[:3, 3]
+
+    def project(self, points: Float[np.ndarray, "n 3"]) -> Float[np.ndarray, "n 3"]:
+        """Return image coordinates u, v [px] and depth [m] of world points; u and v are infinite or mirrored behind."""
+        rotation, position = self.T_world_camera[:3, :3], self.T_world_camera[:3, 3]
+        x, y, z = ((points - position) @ rotation).T
+        with np.errstate(divide="ignore", invalid="ignore"):
+            return np.stack([self.fx * x / z + self.cx, self.fy * y / z + self.cy, z], axis=1)
+
+    def sees(self, points: Float[np.ndarray, "n 3"]) -> Bool[np.ndarray, " n"]:
+        """Whether world points lie in the field of view, hidden or not."""
+        u, v, z = self.project(points).T
+        inside = (np.abs(u - (self.width - 1) / 2) <= self.width / 2) & (
+            np.abs(v - (self.height - 1) / 2) <= self.height / 2
+        )
+        return np.asarray(inside & (z > 0))
+
+    def _check_intrinsics(self) -> None:
+        for key, size in (("fx", self.width), ("fy", self.height), ("cx", self.width), ("cy", self.height)):
+            value = finite_number(getattr(self, key), f"{self.name}: {key}")
+            if key[0] == "c" and not -size <= value <= 2 * size:
+                raise SceneError(
+                    f"{self.name}: the principal point {key} is {value:g} px; expected it near the image of {size} px"
+                )
+            if key[0] == "f" and not size / WIDEST_IMAGE <= value <= size / NARROWEST_IMAGE:
+                raise SceneError(
+                    f"{self.name}: the focal length {key} is {value:g} px; expected a positive one, "
+                    f"{size / WIDEST_IMAGE:g} to {size / NARROWEST_IMAGE:g} px for an image of {size} px; in pixels, not in "
+                    "millimetres or parts of the image"
+                )
+            object.__setattr__(self, key, value)
+
+
+def finite_number(value: Any, name: str) -> float:
+    """Return a finite real number as float; True, texts and integers of hundreds of digits are none."""
+    number = np.nan
+    if not isinstance(value, bool | np.bool_) and isinstance(value, Real):
+        with suppress(OverflowError):
+            number = float(value)
+    if not np.isfinite(number):
+        raise SceneError(f"{name} is {quote(value)}; expected a finite number")
+    return number
