@@ -17,13 +17,20 @@ from dexnudge.geometry.warp_runtime import wp
 
 @wp.kernel(enable_backward=False)
 def _first_hit(
-    mesh: wp.uint64, origins: wp.array(dtype=wp.vec3), direction: wp.vec3, reach: float, way: wp.array(dtype=float)
+    mesh: wp.uint64,
+    origins: wp.array(dtype=wp.vec3),
+    directions: wp.array(dtype=wp.vec3),
+    reach: float,
+    way: wp.array(dtype=float),
+    face: wp.array(dtype=int),
 ):
     i = wp.tid()
-    hit = wp.mesh_query_ray(mesh, origins[i], direction, reach)
+    hit = wp.mesh_query_ray(mesh, origins[i], directions[i % directions.shape[0]], reach)
     way[i] = reach
+    face[i] = -1
     if hit.result:
         way[i] = hit.t
+        face[i] = hit.face
 
 
 class Rays:
@@ -40,13 +47,19 @@ class Rays:
         self, points: Float[np.ndarray, "n 3"], direction: Float[np.ndarray, "3"], *, reach: float
     ) -> Float[np.ndarray, " n"]:
         """Way [m] from each point along the unit `direction` to the first triangle; `reach` where there is none."""
-        way = wp.empty(len(points), dtype=float, device="cpu")
+        return self.first_hits(points, direction[None], reach=reach)[0]
+
+    def first_hits(
+        self, points: Float[np.ndarray, "n 3"], directions: Float[np.ndarray, "m 3"], *, reach: float
+    ) -> tuple[Float[np.ndarray, " n"], Int[np.ndarray, " n"]]:
+        """Way [m] from each point along its own unit direction, or one for all, and the triangle; `reach`, -1 for none."""
+        way, face = wp.empty(len(points), dtype=float, device="cpu"), wp.empty(len(points), dtype=int, device="cpu")
         if len(points):
             origins = wp.array(np.asarray(points - self.origin, dtype=np.float32), dtype=wp.vec3, device="cpu")
-            along = wp.vec3(*np.asarray(direction, dtype=float).tolist())
+            along = wp.array(np.asarray(directions, dtype=np.float32), dtype=wp.vec3, device="cpu")
             inputs = [self._mesh.id, origins, along, float(reach)]
-            wp.launch(_first_hit, dim=len(points), inputs=inputs, outputs=[way], device="cpu")
-        return way.numpy().astype(np.float64)
+            wp.launch(_first_hit, dim=len(points), inputs=inputs, outputs=[way, face], device="cpu")
+        return way.numpy().astype(np.float64), face.numpy()
 
 
 INSIDE_WINDING_NUMBER = 0.5  # a point is inside where the surface winds around it at least half a turn
