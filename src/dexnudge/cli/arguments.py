@@ -130,7 +130,7 @@ class Physics:
     max_normal_force: OptionalNumber = None
     """Largest normal force of one finger link [N]; 5 unless given."""
 
-    def given(self) -> dict[str, float]:
+    def given(self) -> dict[str, Any]:
         """Return those that the user gave, by the names that scenes use."""
         return {name: value for name, value in vars(self).items() if value is not None}
 

@@ -133,7 +133,7 @@ class ExactDistance:
     """Signed distance of points to one mesh [m], exact to single precision, negative inside.
 
     Args:
-        mesh: triangles in the frame in which the points will be given. Must have at least one face.
+        mesh: triangles in the frame in which the points will be given. Must have at least one face. Kept, as `mesh`.
     """
 
     def __init__(self, mesh: trimesh.Trimesh, *, device: str = "cpu") -> None:
@@ -148,7 +148,7 @@ class ExactDistance:
         )
         self._low, self._high = (wp.vec3(*corner.tolist()) for corner in (vertices.min(axis=0), vertices.max(axis=0)))
         self._face_normals = np.asarray(mesh.face_normals)
-        self._solid = mesh
+        self.mesh = mesh
 
     @property
     def closed(self) -> bool:
@@ -156,7 +156,7 @@ class ExactDistance:
 
         Then the sign can change only where the distance is 0.
         """
-        return bool(self._solid.is_watertight and self._solid.is_winding_consistent)
+        return bool(self.mesh.is_watertight and self.mesh.is_winding_consistent)
 
     def to_surface(self, points: Float[np.ndarray, "n 3"], *, reach: float = SEARCH_RADIUS) -> ExactHit:
         """Return what lies nearest to each point [m, the mesh's frame], without the sign, which takes longer than the rest.

@@ -4,6 +4,7 @@ from __future__ import annotations
 
 from collections.abc import Iterable, Sequence
 from dataclasses import dataclass, field
+from functools import cached_property
 from numbers import Real
 from pathlib import Path
 from typing import Any
@@ -14,20 +15,19 @@ from jaxtyping import Float
 
 from dexnudge.errors import SceneError, check_path, quote
 from dexnudge.geometry.meshes import load_environment
-from dexnudge.geometry.overlap import deepest_overlap, way_to_surface
 from dexnudge.geometry.rigid import rigid_transform
 from dexnudge.objects.sets import object_mesh
 from dexnudge.scenes.files import LARGEST_NUMBER, MARGINS, NUMBERS, read_scene, write_scene
+from dexnudge.scenes.finding import Finding
+from dexnudge.scenes.placement import placement_findings
 from dexnudge.scenes.poses import load_pose, unit_motion
+from dexnudge.scenes.sizes import size_findings
 
 FRICTION_HAND = 0.8  # rubber fingertip on plastic
 FRICTION_ENVIRONMENT = 0.4  # plastic on painted wood
 MASS = 0.15  # [kg] a phone or a remote
 MAX_NORMAL_FORCE = 5.0  # [N] per digit link; what a tendon-driven finger holds continuously
 MOTION_LENGTH = 0.10  # [m]
-INITIAL_PENETRATION_LIMIT = 1e-3  # [m] the limit that a configuration must keep, applied to the scene itself
-SUPPORT_LIMIT = 1e-3  # [m] farther from the surroundings than this nothing carries the object
-UNITS = {"millimetres": 0.001, "centimetres": 0.01, "inches": 0.0254}  # [m] that a position may be in by mistake
 
 
 @dataclass(frozen=True, eq=False, repr=False)
@@ -97,6 +97,7 @@ class Scene:
         motion: Sequence[float] | Sequence[int] | Float[np.ndarray, "3"],
         units: str = "m",
         length: float | None = None,
+        validate: bool = True,
         **physics: Any,
     ) -> Scene:
         """Return the scene of an object in your own surroundings, checked.
@@ -109,6 +110,7 @@ class Scene:
             motion: direction (3,) in the world that the object should slide in; normalised.
             units: unit of the numbers in the mesh files: m, cm, mm or in.
             length: scale the object so that its longest side has this length [m].
+            validate: refuse a misplaced object; False leaves it to `findings` to say what is wrong.
             physics: motion_length [m], mass [kg], friction_hand, friction_environment, max_normal_force [N]; defaults
                 as above.
 
@@ -124,7 +126,8 @@ class Scene:
             environment = load_environment(environment, units=units)
         pose = load_pose(object_pose) if isinstance(object_pose, str | Path) else rigid_transform(object_pose)
         scene = cls(mesh, environment, pose, unit_motion(motion), **physics)
-        scene.validate()
+        if validate:
+            scene.validate()
         return scene
 
     def save(self, folder: str | Path) -> Path:
@@ -168,42 +171,30 @@ class Scene:
             f"surroundings ({len(self.environment_mesh.faces)} triangles)"
         )
 
-    def validate(self) -> None:
-        """Refuse a scene whose surroundings penetrate the object by more than 1 mm, or do not come within 1 mm of it.
+    def findings(self, hand: Any = None) -> list[Finding]:
+        """Return what is understood of the scene and what is wrong with it, errors first; before anything is sampled.
 
-        Both ways: points of the object inside the environment and points of the environment inside the object.
+        hand: the `Hand` whose fingers must find room; left out, nothing is said of them.
+        """
+        from dexnudge.scenes.findings import scene_findings
+
+        return scene_findings(self, hand)
+
+    def validate(self) -> None:
+        """Refuse a scene whose sizes are implausible, or whose object is inside its surroundings or away from them.
 
         Raises:
-            SceneError: naming the depth or the distance, where, and how to mend it.
+            SceneError: naming the length, the depth or the distance, where, and how to mend it; one of the `findings`.
         """
-        body = self.object_in_world()
-        depth, point, way = deepest_overlap(body, self.environment_mesh)
-        if depth > INITIAL_PENETRATION_LIMIT:
-            raise SceneError(
-                f"the environment already penetrates the object by {1e3 * depth:.1f} mm near "
-                f"({point[0]:.3f}, {point[1]:.3f}, {point[2]:.3f}) m in the world; expected at most "
-                f"{1e3 * INITIAL_PENETRATION_LIMIT:.0f} mm; move the object away from that surface by "
-                f"{_vector(way)} m in the world, or check that both meshes are in metres"
-            )
-        way = way_to_surface(body, self.environment_mesh, enough=SUPPORT_LIMIT)
-        distance = float(np.linalg.norm(way))
-        if distance > SUPPORT_LIMIT:
-            raise SceneError(
-                f"the object touches nothing: the nearest surface is {_length(distance)} {_direction(way)}; "
-                f"expected at most {1e3 * SUPPORT_LIMIT:.0f} mm; {self._how_to_touch(way)}"
-            )
+        for finding in self.misplaced:
+            raise SceneError(finding.message)
 
-    def _how_to_touch(self, way: Float[np.ndarray, "3"]) -> str:
-        """Return what to do about an object that touches nothing: read its position in another unit, or move it."""
-        for unit, metres in UNITS.items():
-            moved = self.object_mesh.copy()
-            pose = self.T_world_object.copy()
-            pose[:3, 3] *= metres
-            moved.apply_transform(pose)
-            touching = np.linalg.norm(way_to_surface(moved, self.environment_mesh)) <= SUPPORT_LIMIT
-            if touching and deepest_overlap(moved, self.environment_mesh)[0] <= INITIAL_PENETRATION_LIMIT:
-                return f"is the pose in {unit}? give its position in metres: it would touch there"
-        return f"move the object by {_vector(way)} m in the world"
+    @cached_property
+    def misplaced(self) -> tuple[Finding, ...]:
+        """The errors without whose mending nothing else can be said: of size, or of place (`placement_findings`)."""
+        sizes = size_findings(self.object_mesh, self.environment_mesh, self.mass)
+        wrong = tuple(finding for finding in sizes if finding.level == "error")
+        return wrong or placement_findings(self.object_mesh, self.environment_mesh, self.T_world_object)
 
 
 def load_scene(folder: str | Path) -> Scene:
@@ -216,20 +207,6 @@ def check_physics(physics: Iterable[str]) -> None:
     unknown = sorted(set(physics) - set(NUMBERS))
     if unknown:
         raise SceneError(f"unknown physical parameter {unknown[0]!r}; expected {', '.join(NUMBERS)}")
-
-
-def _vector(way: Float[np.ndarray, "3"]) -> str:
-    return f"({', '.join(f'{each:.4f}' for each in way.round(4) + 0.0)})"  # no -0.0000
-
-
-def _length(metres: float) -> str:
-    return f"{1e3 * metres:.1f} mm" if metres < 1 else f"{metres:.3g} m"
-
-
-def _direction(way: Float[np.ndarray, "3"]) -> str:
-    """Return "below", "above" or "beside"."""
-    steep = abs(way[2]) > np.linalg.norm(way[:2])
-    return "beside it" if not steep else "below it" if way[2] < 0 else "above it"
 
 
 def _check_number(label: str, value: object, *, minimum_excluded: bool) -> None:

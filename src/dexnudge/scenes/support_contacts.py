@@ -10,6 +10,7 @@ from jaxtyping import Bool, Float, Int
 from dexnudge.geometry.exact_distance import ExactDistance
 from dexnudge.geometry.surface_lattice import distinct_rows, surface_lattice
 from dexnudge.jobs.cached import cached_per_instance
+from dexnudge.scenes.placement import surroundings_distance
 from dexnudge.scenes.scene import Scene
 from dexnudge.scenes.support_hull import reduce_supports
 
@@ -61,7 +62,7 @@ def support_contacts(scene: Scene) -> SupportContacts:
     are exactly coplanar. See `reduce_supports` for what may be left out.
     """
     mesh = scene.object_in_world()
-    environment = ExactDistance(scene.environment_mesh)
+    environment = surroundings_distance(scene.environment_mesh)
     triangles = np.asarray(mesh.triangles, dtype=np.float64)
     near = _near(triangles, environment)
     points, face = surface_lattice(triangles[near], spacing=SUPPORT_SPACING)

@@ -1,0 +1,122 @@
+"""What is said of a scene before anything is sampled: each wrong scene gets its finding, a right one none."""
+
+from dataclasses import replace
+
+import numpy as np
+import pytest
+import trimesh
+
+import dexnudge as dn
+from dexnudge.scenes.boxes import box
+from dexnudge.scenes.room import thinnest_digit
+
+FLAT = trimesh.creation.box((0.15, 0.07, 0.008))
+TABLE = box((-0.6, -0.4, -0.04), (0.6, 0.4, 0.0))
+
+
+def at(x=0.0, y=0.0, z=0.004):
+    return trimesh.transformations.translation_matrix((x, y, z))
+
+
+def scene_of(environment=TABLE, pose=None, motion=(1.0, 0.0, 0.0), **values):
+    return dn.Scene(FLAT, environment, at() if pose is None else pose, np.array(motion), **values)
+
+
+def said(scene, what, hand=None):
+    """The findings about one thing that are no notes."""
+    return [each for each in scene.findings(hand) if each.what == what and each.level != "note"]
+
+
+def test_a_finding_reads_as_one_line():
+    finding = dn.Finding("warning", "size", "the object weighs 150 kg", "give `mass` in kg")
+    assert str(finding) == "warning: the object weighs 150 kg; give `mass` in kg"
+    assert finding.as_dict() == {
+        "level": "warning",
+        "what": "size",
+        "sentence": "the object weighs 150 kg",
+        "remedy": "give `mass` in kg",
+    }
+    assert str(dn.Finding("note", "size", "it is small")) == "note: it is small"
+
+
+@pytest.mark.parametrize("family", dn.scene_families())
+@pytest.mark.parametrize("name", ["phone", "book"])
+def test_built_in_scenes_raise_no_alarm(family, name, shadow_hand):
+    found = dn.build_scene(family, name, seed=1).findings(shadow_hand)
+    assert [str(finding) for finding in found if finding.level != "note"] == []
+    assert found[0].sentence.startswith("the object is ")
+
+
+def test_surroundings_in_millimetres_name_the_unit():
+    table = TABLE.copy().apply_scale(1000)
+    (finding,) = said(scene_of(table), "units")
+    assert finding.level == "error"
+    assert finding.message == (
+        "the surroundings are 1200 m wide; expected at most 12 m, as a room has; is it in another unit? "
+        "pass `units` cm (12 m) or mm (1.2 m)"
+    )
+
+
+def test_surroundings_in_centimetres_are_asked_about():
+    (finding,) = said(scene_of(box((-15.0, -10.0, -1.0), (15.0, 10.0, 0.0))), "units")
+    assert (finding.level, "cm (0.3 m)" in finding.remedy) == ("warning", True)
+
+
+def test_a_mass_in_grams_is_asked_about():
+    (finding,) = said(scene_of(mass=150.0), "size")
+    assert (finding.level, finding.remedy) == ("warning", "give `mass` in kg")
+
+
+def test_a_pose_inside_a_wall_is_an_error_with_the_way_out():
+    wall = trimesh.util.concatenate([TABLE, box((0.072, -0.2, 0.0), (0.1, 0.2, 0.1))])
+    (finding,) = said(scene_of(wall), "pose")
+    assert finding.level == "error"
+    assert finding.sentence.startswith("the environment already penetrates the object by 3.0 mm near (0.07")
+    assert "by (-0.0030, 0.0000, 0.0000) m in the world" in finding.remedy
+    with pytest.raises(dn.SceneError) as caught:
+        scene_of(wall).validate()
+    assert str(caught.value) == finding.message
+
+
+@pytest.mark.parametrize(
+    ("pose", "question"),
+    [
+        (at(100, 50, 4), "in millimetres?"),
+        (trimesh.transformations.rotation_matrix(np.pi, [1, 0, 0]) @ at(), "upside down?"),
+        (trimesh.transformations.rotation_matrix(np.pi / 2, [1, 0, 0]) @ at(), "y-up?"),
+    ],
+)
+def test_a_common_mistake_is_named(pose, question):
+    thin = box((-0.6, -0.4, -0.04), (0.6, 0.4, 0.0))
+    (finding,) = said(scene_of(thin, pose), "pose")
+    assert finding.level == "error"
+    assert question in finding.remedy
+
+
+def test_room_is_told_for_each_side(shadow_hand):
+    above = box((-0.6, -0.4, 0.020), (0.6, 0.4, 0.04))
+    beside = box((-0.6, 0.065, 0.0), (0.6, 0.1, 0.02))
+    scene = scene_of(trimesh.util.concatenate([TABLE, above, beside]))
+    (finding,) = [each for each in scene.findings() if each.what == "clearance"]
+    assert finding.sentence == "room around the object: in front free, behind free, left 30 mm, right free, above 12 mm"
+
+
+def test_a_gap_that_no_finger_enters_is_an_error(shadow_hand):
+    need = thinnest_digit(shadow_hand)
+    assert 0.008 < need < 0.02
+    for gap, level in ((0.003, "error"), (0.8 * need, "warning")):
+        around = box((-0.075 - gap, -0.035 - gap, 0.0), (0.075 + gap, 0.035 + gap, 0.008 + gap))
+        around.invert()  # the object in a closed box: the gap is the same on all sides
+        cave = trimesh.util.concatenate([around, box((-0.2, -0.2, -0.1), (0.2, 0.2, 0.1))])
+        (finding,) = said(scene_of(cave), "fingers", shadow_hand)
+        assert finding.level == level
+        assert f"the largest gap around the object is {1e3 * gap:.1f} mm" in finding.sentence
+
+
+def test_what_was_repaired_is_a_note(tmp_path):
+    TABLE.submesh([[face for face, normal in enumerate(TABLE.face_normals) if normal[2] > 0.5]])[0].export(
+        tmp_path / "sheet.ply"
+    )
+    scene = scene_of(dn.load_environment(tmp_path / "sheet.ply"))
+    scene = replace(scene, environment_mesh=scene.environment_mesh)
+    assert [each.sentence for each in scene.findings() if each.what == "repaired"] == scene.notes
