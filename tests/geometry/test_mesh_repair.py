@@ -6,7 +6,7 @@ import trimesh
 
 from dexnudge.errors import MeshError
 from dexnudge.geometry.exact_distance import ExactDistance
-from dexnudge.geometry.mesh_repair import without_small_holes
+from dexnudge.geometry.mesh_repair import turned_toward, without_small_holes
 from dexnudge.geometry.meshes import load_environment, load_mesh
 
 SIZE = (0.15, 0.07, 0.012)
@@ -116,6 +116,38 @@ def test_a_table_of_one_layer_faces_up(tmp_path):
     assert (found.face_normals[:, 2] > 0.99).all()
     assert found.metadata["notes"] == ["every face faced down: turned round, so that something can lie on it"]
     assert read(found, tmp_path, load=load_environment).metadata["notes"] == []
+
+
+def sheet(low, high, *, height, up):
+    (x, y), (u, v) = low, high
+    corners = [[x, y, height], [u, y, height], [u, v, height], [x, v, height]]
+    return trimesh.Trimesh(corners, [[0, 1, 2], [0, 2, 3]] if up else [[2, 1, 0], [3, 2, 0]])
+
+
+def test_a_room_seen_from_inside_stays_as_it_is(tmp_path):
+    room = trimesh.creation.box((4.0, 3.0, 2.5))
+    room = reversed_faces(room, slice(None))
+    room.update_faces(room.face_normals[:, 2] > -0.5)  # no ceiling
+    found = read(room, tmp_path, load=load_environment)
+    assert found.metadata["notes"] == []
+    assert (found.face_normals @ [0, 0, 1]).max() == pytest.approx(1)
+
+
+@pytest.mark.parametrize("turned", [[], [0], [1], [0, 1]])
+def test_open_sheets_are_turned_toward_the_object(turned):
+    layers = [sheet((-1, -1), (1, 1), height=0.0, up=True), sheet((-1, -1), (0, 1), height=0.03, up=False)]
+    for index in turned:
+        layers[index].invert()
+    found = turned_toward(together(*layers), np.array([-0.02, 0.0, 0.006]))
+    np.testing.assert_allclose(found.face_normals[:, 2], [1, 1, -1, -1])
+    assert found.metadata.get("notes", []) == (
+        [f"open parts of {2 * len(turned)} faces had their back to the object and were turned round"] if turned else []
+    )
+
+
+def test_a_closed_body_is_not_turned_toward_the_object():
+    slab = trimesh.creation.box((1.0, 1.0, 0.1))
+    assert turned_toward(slab, np.array([0.0, 0.0, 0.02])) is slab
 
 
 @pytest.mark.parametrize("missing", [[5], [5, 60, 140], [10, 11, 12]])

@@ -138,11 +138,15 @@ def sharp_edge_points(
     mesh: trimesh.Trimesh, lower: Float[np.ndarray, " 3"], upper: Float[np.ndarray, " 3"]
 ) -> Float[np.ndarray, "n 3"]:
     """Return points along convex sharp edges inside a box [m]: they can enter a link between two of its points."""
+    vertices, faces = np.asarray(mesh.vertices), np.asarray(mesh.faces)
+    above, below = vertices >= lower, vertices <= upper
+    near = (above[faces].any(axis=1) & below[faces].any(axis=1)).all(axis=1)
+    mesh = trimesh.Trimesh(vertices, faces[near], process=False)
     sharp = (mesh.face_adjacency_angles > SHARP_EDGE) & mesh.face_adjacency_convex
-    ends = mesh.vertices[mesh.face_adjacency_edges[sharp]]
-    points = [np.zeros((0, 3))]
-    for start, end in ends:
-        count = max(2, int(np.ceil(np.linalg.norm(end - start) / EDGE_POINT_SPACING)) + 1)
-        points.append(start + np.linspace(0.0, 1.0, count)[:, None] * (end - start))
-    along = np.concatenate(points)
+    start, end = np.moveaxis(vertices[mesh.face_adjacency_edges[sharp]], 1, 0)
+    steps = np.maximum(np.ceil(np.linalg.norm(end - start, axis=1) / EDGE_POINT_SPACING), 1.0).astype(np.int64)
+    edge = np.repeat(np.arange(len(steps)), steps + 1)
+    place = np.arange(len(edge)) - np.repeat(np.cumsum(steps + 1) - steps - 1, steps + 1)
+    share = np.where(place == steps[edge], 1.0, place * (1.0 / steps[edge]))
+    along = start[edge] + share[:, None] * (end - start)[edge]
     return along[((along >= lower) & (along <= upper)).all(axis=1)]

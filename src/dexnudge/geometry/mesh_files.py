@@ -14,7 +14,7 @@ from dexnudge.errors import MeshError
 from dexnudge.geometry.mesh_guards import MAX_FACES, announced, damaged
 
 FORMATS = ("obj", "stl", "ply", "glb", "off", "dae")
-MAX_BYTES = 100_000_000  # 200,000 faces in the wordiest of the formats take a third of this
+MAX_BYTES_PER_FACE = 500  # 200,000 faces in the wordiest of the formats take half of this
 NUMBER = re.compile(rb"[+-]?(?:\d+\.?\d*|\.\d+)(?:[eE][+-]?\d+)?")
 CUT_OFF = 0.02  # of an OBJ's vertices; more without a face, and no end to the last line: it was cut off
 Z_UP = np.array([[1.0, 0, 0, 0], [0, 0, -1, 0], [0, 1, 0, 0], [0, 0, 0, 1]])  # turns y up into z up
@@ -35,7 +35,7 @@ PARSE_ERRORS = (
 )
 
 
-def read_triangles(path: Path) -> trimesh.Trimesh:
+def read_triangles(path: Path, *, max_faces: int = MAX_FACES) -> trimesh.Trimesh:
     """Read all triangles of a mesh file as one unprocessed mesh, z up, in file units; possibly empty or not finite.
 
     No other file is opened (no materials, textures or external buffers) and XML entities are refused. Metadata: `notes`,
@@ -54,21 +54,22 @@ def read_triangles(path: Path) -> trimesh.Trimesh:
         size = path.stat().st_size
         if size == 0:
             raise MeshError(f"{path.name}: the mesh file is empty (0 bytes); export it again")
-        if size > MAX_BYTES:
+        limit = MAX_BYTES_PER_FACE * max_faces
+        if size > limit:
             raise MeshError(
-                f"{path.name}: the mesh file has {size / 1e6:.0f} MB; expected at most {MAX_BYTES / 1e6:.0f} MB "
-                f"({MAX_FACES:,} faces); decimate the mesh first"
+                f"{path.name}: the mesh file has {size / 1e6:.0f} MB; expected at most {limit / 1e6:.0f} MB "
+                f"({max_faces:,} faces); decimate the mesh first"
             )
         data = path.read_bytes()
     except OSError as error:
         raise MeshError(
             f"{path.name[:80]}: the mesh file cannot be read ({error.strerror}); check its name and its permissions"
         ) from error
-    return parse_triangles(data, kind, path.name)
+    return parse_triangles(data, kind, path.name, max_faces=max_faces)
 
 
 def parse_triangles(
-    data: bytes, kind: str, name: str, *, keep_order: bool = False, turn: bool = True
+    data: bytes, kind: str, name: str, *, keep_order: bool = False, turn: bool = True, max_faces: int = MAX_FACES
 ) -> trimesh.Trimesh:
     """Parse the bytes of a mesh file; see `read_triangles`.
 
@@ -78,11 +79,12 @@ def parse_triangles(
         name: the file's name, for messages.
         keep_order: whether vertices must keep the file's order, also where faces name normals or textures.
         turn: whether a file with y up is turned so that z is up.
+        max_faces: the limit.
 
     Raises:
         MeshError: too large, truncated or not a mesh.
     """
-    found = announced(data, kind, name)
+    found = announced(data, kind, name, max_faces=max_faces)
     mesh = _parsed(found.data, kind, name, keep_order=keep_order)
     if kind in ("off", "ply") and found.faces is not None and len(mesh.faces) < found.faces:
         raise damaged(name, kind, f"{found.faces} faces announced, {len(mesh.faces)} read")

@@ -17,7 +17,8 @@ import numpy as np
 
 from dexnudge.errors import MeshError
 
-MAX_FACES = 200_000  # a BVH over so many is built in under a second and queried at 10^5 points a second
+MAX_FACES = 200_000  # of an object or a link: a BVH over so many is built in under a second
+MAX_SURROUNDINGS_FACES = 2_000_000  # of a scanned room: read, repaired and prepared in some ten seconds
 MAX_PARTS = 10_000  # copies of meshes that a scene graph may place
 MAX_DEPTH = 100  # nodes above one another in a scene graph
 STL_HEADER, STL_FACE = 84, 50  # bytes of a binary STL: comment and count; one triangle
@@ -43,15 +44,15 @@ def damaged(name: str, kind: str, detail: str) -> MeshError:
     )
 
 
-def too_many_faces(name: str, count: int) -> MeshError:
+def too_many_faces(name: str, count: int, limit: int) -> MeshError:
     """Return the error for a mesh above the limit."""
     return MeshError(
-        f"{name}: the mesh has {count:,} faces; expected at most {MAX_FACES:,}, so that exact distances stay fast; "
+        f"{name}: the mesh has {count:,} faces; expected at most {limit:,}, so that exact distances stay fast; "
         "decimate it first (in MeshLab: Simplification: Quadric Edge Collapse Decimation)"
     )
 
 
-def announced(data: bytes, kind: str, name: str) -> Announced:
+def announced(data: bytes, kind: str, name: str, *, max_faces: int = MAX_FACES) -> Announced:
     """Look at a file before it is parsed.
 
     Raises:
@@ -59,8 +60,8 @@ def announced(data: bytes, kind: str, name: str) -> Announced:
             numbers that cannot be meant.
     """
     found = _GUARDS[kind](data, name)
-    if found.faces is not None and found.faces > MAX_FACES:
-        raise too_many_faces(name, found.faces)
+    if found.faces is not None and found.faces > max_faces:
+        raise too_many_faces(name, found.faces, max_faces)
     return found
 
 

@@ -9,7 +9,7 @@ from itertools import pairwise
 
 import numpy as np
 import trimesh
-from jaxtyping import Bool, Int
+from jaxtyping import Bool, Float, Int
 from scipy.sparse import coo_array
 from scipy.sparse.csgraph import breadth_first_order, connected_components
 
@@ -19,6 +19,9 @@ from dexnudge.geometry.surface_lattice import distinct_rows
 SPECK_SIZE = 0.05  # of the largest part's longest side: what is longer is no speck
 SPECK_GAP = 1e-3  # of the same: a small part this near belongs to the object, as a key or a foot does
 FACING_UP = 0.1  # z of the normal from which a face can carry something
+WIDE_OPEN = (
+    0.2  # length of the sum of a part's normals, by area, over its area: 0 where it is closed, 1 of a flat sheet
+)
 FLAT = 1e-9  # of the longest side cubed; a smaller volume has no sign
 HOLE_EDGES, HOLE_SIZE = 30, 0.25  # a hole with more edges, or longer than this part of the longest side, may be meant
 
@@ -87,8 +90,8 @@ def drop_specks(mesh: trimesh.Trimesh) -> str | None:
 def wind_outward(mesh: trimesh.Trimesh, *, surroundings: bool) -> list[str]:
     """Turn faces round that disagree with their neighbours, and bodies that are inside out.
 
-    A closed body inside the bounds of another one is taken for a hollow and stays. Of surroundings with openings some
-    face must face up, or nothing could lie there.
+    A closed body inside the bounds of another one is taken for a hollow and stays. A wide open part of surroundings has no
+    volume and stays as it is, but some face of surroundings must face up, or nothing could lie there.
     """
     notes = []
     repaired = not mesh.is_winding_consistent
@@ -96,11 +99,14 @@ def wind_outward(mesh: trimesh.Trimesh, *, surroundings: bool) -> list[str]:
         odd = _against_neighbours(mesh)
         _turn_round(mesh, odd)
         notes.append(f"{np.count_nonzero(odd)} faces were wound against their neighbours and were turned round")
-    # An open mesh has a volume only relative to a point: its centre is the one that treats all sides alike.
-    if _volume(mesh.triangles - mesh.bounds.mean(axis=0)) < -FLAT * float(mesh.extents.max()) ** 3:
-        _turn_round(mesh, np.ones(len(mesh.faces), dtype=bool))
-        notes.append("the mesh was inside out and was turned round")
-    inverted = _inverted_parts(mesh, also_open=repaired)
+    if surroundings and not mesh.is_watertight:
+        inverted = _inverted_parts(mesh, also_open=True) & ~_wide_open(mesh)
+    else:
+        # An open mesh has a volume only relative to a point: its centre is the one that treats all sides alike.
+        if _volume(mesh.triangles - mesh.bounds.mean(axis=0)) < -FLAT * float(mesh.extents.max()) ** 3:
+            _turn_round(mesh, np.ones(len(mesh.faces), dtype=bool))
+            notes.append("the mesh was inside out and was turned round")
+        inverted = _inverted_parts(mesh, also_open=repaired)
     if inverted.any():
         _turn_round(mesh, inverted)
         notes.append(f"parts of {np.count_nonzero(inverted)} faces were inside out and were turned round")
@@ -136,36 +142,78 @@ def _against_neighbours(mesh: trimesh.Trimesh) -> Bool[np.ndarray, " face"]:
     order, above = breadth_first_order(graph, count, directed=False)
     step = np.asarray(graph[order[1:], above[order[1:]]]).ravel() == 2.0
     odd = np.zeros(count + 1, dtype=bool)
-    for face, differs in zip(order[1:].tolist(), step.tolist(), strict=True):
-        odd[face] = odd[above[face]] != differs
+    odd[order[1:]] = step
+    above[count] = count
+    while (above != count).any():  # each round doubles how far up the tree a face has looked
+        odd ^= odd[above]
+        above = above[above]
     share = np.bincount(part, odd[:count]) / np.bincount(part)
     return np.asarray(odd[:count] != (share > 0.5)[part])
+
+
+def turned_toward(mesh: trimesh.Trimesh, point: Float[np.ndarray, "3"]) -> trimesh.Trimesh:
+    """Return surroundings whose wide open parts face a point [m]: the object stands before a sheet, not behind it.
+
+    What decides is the solid angle under which the point sees the part's outer side, less that of its inner side.
+    """
+    if mesh.is_watertight:
+        return mesh
+    part = parts(np.asarray(mesh.faces))
+    wrong = (np.bincount(part, solid_angles(np.asarray(mesh.triangles) - point)) > 0)[part] & _wide_open(mesh)
+    if not wrong.any():
+        return mesh
+    turned = mesh.copy()
+    _turn_round(turned, wrong)
+    note = f"open parts of {np.count_nonzero(wrong):,} faces had their back to the object and were turned round"
+    turned.metadata["notes"] = [*mesh.metadata.get("notes", ()), note]
+    return turned
+
+
+def solid_angles(corners: Float[np.ndarray, "n 3 3"]) -> Float[np.ndarray, " n"]:
+    """Return the solid angle [sr] of triangles seen from the origin, positive from behind (Van Oosterom, Strackee, 1983)."""
+    a, b, c = corners[:, 0], corners[:, 1], corners[:, 2]
+    na, nb, nc = (np.linalg.norm(v, axis=1) for v in (a, b, c))
+    ab, bc, ca = (np.einsum("ij,ij->i", u, v) for u, v in ((a, b), (b, c), (c, a)))
+    return np.asarray(2 * np.arctan2(_volumes(corners), na * nb * nc + ab * nc + bc * na + ca * nb))
+
+
+def _wide_open(mesh: trimesh.Trimesh) -> Bool[np.ndarray, " face"]:
+    """Return the faces of parts that enclose little: the sum of their normals is long."""
+    part, cross = parts(np.asarray(mesh.faces)), np.asarray(mesh.triangles_cross)
+    net = np.stack([np.bincount(part, column) for column in cross.T], axis=1)
+    area = np.bincount(part, np.linalg.norm(cross, axis=1))
+    return np.asarray((np.linalg.norm(net, axis=1) > WIDE_OPEN * area)[part])
 
 
 def _inverted_parts(mesh: trimesh.Trimesh, *, also_open: bool) -> Bool[np.ndarray, " face"]:
     """Return the faces of parts with a negative volume; open parts only where `also_open`."""
     part = parts(np.asarray(mesh.faces))
     count = int(part.max()) + 1
-    inverted = np.zeros(count, dtype=bool)
-    if count == 1:
-        return inverted[part]
+    if count == 1 and not also_open:
+        return np.zeros(len(part), dtype=bool)
+    triangles = np.asarray(mesh.triangles)
     edges = np.bincount(part[mesh.face_adjacency[:, 0]], minlength=count)
     closed = 2 * edges == 3 * np.bincount(part)
     order = np.argsort(part, kind="stable")
-    groups = np.split(np.asarray(mesh.triangles)[order], np.cumsum(np.bincount(part))[:-1])
-    low = np.array([group.min(axis=(0, 1)) for group in groups])
-    high = np.array([group.max(axis=(0, 1)) for group in groups])
-    for index, triangles in enumerate(groups):
-        volume = _volume(triangles - (low[index] + high[index]) / 2)
-        if (closed[index] or also_open) and volume < -FLAT * float((high[index] - low[index]).max()) ** 3:
-            around = (low <= low[index]).all(axis=1) & (high >= high[index]).all(axis=1)
-            inverted[index] = np.count_nonzero(around) == 1
-    return inverted[part]
+    begins = np.cumsum(np.bincount(part)) - np.bincount(part)
+    low = np.minimum.reduceat(triangles.min(axis=1)[order], begins)
+    high = np.maximum.reduceat(triangles.max(axis=1)[order], begins)
+    volume = np.bincount(part, _volumes(triangles - ((low + high) / 2)[part][:, None]), minlength=count)
+    inverted = (closed | also_open) & (volume < -FLAT * (high - low).max(axis=1) ** 3)
+    for index in np.flatnonzero(inverted & closed):
+        around = (low <= low[index]).all(axis=1) & (high >= high[index]).all(axis=1)
+        inverted[index] = np.count_nonzero(around) == 1
+    return np.asarray(inverted[part])
+
+
+def _volumes(triangles: np.ndarray) -> np.ndarray:
+    """Return six times the signed volume between each of the triangles (n, 3, 3) and the origin."""
+    return np.einsum("ij,ij->i", triangles[:, 0], np.cross(triangles[:, 1], triangles[:, 2]))
 
 
 def _volume(triangles: np.ndarray) -> float:
     """Return six times the signed volume between triangles (n, 3, 3) and the origin."""
-    return float(np.einsum("ij,ij->", triangles[:, 0], np.cross(triangles[:, 1], triangles[:, 2])))
+    return float(_volumes(triangles).sum())
 
 
 def without_small_holes(mesh: trimesh.Trimesh) -> trimesh.Trimesh:

@@ -15,7 +15,7 @@ from scipy.spatial import ConvexHull, QhullError
 
 from dexnudge.errors import MeshError, check_path, quote
 from dexnudge.geometry.mesh_files import read_triangles
-from dexnudge.geometry.mesh_guards import MAX_FACES, too_many_faces
+from dexnudge.geometry.mesh_guards import MAX_FACES, MAX_SURROUNDINGS_FACES, too_many_faces
 from dexnudge.geometry.mesh_repair import drop_doubled_faces, drop_specks, parts, wind_outward
 
 UNITS = {"m": 1.0, "cm": 0.01, "mm": 0.001, "in": 0.0254}  # metres per unit
@@ -70,12 +70,12 @@ def load_environment(path: str | Path, *, units: str = "m") -> trimesh.Trimesh:
     around a point, so a closed box is the safer description.
 
     Raises:
-        MeshError: as `load_mesh`; or a longest side above 50 m.
+        MeshError: as `load_mesh`, but for more than 2 million triangles; or a longest side above 50 m.
     """
     check_path("environment", path, MeshError)
     path = Path(path)
     factor = _unit_factor(units)
-    mesh = _checked(read_triangles(path), path.name, surroundings=True)
+    mesh = _checked(read_triangles(path, max_faces=MAX_SURROUNDINGS_FACES), path.name, surroundings=True)
     _scale_to_metres(mesh, factor)
     longest = float(mesh.extents.max())
     if longest > LONGEST_ENVIRONMENT:
@@ -175,8 +175,9 @@ def _checked(mesh: trimesh.Trimesh, name: str, *, surroundings: bool = False) ->
             f"{name}: the mesh has {len(mesh.vertices)} vertices and no faces; expected triangles; "
             "a point cloud must be meshed first"
         )
-    if len(mesh.faces) > MAX_FACES:
-        raise too_many_faces(name, len(mesh.faces))
+    limit = MAX_SURROUNDINGS_FACES if surroundings else MAX_FACES
+    if len(mesh.faces) > limit:
+        raise too_many_faces(name, len(mesh.faces), limit)
     vertices, faces = np.asarray(mesh.vertices), np.asarray(mesh.faces)
     if faces.min() < 0 or faces.max() >= len(vertices):
         raise MeshError(

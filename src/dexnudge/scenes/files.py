@@ -19,6 +19,7 @@ from dexnudge.scenes.poses import unit_motion
 SCENE_FILE, OBJECT_FILE, ENVIRONMENT_FILE = "scene.json", "object.obj", "environment.obj"
 SCENE_FILES = (SCENE_FILE, OBJECT_FILE, ENVIRONMENT_FILE)
 MESH_DIGITS = 9  # decimals of a coordinate in metres: a nanometre
+LINES_AT_ONCE = 100_000  # of a mesh, formatted at once
 NUMBERS = ("motion_length", "mass", "friction_hand", "friction_environment", "max_normal_force")
 MARGINS = ("surface_noise", "clearance")  # [m] 0 in files of version 0.7, which lack them
 LARGEST_NUMBER = 1e6  # of any physical number of a scene, in its SI unit; more overflows in products
@@ -92,10 +93,12 @@ def _mesh_file(folder: Path, value: Any, key: str) -> Path:
 
 def _write_obj(mesh: trimesh.Trimesh, path: Path, title: str) -> None:
     """Vertices and faces only, in order, so that a reader gets the same triangles."""
-    lines = [f"# {title}\n"]
-    lines += [f"v {x:.{MESH_DIGITS}f} {y:.{MESH_DIGITS}f} {z:.{MESH_DIGITS}f}\n" for x, y, z in mesh.vertices.tolist()]
-    lines += [f"f {a} {b} {c}\n" for a, b, c in (np.asarray(mesh.faces) + 1).tolist()]
-    path.write_text("".join(lines), encoding="ascii")
+    number = f"%.{MESH_DIGITS}f"
+    with path.open("w", encoding="ascii") as file:
+        file.write(f"# {title}\n")
+        for line, rows in ((f"v {number} {number} {number}\n", mesh.vertices), ("f %d %d %d\n", mesh.faces + 1)):
+            for part in np.array_split(np.asarray(rows), len(rows) // LINES_AT_ONCE + 1):
+                file.write(line * len(part) % tuple(part.ravel().tolist()))
 
 
 def _plain(value: Any) -> Any:

@@ -3,7 +3,7 @@
 from __future__ import annotations
 
 from collections.abc import Iterable, Sequence
-from dataclasses import dataclass, field
+from dataclasses import dataclass, field, replace
 from functools import cached_property
 from numbers import Real
 from pathlib import Path
@@ -14,6 +14,8 @@ import trimesh
 from jaxtyping import Float
 
 from dexnudge.errors import SceneError, check_path, quote
+from dexnudge.geometry.far_surroundings import coarsened_far
+from dexnudge.geometry.mesh_repair import turned_toward
 from dexnudge.geometry.meshes import load_environment
 from dexnudge.geometry.rigid import rigid_transform
 from dexnudge.objects.sets import object_mesh
@@ -87,6 +89,12 @@ class Scene:
         mesh.apply_transform(self.T_world_object)
         return mesh
 
+    def way_bounds(self) -> Float[np.ndarray, "2 3"]:
+        """Return the corners of the world's box that holds the object all along its motion [m]."""
+        here = np.asarray(self.object_in_world().bounds)
+        there = here + self.motion_length * self.motion
+        return np.stack([np.minimum(here, there)[0], np.maximum(here, there)[1]])
+
     @classmethod
     def from_files(
         cls,
@@ -126,6 +134,9 @@ class Scene:
             environment = load_environment(environment, units=units)
         pose = load_pose(object_pose) if isinstance(object_pose, str | Path) else rigid_transform(object_pose)
         scene = cls(mesh, environment, pose, unit_motion(motion), **physics)
+        environment = coarsened_far(environment, *scene.way_bounds())
+        environment = turned_toward(environment, scene.object_in_world().bounds.mean(axis=0))
+        scene = replace(scene, environment_mesh=environment)
         if validate:
             scene.validate()
         return scene

@@ -7,6 +7,7 @@ import trimesh
 from jaxtyping import Bool, Float, Int
 
 from dexnudge.geometry.exact_distance import ExactDistance
+from dexnudge.geometry.surface_lattice import distinct_rows
 from dexnudge.hands.hand import LinkPoints
 
 CLUSTER_SIZES = (256, 16)
@@ -94,8 +95,9 @@ def hole_diameter(mesh: trimesh.Trimesh) -> float:
         return 0.0
     if not mesh.is_winding_consistent:
         return np.inf
-    edges, count = np.unique(mesh.edges_sorted, axis=0, return_counts=True)
-    open_edges = edges[count % 2 == 1]
+    edges = np.asarray(mesh.edges_sorted)
+    first, edge = distinct_rows(edges)
+    open_edges = edges[first][np.bincount(edge) % 2 == 1]
     groups = trimesh.graph.connected_components(open_edges)
     return max((float(np.linalg.norm(np.ptp(mesh.vertices[group], axis=0))) for group in groups), default=0.0)
 
