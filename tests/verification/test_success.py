@@ -1,5 +1,6 @@
 import ast
 from collections.abc import Callable
+from dataclasses import replace
 from pathlib import Path
 
 import numpy as np
@@ -141,6 +142,24 @@ def test_a_wall_in_the_way_blocks_the_motion(boxy_hand: Hand, block_scene: Scene
     found = one(verify(walled, boxy_hand, press(0.001)[None]))
     assert found["reason"] == "motion_not_blocked"
     assert found["force_margin"] == 0.0
+
+
+def test_an_obstacle_farther_on_blocks_the_motion_and_is_named(
+    boxy_hand: Hand, block_scene: Scene, press: Press
+) -> None:
+    thing = trimesh.creation.box(bounds=[[0.121, -0.1, 0.0], [0.2, 0.1, 0.006]])
+    scene = replace(block_scene, environment_mesh=trimesh.util.concatenate([block_scene.environment_mesh, thing]))
+    verdicts = verify(scene, boxy_hand, press(0.001)[None])
+    assert verdicts.reasons == ["motion_not_blocked"]
+    assert verdicts.values["motion_not_blocked"][0] == pytest.approx(0.041, abs=1e-6)
+    sentence = verdicts.sentences["motion_not_blocked"]
+    assert sentence.startswith("the object is blocked after 41 mm by something 6 mm high at (0.121, ")
+    assert sentence.endswith(
+        ", and no hand can help it; choose another `motion` or a shorter `motion_length`, or mend the `object_pose`"
+    )
+    as_far_as_it_goes = verify(replace(scene, motion_length=0.041), boxy_hand, press(0.001)[None])
+    assert as_far_as_it_goes.success.all()
+    assert as_far_as_it_goes.values["motion_not_blocked"][0] == pytest.approx(0.041, abs=1e-6)
 
 
 def test_a_follower_may_not_pass_its_leader(boxy_hand: Hand, block_scene: Scene, press: Press) -> None:

@@ -10,8 +10,8 @@ from scipy.optimize import OptimizeResult, linprog
 
 from dexnudge.mechanics.contacts import HandContacts
 from dexnudge.mechanics.friction_cone import EDGE_COUNT, friction_cone_edges, wrenches
-from dexnudge.mechanics.sliding_task import MOTION_TOLERANCE, SlidingTask
-from dexnudge.scenes.support_contacts import SupportContacts
+from dexnudge.mechanics.sliding_task import SlidingTask
+from dexnudge.scenes.support_contacts import MOTION_TOLERANCE, SupportContacts
 
 MAX_FACTOR = 3.0
 """Largest factor on friction_environment that is tried [-]."""

@@ -6,14 +6,15 @@
 import math
 
 from dexnudge.geometry.warp_runtime import wp
-from dexnudge.mechanics import balance, friction_cone, sliding_task
+from dexnudge.mechanics import balance, friction_cone
 from dexnudge.mechanics.simplex_kernel import FAILED, FEASIBLE, ONE, ZERO, Program, cold_start, solve, vec6
+from dexnudge.scenes import support_contacts
 
 wp.set_module_options({"enable_backward": False, "max_unroll": 1})
 
 FAILED_MARGIN = -1.0
 """Margin written where the simplex method gave up."""
-MOTION_TOLERANCE = wp.constant(wp.float64(sliding_task.MOTION_TOLERANCE))
+MOTION_TOLERANCE = wp.constant(wp.float64(support_contacts.MOTION_TOLERANCE))
 ALIGNMENT_LIMIT = wp.constant(wp.float64(friction_cone.ALIGNMENT_LIMIT))
 EDGE_COUNT = wp.constant(friction_cone.EDGE_COUNT)
 EDGE_ANGLE = wp.constant(wp.float64(2.0 * math.pi / friction_cone.EDGE_COUNT))

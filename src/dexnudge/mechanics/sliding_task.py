@@ -13,8 +13,6 @@ from dexnudge.scenes.scene import Scene
 
 GRAVITY = 9.81
 """Acceleration of gravity along world -z [m/s^2]."""
-MOTION_TOLERANCE = 1e-3
-"""|n . u| up to which a support contact counts as sliding, above as separating or blocking [-]."""
 
 
 @dataclass(frozen=True, kw_only=True)

@@ -9,18 +9,14 @@ from scipy.spatial.transform import Rotation
 
 from dexnudge.geometry.exact_distance import Rays
 from dexnudge.geometry.meshes import centre_of_mass
-from dexnudge.geometry.surface_lattice import Boxes, distinct_rows, lattice_in_boxes, surface_lattice
+from dexnudge.geometry.surface_lattice import distinct_rows, surface_lattice
 from dexnudge.jobs.cached import cached_per_instance
 from dexnudge.scenes.scene import Scene
-from dexnudge.scenes.support_contacts import SUPPORT_DISTANCE, support_contacts
+from dexnudge.scenes.support_contacts import SUPPORT_DISTANCE, carrying_normal, support_contacts
+from dexnudge.scenes.sweep import INSET, sweep_of
 
-SPACING = 0.003  # [m] between the points that look for obstacles
 SIDE_SPACING = 0.005  # [m] between the points of the upper and lower side
-LEADING = -0.1  # cosine with the motion from which a surface can run into something
-LIFT = 0.0015  # [m] by which the object is raised off its support to find obstacles; a lower step is none
-INSET = 0.0003  # [m] by which its points are drawn inward: a wall that it touches and slides along is no obstacle
 FACING = 0.5  # cosine with the support's normal from which a surface counts as upper or lower side
-UPWARD = 0.5  # z of a normal from which a surface can be a support
 MOST_TILT = 0.15  # [rad] by which an object may rock, about 9 degrees: a hand can follow, and nothing slides off
 PIVOT = 0.002  # [m] beyond the edge about which an object turns: nearer points come down too little to count
 SEEN = 1.0  # [m] clearances above and below are measured up to here
@@ -50,53 +46,37 @@ class LyingObject:
     def __init__(self, scene: Scene) -> None:
         self.mesh = scene.object_in_world()
         self._environment = Rays(scene.environment_mesh)
-        self._object = Rays(self.mesh)
-        self._environment_triangles = np.asarray(scene.environment_mesh.triangles, dtype=np.float64)
-        normals = support_contacts(scene).normals
-        normals = normals[normals[:, 2] > UPWARD]
-        self.normal = normals.mean(axis=0) / np.linalg.norm(normals.mean(axis=0)) if len(normals) else np.zeros(3)
-        self.points, self._normals = self._surface(SPACING)
-        sides, normals = self._surface(SIDE_SPACING)
+        self._sweep = sweep_of(scene)
+        supports = support_contacts(scene)
+        self._touching, self.normal = supports.normals, carrying_normal(supports)
+        self.points, self._lift = self._sweep.points, self._sweep.lift
+        sides, normals = self._sides()
         self.lower, self.upper = sides[normals @ self.normal < -FACING], sides[normals @ self.normal > FACING]
         self.centre = scene.T_world_object[:3, :3] @ centre_of_mass(scene.object_mesh) + scene.T_world_object[:3, 3]
 
-    def _surface(self, spacing: float) -> tuple[Float[np.ndarray, "n 3"], Float[np.ndarray, "n 3"]]:
+    def _sides(self) -> tuple[Float[np.ndarray, "n 3"], Float[np.ndarray, "n 3"]]:
         """Return points of the surface, drawn inward a little, and the outward normals there; each place once."""
-        points, face = surface_lattice(np.asarray(self.mesh.triangles, dtype=np.float64), spacing=spacing)
+        points, face = surface_lattice(np.asarray(self.mesh.triangles, dtype=np.float64), spacing=SIDE_SPACING)
         normals = np.asarray(self.mesh.face_normals)[face]
         keys = np.round(np.concatenate([points * 1e6, normals * 10], axis=1))
         first = np.sort(distinct_rows(keys)[0])
         return points[first] - INSET * normals[first], normals[first]
 
-    def free_travel(self, shift: Float[np.ndarray, "3"], direction: Float[np.ndarray, "3"], *, reach: float) -> float:
-        """Return how far the shifted object can translate along the unit `direction` before it meets the surroundings [m].
-
-        Rays from the object's points forward, and from the surroundings' points in the swept volume backward, so that
-        neither a thin post nor a small corner slips between the rays of the other.
-        """
-        lift = LIFT * self.normal
-        leading = self.points[self._normals @ direction > LEADING] + shift + lift
-        forward = float(self._environment(leading, direction, reach=reach).min())
-        low, high = self.points.min(axis=0) + shift + lift, self.points.max(axis=0) + shift + lift
-        way = min(forward, reach) * direction
-        low, high = np.minimum(low, low + way), np.maximum(high, high + way)
-        box = Boxes((low + high)[None] / 2, np.eye(3)[None], (high - low)[None] / 2)
-        obstacles = lattice_in_boxes(self._environment_triangles, box, spacing=SPACING)[0]
-        if len(obstacles) == 0:
-            return forward
-        back = self._object(obstacles - shift - lift, -direction, reach=reach)
-        return min(forward, float(back.min()))
+    def free_travel(self, direction: Float[np.ndarray, "3"], *, reach: float) -> float:
+        """Return how far the object can translate along the unit `direction` before it meets the surroundings [m]."""
+        found = self._sweep.first_obstacle(direction, carrying=self.normal, touching=self._touching, reach=reach)
+        return reach if found is None else found.way
 
     def below(self, shift: Float[np.ndarray, "3"]) -> Float[np.ndarray, " n"]:
         """Return the way [m] from each point of the lower side straight down to the surroundings, up to `SEEN`."""
-        lower = self.lower + shift + LIFT * self.normal
-        return self._environment(lower, -self.normal, reach=SEEN + LIFT + INSET) - LIFT - INSET
+        lower = self.lower + shift + self._lift * self.normal
+        return self._environment(lower, -self.normal, reach=SEEN + self._lift + INSET) - self._lift - INSET
 
     def front_is_carried(self, shift: Float[np.ndarray, "3"], direction: Float[np.ndarray, "3"], room: float) -> bool:
         """Return whether the foremost points of the lower side have less than `room` [m] below; quicker than `below`."""
         along = self.lower @ direction
-        front = self.lower[along > along.max() - SIDE_SPACING] + shift + LIFT * self.normal
-        return bool((self._environment(front, -self.normal, reach=SEEN) < room + LIFT + INSET).any())
+        front = self.lower[along > along.max() - SIDE_SPACING] + shift + self._lift * self.normal
+        return bool((self._environment(front, -self.normal, reach=SEEN) < room + self._lift + INSET).any())
 
     def above(self, shift: Float[np.ndarray, "3"]) -> Float[np.ndarray, " n"]:
         """Return the way [m] from each point of the upper side straight up to the surroundings, up to `SEEN`."""

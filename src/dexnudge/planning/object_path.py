@@ -115,7 +115,7 @@ def plan_object_motion(scene: Scene, limits: GraspableLimits = DEFAULT_LIMITS) -
 
 def _distance(lying: LyingObject, direction: np.ndarray, limits: GraspableLimits) -> float | Outcome:
     """Return the least way [m] along a direction to where the object is graspable."""
-    free_way = lying.free_travel(np.zeros(3), direction, reach=LONGEST + STOP_SHORT) - STOP_SHORT
+    free_way = lying.free_travel(direction, reach=LONGEST + STOP_SHORT) - STOP_SHORT
     for index, way in enumerate(np.arange(0.0, free_way, STEP)):
         place = way * direction
         if index % BALANCE_STEPS == 0 and lying.at_rest(place, least=limits.balance).margin < limits.balance:

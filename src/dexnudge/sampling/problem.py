@@ -18,9 +18,9 @@ from dexnudge.geometry.surface_points import object_cloud
 from dexnudge.geometry.transforms import canonical_frame, transform_configurations
 from dexnudge.geometry.warp_runtime import WarpStruct
 from dexnudge.hands.hand import Hand
-from dexnudge.mechanics.sliding_task import MOTION_TOLERANCE, sliding_task
+from dexnudge.mechanics.sliding_task import sliding_task
 from dexnudge.scenes.scene import Scene
-from dexnudge.scenes.support_contacts import support_contacts
+from dexnudge.scenes.support_contacts import MOTION_TOLERANCE, support_contacts
 
 # Cosines of the object's outward normal and the motion: above the first a contact pushes back more than friction pulls on;
 # up to the second a place is worth going to.

@@ -24,7 +24,7 @@ QUARTER_TURN = np.pi / 2
 @cached_per_instance
 def surroundings_distance(environment_mesh: trimesh.Trimesh) -> ExactDistance:
     """Return the exact distance to surroundings; the tree is built once per mesh."""
-    return ExactDistance(environment_mesh)
+    return ExactDistance(environment_mesh.copy(include_cache=True))  # it keeps its mesh, and would keep the key alive
 
 
 def placement_findings(

@@ -13,6 +13,7 @@ from dexnudge.jobs.cached import cached_per_instance
 from dexnudge.scenes.placement import surroundings_distance
 from dexnudge.scenes.scene import Scene
 from dexnudge.scenes.support_hull import reduce_supports
+from dexnudge.scenes.sweep import sweep_of
 
 SUPPORT_DISTANCE = 1e-3
 """An object point this close to the surroundings rests on them [m]: the penetration that a scene may have."""
@@ -23,6 +24,12 @@ SUPPORT_SPACING = 2e-3
 FACING_COSINE = -0.1
 """Largest cosine between the object's and the environment's normals of a support contact [-]: opposite surfaces, not
 the flank of the object seen by the floor."""
+UPWARD = 0.5
+"""z of a normal from which a contact can carry [-]."""
+MOTION_TOLERANCE = 1e-3
+"""|n . u| up to which a support contact counts as sliding, above as separating or blocking [-]."""
+MOST_LEAN = -0.34
+"""n . u down to which a normal of a noisy surface, 20 degrees off, is taken for noise [-]: 1 mm over edges of 3 mm."""
 SAME_PLACE = 1e-7
 """Points of the object closer than about this are looked up once [m]."""
 
@@ -54,12 +61,12 @@ def support_mask(
 
 
 @cached_per_instance
-def support_contacts(scene: Scene) -> SupportContacts:
-    """Return the contacts of a scene's object with its environment, reduced to the extreme ones; found once per scene.
+def touching_contacts(scene: Scene) -> SupportContacts:
+    """Return where a scene's object touches its environment, with the environment's own normals; found once per scene.
 
     Looks at points on every triangle of the object, 2 mm apart, its edges and corners included, with that triangle's
     normal. The position is the closest point of the environment: there both bodies meet, and contacts with one plane
-    are exactly coplanar. See `reduce_supports` for what may be left out.
+    are exactly coplanar.
     """
     mesh = scene.object_in_world()
     environment = surroundings_distance(scene.environment_mesh)
@@ -72,13 +79,48 @@ def support_contacts(scene: Scene) -> SupportContacts:
     hit = environment.to_surface(points[first], reach=SUPPORT_REACH)
     environment_normals = np.asarray(hit.normal, dtype=np.float64)[place]
     kept = support_mask(normals, distance=hit.distance[place], environment_normals=environment_normals)
-    half_length = 0.5 * float(np.max(scene.object_mesh.extents))
-    reduced_points, reduced_normals = reduce_supports(
-        np.asarray(hit.closest, dtype=np.float64)[place][kept],
-        environment_normals[kept],
-        half_length=half_length,
+    return SupportContacts(
+        points=np.asarray(hit.closest, dtype=np.float64)[place][kept], normals=environment_normals[kept]
     )
-    return SupportContacts(points=reduced_points, normals=reduced_normals)
+
+
+@cached_per_instance
+def support_contacts(scene: Scene) -> SupportContacts:
+    """Return the contacts of a scene's object with its environment, reduced to the extreme ones; found once per scene.
+
+    Where surfaces are noisy (`scene.surface_noise`), one triangle that leans against the motion does not oppose it: up to 20
+    degrees its normal is made perpendicular to the motion; one that leans more is left out if the object, lifted by twice
+    the noise, can be carried past it. See `reduce_supports` for what else may be left out.
+    """
+    found = touching_contacts(scene)
+    if scene.surface_noise > 0:
+        found = _without_noise(scene, found)
+    half_length = 0.5 * float(np.max(scene.object_mesh.extents))
+    points, normals = reduce_supports(found.points, found.normals, half_length=half_length)
+    return SupportContacts(points=points, normals=normals)
+
+
+def carrying_normal(contacts: SupportContacts) -> Float[np.ndarray, "3"]:
+    """Return the mean normal of the contacts that can carry the object, unit; zeros where there is none."""
+    normals = contacts.normals[contacts.normals[:, 2] > UPWARD]
+    return normals.mean(axis=0) / np.linalg.norm(normals.mean(axis=0)) if len(normals) else np.zeros(3)
+
+
+def _without_noise(scene: Scene, found: SupportContacts) -> SupportContacts:
+    """Return the contacts as the sweep along the motion has them."""
+    along = found.normals @ scene.motion
+    opposing = along <= MOST_LEAN
+    if opposing.any():
+        reach = SUPPORT_DISTANCE + 2 * scene.surface_noise  # farther off, what opposes the object does not touch it
+        met = sweep_of(scene).first_obstacle(
+            scene.motion, carrying=carrying_normal(found), touching=found.normals, reach=reach
+        )
+        opposing &= met is None
+    leaning = (along < -MOTION_TOLERANCE) & (along > MOST_LEAN)
+    level = found.normals - (leaning * along)[:, None] * scene.motion
+    level /= np.linalg.norm(level, axis=1, keepdims=True)
+    normals = np.where(leaning[:, None], level, found.normals)
+    return SupportContacts(points=found.points[~opposing], normals=normals[~opposing])
 
 
 def _near(triangles: Float[np.ndarray, "face 3 3"], environment: ExactDistance) -> Int[np.ndarray, " near"]:

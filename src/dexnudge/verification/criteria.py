@@ -17,7 +17,6 @@ from torch import Tensor
 from dexnudge.errors import InputError, check_kind
 from dexnudge.hands.batch import HandBatch
 from dexnudge.hands.hand import ROOT_COORDINATES, Hand
-from dexnudge.mechanics.sliding_task import MOTION_TOLERANCE
 from dexnudge.plugins import call_foreign, call_plugin, load_plugin, plugin_title
 from dexnudge.scenes.scene import Scene
 from dexnudge.verification.measurements import Measurements, measure
@@ -85,7 +84,8 @@ class Criterion(Protocol):
 class BuiltinCriterion:
     """A criterion that reads its value off the shared measurements.
 
-    value_without_pose: of a configuration that is not finite or no rotation. tolerance: see `Criterion`.
+    value_without_pose: of a configuration that is not finite or no rotation. tolerance: see `Criterion`. found: what stands
+    at the head of the sentence, from the measurements.
     """
 
     name: str
@@ -93,11 +93,13 @@ class BuiltinCriterion:
     sentence: str
     value_without_pose: float = math.nan
     tolerance: float = BUILTIN_AGREEMENT
+    found: Callable[[Measurements], str] | None = None
 
     def __call__(self, hands: HandBatch, scene: Scene) -> CriterionResult:
         """Judge each hand."""
-        value, passed = self.read(hands, measure(hands, scene))
-        return CriterionResult(value, passed, self.sentence)
+        measurements = measure(hands, scene)
+        value, passed = self.read(hands, measurements)
+        return CriterionResult(value, passed, (self.found(measurements) if self.found else "") + self.sentence)
 
 
 def limits_violation(hand: Hand, q: Float[np.ndarray, "n coordinates"]) -> Float[np.ndarray, " n"]:
@@ -133,9 +135,13 @@ def _contact(_: HandBatch, found: Measurements) -> tuple[Float[np.ndarray, " n"]
 def _motion_not_blocked(
     hands: HandBatch, found: Measurements
 ) -> tuple[Float[np.ndarray, " n"], Bool[np.ndarray, " n"]]:
-    """Least cosine between the motion and the normal of a support, at most 0 [-]: the same for all hands."""
-    least = float((found.supports.normals @ found.task.motion).min(initial=0.0))
-    return np.full(len(hands), least), np.full(len(hands), least >= -MOTION_TOLERANCE)
+    """How much of the motion is free [m]; 0 where it runs into a support: the same for all hands."""
+    return np.full(len(hands), found.free_way.length), np.full(len(hands), found.free_way.whole)
+
+
+def _what_blocks(found: Measurements) -> str:
+    """Return the beginning of a sentence: "the object is blocked after 41 mm by something 6 mm high at (…) m"."""
+    return f"the object is {found.free_way}"
 
 
 def _force_margin(_: HandBatch, found: Measurements) -> tuple[Float[np.ndarray, " n"], Bool[np.ndarray, " n"]]:
@@ -189,8 +195,8 @@ _BUILTIN = (
     BuiltinCriterion(
         "motion_not_blocked",
         _motion_not_blocked,
-        "the surroundings stand in the object's way, and no hand can help it; choose another `motion`, or mend the "
-        "`object_pose`",
+        ", and no hand can help it; choose another `motion` or a shorter `motion_length`, or mend the `object_pose`",
+        found=_what_blocks,
     ),
     BuiltinCriterion(
         "force_margin",
@@ -294,7 +300,8 @@ def judge(criterion: Criterion, hands: HandBatch, scene: Scene) -> tuple[np.ndar
         InputError: it raises, or what it returns does not fit; the message names it.
     """
     if isinstance(criterion, BuiltinCriterion):
-        return *criterion.read(hands, measure(hands, scene)), criterion.sentence
+        own = criterion(hands, scene)
+        return np.asarray(own.value), np.asarray(own.passed), own.sentence
     result = call_foreign(f"criterion '{criterion.name}' failed", criterion, hands, scene)
     if not isinstance(result, CriterionResult):
         raise InputError(

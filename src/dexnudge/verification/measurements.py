@@ -11,6 +11,7 @@ from dexnudge.hands.batch import HandBatch
 from dexnudge.mechanics.contacts import HAND_CONTACT_DISTANCE, HandContacts, hand_contacts
 from dexnudge.mechanics.fast_balance import Margins, force_margins
 from dexnudge.mechanics.sliding_task import SlidingTask, sliding_task
+from dexnudge.scenes.free_way import FreeWay, free_way
 from dexnudge.scenes.scene import Scene
 from dexnudge.scenes.support_contacts import SupportContacts, support_contacts
 from dexnudge.verification.penetration import PenetrationCheck, Penetrations
@@ -60,6 +61,11 @@ class Measurements:
     def supports(self) -> SupportContacts:
         """Contacts of the object with its surroundings."""
         return support_contacts(self._scene)
+
+    @cached_property
+    def free_way(self) -> FreeWay:
+        """The part of the motion that is free."""
+        return free_way(self._scene)
 
     @cached_property
     def task(self) -> SlidingTask:
