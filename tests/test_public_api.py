@@ -72,7 +72,7 @@ def test_a_scene_in_surroundings_of_ones_own(tmp_path):
     assert repr(scene).startswith(
         "Scene 'user': object 150 x 70 x 10 mm, 200 g, to slide 120 mm along (1.00, 0.00, 0.00)"
     )
-    pose[2, 3] = 0.0
+    pose[2, 3] = -0.004
     with pytest.raises(dn.SceneError, match="already penetrates the object"):
         dn.Scene.from_files(
             tmp_path / "phone.stl", environment=tmp_path / "kitchen.ply", object_pose=pose, motion=[1, 0, 0], units="mm"

@@ -177,7 +177,7 @@ def own_scene(tmp_path):
 
 
 def test_an_environment_that_penetrates_the_object(refused, own_scene):
-    refused(*own_scene(height=0.001), message=r"already penetrates the object by \d+\.\d mm")
+    refused(*own_scene(height=-0.004), message=r"already penetrates the object by \d+\.\d mm")
 
 
 def test_a_zero_motion(refused, own_scene):

@@ -34,7 +34,7 @@ def resting_pose(mesh: trimesh.Trimesh) -> Float[np.ndarray, "4 4"]:
     """
     rotation = _face_down(_most_stable_direction(mesh))
     placed = np.asarray(mesh.convex_hull.vertices) @ rotation.T
-    rotation = _long_side_along_x(placed[:, :2]) @ rotation
+    rotation = long_side_along_x(placed[:, :2]) @ rotation
     # All vertices, not the hull's: the lowest one decides to the last digit.
     placed = np.asarray(mesh.vertices) @ rotation.T
     low, high = placed.min(axis=0), placed.max(axis=0)
@@ -84,7 +84,7 @@ def _face_down(normal: Float[np.ndarray, "3"]) -> Float[np.ndarray, "3 3"]:
     return np.eye(3) + skew + skew @ skew / (1 + cosine)
 
 
-def _long_side_along_x(footprint: Float[np.ndarray, "n 2"]) -> Float[np.ndarray, "3 3"]:
+def long_side_along_x(footprint: Float[np.ndarray, "n 2"]) -> Float[np.ndarray, "3 3"]:
     """Rotation about z that lays the long side of the smallest rectangle around the footprint along x.
 
     One side of that rectangle lies along an edge of the footprint's hull, so all edges are tried. Of the two ways

@@ -21,9 +21,11 @@ from dexnudge.geometry.rigid import rigid_transform
 from dexnudge.objects.sets import object_mesh
 from dexnudge.scenes.files import LARGEST_NUMBER, MARGINS, NUMBERS, read_scene, write_scene
 from dexnudge.scenes.finding import Finding
+from dexnudge.scenes.own_surroundings import understood
 from dexnudge.scenes.placement import placement_findings
 from dexnudge.scenes.poses import load_pose, unit_motion
 from dexnudge.scenes.sizes import size_findings
+from dexnudge.scenes.supports import TOUCHING, Support, all_supports
 
 FRICTION_HAND = 0.8  # rubber fingertip on plastic
 FRICTION_ENVIRONMENT = 0.4  # plastic on painted wood
@@ -105,10 +107,16 @@ class Scene:
         motion: Sequence[float] | Sequence[int] | Float[np.ndarray, "3"],
         units: str = "m",
         length: float | None = None,
+        settle: str = "auto",
+        surface_noise: float | None = None,
+        clearance: float = 0.0,
         validate: bool = True,
         **physics: Any,
     ) -> Scene:
-        """Return the scene of an object in your own surroundings, checked.
+        """Return the scene of an object in your own surroundings, understood and checked.
+
+        What carries or holds the object is found and counts as flat, the object comes to rest on it, and the motion is
+        turned into its plane; `notes` and `parameters` say what was done. A clean world stays as it is.
 
         Args:
             object: mesh file in `units`, name of a built-in object, or a mesh in metres; object frame.
@@ -118,6 +126,9 @@ class Scene:
             motion: direction (3,) in the world that the object should slide in; normalised.
             units: unit of the numbers in the mesh files: m, cm, mm or in.
             length: scale the object so that its longest side has this length [m].
+            settle: "auto" moves the object by up to 5 mm and 3 deg to rest on its supports; "off" keeps its pose.
+            surface_noise: by which the surfaces scatter, root mean square [m]; measured at the supports if left out.
+            clearance: that hands keep from the surroundings at least [m]; the noise where that is more.
             validate: refuse a misplaced object; False leaves it to `findings` to say what is wrong.
             physics: motion_length [m], mass [kg], friction_hand, friction_environment, max_normal_force [N]; defaults
                 as above.
@@ -133,10 +144,20 @@ class Scene:
         if not isinstance(environment, trimesh.Trimesh):
             environment = load_environment(environment, units=units)
         pose = load_pose(object_pose) if isinstance(object_pose, str | Path) else rigid_transform(object_pose)
-        scene = cls(mesh, environment, pose, unit_motion(motion), **physics)
-        environment = coarsened_far(environment, *scene.way_bounds())
-        environment = turned_toward(environment, scene.object_in_world().bounds.mean(axis=0))
-        scene = replace(scene, environment_mesh=environment)
+        direction = unit_motion(motion)
+        environment = coarsened_far(environment, *cls(mesh, environment, pose, direction, **physics).way_bounds())
+        body = mesh.bounding_box.centroid
+        environment = turned_toward(environment, pose[:3, :3] @ body + pose[:3, 3])
+        fields = understood(
+            mesh,
+            environment,
+            pose,
+            direction,
+            settle_object=settle,
+            surface_noise=surface_noise,
+            clearance=clearance,
+        )
+        scene = cls(**fields, **physics)
         if validate:
             scene.validate()
         return scene
@@ -163,6 +184,12 @@ class Scene:
         """
         check_path("folder", folder, SceneError)
         return cls(**read_scene(Path(folder)))
+
+    @cached_property
+    def supports(self) -> tuple[Support, ...]:
+        """Flat surfaces that the object touches, those below it first."""
+        found = all_supports(self.object_in_world(), self.environment_mesh, below=TOUCHING)
+        return tuple(replace(support, noise=max(support.noise, self.surface_noise)) for support in found)
 
     @property
     def notes(self) -> list[str]:
@@ -205,7 +232,9 @@ class Scene:
         """The errors without whose mending nothing else can be said: of size, or of place (`placement_findings`)."""
         sizes = size_findings(self.object_mesh, self.environment_mesh, self.mass)
         wrong = tuple(finding for finding in sizes if finding.level == "error")
-        return wrong or placement_findings(self.object_mesh, self.environment_mesh, self.T_world_object)
+        return wrong or placement_findings(
+            self.object_mesh, self.environment_mesh, self.T_world_object, noise=self.surface_noise
+        )
 
 
 def load_scene(folder: str | Path) -> Scene:

@@ -1,0 +1,118 @@
+"""What a user has, a mesh of the world as it was measured and a pose that is a little off, made into a scene."""
+
+from __future__ import annotations
+
+from collections.abc import Sequence
+from typing import Any
+
+import numpy as np
+import trimesh
+from jaxtyping import Float
+
+from dexnudge.errors import SceneError, quote
+from dexnudge.scenes.settling import MOST_SHIFT, MOST_TURN, Settled, along_support, settle
+from dexnudge.scenes.snapping import snapped
+from dexnudge.scenes.supports import EXACT, Support, all_supports
+
+SETTLE = ("auto", "off")
+LARGEST_CLEARANCE = 0.05  # [m] more leaves no room for a hand beside an object
+LARGEST_NOISE = 0.005  # [m] above it a surface tells nothing about where a hand may go
+AROUND = 0.003  # [m] above and beside the object within which a measured surface may be one that it touches
+
+
+def understood(
+    mesh: trimesh.Trimesh,
+    environment: trimesh.Trimesh,
+    T_world_object: Float[np.ndarray, "4 4"],
+    motion: Float[np.ndarray, "3"],
+    *,
+    settle_object: str,
+    surface_noise: float | None,
+    clearance: float,
+) -> dict[str, Any]:
+    """Return the fields of a `Scene`: supports made flat, the object settled on them, the motion in their plane.
+
+    Args:
+        mesh: object [m, object frame].
+        environment: surroundings as measured [m, world].
+        T_world_object: as given.
+        motion: as given, unit, world.
+        settle_object: "off" keeps the pose.
+        surface_noise: root mean square [m]; measured at the supports where it is None.
+        clearance: that hands shall keep from the surroundings at least [m]; the noise where that is more.
+
+    Clean surroundings, and an object that rests on them, come out as they went in.
+
+    Raises:
+        SceneError: a noise or a clearance that is none, or another word for `settle`.
+    """
+    if settle_object not in SETTLE:
+        raise SceneError(f"`settle` is {quote(settle_object)}; expected 'auto' or 'off'")
+    lengths = {"surface_noise": (surface_noise or 0.0, LARGEST_NOISE), "clearance": (clearance, LARGEST_CLEARANCE)}
+    for name, (value, largest) in lengths.items():
+        if not 0 <= value <= largest:
+            raise SceneError(f"`{name}` is {value:g} m; expected 0 to {largest:g} m")
+    body = mesh.copy()
+    body.apply_transform(T_world_object)
+    below = MOST_SHIFT + float(np.sin(MOST_TURN)) * 0.5 * float(np.linalg.norm(mesh.extents))
+    supports = all_supports(body, environment, below=below, around=AROUND, noise=surface_noise)
+    flat = snapped(environment, supports, around=body.bounds.mean(axis=0))
+    settled = Settled(T_world_object, 0.0, 0.0, rests=True)
+    if settle_object == "auto":
+        settled = settle(mesh, flat, T_world_object)
+    carrying = [support for support in supports if support.side == "below"]
+    along = along_support(motion, carrying[0]) if carrying else motion
+    measured = max((support.noise for support in supports), default=0.0)
+    noise = surface_noise if surface_noise is not None else measured if measured > EXACT else 0.0
+    notes = _notes(supports, environment, flat, settled, motion, along)
+    if notes:
+        flat = flat if flat is not environment else environment.copy()
+        flat.metadata["notes"] = [*environment.metadata.get("notes", ()), *notes]
+    parameters: dict[str, Any] = {}
+    if settled.shift or settled.turn:
+        parameters |= {
+            "T_world_object_given": T_world_object,
+            "settled_mm": round(1e3 * settled.shift, 3),
+            "settled_deg": round(float(np.degrees(settled.turn)), 3),
+        }
+    if along is not motion:
+        parameters["motion_given"] = motion
+    return {
+        "object_mesh": mesh,
+        "environment_mesh": flat,
+        "T_world_object": settled.T_world_object,
+        "motion": along,
+        "surface_noise": noise,
+        "clearance": max(noise, clearance),
+        "parameters": parameters,
+    }
+
+
+def _notes(
+    supports: Sequence[Support],
+    measured: trimesh.Trimesh,
+    flat: trimesh.Trimesh,
+    settled: Settled,
+    motion: Float[np.ndarray, "3"],
+    along: Float[np.ndarray, "3"],
+) -> list[str]:
+    """Return what was done, a sentence each."""
+    notes = []
+    if flat is not measured:
+        notes += [
+            f"the surface {support.side} the object scatters by {1e3 * support.noise:.2f} mm about a plane that leans by "
+            f"{support.tilt:.2f} deg; it counts as that plane"
+            for support in supports
+        ]
+    if settled.shift or settled.turn:
+        way = "raised" if settled.shift > 0 else "lowered"
+        notes.append(
+            f"the object was {way} by {1e3 * abs(settled.shift):.1f} mm and tilted by {np.degrees(settled.turn):.2f} deg to "
+            "rest on its supports (`settle` off keeps its pose)"
+        )
+    if not settled.rests:
+        notes.append("the object does not come to rest within 5 mm and 3 deg of its pose: it may tip")
+    if along is not motion:
+        angle = np.degrees(np.arccos(np.clip(motion @ along, -1.0, 1.0)))
+        notes.append(f"the motion was turned by {angle:.2f} deg into the plane of the support")
+    return notes

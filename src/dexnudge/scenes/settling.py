@@ -1,0 +1,124 @@
+"""An object brought to rest on its supports, and a motion brought into the plane that it slides on."""
+
+from __future__ import annotations
+
+from dataclasses import dataclass
+
+import numpy as np
+import trimesh
+from jaxtyping import Float
+from scipy.optimize import linprog
+from scipy.spatial.transform import Rotation
+
+from dexnudge.geometry.exact_distance import Rays
+from dexnudge.geometry.meshes import centre_of_mass
+from dexnudge.scenes.supports import Support, faces_near, facing_points
+
+MOST_SHIFT = 0.005  # [m] that an object is raised or lowered; more is another pose
+MOST_TURN = np.radians(3.0)  # that it is tilted
+MOST_SLOPE = np.radians(15.0)  # between a motion and its support; a steeper one is meant to leave it, or to run into it
+IN_PLACE = 2e-5  # [m] an object that would move less rests already
+ALONG = 1e-6  # sine of an angle between motion and support that is rounding
+ALMOST = 0.999  # of the most that it is tilted: it would tilt on
+ROUNDS = 4  # of the linearised fall
+DOWN = np.array([0.0, 0.0, -1.0])
+
+
+@dataclass(frozen=True)
+class Settled:
+    """A resting object.
+
+    Attributes:
+        T_world_object: where it rests. shift: by which its centre of mass rose [m], negative where it fell. turn [rad].
+        rests: whether it came to rest within 5 mm and 3 deg; otherwise it was raised or lowered at most.
+    """
+
+    T_world_object: Float[np.ndarray, "4 4"]
+    shift: float
+    turn: float
+    rests: bool
+
+
+def settle(mesh: trimesh.Trimesh, surroundings: trimesh.Trimesh, T_world_object: Float[np.ndarray, "4 4"]) -> Settled:
+    """Return the object [m, object frame] at rest on surroundings [m, world]: lowered or raised, and tilted.
+
+    It comes to rest where its centre of mass is lowest while none of its points is below what lies under it: for small
+    turns a linear program in one shift and two turns, solved again about each new pose. It does not move sideways, nor
+    turn about the vertical. One that rests already keeps its pose to the last bit.
+    """
+    given = np.asarray(T_world_object, dtype=np.float64)
+    pose = given.copy()
+    reach = MOST_SHIFT + float(np.sin(MOST_TURN)) * 0.5 * float(np.linalg.norm(mesh.extents))
+    body = mesh.copy()
+    body.apply_transform(given)
+    near = faces_near(surroundings, body.bounds + np.array([[-2 * reach], [2 * reach]]))
+    if len(near) == 0:
+        return Settled(given, 0.0, 0.0, rests=False)
+    rays = Rays(trimesh.Trimesh(surroundings.vertices, surroundings.faces[near], process=False))
+    normals = np.asarray(surroundings.face_normals)[near]
+    T_object_world = np.linalg.inv(given)
+    points = facing_points(body, DOWN) @ T_object_world[:3, :3].T + T_object_world[:3, 3]  # object frame
+    centre = centre_of_mass(mesh)
+    for _ in range(ROUNDS):
+        world = points @ pose[:3, :3].T + pose[:3, 3]
+        gap = _gap(world, rays, normals, reach=2 * reach)
+        carried = np.isfinite(gap)
+        middle = pose[:3, :3] @ centre + pose[:3, 3]
+        arm = world[carried] - middle
+        if not carried.any():
+            return Settled(given, 0.0, 0.0, rests=False)
+        step = linprog(
+            [1.0, 0.0, 0.0],
+            A_ub=-np.stack([np.ones(len(arm)), arm[:, 1], -arm[:, 0]], axis=1),
+            b_ub=gap[carried],
+            bounds=[(-2 * reach, 2 * reach), (-MOST_TURN, MOST_TURN), (-MOST_TURN, MOST_TURN)],
+            method="highs",
+        )
+        if not step.success:
+            return Settled(given, 0.0, 0.0, rests=False)
+        rise, about_x, about_y = step.x
+        move = np.eye(4)
+        move[:3, :3] = Rotation.from_rotvec([about_x, about_y, 0.0]).as_matrix()
+        move[:3, 3] = middle - move[:3, :3] @ middle + np.array([0.0, 0.0, rise])
+        pose = move @ pose
+        if max(abs(rise), np.abs([about_x, about_y]).max() * np.linalg.norm(arm, axis=1).max()) < 1e-7:
+            break
+    shift = float((pose[:3, :3] @ centre + pose[:3, 3] - given[:3, :3] @ centre - given[:3, 3])[2])
+    turn = float(Rotation.from_matrix(pose[:3, :3] @ given[:3, :3].T).magnitude())
+    moved = points @ (pose - given)[:3, :3].T + (pose - given)[:3, 3]
+    if np.linalg.norm(moved, axis=1).max() < IN_PLACE:
+        return Settled(given, 0.0, 0.0, rests=True)
+    if abs(shift) > MOST_SHIFT or turn > ALMOST * MOST_TURN:
+        return _touching(given, _gap(points @ given[:3, :3].T + given[:3, 3], rays, normals, reach=2 * reach))
+    return Settled(pose, shift, turn, rests=True)
+
+
+def _touching(given: Float[np.ndarray, "4 4"], gap: Float[np.ndarray, " n"]) -> Settled:
+    """Return an object that would tip over, raised or lowered until it touches what is below it."""
+    shift = -float(gap.min())
+    pose = given.copy()
+    if IN_PLACE < abs(shift) <= MOST_SHIFT:
+        pose[2, 3] += shift
+    return Settled(pose, float(pose[2, 3] - given[2, 3]), 0.0, rests=False)
+
+
+def _gap(
+    points: Float[np.ndarray, "n 3"], rays: Rays, normals: Float[np.ndarray, "face 3"], *, reach: float
+) -> Float[np.ndarray, " n"]:
+    """Return how far below each point the surface that could carry it lies [m]: negative above it, infinite without."""
+    gap = np.full(len(points), np.inf)
+    for sign in (1.0, -1.0):
+        open_ = np.flatnonzero(~np.isfinite(gap))
+        way, face = rays.first_hits(points[open_], (sign * DOWN)[None], reach=reach)
+        kept = (face >= 0) & (normals[face, 2] > 0)
+        gap[open_[kept]] = sign * way[kept]
+    return gap
+
+
+def along_support(motion: Float[np.ndarray, "3"], support: Support) -> Float[np.ndarray, "3"]:
+    """Return a unit motion in the plane of a support; the one given where it is already, or is meant to leave it."""
+    rise = float(motion @ support.normal)
+    if abs(rise) <= ALONG or abs(rise) > np.sin(MOST_SLOPE):
+        return motion
+    along = motion - rise * support.normal
+    return np.asarray(along / np.linalg.norm(along))
