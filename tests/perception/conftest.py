@@ -1,0 +1,43 @@
+"""Scenes of boxes, and what a small depth camera sees of them."""
+
+from collections.abc import Callable
+
+import numpy as np
+import pytest
+import trimesh
+
+from dexnudge.perception.depth_view import DepthView
+from dexnudge.scenes.scene import Scene
+from dexnudge.simulation.camera_poses import looking_at
+from dexnudge.simulation.depth_camera import DepthCamera, DepthRenderer
+
+
+def boxes(*bounds) -> trimesh.Trimesh:
+    return trimesh.util.concatenate([trimesh.creation.box(bounds=np.array(each)) for each in bounds])
+
+
+@pytest.fixture(scope="session")
+def see() -> Callable[..., list[DepthView]]:
+    """Views of an object (a mesh in the world) in its surroundings from several eyes, all towards one target."""
+
+    def views(thing, surroundings, eyes, target, *, noise=0.0, seed=0, width=160, height=120, focal=150.0):
+        camera = DepthCamera(width=width, height=height, focal=focal, noise=noise, unit=0.0001 if not noise else 0.001)
+        scene = Scene(thing, surroundings, np.eye(4), np.array([1.0, 0.0, 0.0]))
+        renderer, generator = DepthRenderer(scene, camera), np.random.default_rng(seed)
+        return [renderer.view(looking_at(np.array(target, float), np.array(eye, float)), generator) for eye in eyes]
+
+    return views
+
+
+@pytest.fixture(scope="session")
+def made_of() -> Callable[..., trimesh.Trimesh]:
+    """A mesh of boxes, each given by its bounds."""
+    return boxes
+
+
+@pytest.fixture(scope="session")
+def corner(see) -> list[DepthView]:
+    """A phone of 150 x 70 x 30 mm on a table of 600 x 500 mm at z = 0, before a wall at x = 0.3."""
+    table, wall = ((-0.3, -0.25, -0.02), (0.3, 0.25, 0.0)), ((0.3, -0.25, -0.02), (0.32, 0.25, 0.3))
+    phone = boxes(((0.0, -0.035, 0.0), (0.15, 0.035, 0.03)))
+    return see(phone, boxes(table, wall), [(-0.45, 0.3, 0.5), (-0.5, -0.25, 0.45)], (0.1, 0, 0))
