@@ -1,0 +1,188 @@
+"""Depth views fused into one surface of the surroundings: free, seen and unseen space kept apart."""
+
+from __future__ import annotations
+
+from collections.abc import Sequence
+from dataclasses import dataclass
+from typing import Literal
+
+import numpy as np
+import trimesh
+from jaxtyping import Bool, Float, Int8
+from scipy.ndimage import label, maximum_filter, minimum_filter
+
+from dexnudge.errors import SceneError, quote
+from dexnudge.geometry.isosurface import isosurface
+from dexnudge.geometry.warp_runtime import wp
+from dexnudge.perception.depth_view import DepthView
+from dexnudge.perception.fusion_kernel import integrate
+from dexnudge.perception.local_planes import local_planes
+
+SEEN, ASSUMED, UNSEEN = 0, 1, 2  # origins of a face
+VOXEL = 0.004  # [m] twice the noise of a structured-light camera a metre away
+SMALLEST_VOXEL, LARGEST_VOXEL = 0.0005, 0.1  # [m] finer than any depth camera; coarser than any hand
+MAX_VOXELS = 60_000_000  # of one grid: three numbers each take 0.7 GB
+TRUNCATION = 3.0  # voxels before a surface in which its distance counts (Newcombe et al. 2011)
+BEHIND = 2.0  # voxels behind it, so that things as thin as this keep both sides; the weight falls over
+DECAY_FROM = 1.0  # voxels behind it (Bylow et al. 2013)
+ASSUMED_WEIGHT = 0.1  # of a measurement: where both speak, what was measured decides
+EDGE_WEIGHT = 0.1  # of free space beside an edge, where the nearest of several depths counts
+STEEPEST_CHANGE = 2.0  # voxels of distance from a node to the next; beyond it no surface was seen between them
+GAP = 2  # voxels between free ones that no ray passed: too narrow for a thing that no ray meets either
+SPECK = 27  # voxels; smaller bodies that float, and smaller bubbles, are noise
+
+
+@dataclass(frozen=True, eq=False)
+class FusedSurface:
+    """The boundary of what is solid, in the world [m].
+
+    `mesh`: closed, normals toward free space. `origin` of each face: SEEN, ASSUMED (its depth was completed), or UNSEEN
+    (the border of space that no view looked into, and of the box). `free`, `seen`, `unseen`: voxels known to be free, to
+    be solid, and not known. `specks`: floating bodies too small to be real that were dropped. `voxel` [m].
+    """
+
+    mesh: trimesh.Trimesh
+    origin: Int8[np.ndarray, " face"]
+    free: int
+    seen: int
+    unseen: int
+    specks: int
+    voxel: float
+
+
+def fuse(
+    views: Sequence[DepthView],
+    low: Float[np.ndarray, "3"],
+    high: Float[np.ndarray, "3"],
+    *,
+    voxel: float = VOXEL,
+    unseen: Literal["solid", "free"] = "solid",
+) -> FusedSurface:
+    """Fuse views over the box from `low` to `high` [m, world].
+
+    Each voxel's signed distance is the weighted mean over the views of the distance to the plane at the pixel that it is
+    seen in, truncated; weights are the cosine between surface and ray, times the share of pixels measured there (Curless
+    and Levoy, SIGGRAPH 1996; Newcombe et al., KinectFusion, ISMAR 2011). What lies more than two voxels behind a surface
+    was not seen.
+
+    Pixels without depth are no evidence. The object's pixels (`mask`, where depth is not `assumed`) give no surface, but
+    what lies before them is free. Voxels that no view looked into are solid or free, as `unseen` says; if they are free,
+    what was seen is a shell of that thickness.
+
+    Raises:
+        SceneError: a box or voxel that no grid can have, too many voxels, or no view that measured anything in the box.
+    """
+    low, counts = _grid(low, high, voxel)
+    if unseen not in ("solid", "free"):
+        raise SceneError(f"`unseen` is {quote(unseen)}; expected 'solid' or 'free'")
+    if not any(_measures(view, low, low + voxel * np.asarray(counts)) for view in views):
+        raise SceneError(
+            f"none of the {len(views)} views measures anything between {low.tolist()} and {np.asarray(high).tolist()} m; "
+            "expected a box in sight; are `T_world_camera` and the object's pose in one frame, in metres?"
+        )
+    distance, known, guessed = _integrated(views, low, counts, voxel)
+    inner = (slice(1, -1),) * 3
+    not_seen = ~known[inner] & ~_gaps(known[inner], distance[inner])
+    seen_voxels = int((distance[inner] < 0).sum())
+    distance[inner][not_seen] = -1.0 if unseen == "solid" else 1.0
+    specks = _without_specks(distance[inner])
+    _close(distance)
+    vertices, faces, nodes = isosurface(distance)
+    first, second = (tuple(nodes[:, end].T) for end in (0, 1))
+    seen_here = known[first] & known[second]
+    seen_here &= np.abs(distance[first] - distance[second]) <= STEEPEST_CHANGE / TRUNCATION
+    kinds = np.where(seen_here, np.where(guessed[first] | guessed[second], ASSUMED, SEEN), UNSEEN).astype(np.int8)
+    return FusedSurface(
+        mesh=trimesh.Trimesh(low + voxel * (vertices - 0.5), faces, process=False),
+        origin=kinds[faces].max(axis=1, initial=SEEN).astype(np.int8),
+        free=not_seen.size - seen_voxels - int(not_seen.sum()),
+        seen=seen_voxels,
+        unseen=int(not_seen.sum()),
+        specks=specks,
+        voxel=voxel,
+    )
+
+
+def _grid(low: np.ndarray, high: np.ndarray, voxel: float) -> tuple[Float[np.ndarray, "3"], tuple[int, int, int]]:
+    """Return the box's lower corner and the voxels along each axis."""
+    if not SMALLEST_VOXEL <= voxel <= LARGEST_VOXEL:
+        raise SceneError(f"`voxel` is {quote(voxel)} m; expected {SMALLEST_VOXEL:g} to {LARGEST_VOXEL:g}")
+    low, high = np.asarray(low, dtype=np.float64), np.asarray(high, dtype=np.float64)
+    size = high - low
+    if size.shape != (3,) or not (size > voxel).all() or not np.isfinite(size).all():
+        raise SceneError(f"the box from {low.tolist()} to {high.tolist()} m has no room; expected `low` below `high`")
+    needed = float(np.prod(np.ceil(size / voxel)))
+    if needed > MAX_VOXELS:
+        enough = voxel
+        while np.prod(np.ceil(size / enough)) > MAX_VOXELS:
+            enough *= 1.05
+        raise SceneError(
+            f"a box of {' x '.join(f'{edge:.3g}' for edge in size)} m at {1e3 * voxel:g} mm has {needed:.3g} voxels; "
+            f"expected at most {MAX_VOXELS:g}; make the box smaller, or `voxel` at least {np.ceil(1e4 * enough) / 1e4:.4f} m"
+        )
+    x, y, z = np.ceil(size / voxel - 1e-9).astype(int).tolist()
+    return low, (x, y, z)
+
+
+def _measures(view: DepthView, low: Float[np.ndarray, "3"], high: Float[np.ndarray, "3"]) -> bool:
+    points = view.points()
+    return bool(((points >= low) & (points <= high)).all(axis=1).any())
+
+
+def _integrated(
+    views: Sequence[DepthView], low: Float[np.ndarray, "3"], counts: tuple[int, int, int], voxel: float
+) -> tuple[Float[np.ndarray, "x y z"], Bool[np.ndarray, "x y z"], Bool[np.ndarray, "x y z"]]:
+    """Return distance over truncation, whether any view speaks, and whether guesses decide, with a margin of a node."""
+    shape = tuple(count + 2 for count in counts)
+    sums, totals = (wp.zeros(shape, dtype=float, device="cpu") for _ in range(2))
+    some_assumed = any(view.assumed is not None and view.assumed.any() for view in views)
+    guesses = wp.zeros(shape if some_assumed else (0, 0, 0), dtype=float, device="cpu")
+    for view in views:
+        pixels = local_planes(view, footprint=voxel)
+        rotation = view.T_world_camera[:3, :3]
+        first = (low + 0.5 * voxel - view.T_world_camera[:3, 3]) @ rotation
+        inputs = [
+            wp.array(pixels.planes, dtype=wp.vec4, device="cpu"),
+            wp.array(pixels.weights, dtype=float, device="cpu"),
+            wp.array(pixels.free, dtype=float, device="cpu"),
+            wp.vec4(*pixels.intrinsics),
+            wp.vec3(*first),
+            wp.mat33(*(voxel * rotation.T).ravel()),
+            TRUNCATION * voxel,
+            wp.vec2(DECAY_FROM * voxel, BEHIND * voxel),
+            ASSUMED_WEIGHT,
+            EDGE_WEIGHT,
+        ]
+        wp.launch(integrate, dim=counts[:2], inputs=inputs, outputs=[sums, totals, guesses], device="cpu")
+    weights = totals.numpy()
+    known = weights > 0
+    distance = np.divide(sums.numpy(), weights, out=np.ones(shape, dtype=np.float32), where=known)
+    guessed = guesses.numpy() > 0.5 * weights if some_assumed else np.zeros(shape, dtype=bool)
+    return distance, known, guessed & known
+
+
+def _gaps(known: Bool[np.ndarray, "x y z"], distance: Float[np.ndarray, "x y z"]) -> Bool[np.ndarray, "x y z"]:
+    """Return voxels between free ones, in gaps up to GAP wide: rays that dropped out, not things."""
+    width = 2 * (GAP // 2) + 1
+    free = (known & (distance > 0)).astype(np.uint8)
+    closed = minimum_filter(maximum_filter(free, size=width, mode="nearest"), size=width, mode="nearest")
+    return (closed > 0) & ~known
+
+
+def _without_specks(distance: Float[np.ndarray, "x y z"]) -> int:
+    """Turn bodies that float, and bubbles, below SPECK voxels into what surrounds them; return how many bodies."""
+    dropped = 0
+    for body in (True, False):
+        parts, _ = label((distance < 0) == body)
+        small = np.bincount(parts.ravel()) < SPECK
+        small[0] = False
+        distance[small[parts]] = 1.0 if body else -1.0
+        dropped += int(small.sum()) if body else 0
+    return dropped
+
+
+def _close(distance: Float[np.ndarray, "x y z"]) -> None:
+    """Give the margin the mirrored distances, so that a body which the box cuts is closed in the box's faces."""
+    for axis in range(3):
+        sides = np.moveaxis(distance, axis, 0)
+        sides[0], sides[-1] = np.abs(sides[1]), np.abs(sides[-2])

@@ -1,0 +1,174 @@
+"""A depth image's local planes, and what they add to a grid of truncated signed distances: kernels in Warp."""
+
+from dexnudge.geometry.warp_runtime import wp
+
+MEASURED = wp.constant(1)  # kinds of pixels with depth; 0 = none
+COMPLETED = wp.constant(2)
+OF_OBJECT = wp.constant(3)
+SURE = wp.constant(0.01)  # [px^4] determinant of a window's moments: pixels that are not in a row have more
+
+
+@wp.func
+def axial_noise(depth: float):
+    """Return the standard deviation [m] of a structured-light camera's depth [m].
+
+    Nguyen, Izadi and Lovell, Modeling Kinect Sensor Noise, 3DIMPVT 2012, equation 1.
+    """
+    return 0.0012 + 0.0019 * (depth - 0.4) * (depth - 0.4)
+
+
+@wp.func
+def plane_of_moments(
+    mean: wp.vec3,
+    squares: wp.vec3,
+    products: wp.vec3,
+    about: float,
+    column: float,
+    row: float,
+    intrinsics: wp.vec4,
+    footprint: float,
+    spread: float,
+):
+    """Return plane and cosine to the ray from the means of u, v, w, of uu, vv, ww, and of uv, uw, vw; cosine 0 if none."""
+    nothing = wp.vec4(0.0, 0.0, 0.0, 0.0)
+    variances = squares - wp.cw_mul(mean, mean)
+    uv = products[0] - mean[0] * mean[1]
+    uw = products[1] - mean[0] * mean[2]
+    vw = products[2] - mean[1] * mean[2]
+    determinant = variances[0] * variances[1] - uv * uv
+    if determinant < SURE:
+        return nothing, 0.0
+    slope_u = (variances[1] * uw - uv * vw) / determinant
+    slope_v = (variances[0] * vw - uv * uw) / determinant
+    value = about + mean[2] - slope_u * mean[0] - slope_v * mean[1]
+    if value <= 0.0:
+        return nothing, 0.0
+    tolerance = wp.max(spread * axial_noise(1.0 / value), footprint) * value * value
+    if variances[2] - slope_u * uw - slope_v * vw > tolerance * tolerance:
+        return nothing, 0.0
+    x = column - intrinsics[2]
+    y = row - intrinsics[3]
+    normal = wp.vec3(intrinsics[0] * slope_u, intrinsics[1] * slope_v, value - x * slope_u - y * slope_v)
+    size = wp.length(normal)
+    cosine = value / (size * wp.length(wp.vec3(x / intrinsics[0], y / intrinsics[1], 1.0)))
+    return wp.vec4(-normal[0], -normal[1], -normal[2], 1.0) / size, cosine
+
+
+@wp.kernel
+def fit_planes(
+    depth: wp.array2d(dtype=float),
+    kinds: wp.array2d(dtype=wp.uint8),
+    intrinsics: wp.vec4,
+    half: int,
+    footprint: float,
+    least_share: float,
+    steepest: float,
+    spread: float,
+    planes: wp.array2d(dtype=wp.vec4),
+    weights: wp.array2d(dtype=float),
+    free: wp.array2d(dtype=float),
+):
+    """Fit w = 1 / z = a + b u + c v to the window around each pixel, one thread a pixel; see `LocalPlanes`.
+
+    `kinds`: MEASURED, COMPLETED, OF_OBJECT, or 0. Moments are taken about the pixel and about one of the window's depths:
+    single precision then loses nothing.
+    """
+    row, column = wp.tid()
+    weights[row, column] = 0.0
+    free[row, column] = 0.0
+    about = float(0.0)
+    nearest = float(1.0e6)
+    known = float(0.0)
+    n = float(0.0)
+    sums = wp.vec3(0.0, 0.0, 0.0)  # of u, v, w
+    squares = wp.vec3(0.0, 0.0, 0.0)  # of uu, vv, ww
+    products = wp.vec3(0.0, 0.0, 0.0)  # of uv, uw, vw
+    for i in range(wp.max(row - half, 0), wp.min(row + half + 1, depth.shape[0])):
+        for j in range(wp.max(column - half, 0), wp.min(column + half + 1, depth.shape[1])):
+            z = depth[i, j]
+            if z > 0.0:
+                known += 1.0
+                nearest = wp.min(nearest, z)
+                if int(kinds[i, j]) != OF_OBJECT:
+                    if about == 0.0:
+                        about = 1.0 / z
+                    n += 1.0
+                    u = float(j - column)
+                    v = float(i - row)
+                    w = 1.0 / z - about
+                    sums += wp.vec3(u, v, w)
+                    squares += wp.vec3(u * u, v * v, w * w)
+                    products += wp.vec3(u * v, u * w, v * w)
+    window = float((2 * half + 1) * (2 * half + 1))
+    if known < least_share * window:
+        return
+    kind = int(kinds[row, column])
+    if kind == OF_OBJECT:
+        free[row, column] = nearest
+        return
+    free[row, column] = nearest - footprint
+    if n < least_share * window:
+        return
+    plane, cosine = plane_of_moments(
+        sums / n, squares / n, products / n, about, float(column), float(row), intrinsics, footprint, spread
+    )
+    if cosine >= steepest:
+        planes[row, column] = plane
+        weight = cosine * n / window
+        weights[row, column] = wp.where(kind == COMPLETED, -weight, weight)
+
+
+@wp.kernel
+def integrate(
+    planes: wp.array2d(dtype=wp.vec4),
+    weights: wp.array2d(dtype=float),
+    free: wp.array2d(dtype=float),
+    intrinsics: wp.vec4,
+    origin: wp.vec3,
+    axes: wp.mat33,
+    truncation: float,
+    behind: wp.vec2,
+    assumed_weight: float,
+    free_weight: float,
+    sums: wp.array3d(dtype=float),
+    totals: wp.array3d(dtype=float),
+    guesses: wp.array3d(dtype=float),
+):
+    """Add the evidence of a view (`LocalPlanes`) along the third axis of the grid, one thread a column.
+
+    `origin`: node (0, 0, 0) in the camera frame [m]; columns of `axes`: from a node to the next along each axis [m];
+    `intrinsics`: fx, fy, cx, cy. A weight falls to 0 from `behind[0]` to `behind[1]` [m] behind the surface.
+    """
+    i, j = wp.tid()
+    start = origin + axes * wp.vec3(float(i), float(j), 0.0)
+    step = axes * wp.vec3(0.0, 0.0, 1.0)
+    height = weights.shape[0]
+    width = weights.shape[1]
+    for k in range(sums.shape[2] - 2):
+        at = start + float(k) * step
+        if at[2] > 0.001:
+            u = intrinsics[0] * at[0] / at[2] + intrinsics[2] + 0.5
+            v = intrinsics[1] * at[1] / at[2] + intrinsics[3] + 0.5
+            if u >= 0.0 and v >= 0.0 and u < float(width) and v < float(height):
+                row = int(v)
+                column = int(u)
+                weight = weights[row, column]
+                value = float(0.0)
+                if weight != 0.0:
+                    plane = planes[row, column]
+                    distance = plane[0] * at[0] + plane[1] * at[1] + plane[2] * at[2] + plane[3]
+                    guess = weight < 0.0
+                    weight = wp.abs(weight)
+                    if guess:
+                        weight = assumed_weight * weight
+                    value = wp.min(distance / truncation, 1.0)
+                    if distance < -behind[0]:
+                        weight = wp.max(weight * (behind[1] + distance) / (behind[1] - behind[0]), 0.0)
+                    if guess and guesses.shape[0] > 0:
+                        guesses[i + 1, j + 1, k + 1] = guesses[i + 1, j + 1, k + 1] + weight
+                elif at[2] < free[row, column]:
+                    weight = free_weight
+                    value = 1.0
+                if weight > 0.0:
+                    sums[i + 1, j + 1, k + 1] = sums[i + 1, j + 1, k + 1] + weight * value
+                    totals[i + 1, j + 1, k + 1] = totals[i + 1, j + 1, k + 1] + weight
