@@ -120,3 +120,71 @@ def test_what_was_repaired_is_a_note(tmp_path):
     scene = scene_of(dn.load_environment(tmp_path / "sheet.ply"))
     scene = replace(scene, environment_mesh=scene.environment_mesh)
     assert [each.sentence for each in scene.findings() if each.what == "repaired"] == scene.notes
+
+
+def test_the_free_way_is_told():
+    (finding,) = [each for each in scene_of().findings() if each.what == "free_way"]
+    assert (finding.level, finding.sentence) == ("note", "the way along (1.00, 0.00, 0.00) is free for 100 mm")
+
+
+def test_an_obstacle_in_the_way_is_an_error_with_a_shorter_and_other_motions():
+    rib = box((0.116, -0.2, -0.01), (0.126, 0.2, 0.006))
+    (finding,) = said(scene_of(trimesh.util.concatenate([TABLE, rib])), "free_way")
+    assert finding.level == "error"
+    assert "is blocked after 41 mm by something 6 mm high at (0.116, " in finding.sentence
+    assert finding.sentence.endswith("; expected 100 mm")
+    assert finding.remedy.startswith(
+        "shorten `motion_length` to 0.04, or choose another `motion`: (0.00, 1.00, 0.00), "
+    )
+    shorter = replace(scene_of(trimesh.util.concatenate([TABLE, rib])), motion_length=0.04)
+    assert said(shorter, "free_way") == []
+
+
+def test_a_wall_in_the_way_at_once_is_an_error():
+    wall = trimesh.util.concatenate([TABLE, box((0.075, -0.2, 0.0), (0.1, 0.2, 0.1))])
+    (finding,) = said(scene_of(wall), "free_way")
+    assert finding.level == "error"
+    assert "blocked by what it touches at (0.075, " in finding.sentence
+    assert finding.remedy.startswith("choose another `motion`: (0.00, 1.00, 0.00), ")
+    assert "(1.00, 0.00, 0.00)" not in finding.remedy
+
+
+@pytest.mark.parametrize(("motion", "degrees"), [((0.0, 0.0, -1.0), 90), ((1.0, 0.0, -1.0), 45)])
+def test_a_motion_into_the_support_is_an_error(motion, degrees):
+    (finding,) = said(scene_of(motion=motion), "motion")
+    assert finding.level == "error"
+    assert f"leads {degrees} degrees into what carries the object; expected one along it" in finding.sentence
+    assert "are free" in finding.remedy
+
+
+def test_a_motion_off_the_support_is_a_warning():
+    (finding,) = said(scene_of(motion=(0.0, 0.0, 1.0)), "motion")
+    assert (finding.level, finding.remedy) == ("warning", "give a `motion` along the support")
+    assert "at 90 degrees" in finding.sentence
+
+
+def test_an_object_under_a_table_is_not_carried():
+    (finding,) = said(scene_of(box((-0.6, -0.4, 0.008), (0.6, 0.4, 0.048))), "carried")
+    assert finding.level == "error"
+    assert "what it touches is above it" in finding.sentence
+    assert finding.remedy.startswith("is the scan upside down?")
+
+
+def test_an_object_against_a_wall_alone_is_not_carried():
+    (finding,) = said(scene_of(box((-0.5, 0.035, -0.5), (0.5, 0.1, 0.5))), "carried")
+    assert finding.level == "error"
+    assert "what it touches is beside it" in finding.sentence
+
+
+def test_an_object_beyond_the_edge_would_tip():
+    assert said(scene_of(box((-0.6, -0.4, -0.04), (0.005, 0.4, 0.0))), "carried") == []
+    (finding,) = said(scene_of(box((-0.6, -0.4, -0.04), (-0.03, 0.4, 0.0))), "carried")
+    assert finding.level == "warning"
+    assert "is 30.0 mm outside of what carries it" in finding.sentence
+
+
+def test_what_was_never_seen_is_told():
+    table = TABLE.copy()
+    table.metadata["origin"] = np.array([0 if normal[2] > 0.5 else 2 for normal in table.face_normals])
+    (finding,) = [each for each in scene_of(table).findings() if each.what == "seen"]
+    assert finding.sentence == "of the surroundings' surface 46% was seen, 0% assumed, 54% never seen"

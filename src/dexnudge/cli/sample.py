@@ -5,9 +5,7 @@ from __future__ import annotations
 import time
 from dataclasses import dataclass, field
 from pathlib import Path
-from typing import TYPE_CHECKING, Annotated, Any
-
-import tyro
+from typing import Annotated, Any
 
 from dexnudge.cli.arguments import (
     NOTHING_SUCCEEDED,
@@ -15,22 +13,16 @@ from dexnudge.cli.arguments import (
     Device,
     Flag,
     Losses,
-    MeshOptions,
     OptionalCount,
     OptionalFolder,
-    Physics,
     Plugins,
     Text,
-    check_at_least,
     metavar,
     out_folder,
     say,
     with_flags,
 )
-from dexnudge.errors import InputError
-
-if TYPE_CHECKING:
-    from dexnudge.scenes.scene import Scene
+from dexnudge.cli.scene_options import RUNS, SceneOptions, say_findings, stop_at_errors
 
 BLOCKED = "motion_not_blocked"
 
@@ -50,27 +42,15 @@ def nothing_verified(summary: dict[str, Any]) -> str:
     return said
 
 
-RUNS = Path("runs")  # unless --out is given
-
-
 @dataclass(frozen=True, kw_only=True)
-class Sample(MeshOptions):
+class Sample(SceneOptions):
     """Draw hand configurations that can make an object move, verify and rank them.
 
-    The scene is either drawn from a family (--scene) or your own (--environment, --object-pose, --motion). Exit code 3:
-    everything is written, but no draw is verified.
+    The scene is drawn from a family (--scene), your own (--environment, --object-pose, --motion), or a folder that `scene`
+    wrote. What is understood of it is printed first; errors end the command. Exit code 3: everything is written, but no
+    draw is verified.
     """
 
-    object: tyro.conf.Positional[Annotated[str, metavar("OBJECT")]]
-    """Mesh file (obj, stl, ply, glb, off, dae) or name of a built-in object; an unknown name lists them."""
-    scene: Annotated[str | None, metavar("FAMILY")] = None
-    """Scene family, such as table, layers or shelf; an unknown name lists them."""
-    environment: Annotated[str | None, metavar("MESH")] = None
-    """Mesh file of your own surroundings, world frame, z up."""
-    object_pose: Annotated[str | None, metavar("JSON")] = None
-    """File with T_world_object, the 4x4 pose of the object in those surroundings."""
-    motion: Annotated[tuple[float, float, float] | None, metavar("DX DY DZ")] = None
-    """Direction in which the object should slide, world frame; with --environment."""
     out: OptionalFolder = None
     """Folder to write; unless given runs/OBJECT-SCENE, numbered where that is taken."""
     overwrite: Flag = False
@@ -81,13 +61,6 @@ class Sample(MeshOptions):
     """Go on drawing until K are verified."""
     max_draws: OptionalCount = None
     """With --verified: give up after this many draws; 32 K unless given."""
-    seed: Count = 0
-    """Same machine, seed and versions: same output."""
-    hand: Text = "shadow_lite"
-    """Built-in hand, or a URDF or MJCF file; an unknown name lists them."""
-    base: Flag = True
-    """Leave the forearm out of the hand's geometry."""
-    physics: Physics = field(default_factory=Physics)
     weights: OptionalFolder = None
     """Folder of the model; the shipped one unless given."""
     method: Text = "steered_noise"
@@ -101,11 +74,10 @@ class Sample(MeshOptions):
 
     def run(self) -> int:
         """Sample, verify, write, print."""
-        self._check_options()
+        self.check_options()
         from dexnudge.results.folder import result_folder
 
-        place = self.scene or Path(self.environment or "").stem
-        out = out_folder(self.out, RUNS / f"{Path(self.object).stem}-{place}", overwrite=self.overwrite)
+        out = out_folder(self.out, RUNS / f"{Path(self.object).stem}-{self.place}", overwrite=self.overwrite)
         with result_folder(out, overwrite=self.overwrite) as folder:
             summary = self._sample_into(folder)
         _print(summary)
@@ -116,23 +88,6 @@ class Sample(MeshOptions):
             )
         say(f"written: {out}")
         return 0 if summary["verified"] else NOTHING_SUCCEEDED
-
-    def _check_options(self) -> None:
-        if (self.scene is None) == (self.environment is None):
-            got = "neither" if self.scene is None else "both"
-            raise InputError(
-                f"{got} of `scene` and `environment` given; expected one: `scene` table, or `environment` MESH with "
-                "`object_pose` JSON and `motion` DX DY DZ"
-            )
-        own = {"`object_pose`": self.object_pose, "`motion`": self.motion}
-        wrong = [name for name, value in own.items() if (value is None) == (self.scene is None)]
-        if wrong and self.scene is None:
-            raise InputError(f"`environment` needs {' and '.join(wrong)} too; add what is missing")
-        if wrong:
-            raise InputError(
-                f"{' and '.join(wrong)} given with `scene`, which draws its own; use `environment`, or leave it out"
-            )
-        check_at_least(0, seed=self.seed)
 
     def _sample_into(self, folder: Path) -> dict[str, Any]:
         from dexnudge.energies.terms import find_term
@@ -148,10 +103,12 @@ class Sample(MeshOptions):
         criteria = named_criteria(self.plugins.criterion)
         method = find_method(self.method).with_weights(self.losses.given())
         start = time.perf_counter()
-        name, scene = self._scene()
-        scene.validate()
+        name, scene = self.build()
         hand = load_hand(self.hand, base=self.base)
-        say(*(f"note: {note}" for note in (*scene.notes, *hand.notes)))
+        findings = self.what_matters(scene, hand)
+        stop_at_errors(findings)
+        say_findings(findings, Sample, only_what_matters=True)
+        say(*(f"note: {note}" for note in hand.notes))
         sampler = Sampler(hand, terms=terms, weights=self.weights, device=self.device)
         sampler.load(method)
         written_scene, written_hand = write_inputs(folder, scene, hand)
@@ -196,31 +153,6 @@ class Sample(MeshOptions):
             )
         title = f"{name}, {scene.name}"
         return write_results(folder, samples, title=title, seconds=seconds, details=details)
-
-    def _scene(self) -> tuple[str, Scene]:
-        from dexnudge.objects.builtin import is_builtin
-        from dexnudge.objects.sets import refuse_units, resolve_object
-
-        found = resolve_object(self.object, units=self.units, length=self.length)
-        if self.scene is not None:
-            if is_builtin(self.object):
-                refuse_units(self.object, self.units)
-            from dexnudge.scenes.families import build_scene
-
-            return found.name, build_scene(self.scene, found.mesh, seed=self.seed, **self.physics.given())
-        from dexnudge.scenes.scene import Scene
-
-        assert self.environment is not None
-        assert self.object_pose is not None
-        assert self.motion is not None
-        return found.name, Scene.from_files(
-            found.mesh,
-            environment=self.environment,
-            object_pose=self.object_pose,
-            motion=self.motion,
-            units=self.units,
-            **self.physics.given(),
-        )
 
 
 def _print(summary: dict[str, Any]) -> None:

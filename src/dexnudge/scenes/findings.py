@@ -2,16 +2,40 @@
 
 from __future__ import annotations
 
-import numpy as np
+from collections.abc import Iterator
 
+import numpy as np
+from jaxtyping import Float
+from scipy.optimize import nnls
+
+from dexnudge.geometry.meshes import centre_of_mass
 from dexnudge.hands.hand import Hand
-from dexnudge.scenes.finding import Finding
+from dexnudge.scenes.finding import Finding, length_text, vector_text
+from dexnudge.scenes.free_way import free_way
 from dexnudge.scenes.room import room_findings
 from dexnudge.scenes.scene import Scene
 from dexnudge.scenes.sizes import size_findings
+from dexnudge.scenes.support_contacts import (
+    MOTION_TOLERANCE,
+    UPWARD,
+    SupportContacts,
+    carrying_normal,
+    touching_contacts,
+)
+from dexnudge.scenes.supports import EXACT
+from dexnudge.scenes.sweep import sweep_of
 
 ORDER = {"error": 0, "warning": 1, "note": 2}
 UP = np.array([0.0, 0.0, 1.0])
+LEVEL = 0.05  # [deg] what leans by less is called level
+SETTLED = (1.0, 0.5)  # [mm, deg] an object that was moved by more was not where its pose said
+SETTLE_NOTE = "(`settle` off"  # in the note of surroundings that says the same
+TIPPING = 2e-3  # [m] the centre of mass may be beyond what carries the object: the error of a measured pose
+STEEP = np.radians(15.0)  # a motion that leaves its support by more lifts the object
+MOST_NAMED = 3  # free directions in one message
+DIRECTIONS = 8  # in the plane of the support that are tried where the way is not free
+SHORTEST_WAY = 0.02  # [m] a shorter motion is not worth proposing
+SUM_WEIGHT = 1e3  # of the condition that the weights of a convex combination sum to 1, against metres
 
 
 def scene_findings(scene: Scene, hand: Hand | None = None) -> list[Finding]:
@@ -19,6 +43,145 @@ def scene_findings(scene: Scene, hand: Hand | None = None) -> list[Finding]:
     sizes = size_findings(scene.object_mesh, scene.environment_mesh, scene.mass)
     found = [*(finding for finding in sizes if finding.level != "error"), *scene.misplaced]
     if not scene.misplaced:
-        found += room_findings(scene, hand, UP)
-    found += [Finding("note", "repaired", note) for note in scene.notes]
+        touching = touching_contacts(scene)
+        normal = carrying_normal(touching)
+        found += [*_settled(scene), *_supports(scene)]
+        found += _carried(scene, touching)
+        found += _way(scene, touching, normal)
+        found += room_findings(scene, hand, normal if normal.any() else UP)
+    found += _seen(scene)
+    found += [Finding("note", "repaired", note) for note in scene.notes if SETTLE_NOTE not in note]
     return sorted(found, key=lambda finding: ORDER[finding.level])
+
+
+def _settled(scene: Scene) -> Iterator[Finding]:
+    """Yield how far the object was moved to come to rest."""
+    shift, turn = (float(scene.parameters.get(key, 0.0)) for key in ("settled_mm", "settled_deg"))
+    if not shift and not turn:
+        return
+    way = "raised" if shift > 0 else "lowered"
+    sentence = f"the object was {way} by {abs(shift):.1f} mm and tilted by {turn:.1f} degrees onto what carries it"
+    if abs(shift) <= SETTLED[0] and turn <= SETTLED[1]:
+        yield Finding("note", "settled", sentence)
+        return
+    was = "it was inside it" if shift > 0 else f"the nearest surface was {abs(shift):.1f} mm below it"
+    remedy = "mend the `object_pose` if that is not what happened, or keep it by `settle` off"
+    yield Finding("warning", "settled", f"{sentence}: {was}", remedy)
+
+
+def _supports(scene: Scene) -> Iterator[Finding]:
+    """Yield the planes that the object touches, and what their noise means."""
+    for support in scene.supports:
+        middle = np.asarray(support.corners).mean(axis=0)
+        lies = "level" if support.tilt < LEVEL else f"{support.tilt:.1f} degrees from level"
+        noise = f", noise {1e3 * support.noise:.2g} mm" if support.noise > EXACT else ""
+        where = f"a plane {support.side} the object at {vector_text(middle, digits=3)} m"
+        yield Finding("note", "supports", f"{where}, {lies}, contact area {1e4 * support.area:.0f} cm^2{noise}")
+    if scene.surface_noise > 0:
+        yield Finding(
+            "note",
+            "supports",
+            f"the surfaces scatter by {1e3 * scene.surface_noise:.1f} mm: hands keep {1e3 * scene.clearance:.1f} mm clear",
+        )
+
+
+def _carried(scene: Scene, touching: SupportContacts) -> Iterator[Finding]:
+    """Yield what is wrong with what carries the object: nothing from below, or not under its centre of mass."""
+    below = touching.points[touching.normals[:, 2] > UPWARD]
+    if not len(below):
+        above = bool((touching.normals[:, 2] < -UPWARD).any())
+        where = "above" if above else "beside"
+        remedy = "is the scan upside down? z points up and gravity down" if above else "mend the `object_pose`"
+        yield Finding(
+            "error",
+            "carried",
+            f"nothing carries the object: what it touches is {where} it, and nothing below; expected a surface under it",
+            f"{remedy}, or add what carries it to the `environment`",
+        )
+        return
+    centre = (scene.T_world_object @ np.append(centre_of_mass(scene.object_mesh), 1.0))[:3]
+    # the nearest convex combination of the contacts, seen from above
+    rows = np.vstack([below[:, :2].T - centre[:2, None], np.full(len(below), SUM_WEIGHT)])
+    outside = float(nnls(rows, np.array([0.0, 0.0, SUM_WEIGHT]))[1])
+    if outside > TIPPING:
+        yield Finding(
+            "warning",
+            "carried",
+            f"the object would tip: its centre of mass, at {vector_text(centre, digits=3)} m, is "
+            f"{length_text(outside)} outside of what carries it",
+            "mend the `object_pose`, or the `environment` where it is cut off",
+        )
+
+
+def _way(scene: Scene, touching: SupportContacts, normal: Float[np.ndarray, "3"]) -> Iterator[Finding]:
+    """Yield how far the object can go, and where it could go instead."""
+    along, way = vector_text(scene.motion, digits=2), free_way(scene)
+    if way.whole:
+        yield Finding("note", "free_way", f"the way along {along} is {way}")
+        rise = float(np.arcsin(np.clip(scene.motion @ normal, -1.0, 1.0)))
+        if rise > STEEP:
+            yield Finding(
+                "warning",
+                "motion",
+                f"the motion {along} leaves what carries the object at {np.degrees(rise):.0f} degrees: it lifts, not slides",
+                "give a `motion` along the support",
+            )
+        return
+    others = _other_ways(scene, touching, normal)
+    dip = float(np.arcsin(np.clip(-scene.motion @ normal, -1.0, 1.0)))
+    if dip > MOTION_TOLERANCE and way.touching:
+        yield Finding(
+            "error",
+            "motion",
+            f"the motion {along} leads {np.degrees(dip):.0f} degrees into what carries the object; expected one along it",
+            f"choose another `motion`: {others}",
+        )
+        return
+    shorter = 1e-3 * np.floor(1e3 * way.length)
+    remedy = (
+        f"shorten `motion_length` to {shorter:g}, or choose another `motion`: "
+        if shorter >= SHORTEST_WAY
+        else ("choose another `motion`: ")
+    )
+    yield Finding(
+        "error",
+        "free_way",
+        f"the way along {along} is {way}; expected {1e3 * scene.motion_length:.0f} mm",
+        remedy + others,
+    )
+
+
+def _other_ways(scene: Scene, touching: SupportContacts, normal: Float[np.ndarray, "3"]) -> str:
+    """Return which of eight directions along the support are free, or how far the best of them leads."""
+    up = normal if normal.any() else UP
+    first = scene.motion - (scene.motion @ up) * up
+    if np.linalg.norm(first) < MOTION_TOLERANCE:
+        first = np.cross(up, np.eye(3)[np.abs(up).argmin()])
+    first /= np.linalg.norm(first)
+    second = np.cross(up, first)
+    lengths: dict[str, float] = {}
+    for angle in np.arange(DIRECTIONS) * 2 * np.pi / DIRECTIONS:
+        direction = np.cos(angle) * first + np.sin(angle) * second
+        opposed = (touching.normals @ direction).min(initial=0.0) < -np.sin(STEEP)
+        found = sweep_of(scene).first_obstacle(
+            direction, carrying=normal, touching=touching.normals, reach=scene.motion_length
+        )
+        length = 0.0 if opposed else scene.motion_length if found is None else found.way
+        lengths[vector_text(direction, digits=2)] = length
+    free = [direction for direction, length in lengths.items() if length >= scene.motion_length]
+    if free:
+        others = f" and {len(free) - MOST_NAMED} others" if len(free) > MOST_NAMED else ""
+        return f"{', '.join(free[:MOST_NAMED])}{others} {'is' if len(free) == 1 else 'are'} free"
+    best = max(lengths, key=lambda direction: lengths[direction])
+    return f"the longest of {DIRECTIONS} ways leads {1e3 * lengths[best]:.0f} mm, along {best}"
+
+
+def _seen(scene: Scene) -> Iterator[Finding]:
+    """Yield how much of surroundings from depth images was never measured."""
+    mesh = scene.environment_mesh
+    if "origin" in mesh.metadata:
+        share = np.bincount(mesh.metadata["origin"], weights=mesh.area_faces, minlength=3) / mesh.area
+        sentence = (
+            f"of the surroundings' surface {share[0]:.0%} was seen, {share[1]:.0%} assumed, {share[2]:.0%} never seen"
+        )
+        yield Finding("note", "seen", sentence)

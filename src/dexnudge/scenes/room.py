@@ -13,6 +13,7 @@ from dexnudge.hands.hand import Hand
 from dexnudge.jobs.cached import cached_per_instance
 from dexnudge.scenes.finding import Finding, Level
 from dexnudge.scenes.scene import Scene
+from dexnudge.scenes.supports import faces_near
 
 REACH = 0.30  # [m] room beyond this is free: more than a hand is wide
 FREE = 1e-6  # [m] rounding of a ray that hits nothing
@@ -116,12 +117,11 @@ def _thickness(mesh: trimesh.Trimesh) -> float:
 
 def _rays_near(environment: trimesh.Trimesh, bounds: Float[np.ndarray, "2 3"]) -> Rays | None:
     """Return rays against what of the surroundings lies within reach of the bounds; None where nothing does."""
-    corners = np.asarray(environment.vertices)[np.asarray(environment.faces)]
-    low, high = corners.min(axis=1), corners.max(axis=1)
-    near = ((low <= bounds[1] + REACH) & (high >= bounds[0] - REACH)).all(axis=1)
-    if not near.any():
+    near = faces_near(environment, bounds + np.array([[-REACH], [REACH]]))
+    if not len(near):
         return None
-    return Rays(trimesh.Trimesh(environment.vertices, np.asarray(environment.faces)[near], process=False))
+    corners = np.asarray(environment.vertices)[np.asarray(environment.faces)[near]].reshape(-1, 3)
+    return Rays(trimesh.Trimesh(corners, np.arange(len(corners)).reshape(-1, 3), process=False))
 
 
 def _any_perpendicular(direction: Float[np.ndarray, "3"]) -> Float[np.ndarray, "3"]:

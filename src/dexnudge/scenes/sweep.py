@@ -6,13 +6,14 @@ from dataclasses import dataclass
 
 import numpy as np
 import trimesh
-from jaxtyping import Bool, Float
+from jaxtyping import Float
 
 from dexnudge.geometry.exact_distance import Rays
 from dexnudge.geometry.surface_lattice import Boxes, lattice_in_boxes, surface_lattice
 from dexnudge.jobs.cached import cached_per_instance
 from dexnudge.scenes.placement import INITIAL_PENETRATION_LIMIT
 from dexnudge.scenes.scene import Scene
+from dexnudge.scenes.supports import faces_near
 
 SPACING = 0.003  # [m] between the points that look for obstacles
 LEADING = -0.1  # cosine with the motion from which a surface can run into something
@@ -148,10 +149,6 @@ def sweep_of(scene: Scene) -> Sweep:
 def triangles_in_box(
     mesh: trimesh.Trimesh, low: Float[np.ndarray, "3"], high: Float[np.ndarray, "3"]
 ) -> Float[np.ndarray, "face 3 3"]:
-    """Return the triangles whose bounds meet an axis-aligned box [m]: few operations for each vertex of a large mesh."""
-    vertices, faces = np.asarray(mesh.vertices), np.asarray(mesh.faces)
-    kept: Bool[np.ndarray, " face"] = np.ones(len(faces), dtype=bool)
-    for axis in range(3):
-        for outside in (vertices[:, axis] < low[axis], vertices[:, axis] > high[axis]):
-            kept &= ~(outside[faces[:, 0]] & outside[faces[:, 1]] & outside[faces[:, 2]])
-    return np.asarray(vertices[faces[kept]], dtype=np.float64)
+    """Return the triangles whose bounds meet an axis-aligned box [m]."""
+    near = faces_near(mesh, np.stack([low, high]))
+    return np.asarray(np.asarray(mesh.vertices)[np.asarray(mesh.faces)[near]], dtype=np.float64)

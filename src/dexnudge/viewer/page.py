@@ -83,7 +83,7 @@ def write_page(
     if len(order) < len(scenes):
         subtitle = f"{subtitle} The first {len(order)} of {len(scenes)} are shown.".strip()
     names = list(dict.fromkeys(name for each in figures for name in each.values))
-    return _write(
+    return write_template(
         path,
         "configurations",
         page_data([scenes[index] for index in order]),
@@ -125,7 +125,7 @@ def write_recording_page(recording: Recording, path: Path | str) -> Path:
     """
     if len(recording.frames) > MOST_FRAMES:
         recording = recording.part(recording.evenly(MOST_FRAMES))
-    return _write(
+    return write_template(
         path,
         "recording",
         _recording_data(recording),
@@ -160,10 +160,20 @@ def _recording_data(recording: Recording) -> dict[str, Any]:
     }
 
 
-def _write(path: Path | str, kind: str, data: dict[str, Any], legend: Mapping[Role, str], **values: object) -> Path:
+def write_template(
+    path: Path | str, kind: str, data: dict[str, Any], legend: Mapping[Role, str], **values: object
+) -> Path:
     """Fill the package's template of this kind, with its style and script, and write it.
 
-    values: HTML to be put in; text in it must be escaped already.
+    Args:
+        path: of the HTML file.
+        kind: of page: "configurations", "recording" or "scene".
+        data: for the script, as `page_data` returns it.
+        legend: what the colour of each role means.
+        values: HTML to be put in; text in it must be escaped already.
+
+    Raises:
+        OutputError: the file cannot be written.
     """
     check_path("path", path)
     package = files("dexnudge.viewer")

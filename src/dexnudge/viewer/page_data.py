@@ -9,7 +9,15 @@ import trimesh
 
 from dexnudge.viewer.camera import TAN_HALF_HEIGHT, Camera, choose_camera
 from dexnudge.viewer.ray_scene import corner_normals
-from dexnudge.viewer.visual_scene import CONTACT_RADIUS, CREASE_ANGLE, PALETTE, Role, VisualScene, check_same_bodies
+from dexnudge.viewer.visual_scene import (
+    CONTACT_RADIUS,
+    CREASE_ANGLE,
+    PALETTE,
+    SURROUNDINGS,
+    Role,
+    VisualScene,
+    check_same_bodies,
+)
 
 ASPECT = 4 / 3  # of the stage for which the first view is chosen
 EDGE = (0.42, 0.42, 0.44)  # sRGB of the surroundings' edges
@@ -44,7 +52,13 @@ def page_data(scenes: Sequence[VisualScene], *, camera: Camera | None = None) ->
         "arrow": len(meshes),
         "ball": len(meshes) + 1,
         "bodies": [
-            {"geometry": place[id(part.mesh)], "role": part.role, "moves": part.role in MOVING} for part in first.parts
+            {
+                "geometry": place[id(part.mesh)],
+                "role": part.role,
+                "moves": part.role in MOVING,
+                "surrounds": part.role in SURROUNDINGS,
+            }
+            for part in first.parts
         ],
         "configurations": [
             {

@@ -10,7 +10,7 @@ from dexnudge.geometry.warp_runtime import WarpStruct, wp
 from dexnudge.jobs.cached import cached_per_instance
 from dexnudge.viewer.camera import Camera, hiding_faces
 from dexnudge.viewer.trace_kernel import TRIANGLE, Geometry, Triangle, warp_mesh
-from dexnudge.viewer.visual_scene import CONTACT_RADIUS, CREASE_ANGLE, PALETTE, Part, Role, VisualScene
+from dexnudge.viewer.visual_scene import CONTACT_RADIUS, CREASE_ANGLE, PALETTE, SURROUNDINGS, Part, Role, VisualScene
 
 LARGEST_FAN = 128  # triangles at one vertex beyond which its corners stay flat: the cost grows with the square
 MERGE_DIGITS = 6  # vertices closer than a micrometre are one
@@ -64,14 +64,15 @@ def ray_scene(
 ) -> tuple[WarpStruct, list[wp.Mesh]]:
     """Pack everything solid, what of the environment hides the subject as glass, and contacts as markers that show through.
 
-    Returns the kernels' `Geometry`, and the trees that it refers to by number, which must outlive it.
+    Markers are contacts, supports and obstacles. Returns the kernels' `Geometry`, and the trees that it refers to by
+    number, which must outlive it.
 
     hiding: of each part of the environment, the triangles that are glass; `hiding_faces` unless given.
     """
     solid = [_triangles(part) for part in (*scene.with_role("object", "base", "link", "fingertip"), scene.arrow())]
     casting = np.concatenate(solid)
     glass, blocking = [np.zeros(0, TRIANGLE)], [casting]
-    for place, part in enumerate(scene.with_role("environment")):
+    for place, part in enumerate(scene.with_role(*SURROUNDINGS)):
         placed, mesh = _triangles(part), part.mesh_in_world()
         see_through = hiding_faces(mesh, scene, camera, aspect=aspect) if hiding is None else hiding[place]
         blocking.append(placed[~see_through])
@@ -80,10 +81,11 @@ def ray_scene(
         facing = towards if mesh.is_watertight else np.ones_like(towards)
         solid.append(placed[facing & ~see_through])
         glass += [placed[facing & see_through], _edge_lines(mesh, see_through, camera)]
-        glass[-2]["colour"] = linear_colour(PALETTE["glass"])
+        glass[-2]["colour"] = linear_colour(PALETTE["unseen" if part.role == "unseen" else "glass"])
     ball = trimesh.creation.icosphere(subdivisions=2, radius=CONTACT_RADIUS)
     places = [trimesh.transformations.translation_matrix(point) for point in scene.contacts]
     markers = [_triangles(Part("contact", "contact", ball, T_world_ball)) for T_world_ball in places]
+    markers += [_triangles(part) for part in scene.with_role("support", "obstacle")]
     seen = {"solid": solid, "glass": glass, "markers": [np.zeros(0, TRIANGLE), *markers]}
     table = {name: np.concatenate(group) for name, group in seen.items()}
     geometry, trees = Geometry(), []

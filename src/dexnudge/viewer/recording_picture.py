@@ -10,6 +10,7 @@ from dexnudge.errors import InputError, OutputError
 from dexnudge.viewer.camera import Camera, hiding_faces
 from dexnudge.viewer.picture import arrange, render_array, write_png
 from dexnudge.viewer.recording import SAMPLES, Recording, recording_camera
+from dexnudge.viewer.visual_scene import SURROUNDINGS
 
 TILE = (400, 300)  # pixels of each picture, width and height
 STRIP_PICTURES = 6
@@ -66,7 +67,7 @@ def _glass(recording: Recording, camera: Camera, aspect: float) -> list[Bool[np.
     """Return which triangles of each part of the surroundings hide something at some moment: so none flickers."""
     sampled = recording.part(recording.eventful(SAMPLES)).frames
     hiding = [
-        [hiding_faces(part.mesh_in_world(), frame, camera, aspect=aspect) for part in frame.with_role("environment")]
+        [hiding_faces(part.mesh_in_world(), frame, camera, aspect=aspect) for part in frame.with_role(*SURROUNDINGS)]
         for frame in sampled
     ]
     return [np.any(moments, axis=0) for moments in zip(*hiding, strict=True)]

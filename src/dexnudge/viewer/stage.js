@@ -151,20 +151,20 @@ const createStage = (data, shown) => {
     const poseOf = (k) => matrix(poses.subarray(12 * k, 12 * k + 12), data.bodies[k].moves ? move : still);
 
     data.bodies.forEach((entry, k) => {
-      if (entry.role !== "environment") body(shapes[entry.geometry], poseOf(k), data.palette[entry.role], 1);
+      if (!entry.surrounds) body(shapes[entry.geometry], poseOf(k), data.palette[entry.role], 1);
     });
     if (arrow) body(shapes[data.arrow], identity(arrow), data.palette.arrow, 1);
     for (const point of contacts) body(shapes[data.ball], identity(add(point, move)), data.palette.contact, 1);
 
     if (opacity > 0) {
       data.bodies.forEach((entry, k) => {
-        if (entry.role !== "environment") return;
+        if (!entry.surrounds) return;
         const shape = shapes[entry.geometry];
         if (shape.closed) gl.enable(gl.CULL_FACE);
         gl.depthMask(opacity === 1);
         gl.enable(gl.POLYGON_OFFSET_FILL);
         gl.polygonOffset(1, 1);
-        body(shape, poseOf(k), data.palette.environment, opacity);
+        body(shape, poseOf(k), data.palette[entry.role], opacity);
         gl.disable(gl.POLYGON_OFFSET_FILL);
         gl.disable(gl.CULL_FACE);
         gl.bindVertexArray(shape.edges);

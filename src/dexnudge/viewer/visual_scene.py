@@ -16,17 +16,35 @@ from dexnudge.errors import InputError
 from dexnudge.hands.hand import Hand
 from dexnudge.scenes.scene import Scene
 
-Role = Literal["object", "environment", "base", "link", "fingertip", "glass", "contact", "arrow"]
+Role = Literal[
+    "object",
+    "environment",
+    "assumed",
+    "unseen",
+    "base",
+    "link",
+    "fingertip",
+    "glass",
+    "contact",
+    "arrow",
+    "support",
+    "obstacle",
+]
+SURROUNDINGS: tuple[Role, ...] = ("environment", "assumed", "unseen")  # measured or given, completed, never seen
 
 PALETTE: dict[Role, tuple[float, float, float]] = {  # sRGB, 0..1
     "object": (0.94, 0.42, 0.16),
     "environment": (0.87, 0.84, 0.79),
+    "assumed": (0.66, 0.76, 0.62),
+    "unseen": (0.50, 0.51, 0.56),
     "base": (0.80, 0.82, 0.85),
     "link": (0.74, 0.77, 0.81),
     "fingertip": (0.36, 0.62, 0.82),
     "glass": (0.76, 0.82, 0.90),
     "contact": (1.00, 0.87, 0.10),
     "arrow": (0.10, 0.60, 0.38),
+    "support": (0.16, 0.38, 0.86),
+    "obstacle": (0.85, 0.10, 0.16),
 }
 CONTACT_RADIUS = 0.0035  # [m] of the ball that stands for a contact
 CREASE_ANGLE = 35.0  # [deg] two triangles that bend more than this keep their own normals
@@ -66,6 +84,7 @@ class VisualScene:
         contacts: points where hand and object touch [m], world frame.
         motion: unit direction in which the object shall move, world frame; zero where it shall not, as in a grasp.
         motion_length: how far [m].
+        arrow_length: of the arrow that shows the motion [m]; of a length that reads well unless given.
 
     Raises:
         InputError: no part is an object.
@@ -75,6 +94,7 @@ class VisualScene:
     contacts: Float[np.ndarray, "n 3"]
     motion: Float[np.ndarray, "3"]
     motion_length: float = 0.10
+    arrow_length: float | None = None
 
     def __post_init__(self) -> None:
         if not self.with_role("object"):
@@ -96,7 +116,9 @@ class VisualScene:
     def arrow(self) -> Part:
         """Return the motion as a solid arrow that starts at the object's leading edge, world frame; empty without one."""
         moves = bool(np.any(self.motion))
-        mesh = motion_arrow(self.vertices("object"), self.motion) if moves else trimesh.Trimesh()
+        mesh = trimesh.Trimesh()
+        if moves:
+            mesh = motion_arrow(self.vertices("object"), self.motion, length=self.arrow_length)
         return Part("motion", "arrow", mesh, np.eye(4))
 
 
@@ -111,22 +133,26 @@ def check_same_bodies(scenes: Sequence[VisualScene]) -> None:
             )
 
 
-def motion_arrow(object_points: Float[np.ndarray, "n 3"], motion: Float[np.ndarray, "3"]) -> trimesh.Trimesh:
+def motion_arrow(
+    object_points: Float[np.ndarray, "n 3"], motion: Float[np.ndarray, "3"], *, length: float | None = None
+) -> trimesh.Trimesh:
     """Return a flat solid arrow along `motion` from the leading edge of an object, at the height of its middle.
 
     Args:
         object_points: vertices of the object [m], world frame.
         motion: unit direction, world frame.
+        length: of the arrow [m]; of a length that reads well unless given.
     """
     helper = np.array([1.0, 0.0, 0.0]) if abs(motion[2]) > UPRIGHT else np.array([0.0, 0.0, 1.0])
     across = np.cross(helper, motion)
     across /= np.linalg.norm(across)
     low, high = object_points.min(axis=0), object_points.max(axis=0)
-    length = float(np.clip(LENGTH_PER_EXTENT * (high - low).max(), *LENGTH_RANGE))
+    width = float(np.clip(LENGTH_PER_EXTENT * (high - low).max(), *LENGTH_RANGE))
+    length = width if length is None else length
     middle = (low + high) / 2
     start = middle + motion * (float(((object_points - middle) @ motion).max()) + GAP)
 
-    shaft, head, neck = SHAFT_WIDTH / 2 * length, HEAD_WIDTH / 2 * length, (1 - HEAD_LENGTH) * length
+    shaft, head, neck = SHAFT_WIDTH / 2 * width, HEAD_WIDTH / 2 * width, max(0.0, length - HEAD_LENGTH * width)
     outline = [[0, -shaft], [neck, -shaft], [neck, -head], [length, 0], [neck, head], [neck, shaft], [0, shaft]]
     flat = [[0, 1, 5], [0, 5, 6], [1, 2, 3], [1, 3, 5], [5, 3, 4]]
     arrow = trimesh.creation.extrude_triangulation(np.array(outline), np.array(flat), THICKNESS, validate=False)

@@ -1,0 +1,148 @@
+"""A scene before anything is sampled, as picture and page: what carries the object, and how far its way is free."""
+
+from __future__ import annotations
+
+from collections.abc import Sequence
+from html import escape
+from pathlib import Path
+
+import numpy as np
+import trimesh
+from jaxtyping import Float
+
+from dexnudge.scenes.finding import Finding
+from dexnudge.scenes.free_way import FreeWay
+from dexnudge.scenes.scene import Scene
+from dexnudge.viewer.camera import Camera, choose_camera, framing_camera, hiding_faces
+from dexnudge.viewer.page import write_template
+from dexnudge.viewer.page_data import ASPECT, page_data, thinned
+from dexnudge.viewer.picture import SIZE, render_array, write_png
+from dexnudge.viewer.visual_scene import SURROUNDINGS, Part, Role, VisualScene
+
+ORIGINS: tuple[Role, ...] = SURROUNDINGS  # of a triangle whose origin is 0, 1 or 2; see perception/fusion.py
+AROUND = 0.10  # [m] of the surroundings that the picture shows beside object and motion
+SHOWN = 1.0  # [m] of a large scan beside object and motion that picture and page show
+LARGE = 100_000  # triangles from which only the neighbourhood is shown, thinned
+RING_WIDTH = 0.003  # [m] of the outline of what carries the object
+RING_RAISED = 0.0004  # [m] above the support, so that both are told apart
+OBSTACLE_RADIUS = 0.006  # [m] of the ball that marks where the way ends
+SHORTEST_ARROW = 0.004  # [m]
+SCENE_LEGEND: dict[Role, str] = {"object": "object", "support": "carries it", "arrow": "free way"}
+WHERE_THERE: dict[Role, str] = {
+    "obstacle": "obstacle",
+    "environment": "surroundings",
+    "assumed": "assumed",
+    "unseen": "unseen",
+}
+
+
+def scene_view(scene: Scene, way: FreeWay | None = None) -> VisualScene:
+    """Return what is to be seen of a scene: surroundings by origin, outlines of the supports, the free way, its obstacle.
+
+    way: the part of the motion that is free; None where it is not known, as for a misplaced object.
+    """
+    body = scene.object_in_world()
+    parts = [Part("object", "object", scene.object_mesh, np.asarray(scene.T_world_object))]
+    parts += _surroundings(scene.environment_mesh, body.bounds)
+    for index, support in enumerate(scene.supports):
+        ring = _ring(np.asarray(support.corners), np.asarray(support.normal))
+        parts.append(Part(f"support {index}", "support", ring, np.eye(4)))
+    length = scene.motion_length if way is None else way.length
+    if way is not None and way.place is not None and not way.whole:
+        ball = trimesh.creation.icosphere(subdivisions=3, radius=OBSTACLE_RADIUS)
+        parts.append(Part("obstacle", "obstacle", ball, trimesh.transformations.translation_matrix(way.place)))
+    kept = tuple(part for part in parts if len(part.mesh.faces))
+    arrow = max(length, SHORTEST_ARROW)
+    return VisualScene(kept, np.zeros((0, 3)), np.asarray(scene.motion), scene.motion_length, arrow_length=arrow)
+
+
+def write_scene_picture(view: VisualScene, path: Path | str, *, size: tuple[int, int] = SIZE) -> Path:
+    """Write the picture of what `scene_view` returns; unseen surroundings are looked through.
+
+    Raises:
+        InputError: a path that does not end in .png.
+        OutputError: the file cannot be written.
+    """
+    aspect = size[0] / size[1]
+    camera = _camera(view, aspect)
+    glass = [
+        np.ones(len(part.mesh.faces), dtype=bool)
+        if part.role == "unseen"
+        else hiding_faces(part.mesh_in_world(), view, camera, aspect=aspect)
+        for part in view.with_role(*SURROUNDINGS)
+    ]
+    return write_png(render_array(view, size=size, camera=camera, glass=glass), path)
+
+
+def write_scene_page(view: VisualScene, path: Path | str, *, title: str, findings: Sequence[Finding]) -> Path:
+    """Write the page: a 3-D view, and the findings.
+
+    Args:
+        view: as `scene_view` returns it.
+        path: of the HTML file.
+        title: plain text; whatever stands in it is shown, never interpreted.
+        findings: listed beside the view.
+
+    Raises:
+        OutputError: the file cannot be written.
+    """
+    legend = SCENE_LEGEND | {role: name for role, name in WHERE_THERE.items() if view.with_role(role)}
+    rows = "\n".join(_row(finding) for finding in findings)
+    data = page_data([view], camera=_camera(view, ASPECT))
+    return write_template(path, "scene", data, legend, title=escape(title), rows=rows)
+
+
+def _row(finding: Finding) -> str:
+    remedy = f'<div class="remedy">{escape(finding.remedy)}</div>' if finding.remedy else ""
+    kind = {"error": "no", "warning": "odd", "note": "soft"}[finding.level]
+    return (
+        f'<tr><td class="text {kind}">{finding.level}</td><td class="text">{escape(finding.what)}</td>'
+        f'<td class="sentence">{escape(finding.sentence)}{remedy}</td></tr>'
+    )
+
+
+def _camera(view: VisualScene, aspect: float) -> Camera:
+    """Return the best view of object and motion, from so far away that what is around them is seen too."""
+    best = choose_camera(view, aspect=aspect)
+    seen = view.vertices("object", "obstacle")
+    seen = np.concatenate([seen, seen + view.motion * view.motion_length])
+    around = view.vertices(*SURROUNDINGS)
+    low = np.maximum(seen.min(axis=0) - AROUND, around.min(axis=0)).clip(max=seen.min(axis=0))
+    high = np.minimum(seen.max(axis=0) + AROUND, around.max(axis=0)).clip(min=seen.max(axis=0))
+    corners = trimesh.bounds.corners(np.array([low, high]))
+    return framing_camera(corners, azimuth=best.azimuth, elevation=best.elevation, aspect=aspect)
+
+
+def _surroundings(mesh: trimesh.Trimesh, bounds: Float[np.ndarray, "2 3"]) -> list[Part]:
+    """Return the surroundings by origin; of a large mesh what lies near the bounds, thinned."""
+    origin = np.asarray(mesh.metadata.get("origin", np.zeros(len(mesh.faces), dtype=np.int8)))
+    faces, vertices = np.asarray(mesh.faces), np.asarray(mesh.vertices)
+    near = np.ones(len(faces), dtype=bool)
+    if len(faces) > LARGE:
+        outside = ((vertices < bounds[0] - SHOWN) | (vertices > bounds[1] + SHOWN)).any(axis=1)
+        near = ~outside[faces].all(axis=1)
+    parts = []
+    for index, role in enumerate(ORIGINS):
+        chosen = faces[near & (origin == index)]
+        if len(chosen) == len(faces) <= LARGE:
+            parts.append(Part(role, role, mesh, np.eye(4)))
+        elif len(chosen):
+            part = trimesh.Trimesh(vertices, chosen, process=False)
+            part.remove_unreferenced_vertices()
+            parts.append(Part(role, role, thinned(part), np.eye(4)))
+    return parts
+
+
+def _ring(corners: Float[np.ndarray, "corner 3"], normal: Float[np.ndarray, "3"]) -> trimesh.Trimesh:
+    """Return a flat ribbon along the outline of a convex patch, half of it outside; a disc-like patch of few corners too."""
+    middle = corners.mean(axis=0)
+    outward = corners - middle
+    outward /= np.maximum(np.linalg.norm(outward, axis=1, keepdims=True), 1e-9)
+    shift = RING_WIDTH / 2 * outward
+    rim = np.concatenate([corners - shift, corners + shift]) + RING_RAISED * normal
+    count = len(corners)
+    here, after = np.arange(count), np.roll(np.arange(count), -1)
+    faces = np.concatenate(
+        [np.column_stack([here, here + count, after + count]), np.column_stack([here, after + count, after])]
+    )
+    return trimesh.Trimesh(rim, faces, process=False)
