@@ -160,6 +160,13 @@ def test_depth_that_was_completed_is_marked_and_yields_to_what_was_measured(came
     assert np.quantile(np.abs(distance(points, TABLE)), 0.95) < 0.6 * VOXEL
 
 
+def test_single_pixels_that_were_completed_among_measured_ones_are_seen(camera):
+    plain = camera((TABLE,), (0.3, 0, 0.45), (0, 0, 0), focal=300.0)
+    some = np.random.default_rng(1).random(plain.depth.shape) < 0.2
+    found = fuse([dataclasses.replace(plain, assumed=some)], LOW, HIGH, voxel=VOXEL)
+    assert (found.origin == ASSUMED).sum() < 0.05 * (found.origin == SEEN).sum()
+
+
 def test_single_pixels_that_drop_out_are_bridged_and_holes_are_not(camera):
     plain = camera((TABLE,), (0.3, 0, 0.45), (0, 0, 0), focal=300.0)
     depth = plain.depth.copy()

@@ -136,6 +136,30 @@ class Physics:
 
 
 @dataclass(frozen=True)
+class ScanOptions:
+    """Errors of the scans that --scan makes of the scenes."""
+
+    noise_mm: OptionalNumber = None
+    """Standard deviation of scanned vertices along their normals [mm]; 0 unless given."""
+    tilt_deg: OptionalNumber = None
+    """Tilt of the true world about a random horizontal axis [deg]; 0 unless given."""
+    pose_mm: OptionalNumber = None
+    """Distance by which the given pose of the object is off, in a random direction [mm]; 0 unless given."""
+    pose_deg: OptionalNumber = None
+    """Angle by which it is turned about a random axis [deg]; 0 unless given."""
+    triangle_mm: OptionalNumber = None
+    """Edge of scanned triangles [mm]; 8 unless given, 0 for the scene's own triangles."""
+    rounding_mm: OptionalNumber = None
+    """To which scanned vertices are rounded [mm]; 0.01 unless given."""
+    depth_views: OptionalCount = None
+    """Render so many depth images in place of a scanned mesh, with the noise of a structured-light camera."""
+
+    def given(self) -> dict[str, Any]:
+        """Return those that the user gave, by their names in `ScanErrors`."""
+        return {name: value for name, value in vars(self).items() if value is not None}
+
+
+@dataclass(frozen=True)
 class Plugins:
     """What installed packages bring; `dexnudge plugins` lists it."""
 

@@ -13,6 +13,7 @@ from dexnudge.cli.arguments import (
     OptionalFolder,
     Physics,
     Plugins,
+    ScanOptions,
     Scenes,
     SetOptions,
     check_at_least,
@@ -65,6 +66,9 @@ class Evaluate(SetOptions):
     """Also slide, grasp and lift each object with its verified draws, for the lifted rate."""
     attempts: OptionalCount = None
     """With --then-grasp: most attempts for each object; 3 unless given."""
+    scan: Flag = False
+    """Sample in scans of the scenes, and judge in the scenes themselves what is verified there; nothing else is run."""
+    scans: ScanOptions = field(default_factory=ScanOptions)
 
     def run(self) -> int:
         """Run the missing trials of each kind, write and print their reports."""
@@ -74,6 +78,7 @@ class Evaluate(SetOptions):
         check_counts(self.num, None, None)
         check_at_least(1, workers=self.workers, execute_num=self.execute_num)
         self._check_attempts()
+        self._check_scan()
         say(*self._reports(), f"written: {self.out}")
         return 0
 
@@ -83,6 +88,16 @@ class Evaluate(SetOptions):
         if not self.then_grasp:
             raise InputError(f"`attempts` is {self.attempts} without `then_grasp`; expected both; add `then_grasp`")
         check_at_least(1, attempts=self.attempts)
+
+    def _check_scan(self) -> None:
+        given = self.scans.given()
+        if given and not self.scan:
+            name, value = next(iter(given.items()))
+            raise InputError(f"`{name}` is {value:g} without `scan`; expected both; add `scan`")
+        if self.scan and self.then_grasp:
+            raise InputError(
+                "`scan` and `then_grasp` are both given; expected one of them; run them one after the other"
+            )
 
     def _config(self) -> "ExperimentConfig":
         from dexnudge.experiments.config import ExperimentConfig
@@ -100,6 +115,11 @@ class Evaluate(SetOptions):
     def _kinds(self) -> "list[TrialKind[Any]]":
         from dexnudge.experiments.sampling_trial import SamplingTrial
 
+        if self.scan:
+            from dexnudge.experiments.scan_trial import ScanTrial
+            from dexnudge.experiments.scanned_world import ScanErrors
+
+            return [ScanTrial(ScanErrors(**self.scans.given()), execute=self.execute)]
         kinds: list[TrialKind[Any]] = [SamplingTrial()]
         if self.execute:
             from dexnudge.experiments.execution_trial import ExecutionTrial

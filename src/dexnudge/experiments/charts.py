@@ -58,6 +58,40 @@ def interval_chart(
     return figure
 
 
+def grid_chart(
+    title: str,
+    panels: Mapping[tuple[str, str], Mapping[tuple[float, float], float]],
+    *,
+    label: str,
+    columns: str,
+    rows: str,
+) -> "Figure":
+    """Return a figure of shares by two sizes, each panel and each cell by its (row, column).
+
+    label: what is shared. columns, rows: what the sizes of a panel are. Cells that are missing stay empty.
+    """
+    from matplotlib.figure import Figure
+
+    down, across = (list(dict.fromkeys(name[axis] for name in panels)) for axis in (0, 1))
+    figure = Figure(figsize=(WIDTH, 0.8 + WIDTH / len(across) * 0.75 * len(down)), layout="constrained")
+    axes = figure.subplots(len(down), len(across), squeeze=False)
+    for (row, column), cells in panels.items():
+        panel = axes[down.index(row)][across.index(column)]
+        low, high = (sorted({size[axis] for size in cells}) for axis in (0, 1))
+        shares = np.array([[100.0 * cells.get((one, other), np.nan) for other in high] for one in low])
+        panel.imshow(shares, cmap="RdYlGn", vmin=0.0, vmax=100.0, aspect="auto", alpha=0.8)
+        for place, share in np.ndenumerate(shares):
+            if np.isfinite(share):
+                panel.text(place[1], place[0], f"{share:.0f}", ha="center", va="center", fontsize=8, color=INK)
+        panel.set_xticks(range(len(high)), [f"{size:g}" for size in high], fontsize=8)
+        panel.set_yticks(range(len(low)), [f"{size:g}" for size in low], fontsize=8)
+        panel.set_title(f"{column}, {row}", loc="left", fontsize=9)
+        panel.set_xlabel(columns, fontsize=8)
+        panel.set_ylabel(rows, fontsize=8)
+    figure.suptitle(f"{title}: {label}", fontsize=11, weight="bold")
+    return figure
+
+
 def save_chart(figure: "Figure", path: Path) -> None:
     """Write a figure as PNG; OutputError where that fails."""
     try:

@@ -13,6 +13,8 @@ from dexnudge.results.samples import Samples
 from dexnudge.sampling.methods import find_method
 from dexnudge.sampling.problem import SamplingProblem, prepare
 from dexnudge.sampling.sampler import Sampler
+from dexnudge.scenes.families import build_scene
+from dexnudge.scenes.scene import Scene
 
 
 class TrialSampler:
@@ -33,10 +35,21 @@ class TrialSampler:
         self._sampler = Sampler(
             self.hand, terms=own_terms(config), weights=config.weights, poses=config.data, device=config.device
         )
-        self._criteria = own_criteria(config)
+        self.criteria = own_criteria(config)
         self._sampler.load(*config.methods)
         self._last: tuple[tuple[str, str], SamplingProblem, dict[str, float]] | None = None
         self._warm = False
+
+    def scene(self, key: TrialKey) -> Scene:
+        """Return the scene of a trial, validated.
+
+        Raises:
+            DexnudgeError: the object cannot be read or does not fit its scene.
+        """
+        mesh = self._objects[key.object].load()
+        scene = build_scene(key.scene, mesh, seed=trial_seed(self.config.seed, key), **(self.config.physics or {}))
+        scene.validate()
+        return scene
 
     def draw(self, key: TrialKey) -> Samples:
         """Return the draws of a trial, with its seconds by stage as if it had prepared the scene for itself.
@@ -51,26 +64,29 @@ class TrialSampler:
         samples = self._draw(key, problem, num=self.config.num)
         return replace(samples, seconds={**seconds, **samples.seconds})
 
+    def draw_in(self, scene: Scene, key: TrialKey) -> Samples:
+        """Return the draws of a trial in another scene than its own."""
+        start = time.perf_counter()
+        problem = prepare(scene, device=self.config.device)
+        prepared = time.perf_counter() - start
+        samples = self._draw(key, problem, num=self.config.num)
+        return replace(samples, seconds={"prepare": prepared, **samples.seconds})
+
     def _draw(self, key: TrialKey, problem: SamplingProblem, *, num: int) -> Samples:
         return self._sampler.sample(
             problem.scene,
             num=num,
             seed=trial_seed(self.config.seed, key),
             method=find_method(key.method).with_weights(self.config.losses or {}),
-            criteria=self._criteria,
+            criteria=self.criteria,
             problem=problem,
         )
 
     def _prepare(self, key: TrialKey) -> tuple[SamplingProblem, dict[str, float]]:
-        from dexnudge.scenes.families import build_scene
-
         place = (key.object, key.scene)
         if self._last is None or self._last[0] != place:
             start = time.perf_counter()
-            mesh = self._objects[key.object].load()
-            seed = trial_seed(self.config.seed, key)
-            scene = build_scene(key.scene, mesh, seed=seed, **(self.config.physics or {}))
-            scene.validate()
+            scene = self.scene(key)
             loaded = time.perf_counter()
             problem = prepare(scene, device=self.config.device)
             self._last = (place, problem, {"load": loaded - start, "prepare": time.perf_counter() - loaded})

@@ -10,6 +10,7 @@ from typing import Any
 from dexnudge.errors import DexnudgeError
 from dexnudge.experiments.config import ExperimentConfig, TrialKey, trial_keys
 from dexnudge.experiments.records import Record, RecordWriter, TrialRecord, read_records
+from dexnudge.experiments.statistics import as_json
 from dexnudge.experiments.trial import TrialKind
 from dexnudge.jobs.folders import claim_folder, owned_folder, read_claim
 from dexnudge.jobs.processes import WorkerDied, run_tasks
@@ -54,7 +55,10 @@ class TrialRunner:
         self, kind: TrialKind[Record], keys: Sequence[TrialKey], workers: int, on_record: OnRecord | None
     ) -> list[Record]:
         config, folder = self.config, self.out / kind.folder
-        claim = {**asdict(config), **{f"{kind.record.kind}_{name}": option for name, option in vars(kind).items()}}
+        claim = {
+            **asdict(config),
+            **{f"{kind.record.kind}_{name}": as_json(value) for name, value in vars(kind).items()},
+        }
         claim_folder(folder, FILE, claim, format_version=FORMAT_VERSION, device=config.device)
         records = {record.key: record for record in read_records(folder, kind.record)}
         drawn = {record.key: record for record in read_records(self.out, TrialRecord)} if kind.needs_verified else {}

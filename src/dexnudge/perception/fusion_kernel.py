@@ -12,9 +12,53 @@ SURE = wp.constant(0.01)  # [px^4] determinant of a window's moments: pixels tha
 def axial_noise(depth: float):
     """Return the standard deviation [m] of a structured-light camera's depth [m].
 
-    Nguyen, Izadi and Lovell, Modeling Kinect Sensor Noise, 3DIMPVT 2012, equation 1.
+    Nguyen, Izadi and Lovell, Modeling Kinect Sensor Noise, 3DIMPVT 2012, equation 3.
     """
     return 0.0012 + 0.0019 * (depth - 0.4) * (depth - 0.4)
+
+
+@wp.func
+def known_in_window(depth: wp.array2d(dtype=float), row: int, column: int, half: int):
+    """Return how many pixels around one have depth, and the nearest depth."""
+    known = float(0.0)
+    nearest = float(1.0e6)
+    for i in range(wp.max(row - half, 0), wp.min(row + half + 1, depth.shape[0])):
+        for j in range(wp.max(column - half, 0), wp.min(column + half + 1, depth.shape[1])):
+            if depth[i, j] > 0.0:
+                known += 1.0
+                nearest = wp.min(nearest, depth[i, j])
+    return known, nearest
+
+
+@wp.func
+def moments(
+    depth: wp.array2d(dtype=float), kinds: wp.array2d(dtype=wp.uint8), row: int, column: int, half: int, last_kind: int
+):
+    """Return count, means of u, v, w, of uu, vv, ww, and of uv, uw, vw, and the inverse depth that w is taken about.
+
+    u and v are taken about the pixel, w about one of the window's depths: single precision then loses nothing. `last_kind`:
+    of the pixels that count.
+    """
+    about = float(0.0)
+    n = float(0.0)
+    sums = wp.vec3(0.0, 0.0, 0.0)
+    squares = wp.vec3(0.0, 0.0, 0.0)
+    products = wp.vec3(0.0, 0.0, 0.0)
+    for i in range(wp.max(row - half, 0), wp.min(row + half + 1, depth.shape[0])):
+        for j in range(wp.max(column - half, 0), wp.min(column + half + 1, depth.shape[1])):
+            kind = int(kinds[i, j])
+            if kind > 0 and kind <= last_kind:
+                if about == 0.0:
+                    about = 1.0 / depth[i, j]
+                n += 1.0
+                u = float(j - column)
+                v = float(i - row)
+                w = 1.0 / depth[i, j] - about
+                sums += wp.vec3(u, v, w)
+                squares += wp.vec3(u * u, v * v, w * w)
+                products += wp.vec3(u * v, u * w, v * w)
+    scale = 1.0 / wp.max(n, 1.0)
+    return n, scale * sums, scale * squares, scale * products, about
 
 
 @wp.func
@@ -29,7 +73,7 @@ def plane_of_moments(
     footprint: float,
     spread: float,
 ):
-    """Return plane and cosine to the ray from the means of u, v, w, of uu, vv, ww, and of uv, uw, vw; cosine 0 if none."""
+    """Return the plane and its cosine to the ray from what `moments` returns; cosine 0 if there is none."""
     nothing = wp.vec4(0.0, 0.0, 0.0, 0.0)
     variances = squares - wp.cw_mul(mean, mean)
     uv = products[0] - mean[0] * mean[1]
@@ -70,51 +114,32 @@ def fit_planes(
 ):
     """Fit w = 1 / z = a + b u + c v to the window around each pixel, one thread a pixel; see `LocalPlanes`.
 
-    `kinds`: MEASURED, COMPLETED, OF_OBJECT, or 0. Moments are taken about the pixel and about one of the window's depths:
-    single precision then loses nothing.
+    `kinds`: MEASURED, COMPLETED, OF_OBJECT, or 0. What was completed counts only where too little was measured.
     """
     row, column = wp.tid()
     weights[row, column] = 0.0
     free[row, column] = 0.0
-    about = float(0.0)
-    nearest = float(1.0e6)
-    known = float(0.0)
-    n = float(0.0)
-    sums = wp.vec3(0.0, 0.0, 0.0)  # of u, v, w
-    squares = wp.vec3(0.0, 0.0, 0.0)  # of uu, vv, ww
-    products = wp.vec3(0.0, 0.0, 0.0)  # of uv, uw, vw
-    for i in range(wp.max(row - half, 0), wp.min(row + half + 1, depth.shape[0])):
-        for j in range(wp.max(column - half, 0), wp.min(column + half + 1, depth.shape[1])):
-            z = depth[i, j]
-            if z > 0.0:
-                known += 1.0
-                nearest = wp.min(nearest, z)
-                if int(kinds[i, j]) != OF_OBJECT:
-                    if about == 0.0:
-                        about = 1.0 / z
-                    n += 1.0
-                    u = float(j - column)
-                    v = float(i - row)
-                    w = 1.0 / z - about
-                    sums += wp.vec3(u, v, w)
-                    squares += wp.vec3(u * u, v * v, w * w)
-                    products += wp.vec3(u * v, u * w, v * w)
-    window = float((2 * half + 1) * (2 * half + 1))
-    if known < least_share * window:
+    known, nearest = known_in_window(depth, row, column, half)
+    least = least_share * float((2 * half + 1) * (2 * half + 1))
+    if known < least:
         return
-    kind = int(kinds[row, column])
-    if kind == OF_OBJECT:
+    if int(kinds[row, column]) == OF_OBJECT:
         free[row, column] = nearest
         return
     free[row, column] = nearest - footprint
-    if n < least_share * window:
+    kind = MEASURED
+    n, mean, squares, products, about = moments(depth, kinds, row, column, half, kind)
+    if n < least:
+        kind = COMPLETED
+        n, mean, squares, products, about = moments(depth, kinds, row, column, half, kind)
+    if n < least:
         return
     plane, cosine = plane_of_moments(
-        sums / n, squares / n, products / n, about, float(column), float(row), intrinsics, footprint, spread
+        mean, squares, products, about, float(column), float(row), intrinsics, footprint, spread
     )
     if cosine >= steepest:
         planes[row, column] = plane
-        weight = cosine * n / window
+        weight = cosine * n / float((2 * half + 1) * (2 * half + 1))
         weights[row, column] = wp.where(kind == COMPLETED, -weight, weight)
 
 
