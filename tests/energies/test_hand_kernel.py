@@ -208,6 +208,27 @@ def test_samples_do_not_feel_their_neighbours(setting):
     assert torch.equal(alone.gradient[0], energy.gradient[2])
 
 
+def test_a_clearance_of_the_scene_adds_to_those_of_the_weights_and_depths_count_from_it(setting):
+    hand, naive, _, pose = setting
+    kept, fields = 0.0015, naive.fields
+    wider = replace(
+        WEIGHTS,
+        clearance_environment=WEIGHTS.clearance_environment + kept,
+        clearance_base=WEIGHTS.clearance_base + kept,
+    )
+    plain, by_weights = (HandEnergy(hand, fields, BATCH, weights) for weights in (WEIGHTS, wider))
+    by_scene = HandEnergy(hand, fields, BATCH, WEIGHTS, clearance=kept)
+    total, wanted, _ = by_scene(pose).clone(), by_weights(pose).clone(), plain(pose)
+    torch.testing.assert_close(total, wanted)
+    torch.testing.assert_close(by_scene.gradient, by_weights.gradient)
+    inside = plain.depth[..., 0] > 0
+    assert inside.any()
+    torch.testing.assert_close(by_scene.depth[..., 0][inside], plain.depth[..., 0][inside] + kept)
+    assert (by_scene.depth[..., 0] > 0).sum() > inside.sum()
+    assert (by_scene.swept_depth >= plain.swept_depth).all()
+    assert torch.equal(by_scene.depth[..., 1:], plain.depth[..., 1:])
+
+
 def test_a_hand_far_away_costs_nothing_but_its_contacts(setting):
     hand, naive, _, pose = setting
     energy = HandEnergy(hand, naive.fields, BATCH, TermWeights())

@@ -121,7 +121,7 @@ def test_a_margin_along_the_way_is_that_of_a_scene_made_for_that_place(at_the_ed
     np.testing.assert_array_equal(path_margins(at_the_edge, [contacts], length=length)[0], along)
 
 
-def test_the_order_of_draws_is_that_of_its_keys(at_the_edge):
+def test_the_order_of_draws_is_that_of_its_keys(at_the_edge, boxy_hand):
     # What presses at -0.06 or behind stays over the table all along the way; what presses at -0.005 tips the block.
     centre = float(sliding_task(at_the_edge).centre[0])
     squeezing = HandContacts(
@@ -148,4 +148,4 @@ def test_the_order_of_draws_is_that_of_its_keys(at_the_edge):
         reasons=["" if ok else "contact" for ok in success],
     )
     # at the centre; in front of it; tips on the way; squeezing, which presses nowhere; not robust; not verified
-    assert best_first(at_the_edge, verdicts).tolist() == [1, 0, 3, 2, 4, 5]
+    assert best_first(at_the_edge, verdicts, boxy_hand, np.zeros((6, 13))).tolist() == [1, 0, 3, 2, 4, 5]

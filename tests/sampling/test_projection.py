@@ -2,6 +2,7 @@
 
 from dataclasses import replace
 
+import igl
 import numpy as np
 import pytest
 import torch
@@ -9,6 +10,7 @@ import torch
 from dexnudge.energies import HandEnergy, TermWeights
 from dexnudge.energies.descent import pose_from_configuration
 from dexnudge.mechanics.contacts import HAND_CONTACT_DISTANCE
+from dexnudge.sampling.problem import prepare
 from dexnudge.sampling.projection import ProjectionConfig, project
 from dexnudge.verification.criteria import limits_violation
 from dexnudge.verification.penetration import PenetrationCheck
@@ -55,6 +57,27 @@ def test_converged_hands_pass_the_exact_check_and_touch(hand, problem, scene, pr
     assert touches[converged].all()
     assert (depth <= LIMIT)[converged].mean() >= 0.8
     assert (report["contacts_after"][report["projection_converged"]] >= 1).all()
+
+
+def test_hands_keep_the_clearance_of_the_scene(hand, scene, starts):
+    scene = replace(scene, clearance=0.002)
+    problem = prepare(scene)
+    q, report = project(hand, problem, starts, config=CONFIG)
+    converged = report["projection_converged"].numpy()
+    assert converged.mean() > 0.3
+    depth, touches = exact(hand, problem, scene, q)
+    assert touches[converged].all()
+    assert (depth <= LIMIT)[converged].mean() >= 0.8
+    # The same by libigl: points of the links, one every 2 mm, to the surroundings as they are.
+    passed = q[torch.as_tensor(converged & (depth <= LIMIT))]
+    poses = hand.forward_kinematics(torch.as_tensor(problem.to_world(passed)).double()).numpy()
+    dense, around = hand.dense_points, scene.environment_mesh
+    for T_world_link in poses:
+        own = T_world_link[dense.link]
+        points = np.einsum("pij,pj->pi", own[:, :3, :3], dense.points) + own[:, :3, 3]
+        kind = igl.SIGNED_DISTANCE_TYPE_FAST_WINDING_NUMBER
+        distance = igl.signed_distance(points, np.asarray(around.vertices), np.asarray(around.faces), sign_type=kind)[0]
+        assert distance.min() >= scene.clearance - LIMIT - 1e-6
 
 
 def test_joints_stay_within_limits_and_couplings(hand, projected):

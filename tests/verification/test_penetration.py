@@ -1,3 +1,5 @@
+from dataclasses import replace
+
 import igl
 import numpy as np
 import pytest
@@ -33,6 +35,17 @@ def test_fingertips_in_the_floor(
     assert found.object[0] == found.self_collision[0] == 0.0
 
 
+@pytest.mark.parametrize(("gap", "clearance"), [(0.0011, 0.002), (0.0031, 0.002), (-0.0007, 0.002), (0.004, 0.010)])
+def test_the_surroundings_grow_by_the_clearance(
+    boxy_hand: Hand, block_scene: Scene, upright: np.ndarray, tip_height: float, gap: float, clearance: float
+) -> None:
+    scene = replace(block_scene, clearance=clearance)
+    found = measure(boxy_hand, scene, at(upright, [0.2, 0.2, tip_height + gap]))
+    assert found.environment[0] == pytest.approx(max(0.0, clearance - gap), abs=1e-6)
+    held = measure(boxy_hand, scene, at(upright, [0.0, 0.0, 0.02 + tip_height + 0.0005]))
+    assert held.object[0] == held.environment[0] == 0.0  # the object is there to be touched
+
+
 @pytest.mark.parametrize("depth", [-0.001, 0.0007, 0.003])
 def test_fingertips_in_the_object(
     boxy_hand: Hand, block_scene: Scene, upright: np.ndarray, tip_height: float, depth: float
@@ -56,6 +69,9 @@ def test_a_spike_between_the_hands_points(boxy_hand: Hand, block_scene: Scene, u
     )
     found = measure(boxy_hand, scene, at(upright, [0.2, 0.2, 0.05 + 0.01 - 0.0042], one=-1, three=1))
     assert found.environment[0] == pytest.approx(0.0042, abs=1e-5)
+    above = at(upright, [0.2, 0.2, 0.05 + 0.01 + 0.0008], one=-1, three=1)
+    found = measure(boxy_hand, replace(scene, clearance=0.003), above)
+    assert found.environment[0] == pytest.approx(0.0022, abs=1e-5)
 
 
 def test_an_object_within_a_link(boxy_hand: Hand, block_scene: Scene, upright: np.ndarray) -> None:
@@ -91,15 +107,15 @@ def by_naive_search(hand: Hand, scene: Scene, q: np.ndarray) -> tuple[float, flo
     cloud = {k: trimesh.transform_points(dense.points[dense.link == k], poses[k]) for k in solid}
     placed = {k: hand.link_meshes[k].copy().apply_transform(poses[k]) for k in solid}
 
-    def depth(points: np.ndarray, mesh: trimesh.Trimesh) -> float:
+    def depth(points: np.ndarray, mesh: trimesh.Trimesh, clearance: float = 0.0) -> float:
         low, high = mesh.bounds
-        inside = points[np.all((points > low) & (points < high), axis=1)]
-        return max(0.0, float(-signed(inside, mesh).min())) if len(inside) else 0.0
+        near = points[np.all((points > low - clearance) & (points < high + clearance), axis=1)]
+        return max(0.0, float(clearance - signed(near, mesh).min())) if len(near) else 0.0
 
     results = []
-    for other in (scene.object_in_world(), scene.environment_mesh):
+    for other, kept in ((scene.object_in_world(), 0.0), (scene.environment_mesh, scene.clearance)):
         surface = surface_lattice(np.asarray(other.triangles), spacing=2e-3)[0]
-        results.append(max(max(depth(cloud[k], other), depth(surface, placed[k])) for k in solid))
+        results.append(max(max(depth(cloud[k], other, kept), depth(surface, placed[k], kept)) for k in solid))
     itself = [max(depth(cloud[a], placed[b]), depth(cloud[b], placed[a])) for a, b in hand.self_collision_pairs]
     return results[0], results[1], max(itself)
 
@@ -114,10 +130,12 @@ def random_configurations(hand: Hand, rng: np.random.Generator, count: int) -> n
     return q
 
 
-def test_depths_equal_a_naive_search_with_libigl(boxy_hand: Hand, block_scene: Scene) -> None:
+@pytest.mark.parametrize("clearance", [0.0, 0.003])
+def test_depths_equal_a_naive_search_with_libigl(boxy_hand: Hand, block_scene: Scene, clearance: float) -> None:
+    scene = replace(block_scene, clearance=clearance)
     q = random_configurations(boxy_hand, np.random.default_rng(0), 12)
-    found = measure(boxy_hand, block_scene, q)
-    reference = np.array([by_naive_search(boxy_hand, block_scene, each) for each in q])
+    found = measure(boxy_hand, scene, q)
+    reference = np.array([by_naive_search(boxy_hand, scene, each) for each in q])
     assert (reference > 1e-3).any(axis=0).all()
     np.testing.assert_allclose(found.object, reference[:, 0], atol=2e-5)
     np.testing.assert_allclose(found.environment, reference[:, 1], atol=2e-5)

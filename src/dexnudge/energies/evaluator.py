@@ -19,6 +19,7 @@ from dexnudge.energies.weights import OUTSIDE_KERNEL, TermWeights
 from dexnudge.geometry.warp_runtime import WarpStruct, wp
 from dexnudge.hands.hand import Hand
 
+FROM_ENVIRONMENT = ("clearance_environment", "clearance_base")  # weights that are distances from it
 SMALLEST_PART = 8  # hands; fewer per thread cost more in launching than they save
 
 
@@ -33,6 +34,7 @@ class HandEnergy:
         device: of Warp and torch.
         terms: the user's terms; may be replaced, or switched off by None, between calls.
         balance: what the contacts of the fingertips must do, for `balance_forces`; None without.
+        clearance: distance that the hand keeps from the environment [m]; the clearances of the weights begin there.
 
     Attributes (overwritten by the next call; `active`, `contact_weight`, `target` and `target_weight` are to be set):
         energy: of each kernel term, weighted. term_energy: of the user's terms together.
@@ -42,8 +44,8 @@ class HandEnergy:
         target, target_weight: see `TermWeights`.
         force: the balance and its residual, None without; it pulls the contacts by `extra_force`.
         active: a hand with 0 is skipped and keeps the results of its last evaluation.
-        depth: deepest guiding point in environment, object and other links [m]. swept_depth: the same in the environment
-            swept along the motion; 0 where that term is off.
+        depth: deepest guiding point in the environment grown by `clearance`, in object and other links [m]. swept_depth: the
+            same in the environment swept along the motion; 0 where that term is off.
     """
 
     active: Int[Tensor, " batch"]
@@ -72,8 +74,10 @@ class HandEnergy:
         device: str = "cpu",
         terms: TermEnergy | None = None,
         balance: SlidingBalance | None = None,
+        clearance: float = 0.0,
     ) -> None:
         self.hand, self.scene, self.batch, self.device, self.terms = hand, scene, batch, device, terms
+        self._clearance = clearance
         self._model = build_hand_model(hand, device=device)
         wp.load_module(hand_kernel, device=device)  # compiling is not safe from several threads
         links, joints = len(hand.link_names), hand.num_joints
@@ -104,7 +108,9 @@ class HandEnergy:
         self._kernel_weights = EnergyWeights()
         for name, value in vars(weights).items():
             if name not in OUTSIDE_KERNEL:
-                setattr(self._kernel_weights, name, float(value))
+                kept = self._clearance if name in FROM_ENVIRONMENT else 0.0
+                setattr(self._kernel_weights, name, float(value) + kept)
+        self._kernel_weights.kept_clear = self._clearance
 
     def __call__(self, pose: HandPose) -> Float[Tensor, " batch"]:
         """Return the total energy of each hand; the attributes hold its parts and its gradient.

@@ -98,7 +98,7 @@ def energies(hand: HandModel, scene: SceneFields, weights: EnergyWeights, state:
         deepest_environment = found[1]
     if near_object:
         found = fixed_points_in_link(
-            hand, state, scene.object_points, scene.object_clusters, weights.object, weights.clearance_object, i, l
+            hand, state, scene.object_points, scene.object_clusters, weights.object, weights.clearance_object, 0.0, i, l
         )
         energy_object += found[0]
         deepest_object = wp.max(deepest_object, found[1])
@@ -110,6 +110,7 @@ def energies(hand: HandModel, scene: SceneFields, weights: EnergyWeights, state:
             scene.environment_clusters,
             weights.environment,
             weights.clearance_environment,
+            weights.kept_clear,
             i,
             l,
         )

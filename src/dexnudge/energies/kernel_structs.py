@@ -75,6 +75,7 @@ class EnergyWeights:
     clearance_self: float
     clearance_base: float
     contact_gap: float
+    kept_clear: float  # around the environment; depths in it count from there
 
 
 @wp.struct
@@ -97,7 +98,7 @@ class State:
     contact_point: wp.array2d(dtype=wp.vec3)  # (B, L) the link's point nearest to the object
     contact_distance: wp.array2d(dtype=float)  # (B, L) [m]
     contact_normal: wp.array2d(dtype=wp.vec3)  # (B, L) gradient of the object's distance there
-    depth: wp.array2d(dtype=wp.vec3)  # (B, L) deepest sparse point in environment, object, another link [m]
+    depth: wp.array2d(dtype=wp.vec3)  # (B, L) deepest sparse point in environment (grown), object, another link [m]
     swept_depth: wp.array2d(dtype=float)  # (B, L) deepest sparse point in the swept environment [m]
     link_energy: wp.array3d(dtype=float)  # (B, L, NUM_TERMS)
     energy: wp.array2d(dtype=float)  # (B, NUM_TERMS)

@@ -217,14 +217,14 @@ def points_in_environment(
                             # What the path adds to where the hand stands: nothing where it is free.
                             here = wp.max(here - weights.sweep, 0.0)
                             energy_sweep += weights.sweep * hinge * hinge
-                            deepest_swept = wp.max(deepest_swept, -hit[0])
+                            deepest_swept = wp.max(deepest_swept, weights.kept_clear - hit[0])
                             gradient -= 2.0 * weights.sweep * hinge * wp.vec3(hit[1], hit[2], hit[3])
                         hit = environment_distance(scene, p, ENVIRONMENT_NEAR_GRID)
                     hinge = weights.clearance_environment - hit[0]
                     if hinge > 0.0:
                         energy += weights.environment * hinge * hinge
                         energy_sweep += (here - weights.environment) * hinge * hinge
-                        deepest = wp.max(deepest, -hit[0])
+                        deepest = wp.max(deepest, weights.kept_clear - hit[0])
                         gradient -= 2.0 * here * hinge * wp.vec3(hit[1], hit[2], hit[3])
                     if l == hand.base:
                         hinge = weights.clearance_base - hit[0]
@@ -250,10 +250,14 @@ def fixed_points_in_link(
     clusters: Clusters,
     weight: float,
     clearance: float,
+    kept_clear: float,
     i: int,
     l: int,
 ) -> wp.vec2:
-    """(energy, deepest [m]) of points fixed in the working frame that are inside link l or closer than `clearance`."""
+    """(energy, deepest [m]) of points fixed in the working frame that are inside link l or closer than `clearance`.
+
+    Depth counts from `kept_clear` [m] around them.
+    """
     rotation = state.link_rotation[i, l]
     translation = state.link_translation[i, l]
     back = wp.transpose(rotation)
@@ -274,7 +278,7 @@ def fixed_points_in_link(
                         hinge = clearance - hit[0]
                         if hinge > 0.0:
                             energy += weight * hinge * hinge
-                            deepest = wp.max(deepest, -hit[0])
+                            deepest = wp.max(deepest, kept_clear - hit[0])
                             # The link moves, the point does not: the sign is the opposite of the point's own gradient.
                             gradient = 2.0 * weight * hinge * (rotation * wp.vec3(hit[1], hit[2], hit[3]))
                             add_wrench(state, i, l, gradient, p)

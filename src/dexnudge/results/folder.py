@@ -277,7 +277,8 @@ def save_samples(samples: Samples, out: Path, *, title: str, overwrite: bool) ->
         scene, hand = write_inputs(folder, samples.scene, samples.hand)
         q = samples.q.astype(np.float32)  # as the file holds it
         verdicts = verify(scene, hand, q, samples.verdicts.criteria)
-        written = replace(samples, scene=scene, hand=hand, q=q, verdicts=verdicts)[best_first(scene, verdicts)]
+        order = best_first(scene, verdicts, hand, q)
+        written = replace(samples, scene=scene, hand=hand, q=q, verdicts=verdicts)[order]
         title = title or f"{hand.name}, {scene.name}"
         write_results(folder, written, title=title, seconds={}, details={"scene": scene.name, "hand": hand.name})
     return written

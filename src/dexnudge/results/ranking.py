@@ -8,19 +8,21 @@ from collections.abc import Sequence
 import numpy as np
 from jaxtyping import Float, Int
 
+from dexnudge.hands.hand import Hand
 from dexnudge.mechanics.contacts import HandContacts
 from dexnudge.mechanics.fast_balance import force_margins
 from dexnudge.mechanics.friction_cone import helping, pressing, some_contacts
 from dexnudge.mechanics.sliding_task import sliding_task
 from dexnudge.planning.object_path import push_length, supports_along
+from dexnudge.results.displacement import WORLDS, share_held
 from dexnudge.scenes.scene import Scene
 from dexnudge.scenes.support_contacts import SupportContacts
 from dexnudge.verification.criteria import MARGIN_AGREEMENT, ROBUST_MARGIN, SUCCESS_MARGIN
 from dexnudge.verification.verdicts import Verdicts
 
 STATIONS = 3  # places along the way beside its beginning; the last one is its end
-KEY_AGREEMENT = (0.0, MARGIN_AGREEMENT, MARGIN_AGREEMENT, 1e-6, 1e-6, 1e-6)
-"""What rounding may change in each key of the ranking."""
+KEY_AGREEMENT = (0.0, 1.01 / WORLDS, MARGIN_AGREEMENT, MARGIN_AGREEMENT, 1e-6, 1e-6, 1e-6)
+"""What rounding may change in each key of the ranking; of the displaced scenes, the verdict in one."""
 SAME_PLACE = 1e-5  # [m] by which two places of supports differ for no other reason than rounding
 
 
@@ -65,30 +67,43 @@ def forward_offset(scene: Scene, contacts: Sequence[HandContacts]) -> Float[np.n
     return np.array([max(0.0, each.mean()) if len(each) else np.inf for each in ahead])
 
 
-def best_first(scene: Scene, verdicts: Verdicts) -> Int[np.ndarray, " n"]:
+def best_first(
+    scene: Scene, verdicts: Verdicts, hand: Hand, q: Float[np.ndarray, "n coordinates"]
+) -> Int[np.ndarray, " n"]:
     """Return the order of the draws: verified ones first; among them those that push best.
 
-    That is: by the force margin where the path begins, up to 1.5 (robust); by the least one on the path of those contacts
-    alone that press or push, up to 1; by how near to the object's centre of mass or behind it they are on average; by how
-    far they press or push; by the least penetration. Larger margins are those of hands that squeeze, and slip.
+    That is: where surfaces are noisy, by the share of displaced scenes in which they hold (`share_held`); by the margin
+    where the path begins, up to 1.5 (robust); by the least one on the path of those contacts alone that press or push, up to
+    1; by how near to the object's centre of mass or behind it they are on average; by how far they press or push; by the
+    least penetration. Larger margins are those of hands that squeeze, and slip.
     """
-    return np.lexsort(_keys(scene, verdicts)[::-1])
+    return np.lexsort(_all_keys(scene, verdicts, hand, q)[::-1])
 
 
-def out_of_order(scene: Scene, verdicts: Verdicts) -> Int[np.ndarray, " places"]:
+def out_of_order(
+    scene: Scene, verdicts: Verdicts, hand: Hand, q: Float[np.ndarray, "n coordinates"]
+) -> Int[np.ndarray, " places"]:
     """Return the places of those draws that `best_first` puts before the one in front of them.
 
     Differences that another machine's rounding explains do not count.
     """
-    keys = np.nan_to_num(_keys(scene, verdicts), nan=np.inf, posinf=np.finfo(np.float64).max)
+    keys = np.nan_to_num(_all_keys(scene, verdicts, hand, q), nan=np.inf, posinf=np.finfo(np.float64).max)
     difference = np.diff(keys, axis=1)
     deciding = (difference != 0.0).argmax(axis=0)  # the first key in which two neighbours differ, if any
     step = np.take_along_axis(difference, deciding[None], axis=0)[0]
     return np.flatnonzero(step < -np.array(KEY_AGREEMENT)[deciding]) + 1
 
 
-def _keys(scene: Scene, verdicts: Verdicts) -> Float[np.ndarray, "key draw"]:
+def _all_keys(
+    scene: Scene, verdicts: Verdicts, hand: Hand, q: Float[np.ndarray, "n coordinates"]
+) -> Float[np.ndarray, "key draw"]:
     """Return what draws are ranked by, most important first; less is better."""
+    keys = _keys(scene, verdicts)
+    return np.insert(keys, 1, -share_held(scene, hand, q, verdicts, np.lexsort(keys[::-1])), axis=0)
+
+
+def _keys(scene: Scene, verdicts: Verdicts) -> Float[np.ndarray, "key draw"]:
+    """Return the same without the displaced scenes."""
     margin, verified = np.asarray(verdicts.force_margin), np.flatnonzero(verdicts.success)
     pressing, ahead, helping = np.zeros((3, len(margin)))
     if len(verified) > 1:

@@ -56,13 +56,16 @@ class PushableSurface:
 
 
 def pushable_surface(
-    cloud: Float[Tensor, "point 6"], motion: Float[Tensor, " 3"], environment: ExactDistance
+    cloud: Float[Tensor, "point 6"], motion: Float[Tensor, " 3"], environment: ExactDistance, *, clearance: float = 0.0
 ) -> PushableSurface:
-    """Return where on the object a fingertip fits and can push, from its points and outward normals [m]; one frame."""
+    """Return where on the object a fingertip fits and can push, from its points and outward normals [m]; one frame.
+
+    clearance: that the fingertip keeps from the environment [m].
+    """
     points, normals = cloud[:, :3], cloud[:, 3:]
     places = points + TIP_RADIUS * normals
     room = torch.as_tensor(environment(places.double().numpy()).distance)
-    return PushableSurface(motion, places[(normals @ motion < PUSHABLE) & (room > ROOM)])
+    return PushableSurface(motion, places[(normals @ motion < PUSHABLE) & (room > ROOM + clearance)])
 
 
 @dataclass(frozen=True)
@@ -93,7 +96,15 @@ class SamplingProblem:
     def hand_energy(self, hand: Hand, batch: int, weights: TermWeights) -> HandEnergy:
         """Return the energy that guides: what cannot be seen from the object counts as solid."""
         terms = TermEnergy(self.terms, hand, self.scene, self.T_world_canonical) if self.terms else None
-        return HandEnergy(hand, self.guiding_fields, batch, weights, terms=terms, balance=self.balance)
+        return HandEnergy(
+            hand,
+            self.guiding_fields,
+            batch,
+            weights,
+            terms=terms,
+            balance=self.balance,
+            clearance=self.scene.clearance,
+        )
 
     def to_world(self, q: Float[Tensor, "n coordinates"]) -> Float[np.ndarray, "n coordinates"]:
         """Return configurations of frame C in the world, as they are written to files."""
@@ -120,7 +131,9 @@ def prepare(scene: Scene, *, device: str = "cpu") -> SamplingProblem:
         guiding_fields=guiding_fields,
         balance=_balance(scene, T_canonical_world),
         cloud=cloud,
-        pushable=pushable_surface(cloud, _tensor(motion), ExactDistance(environment_mesh, device=device)),
+        pushable=pushable_surface(
+            cloud, _tensor(motion), ExactDistance(environment_mesh, device=device), clearance=scene.clearance
+        ),
         object_mesh=object_mesh,
     )
 

@@ -215,7 +215,7 @@ class Sampler:
             reports=tuple(call.report for call in calls),
         )
         start = time.perf_counter()
-        ranked = samples[best_first(scene, samples.verdicts)]
+        ranked = samples[best_first(scene, samples.verdicts, hand, samples.q)]
         ranked.seconds.update(seconds, rank=time.perf_counter() - start)
         return ranked
 

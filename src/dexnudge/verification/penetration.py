@@ -13,6 +13,7 @@ from jaxtyping import Float
 from dexnudge.geometry.surface_lattice import Boxes, lattice_in_boxes
 from dexnudge.hands.hand import ROOT_COORDINATES, Hand
 from dexnudge.jobs.cached import cached_per_instance
+from dexnudge.scenes.placement import surroundings_distance
 from dexnudge.scenes.scene import Scene
 from dexnudge.verification.point_tree import PointHits, SolidDistance, build_tree, query_tree
 
@@ -30,7 +31,7 @@ class Penetrations:
 
     Attributes:
         object: of hand and object in each other.
-        environment: of hand and surroundings in each other.
+        environment: of hand and surroundings in each other, either grown by the clearance of the scene.
         self_collision: of the hand's links in each other.
         near_object: points within the reach that was asked for, in the OBJECT's frame.
     """
@@ -61,11 +62,17 @@ def hand_solids(hand: Hand) -> HandSolids:
     return HandSolids(hand)
 
 
+@cached_per_instance
+def solid_distance(mesh: trimesh.Trimesh) -> SolidDistance:
+    """Return a mesh of a scene as a solid; made once for all scenes that have it, such as those of a displaced object."""
+    return SolidDistance(mesh, surroundings_distance(mesh))
+
+
 class SceneSolids:
     """Object and surroundings as solids, and their triangles in the world; made once per scene."""
 
     def __init__(self, scene: Scene) -> None:
-        self.object, self.environment = SolidDistance(scene.object_mesh), SolidDistance(scene.environment_mesh)
+        self.object, self.environment = solid_distance(scene.object_mesh), solid_distance(scene.environment_mesh)
         self.object_triangles = np.asarray(scene.object_in_world().triangles, dtype=np.float64)
         self.environment_triangles = np.asarray(scene.environment_mesh.triangles, dtype=np.float64)
 
@@ -80,14 +87,15 @@ class PenetrationCheck:
     """Measures the penetrations of one hand in one scene, for any number of configurations.
 
     Both ways: the hand's dense points (2 mm) in object and environment, and points of their surfaces (2 mm, with all
-    edges and corners) in the links; in itself, the dense points of either link of a pair in the other.
+    edges and corners) in the links; in itself, the dense points of either link of a pair in the other. The depth in the
+    surroundings is max(0, clearance - signed distance), with `scene.clearance`: for 0 the plain depth.
     """
 
     def __init__(self, hand: Hand, scene: Scene) -> None:
         self._hand = hand_solids(hand)
         self._all_links = np.ones(len(hand.link_meshes), dtype=bool)
         self._T_object_world = np.linalg.inv(scene.T_world_object)
-        self._scene = scene_solids(scene)
+        self._scene, self._clearance = scene_solids(scene), scene.clearance
 
     def __call__(self, T_world_link: Float[np.ndarray, "n link 4 4"], *, reach: float) -> Penetrations:
         """Return the penetrations for the poses of the links; `reach` [m] is how far `near_object` looks."""
@@ -113,17 +121,25 @@ class PenetrationCheck:
 
     def _in_environment(self, T_world_link: np.ndarray) -> np.ndarray:
         deepest = np.zeros(len(T_world_link))
+        clearance = self._clearance
         query_tree(
-            self._hand.tree, T_world_link, self._scene.environment, links=self._all_links, reach=0.0, deepest=deepest
+            self._hand.tree,
+            T_world_link,
+            self._scene.environment,
+            links=self._all_links,
+            reach=clearance,
+            deepest=deepest,
         )
-        self._into_links(self._scene.environment_triangles, T_world_link, deepest)
+        self._into_links(self._scene.environment_triangles, T_world_link, deepest, clearance)
         return deepest
 
-    def _into_links(self, triangles: np.ndarray, T_world_link: np.ndarray, deepest: np.ndarray) -> None:
-        """Raise `deepest` to the greatest depth of the surface's points in any link."""
+    def _into_links(
+        self, triangles: np.ndarray, T_world_link: np.ndarray, deepest: np.ndarray, clearance: float = 0.0
+    ) -> None:
+        """Raise `deepest` to the greatest depth of the surface's points in any link grown by the clearance."""
         links = np.array(list(self._hand.solids))
-        low = np.stack([self._hand.solids[link].low for link in links])
-        high = np.stack([self._hand.solids[link].high for link in links])
+        low = np.stack([self._hand.solids[link].low for link in links]) - clearance
+        high = np.stack([self._hand.solids[link].high for link in links]) + clearance
         T = T_world_link[:, links].reshape(-1, 4, 4)
         owner = np.tile(np.arange(len(links)), len(T_world_link))
         middle = 0.5 * (low + high)[owner]
@@ -138,8 +154,8 @@ class PenetrationCheck:
         for index, (link, solid) in enumerate(self._hand.solids.items()):
             mine = np.flatnonzero(owner[box] == index)
             room = (self._hand.extent[link] - local[mine] @ DIRECTIONS.T).min(axis=1)
-            mine = mine[room > deepest[configuration[mine]]]
-            np.maximum.at(deepest, configuration[mine], -solid.query(local[mine]).distance)
+            mine = mine[room + clearance > deepest[configuration[mine]]]
+            np.maximum.at(deepest, configuration[mine], clearance - solid.query(local[mine]).distance)
 
 
 def self_penetration(hand: Hand, joint_angles: Float[np.ndarray, "n joint"]) -> Float[np.ndarray, " n"]:

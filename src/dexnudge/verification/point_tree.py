@@ -83,8 +83,8 @@ class SolidDistance:
     ball must be h farther away. A mesh whose triangles disagree about the outside has no such bound (infinity).
     """
 
-    def __init__(self, mesh: trimesh.Trimesh) -> None:
-        self.query = ExactDistance(mesh)
+    def __init__(self, mesh: trimesh.Trimesh, query: ExactDistance | None = None) -> None:
+        self.query = query or ExactDistance(mesh)
         self.low, self.high = np.asarray(mesh.bounds, dtype=np.float64)
         self.hole = hole_diameter(mesh)
 
@@ -125,7 +125,7 @@ def query_tree(
     """Return the hits of all points of the chosen links within `reach` [m] of the solid (those inside it included).
 
     deepest: if given, depths [m] already known per configuration; they are raised in place to the greatest depth
-    found, and points that cannot be deeper are left out of the hits.
+    found in the solid grown by `reach`, and points that cannot be deeper are left out of the hits.
     """
     level = tree.levels[0]
     chosen = np.flatnonzero(links[tree.points.link[level.point]])
@@ -147,8 +147,8 @@ def query_tree(
         bound = reach + radius[kept] + np.where(radius[kept] > 0, solid.hole, 0.0)
         inner = hit.distance <= bound
         if deepest is not None:
-            np.maximum.at(deepest, configuration[kept], -hit.distance)
-            inner &= bound - reach - hit.distance >= deepest[configuration[kept]]
+            np.maximum.at(deepest, configuration[kept], reach - hit.distance)
+            inner &= bound - hit.distance >= deepest[configuration[kept]]
         configuration, cluster = configuration[kept][inner], cluster[kept][inner]
     index = tree.levels[-1].point[cluster]
     return PointHits(configuration, index, hit.distance[inner], hit.closest[inner], hit.normal[inner])
