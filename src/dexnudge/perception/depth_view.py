@@ -20,6 +20,8 @@ from dexnudge.perception.depth_images import MAX_PIXELS
 
 UNSCALED = "scale depth (`depth_unit`), not the camera"
 NEAREST, FARTHEST = 0.02, 20.0  # [m] between which the median depth of a view of a workplace lies
+# [m], [1/m], [m]: a + b (z - c)^2, Nguyen, Izadi and Lovell, Modeling Kinect sensor noise, 3DIMPVT 2012, equation 3.
+AXIAL_NOISE = (0.0012, 0.0019, 0.4)
 WIDEST_IMAGE, NARROWEST_IMAGE = 20.0, 0.005  # width over focal length: fields of view of 169 and 0.3 degrees
 
 
@@ -139,3 +141,9 @@ def finite_number(value: Any, name: str) -> float:
     if not np.isfinite(number):
         raise SceneError(f"{name} is {quote(value)}; expected a finite number")
     return number
+
+
+def depth_noise(z: float) -> float:
+    """Return the axial noise [m] of a structured-light camera at depth z [m], standard deviation; `AXIAL_NOISE`."""
+    least, growth, nearest = AXIAL_NOISE
+    return least + growth * (z - nearest) ** 2

@@ -9,15 +9,6 @@ SURE = wp.constant(0.01)  # [px^4] determinant of a window's moments: pixels tha
 
 
 @wp.func
-def axial_noise(depth: float):
-    """Return the standard deviation [m] of a structured-light camera's depth [m].
-
-    Nguyen, Izadi and Lovell, Modeling Kinect Sensor Noise, 3DIMPVT 2012, equation 3.
-    """
-    return 0.0012 + 0.0019 * (depth - 0.4) * (depth - 0.4)
-
-
-@wp.func
 def known_in_window(depth: wp.array2d(dtype=float), row: int, column: int, half: int):
     """Return how many pixels around one have depth, and the nearest depth."""
     known = float(0.0)
@@ -71,9 +62,14 @@ def plane_of_moments(
     row: float,
     intrinsics: wp.vec4,
     footprint: float,
+    noise: wp.vec3,
     spread: float,
 ):
-    """Return the plane and its cosine to the ray from what `moments` returns; cosine 0 if there is none."""
+    """Return the plane and its cosine to the ray from what `moments` returns; cosine 0 if there is none.
+
+    There is none where depth leaves the plane by more than `spread` times the camera's `noise` (`AXIAL_NOISE`), or by more
+    than `footprint` [m] where that is more.
+    """
     nothing = wp.vec4(0.0, 0.0, 0.0, 0.0)
     variances = squares - wp.cw_mul(mean, mean)
     uv = products[0] - mean[0] * mean[1]
@@ -87,7 +83,8 @@ def plane_of_moments(
     value = about + mean[2] - slope_u * mean[0] - slope_v * mean[1]
     if value <= 0.0:
         return nothing, 0.0
-    tolerance = wp.max(spread * axial_noise(1.0 / value), footprint) * value * value
+    beyond = 1.0 / value - noise[2]
+    tolerance = wp.max(spread * (noise[0] + noise[1] * beyond * beyond), footprint) * value * value
     if variances[2] - slope_u * uw - slope_v * vw > tolerance * tolerance:
         return nothing, 0.0
     x = column - intrinsics[2]
@@ -107,6 +104,7 @@ def fit_planes(
     footprint: float,
     least_share: float,
     steepest: float,
+    noise: wp.vec3,
     spread: float,
     planes: wp.array2d(dtype=wp.vec4),
     weights: wp.array2d(dtype=float),
@@ -135,7 +133,7 @@ def fit_planes(
     if n < least:
         return
     plane, cosine = plane_of_moments(
-        mean, squares, products, about, float(column), float(row), intrinsics, footprint, spread
+        mean, squares, products, about, float(column), float(row), intrinsics, footprint, noise, spread
     )
     if cosine >= steepest:
         planes[row, column] = plane

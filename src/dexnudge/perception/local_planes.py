@@ -12,7 +12,7 @@ import numpy as np
 from jaxtyping import Float, UInt8
 
 from dexnudge.geometry.warp_runtime import wp
-from dexnudge.perception.depth_view import DepthView
+from dexnudge.perception.depth_view import AXIAL_NOISE, DepthView
 from dexnudge.perception.fusion_kernel import COMPLETED, MEASURED, OF_OBJECT, fit_planes
 
 LARGEST_FIT = 4_000_000  # pixels; larger images are thinned, which bounds memory and time
@@ -53,7 +53,7 @@ def local_planes(view: DepthView, *, footprint: float) -> LocalPlanes:
     planes = wp.empty(depth.shape, dtype=wp.vec4, device="cpu")
     weights, free = (wp.empty(depth.shape, dtype=float, device="cpu") for _ in range(2))
     given = [wp.array(values, dtype=kind, device="cpu") for values, kind in ((depth, float), (kinds, wp.uint8))]
-    inputs = [*given, wp.vec4(*intrinsics), half, footprint, LEAST_SHARE, STEEPEST, SPREAD]
+    inputs = [*given, wp.vec4(*intrinsics), half, footprint, LEAST_SHARE, STEEPEST, wp.vec3(*AXIAL_NOISE), SPREAD]
     wp.launch(fit_planes, dim=depth.shape, inputs=inputs, outputs=[planes, weights, free], device="cpu")
     return LocalPlanes(planes.numpy(), weights.numpy(), free.numpy(), intrinsics)
 

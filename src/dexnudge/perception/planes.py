@@ -9,7 +9,7 @@ import numpy as np
 from jaxtyping import Float
 from scipy.spatial import cKDTree
 
-from dexnudge.perception.depth_view import DepthView
+from dexnudge.perception.depth_view import DepthView, depth_noise
 
 VIEW_OFFSET = 0.002  # [m] by which neighbouring views of a camera on a robot's wrist disagree, as standard deviation
 CELL = 0.005  # [m] of the lattice in which points of all views are averaged, and of a plane's patch
@@ -56,14 +56,6 @@ class Plane:
     def level(self) -> bool:
         """Whether something could stand on it: its normal within 25 degrees of up."""
         return bool(self.normal[2] > NORMAL_AGREES)
-
-
-def depth_noise(z: float) -> float:
-    """Return the axial noise [m] of a structured-light camera at depth z [m], standard deviation.
-
-    0.0012 + 0.0019 (z - 0.4)^2: Nguyen, Izadi and Lovell, Modeling Kinect sensor noise, 3DIMPVT 2012, equation 3.
-    """
-    return 0.0012 + 0.0019 * (z - 0.4) ** 2
 
 
 def merged_points(
