@@ -13,8 +13,12 @@ from scipy.spatial import ConvexHull, QhullError, cKDTree
 from dexnudge.perception.depth_view import DepthView
 from dexnudge.perception.planes import CELL, Plane, merged_points
 
+WALL_GAP = 0.06  # [m] from what was measured of a wall to where it is assumed; floors are continued without limit
 BEHIND = 0.02  # [m] a point that lies farther behind a plane was seen through it, or mirrored in it
-MIRROR_TOLERANCE = 0.025  # [m] between a mirrored point and the surface whose image it is
+NOT_BEHIND = 0.004  # [m] nearer behind a plane a point is on it
+MIRROR_TOLERANCE = (
+    0.05  # [m] between a mirrored point and the surface whose image it is: twice the error of the height of a floor
+)
 SEEN_THROUGH = 3  # rays through a cell of a patch and its neighbours that say that it is open
 
 
@@ -24,7 +28,7 @@ def complete(views: Sequence[DepthView], planes: Sequence[Plane]) -> list[DepthV
     A pixel that measured nothing, that shows the object (`mask`), or that shows a mirror image gets the depth of the first
     plane that its ray meets inside that plane's patch, unless another view measured a surface in front of it. The patch is
     what lies inside the convex hull of its points (of a floor: of all that was measured at its height), without the
-    parts nearest to which other rays went through the plane: those are openings.
+    parts nearest to which other rays went through the plane: those are openings. Walls are continued by at most 6 cm.
     """
     if not planes:
         return list(views)
@@ -32,8 +36,25 @@ def complete(views: Sequence[DepthView], planes: Sequence[Plane]) -> list[DepthV
     points = np.concatenate([plane.points for plane in planes])
     low, high = points.min(axis=0) - 4 * CELL, points.max(axis=0) + 4 * CELL
     merged = merged_points(bare, low, high)
-    patches = [_patch(plane, bare, merged) for plane in planes]
-    return [_completed(view, patches, merged) for view in bare]
+    sources = merged_points(views, low, high)  # the object is mirrored too
+    planes = [plane for plane in planes if not _is_image(plane, planes)]
+    patches = [_patch(plane, bare, merged, sources) for plane in planes]
+    done = [_completed(view, patches, merged) for view in bare]
+    return [_with_rest(view, before) for view, before in zip(done, views, strict=True)]
+
+
+def _with_rest(view: DepthView, before: DepthView) -> DepthView:
+    """Return the completed view with what the object's pixels measured where nothing is known of what is behind."""
+    assert view.assumed is not None
+    return replace(view, depth=np.where(view.assumed | view.measured, view.depth, before.depth))
+
+
+def _is_image(plane: Plane, planes: Sequence[Plane]) -> bool:
+    """Whether an upright plane lies for the most part behind a larger floor: mirrored in it, or below it."""
+    return not plane.level and any(
+        each.level and len(each.points) > len(plane.points) and np.median(each.heights(plane.points)) < -each.band
+        for each in planes
+    )
 
 
 def _without(view: DepthView, pixels: Bool[np.ndarray, "height width"] | None) -> DepthView:
@@ -75,18 +96,23 @@ def _at(lattice: np.ndarray, cells: np.ndarray) -> np.ndarray:
     return found
 
 
-def _patch(plane: Plane, views: Sequence[DepthView], merged: Float[np.ndarray, "n 3"]) -> _Patch:
+def _patch(
+    plane: Plane, views: Sequence[DepthView], merged: Float[np.ndarray, "n 3"], sources: Float[np.ndarray, "m 3"]
+) -> _Patch:
     """Return where a plane is surface: nearer to something measured at its height than to a ray that went through it."""
     standing = merged[np.abs(plane.heights(merged)) < plane.band]
     if plane.level and len(standing):  # what stands on a floor tells of it as its own points do
-        patch, open_share = _patch_of(plane, np.concatenate([plane.points, standing]), views, merged)
+        patch, open_share = _patch_of(plane, np.concatenate([plane.points, standing]), views, sources)
         if open_share < 0.5:
             return patch
-    return _patch_of(plane, plane.points, views, merged)[0]
+    patch = _patch_of(plane, plane.points, views, sources)[0]
+    here = np.zeros(patch.covers.shape, dtype=bool)
+    here[tuple(_cells(plane.points, patch.axes, patch.corner).T)] = True
+    return replace(patch, covers=patch.covers & (distance_transform_edt(~here) < WALL_GAP / CELL))
 
 
 def _patch_of(
-    plane: Plane, at_height: Float[np.ndarray, "k 3"], views: Sequence[DepthView], merged: Float[np.ndarray, "n 3"]
+    plane: Plane, at_height: Float[np.ndarray, "k 3"], views: Sequence[DepthView], sources: Float[np.ndarray, "m 3"]
 ) -> tuple[_Patch, float]:
     """Return the patch inside the hull of these points, and which share of what is known of the hull is open."""
     axes = np.linalg.svd(plane.normal[None])[2][1:]
@@ -94,7 +120,7 @@ def _patch_of(
     corner = flat.min(axis=0) - 2 * CELL
     rows, columns = (np.ceil((flat.max(axis=0) - corner) / CELL).astype(int) + 2).tolist()
     shape = (rows, columns)
-    mirrors = cKDTree(merged[plane.heights(merged) > plane.band])
+    mirrors = cKDTree(sources[plane.heights(sources) > 0.5 * plane.band])
     patch = _Patch(plane, axes, corner, _inside_hull(flat, corner, shape), mirrors)
     here = np.zeros(shape, dtype=bool)
     here[tuple(_cells(at_height, axes, corner).T)] = True
@@ -154,7 +180,7 @@ def _completed(view: DepthView, patches: Sequence[_Patch], merged: Float[np.ndar
         seen = np.isfinite(measured[asked])
         points = position + measured[asked[seen], None] * rays[asked[seen]]
         images = np.zeros(len(points), dtype=bool)
-        behind = plane.heights(points) < -plane.band
+        behind = plane.heights(points) < -max(0.5 * plane.band, NOT_BEHIND)
         if behind.any():
             images[behind] = patch.mirrored(points[behind])
         keep = ~seen

@@ -2,7 +2,7 @@
 
 from __future__ import annotations
 
-from collections.abc import Sequence
+from collections.abc import Callable, Sequence
 from dataclasses import dataclass
 from typing import Literal
 
@@ -50,6 +50,18 @@ class FusedSurface:
     voxel: float
 
 
+@dataclass(frozen=True, eq=False)
+class EmptySpace:
+    """Space that is free whatever the views say, such as the object's own.
+
+    `low`, `high`: corners of a box around it [m, world]. `distance`: signed, of points (n, 3), negative inside [m].
+    """
+
+    low: Float[np.ndarray, "3"]
+    high: Float[np.ndarray, "3"]
+    distance: Callable[[Float[np.ndarray, "n 3"]], Float[np.ndarray, " n"]]
+
+
 def fuse(
     views: Sequence[DepthView],
     low: Float[np.ndarray, "3"],
@@ -57,6 +69,7 @@ def fuse(
     *,
     voxel: float = VOXEL,
     unseen: Literal["solid", "free"] = "solid",
+    empty: EmptySpace | None = None,
 ) -> FusedSurface:
     """Fuse views over the box from `low` to `high` [m, world].
 
@@ -67,7 +80,7 @@ def fuse(
 
     Pixels without depth are no evidence. The object's pixels (`mask`, where depth is not `assumed`) give no surface, but
     what lies before them is free. Voxels that no view looked into are solid or free, as `unseen` says; if they are free,
-    what was seen is a shell of that thickness.
+    what was seen is a shell of that thickness. Space that is `empty` is free in any case.
 
     Raises:
         SceneError: a box or voxel that no grid can have, too many voxels, or no view that measured anything in the box.
@@ -85,6 +98,8 @@ def fuse(
     not_seen = ~known[inner] & ~_gaps(known[inner], distance[inner])
     seen_voxels = int((distance[inner] < 0).sum())
     distance[inner][not_seen] = -1.0 if unseen == "solid" else 1.0
+    if empty is not None:
+        _empty(distance[inner], low, voxel, empty)
     specks = _without_specks(distance[inner])
     _close(distance)
     vertices, faces, nodes = isosurface(distance)
@@ -159,6 +174,17 @@ def _integrated(
     distance = np.divide(sums.numpy(), weights, out=np.ones(shape, dtype=np.float32), where=known)
     guessed = guesses.numpy() > 0.5 * weights if some_assumed else np.zeros(shape, dtype=bool)
     return distance, known, guessed & known
+
+
+def _empty(distance: Float[np.ndarray, "x y z"], low: Float[np.ndarray, "3"], voxel: float, empty: EmptySpace) -> None:
+    """Give the nodes in and around an empty space at least their distance to its border, from inside."""
+    margin = TRUNCATION * voxel
+    first = np.clip(np.floor((empty.low - margin - low) / voxel), 0, distance.shape).astype(int)
+    last = np.clip(np.ceil((empty.high + margin - low) / voxel), first, distance.shape).astype(int)
+    block = distance[tuple(slice(*ends) for ends in zip(first.tolist(), last.tolist(), strict=True))]
+    places = low + voxel * (np.indices(block.shape).reshape(3, -1).T + first + 0.5)
+    inside = -empty.distance(places).reshape(block.shape) / margin
+    block[...] = np.maximum(block, np.clip(inside, -1.0, 1.0))
 
 
 def _gaps(known: Bool[np.ndarray, "x y z"], distance: Float[np.ndarray, "x y z"]) -> Bool[np.ndarray, "x y z"]:

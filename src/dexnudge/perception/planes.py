@@ -14,6 +14,7 @@ from dexnudge.perception.depth_view import DepthView, depth_noise
 VIEW_OFFSET = 0.002  # [m] by which neighbouring views of a camera on a robot's wrist disagree, as standard deviation
 CELL = 0.005  # [m] of the lattice in which points of all views are averaged, and of a plane's patch
 MOST_CELLS = 60_000  # of merged points; above that the lattice is coarser
+STRAYS = 0.15  # of the median number of points in a cell: where fewer lie, these are strays between surfaces
 NEIGHBOURS = 20  # of a point, from which its normal is taken
 DENSE = 0.02  # [m] within which a point of a surface has them: 40 % of the lattice measured
 NORMAL_AGREES = np.cos(np.radians(25.0))  # normals of noisy neighbourhoods scatter by as much
@@ -61,7 +62,7 @@ class Plane:
 def merged_points(
     views: Sequence[DepthView], low: Float[np.ndarray, "3"], high: Float[np.ndarray, "3"]
 ) -> Float[np.ndarray, "n 3"]:
-    """Return the measured points of all views inside a box [m], averaged in a lattice of at least 5 mm."""
+    """Return the measured points of all views inside a box [m], averaged in a lattice of at least 5 mm, strays left out."""
     points = np.concatenate([view.points() for view in views])
     points = points[((points >= low) & (points <= high)).all(axis=1)]
     cell = CELL
@@ -73,7 +74,9 @@ def merged_points(
             break
         cell *= 1.5
     place = place.reshape(-1)
-    return np.stack([np.bincount(place, points[:, axis], len(count)) for axis in range(3)], axis=1) / count[:, None]
+    sums = np.stack([np.bincount(place, points[:, axis], len(count)) for axis in range(3)], axis=1)
+    kept = count >= STRAYS * np.median(count) if len(count) else count > 0
+    return (sums / count[:, None])[kept]
 
 
 def find_planes(

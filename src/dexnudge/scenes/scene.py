@@ -19,6 +19,7 @@ from dexnudge.geometry.mesh_repair import turned_toward
 from dexnudge.geometry.meshes import load_environment
 from dexnudge.geometry.rigid import rigid_transform
 from dexnudge.objects.sets import object_mesh
+from dexnudge.perception.depth_view import DepthView
 from dexnudge.scenes.files import LARGEST_NUMBER, MARGINS, NUMBERS, read_scene, write_scene
 from dexnudge.scenes.finding import Finding
 from dexnudge.scenes.own_surroundings import understood
@@ -161,6 +162,77 @@ class Scene:
         if validate:
             scene.validate()
         return scene
+
+    @classmethod
+    def from_depth(
+        cls,
+        views: str | Path | Sequence[DepthView],
+        *,
+        object: str | Path | trimesh.Trimesh | None = None,  # noqa: A002 - the public name
+        object_pose: str | Path | Float[np.ndarray, "4 4"] | None = None,
+        motion: Sequence[float] | Sequence[int] | Float[np.ndarray, "3"],
+        masks: str | None = None,
+        unseen: str = "solid",
+        voxel: float | None = None,
+        settle: str = "auto",
+        surface_noise: float | None = None,
+        clearance: float = 0.0,
+        units: str = "m",
+        length: float | None = None,
+        validate: bool = True,
+        **physics: Any,
+    ) -> Scene:
+        """Return the scene of an object whose surroundings a depth camera measured, understood and checked.
+
+        The views are fused around the object and its way; planes are continued through holes and behind the object where
+        what is around says so. Then the scene is understood as in `from_files`. Without `object`, the object is taken for
+        the outline of its masks, down to what carries it. `environment_mesh.metadata["origin"]` says of each face whether
+        it was seen (0), assumed (1), or bounds what was not seen (2).
+
+        Args:
+            views: folder with cameras.json, that file, or `DepthView`s; see `load_views`.
+            object: as in `from_files`; None where masks are all that is known of it.
+            object_pose: as in `from_files`, with `object`.
+            motion: as in `from_files`.
+            masks: name of the object's masks in the folder, {} for the number of the view: "box_{}.png".
+            unseen: space that no view looked into is "solid" or "free".
+            voxel: edge of the lattice in which views are fused [m]; 4 mm unless given.
+            settle: as in `from_files`.
+            surface_noise: as in `from_files`; that of the plane that carries the object if left out.
+            clearance: as in `from_files`.
+            units: of the object's file.
+            length: as in `from_files`.
+            validate: as in `from_files`.
+            physics: as in `from_files`.
+
+        Raises:
+            SceneError: as in `from_files`; or views or masks that cannot be used, or that do not show the object.
+            MeshError: the object's mesh cannot be used.
+            UnknownNameError: the object is neither a file nor a built-in one.
+        """
+        from dexnudge.scenes.from_depth import scene_from_depth
+
+        check_physics(physics)
+        made = scene_from_depth(
+            views,
+            object_mesh=None if object is None else object_mesh(object, units=units, length=length),
+            object_pose=object_pose,
+            way=physics.get("motion_length", MOTION_LENGTH) * unit_motion(motion),
+            masks=masks,
+            unseen=unseen,
+            voxel=voxel,
+        )
+        return cls.from_files(
+            made.object_mesh,
+            environment=made.environment_mesh,
+            object_pose=made.T_world_object,
+            motion=motion,
+            settle=settle,
+            surface_noise=made.noise if surface_noise is None else surface_noise,
+            clearance=clearance,
+            validate=validate,
+            **physics,
+        )
 
     def save(self, folder: str | Path) -> Path:
         """Write scene.json, object.obj and environment.obj into `folder`, made if need be; return scene.json's path.
