@@ -4,7 +4,8 @@ from __future__ import annotations
 
 import numpy as np
 from jaxtyping import Float, Int
-from warp.geometry import IsoSurfaceMarchingCubes, sparse_marching_cubes_from_cells
+
+from dexnudge.geometry.warp_runtime import wp
 
 LEAST = 1e-3  # of a value: a vertex stays this far from the ends of its edge, so that no triangle shrinks to a point
 
@@ -18,6 +19,8 @@ def isosurface(
     toward positive values. The surface is closed where it does not leave the grid. The first node of a pair has the lower
     index.
     """
+    from warp.geometry import IsoSurfaceMarchingCubes, sparse_marching_cubes_from_cells  # after Warp was made quiet
+
     inside = values < 0
     every, some = inside, inside
     for axis in range(3):
@@ -31,7 +34,8 @@ def isosurface(
     corners = cells[:, None] + np.asarray(IsoSurfaceMarchingCubes.CUBE_CORNER_OFFSETS, dtype=np.int32)
     at_corners = values[corners[..., 0], corners[..., 1], corners[..., 2]].astype(np.float32)
     at_corners = np.where(np.abs(at_corners) < LEAST, np.where(at_corners < 0, -LEAST, LEAST), at_corners)
-    found, triangles = sparse_marching_cubes_from_cells(cells, at_corners.astype(np.float32), device="cpu")
+    given = wp.array(at_corners, dtype=wp.float32, device="cpu")
+    found, triangles = sparse_marching_cubes_from_cells(cells, given, device="cpu")
     vertices = found.numpy().astype(np.float64)
     nearest = np.rint(vertices).astype(np.int64)
     along, all_of_them = np.abs(vertices - nearest).argmax(axis=1), np.arange(len(vertices))
