@@ -188,3 +188,31 @@ def test_what_was_never_seen_is_told():
     table.metadata["origin"] = np.array([0 if normal[2] > 0.5 else 2 for normal in table.face_normals])
     (finding,) = [each for each in scene_of(table).findings() if each.what == "seen"]
     assert finding.sentence == "of the surroundings' surface 46% was seen, 0% assumed, 54% never seen"
+
+
+RAISED = "the object stood 0.5 mm inside what carries it, and was raised"
+LOWERED = "the object touched nothing: the nearest surface was 3.0 mm below it, and it was lowered"
+
+
+@pytest.mark.parametrize(("height", "level", "sentence"), [(0.0035, "note", RAISED), (0.007, "warning", LOWERED)])
+def test_an_object_that_was_settled_is_told(height, level, sentence):
+    scene = dn.Scene.from_files(FLAT, environment=TABLE, object_pose=at(z=height), motion=[1, 0, 0])
+    (finding,) = [each for each in scene.findings() if each.what == "settled"]
+    assert (finding.level, finding.sentence) == (level, f"{sentence} onto it, tilted by 0.0 degrees")
+    assert not [each for each in scene.findings() if each.what == "repaired"]
+    assert ("`settle` off" in finding.remedy) == (level == "warning")
+
+
+def test_supports_are_told_with_tilt_area_and_noise():
+    tilt = trimesh.transformations.rotation_matrix(np.radians(2.0), [0, 1, 0])
+    small = box((-0.3, -0.2, -0.04), (0.3, 0.2, 0.0))
+    table = trimesh.Trimesh(*trimesh.remesh.subdivide_to_size(small.vertices, small.faces, 0.01))
+    table.vertices[:, 2] += np.random.default_rng(0).normal(0.0, 5e-4, len(table.vertices))
+    scene = dn.Scene.from_files(
+        FLAT, environment=table.apply_transform(tilt), object_pose=tilt @ at(), motion=[1, 0, 0]
+    )
+    supports = [each.sentence for each in scene.findings() if each.what == "supports"]
+    assert supports[0].startswith("a plane below the object at (")
+    assert "2.0 degrees from level, contact area " in supports[0]
+    assert float(supports[0].split("noise ")[1].removesuffix(" mm")) == pytest.approx(0.5, abs=0.1)
+    assert supports[-1] == "the surfaces scatter by 0.5 mm: hands keep 0.5 mm clear"

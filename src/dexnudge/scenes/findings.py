@@ -29,7 +29,7 @@ ORDER = {"error": 0, "warning": 1, "note": 2}
 UP = np.array([0.0, 0.0, 1.0])
 LEVEL = 0.05  # [deg] what leans by less is called level
 SETTLED = (1.0, 0.5)  # [mm, deg] an object that was moved by more was not where its pose said
-SETTLE_NOTE = "(`settle` off"  # in the note of surroundings that says the same
+SAID = ("(`settle` off", "does not come to rest")  # in notes of the surroundings that findings say as well
 TIPPING = 2e-3  # [m] the centre of mass may be beyond what carries the object: the error of a measured pose
 STEEP = np.radians(15.0)  # a motion that leaves its support by more lifts the object
 MOST_NAMED = 3  # free directions in one message
@@ -50,7 +50,7 @@ def scene_findings(scene: Scene, hand: Hand | None = None) -> list[Finding]:
         found += _way(scene, touching, normal)
         found += room_findings(scene, hand, normal if normal.any() else UP)
     found += _seen(scene)
-    found += [Finding("note", "repaired", note) for note in scene.notes if SETTLE_NOTE not in note]
+    found += [Finding("note", "repaired", note) for note in scene.notes if not any(said in note for said in SAID)]
     return sorted(found, key=lambda finding: ORDER[finding.level])
 
 
@@ -59,14 +59,16 @@ def _settled(scene: Scene) -> Iterator[Finding]:
     shift, turn = (float(scene.parameters.get(key, 0.0)) for key in ("settled_mm", "settled_deg"))
     if not shift and not turn:
         return
-    way = "raised" if shift > 0 else "lowered"
-    sentence = f"the object was {way} by {abs(shift):.1f} mm and tilted by {turn:.1f} degrees onto what carries it"
+    if shift > 0:
+        sentence = f"the object stood {shift:.1f} mm inside what carries it, and was raised"
+    else:
+        sentence = f"the object touched nothing: the nearest surface was {-shift:.1f} mm below it, and it was lowered"
+    sentence += f" onto it, tilted by {turn:.1f} degrees"
     if abs(shift) <= SETTLED[0] and turn <= SETTLED[1]:
         yield Finding("note", "settled", sentence)
         return
-    was = "it was inside it" if shift > 0 else f"the nearest surface was {abs(shift):.1f} mm below it"
     remedy = "mend the `object_pose` if that is not what happened, or keep it by `settle` off"
-    yield Finding("warning", "settled", f"{sentence}: {was}", remedy)
+    yield Finding("warning", "settled", sentence, remedy)
 
 
 def _supports(scene: Scene) -> Iterator[Finding]:

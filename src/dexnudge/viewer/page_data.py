@@ -46,7 +46,8 @@ def page_data(scenes: Sequence[VisualScene], *, camera: Camera | None = None) ->
     first = scenes[0]
     meshes: dict[int, trimesh.Trimesh] = {id(part.mesh): part.mesh for part in first.parts}
     place = {key: index for index, key in enumerate(meshes)}
-    extra = [first.arrow().mesh, trimesh.creation.icosphere(subdivisions=2, radius=CONTACT_RADIUS)]
+    arrow, ball = first.arrow().mesh, trimesh.creation.icosphere(subdivisions=2, radius=CONTACT_RADIUS)
+    extra = [arrow if len(arrow.faces) else ball, ball]  # where nothing moves no arrow is drawn
     return {
         "geometries": [page_geometry(mesh) for mesh in [*meshes.values(), *extra]],
         "arrow": len(meshes),

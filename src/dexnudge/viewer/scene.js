@@ -6,7 +6,7 @@
 
   const redraw = createStage(data, () => {
     const move = data.motion.map((v) => v * data.motion_length * motion.value / 100);
-    return { poses, contacts: [], move, arrow: [0, 0, 0], opacity: opacity.value / 100 };
+    return { poses, contacts: [], move, arrow: data.motion.some((v) => v) ? [0, 0, 0] : null, opacity: opacity.value / 100 };
   });
   if (!redraw) return;
 

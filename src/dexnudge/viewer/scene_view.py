@@ -23,7 +23,8 @@ ORIGINS: tuple[Role, ...] = SURROUNDINGS  # of a triangle whose origin is 0, 1 o
 AROUND = 0.10  # [m] of the surroundings that the picture shows beside object and motion
 SHOWN = 1.0  # [m] of a large scan beside object and motion that picture and page show
 LARGE = 100_000  # triangles from which only the neighbourhood is shown, thinned
-RING_WIDTH = 0.003  # [m] of the outline of what carries the object
+RING_WIDTH = 0.005  # [m] of the outline of what carries the object
+SHARPEST = 0.2  # of a corner's mitre: sharper ones are blunted
 RING_RAISED = 0.0004  # [m] above the support, so that both are told apart
 OBSTACLE_RADIUS = 0.006  # [m] of the ball that marks where the way ends
 SHORTEST_ARROW = 0.004  # [m]
@@ -47,13 +48,14 @@ def scene_view(scene: Scene, way: FreeWay | None = None) -> VisualScene:
     for index, support in enumerate(scene.supports):
         ring = _ring(np.asarray(support.corners), np.asarray(support.normal))
         parts.append(Part(f"support {index}", "support", ring, np.eye(4)))
-    length = scene.motion_length if way is None else way.length
+    length = 0.0 if way is None else way.length
     if way is not None and way.place is not None and not way.whole:
         ball = trimesh.creation.icosphere(subdivisions=3, radius=OBSTACLE_RADIUS)
         parts.append(Part("obstacle", "obstacle", ball, trimesh.transformations.translation_matrix(way.place)))
     kept = tuple(part for part in parts if len(part.mesh.faces))
     arrow = max(length, SHORTEST_ARROW)
-    return VisualScene(kept, np.zeros((0, 3)), np.asarray(scene.motion), scene.motion_length, arrow_length=arrow)
+    motion = np.zeros(3) if way is None else np.asarray(scene.motion)
+    return VisualScene(kept, np.zeros((0, 3)), motion, scene.motion_length, arrow_length=arrow)
 
 
 def write_scene_picture(view: VisualScene, path: Path | str, *, size: tuple[int, int] = SIZE) -> Path:
@@ -104,9 +106,10 @@ def _row(finding: Finding) -> str:
 def _camera(view: VisualScene, aspect: float) -> Camera:
     """Return the best view of object and motion, from so far away that what is around them is seen too."""
     best = choose_camera(view, aspect=aspect)
-    seen = view.vertices("object", "obstacle")
+    seen, around = view.vertices("object", "obstacle"), view.vertices(*SURROUNDINGS)
     seen = np.concatenate([seen, seen + view.motion * view.motion_length])
-    around = view.vertices(*SURROUNDINGS)
+    if not view.motion.any():  # a misplaced object: where are they?
+        seen = np.concatenate([seen, around])
     low = np.maximum(seen.min(axis=0) - AROUND, around.min(axis=0)).clip(max=seen.min(axis=0))
     high = np.minimum(seen.max(axis=0) + AROUND, around.max(axis=0)).clip(min=seen.max(axis=0))
     corners = trimesh.bounds.corners(np.array([low, high]))
@@ -134,12 +137,16 @@ def _surroundings(mesh: trimesh.Trimesh, bounds: Float[np.ndarray, "2 3"]) -> li
 
 
 def _ring(corners: Float[np.ndarray, "corner 3"], normal: Float[np.ndarray, "3"]) -> trimesh.Trimesh:
-    """Return a flat ribbon along the outline of a convex patch, half of it outside; a disc-like patch of few corners too."""
-    middle = corners.mean(axis=0)
-    outward = corners - middle
-    outward /= np.maximum(np.linalg.norm(outward, axis=1, keepdims=True), 1e-9)
-    shift = RING_WIDTH / 2 * outward
-    rim = np.concatenate([corners - shift, corners + shift]) + RING_RAISED * normal
+    """Return a flat ribbon around the outline of a convex patch; empty for a line or a point."""
+    if len(corners) < 3:
+        return trimesh.Trimesh()
+    ahead = np.roll(corners, -1, axis=0) - corners
+    outward = np.cross(ahead, normal)
+    outward /= np.linalg.norm(outward, axis=1, keepdims=True)
+    outward *= np.sign(((corners - corners.mean(axis=0)) * outward).sum())
+    mitre = outward + np.roll(outward, 1, axis=0)
+    mitre /= np.maximum((mitre * outward).sum(axis=1, keepdims=True), SHARPEST)
+    rim = np.concatenate([corners, corners + RING_WIDTH * mitre]) + RING_RAISED * normal
     count = len(corners)
     here, after = np.arange(count), np.roll(np.arange(count), -1)
     faces = np.concatenate(
