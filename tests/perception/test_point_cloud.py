@@ -12,6 +12,7 @@ from dexnudge.geometry.exact_distance import ExactDistance
 from dexnudge.perception.fusion import SEEN, fuse
 from dexnudge.perception.point_cloud import cloud_views
 from dexnudge.perception.point_cloud_files import load_point_cloud
+from dexnudge.perception.views import load_views
 
 LOW, HIGH = np.array([-0.16, -0.16, -0.05]), np.array([0.16, 0.16, 0.16])
 TABLE, BOX = ((-1, -1, -0.2), (1, 1, 0.001)), ((-0.05, -0.04, 0.0), (0.06, 0.05, 0.081))
@@ -110,6 +111,16 @@ def test_view_points_come_from_the_call_a_json_file_or_the_pcd(tmp_path, cloud):
     np.testing.assert_allclose([view.T_world_camera[:3, 3] for view in stated], np.tile(EYES[0], (len(stated), 1)))
     with pytest.raises(SceneError, match=r"b\.pcd: `view_points` is missing; expected \(k, 3\)"):
         cloud_views(pcd(tmp_path / "b.pcd", few))
+
+
+def test_a_cloud_is_loaded_where_views_are(tmp_path, cloud):
+    np.save(tmp_path / "cloud.npy", cloud[::5])
+    loaded, made = load_views(tmp_path / "cloud.npy", view_points=EYES), cloud_views(cloud[::5], EYES)
+    assert [view.depth.tolist() for view in loaded] == [view.depth.tolist() for view in made]
+    with pytest.raises(SceneError, match=r"`masks` is .box_{}.png., but .* is a point cloud"):
+        load_views(tmp_path / "cloud.npy", view_points=EYES, masks="box_{}.png")
+    with pytest.raises(SceneError, match="`view_points` is given without a point cloud"):
+        load_views(made, view_points=EYES)
 
 
 @pytest.mark.parametrize(

@@ -88,6 +88,26 @@ def test_behind_the_wall_is_solid_unless_unseen_is_free(views, with_mesh):
     assert (ExactDistance(free.environment_mesh)(inside).distance > 0.02).all()
 
 
+def test_a_point_cloud_with_its_view_points_gives_the_same_world(views, with_mesh, tmp_path):
+    np.save(tmp_path / "cloud.npy", np.concatenate([view.points()[::3] for view in views]))
+    scene = Scene.from_depth(
+        tmp_path / "cloud.npy",
+        view_points=EYES,
+        object=trimesh.creation.box(SIZE),
+        object_pose=pose_of(),
+        motion=[-1, 0, 0],
+        voxel=VOXEL,
+    )
+    np.testing.assert_allclose(scene.T_world_object, pose_of(), atol=2e-3)
+    assert [support.side for support in scene.supports] == ["below"]
+    mesh = scene.environment_mesh
+    seen = mesh.triangles_center[mesh.metadata["origin"] == SEEN]
+    assert np.quantile(np.abs(ExactDistance(boxes(TABLE, WALL))(seen).distance), 0.95) < 3e-3
+    beside = np.array([[-0.12, 0.0, 0.02], [0.0, -0.08, 0.02], [-0.12, 0.0, -0.02]])
+    for found in (scene, with_mesh):
+        assert (ExactDistance(found.environment_mesh)(beside).distance > 0).tolist() == [True, True, False]
+
+
 def test_from_its_masks_alone_it_is_the_same_box(views):
     scene = Scene.from_depth(views, motion=[-1, 0, 0], voxel=VOXEL)
     np.testing.assert_allclose(scene.object_mesh.extents, SIZE, atol=8e-3)  # pixels of 2.5 mm, two lost at each edge

@@ -15,6 +15,8 @@ from dexnudge.geometry.rigid import rigid_transform
 from dexnudge.jobs.json_files import path_inside, read_json
 from dexnudge.perception.depth_images import MAX_PIXELS, read_depth, read_mask
 from dexnudge.perception.depth_view import UNSCALED, DepthView, finite_number
+from dexnudge.perception.point_cloud import cloud_views
+from dexnudge.perception.point_cloud_files import FORMATS
 
 __all__ = ["DepthView", "load_views"]
 
@@ -25,8 +27,10 @@ MAX_VIEWS = 256
 MAX_ALL_PIXELS = 256_000_000  # of all views: a gigabyte of depth in single precision
 
 
-def load_views(source: str | Path | Sequence[DepthView], *, masks: str | None = None) -> list[DepthView]:
-    """Return the views of a folder with `cameras.json`, of that file, or of a sequence.
+def load_views(
+    source: str | Path | Sequence[DepthView], *, masks: str | None = None, view_points: Any = None
+) -> list[DepthView]:
+    """Return the views of a folder with `cameras.json`, of that file, of a point cloud, or of a sequence.
 
     `cameras.json` is a list, an entry a view: `depth` (16-bit PNG inside the folder), `depth_unit` [m], `width`, `height`,
     `fx`, `fy`, `cx`, `cy` [px], `T_world_camera`, and optionally `mask` (PNG, not zero = object; a view without the object
@@ -35,12 +39,26 @@ def load_views(source: str | Path | Sequence[DepthView], *, masks: str | None = 
     `masks` names the object's masks in place of `mask`, where a folder holds those of several: `"box_{}.png"` with {} for
     the number of the view, from 0. Such a mask may be empty, or missing, in views that do not see the object.
 
+    A point cloud (`.ply`, `.pcd`, `.npy`) needs `view_points`, where the sensor stood; see `cloud_views`.
+
     Raises:
         SceneError: a file is missing, damaged, outside the folder or of another kind, a key is missing, or a value is no
             camera's; it names file and view.
     """
     if isinstance(source, str | Path):
-        return _read_views(source, masks)
+        check_path("views", source, SceneError)
+        if Path(source).suffix.lower() in FORMATS:
+            if masks is not None:
+                raise SceneError(
+                    f"`masks` is {quote(masks)}, but {source} is a point cloud, which has no pixels; leave it out"
+                )
+            return cloud_views(source, view_points)
+    if view_points is not None:
+        raise SceneError(
+            "`view_points` is given without a point cloud; expected them with .ply, .pcd or .npy; leave it out"
+        )
+    if isinstance(source, str | Path):
+        return _read_views(Path(source), masks)
     views: Sequence[Any] = source
     if masks is not None:
         raise SceneError("`masks` names files of a folder, but `views` is a sequence; expected masks in the views")
@@ -52,9 +70,7 @@ def load_views(source: str | Path | Sequence[DepthView], *, masks: str | None = 
     return list(views)
 
 
-def _read_views(source: str | Path, masks: str | None) -> list[DepthView]:
-    check_path("views", source, SceneError)
-    path = Path(source)
+def _read_views(path: Path, masks: str | None) -> list[DepthView]:
     try:
         path = path / CAMERAS_FILE if path.is_dir() else path
     except OSError as error:  # a name of 300 letters

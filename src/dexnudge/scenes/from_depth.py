@@ -5,6 +5,7 @@ from __future__ import annotations
 from collections.abc import Sequence
 from dataclasses import dataclass, replace
 from pathlib import Path
+from typing import Any
 
 import numpy as np
 import trimesh
@@ -64,6 +65,7 @@ def scene_from_depth(
     object_pose: str | Path | Float[np.ndarray, "4 4"] | None,
     way: Float[np.ndarray, "3"],
     masks: str | None,
+    view_points: Any,
     unseen: str,
     voxel: float | None,
 ) -> DepthSurroundings:
@@ -75,6 +77,7 @@ def scene_from_depth(
         object_pose: T_world_object or a file with it; with `object_mesh`.
         way: motion times its length [m].
         masks: see `load_views`.
+        view_points: see `load_views`.
         unseen: what space counts as that no view looked into.
         voxel: edge [m]; 4 mm if None.
 
@@ -89,7 +92,7 @@ def scene_from_depth(
         )
     if unseen not in UNSEEN_IS:
         raise SceneError(f"`unseen` is {quote(unseen)}; expected 'solid' or 'free'")
-    views = consistent(load_views(views, masks=masks))
+    views = consistent(load_views(views, masks=masks, view_points=view_points))
     if object_mesh is None or object_pose is None:
         found = masked_object(views)
         mesh, T_world_object = found.mesh, found.T_world_object

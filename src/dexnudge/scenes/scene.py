@@ -172,6 +172,7 @@ class Scene:
         object_pose: str | Path | Float[np.ndarray, "4 4"] | None = None,
         motion: Sequence[float] | Sequence[int] | Float[np.ndarray, "3"],
         masks: str | None = None,
+        view_points: Any = None,
         unseen: str = "solid",
         voxel: float | None = None,
         settle: str = "auto",
@@ -190,11 +191,12 @@ class Scene:
         it was seen (0), assumed (1), or bounds what was not seen (2).
 
         Args:
-            views: folder with cameras.json, that file, or `DepthView`s; see `load_views`.
+            views: folder with cameras.json, that file, a point cloud, or `DepthView`s; see `load_views`.
             object: as in `from_files`; None where masks are all that is known of it.
             object_pose: as in `from_files`, with `object`.
             motion: as in `from_files`.
             masks: name of the object's masks in the folder, {} for the number of the view: "box_{}.png".
+            view_points: (k, 3) where the sensor of a point cloud stood [m, world], or a JSON file with them.
             unseen: space that no view looked into is "solid" or "free".
             voxel: edge of the lattice in which views are fused [m]; 4 mm unless given.
             settle: as in `from_files`.
@@ -219,6 +221,7 @@ class Scene:
             object_pose=object_pose,
             way=physics.get("motion_length", MOTION_LENGTH) * unit_motion(motion),
             masks=masks,
+            view_points=view_points,
             unseen=unseen,
             voxel=voxel,
         )
