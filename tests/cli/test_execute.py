@@ -64,14 +64,6 @@ def test_folders_that_cannot_be_executed_are_refused(dexnudge, sampled, tmp_path
     assert outcome.code == 2
     assert "none of the 8 configurations is verified; expected at least one" in outcome.err
     assert not (none / "execution").exists()
-    sheet = tmp_path / "sheet"
-    shutil.copytree(sampled, sheet)
-    (sheet / "environment.obj").write_text(
-        "v -1 -1 0\nv 1 -1 0\nv 1 1 0\nv -1 1 0\nf 1 2 3\nf 1 3 4\n", encoding="ascii"
-    )
-    outcome = dexnudge("execute", sheet)
-    assert outcome.code == 2
-    assert "part 1 of 1 of the environment (2 triangles around (0.000, 0.000, 0.000)) is a flat sheet" in outcome.err
 
 
 def test_a_folder_that_is_not_there_is_refused(dexnudge, tmp_path):

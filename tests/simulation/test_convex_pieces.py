@@ -1,4 +1,4 @@
-"""Pieces against the mesh itself: they cover it, and do not reach far outside it; sheets are refused."""
+"""Pieces against the mesh itself: they cover it, and do not reach far outside it; of sheets the surface is taken."""
 
 import numpy as np
 import pytest
@@ -11,7 +11,18 @@ from dexnudge.geometry.surface_points import surface_points
 from dexnudge.objects.builtin import builtin_object
 from dexnudge.scenes.boxes import box, joined
 from dexnudge.scenes.shelf import cell
-from dexnudge.simulation.convex_pieces import TOLERANCE, bodies_of, environment_pieces, object_pieces, simple_hull
+from dexnudge.simulation.convex_pieces import (
+    DECOMPOSE_OBJECT,
+    TOLERANCE,
+    bodies_of,
+    decomposed,
+    environment_pieces,
+    object_pieces,
+    simple_hull,
+)
+from dexnudge.simulation.surface_pieces import DEPTH
+
+WAY = np.array([[0.3, 0.3, 0.0], [0.5, 0.4, 0.01]])
 
 
 def test_a_convex_object_is_one_piece():
@@ -53,7 +64,7 @@ def test_simple_hull_leaves_out_at_most_the_tolerance():
 
 def test_the_walls_of_a_shelf_are_five_boxes():
     mesh = cell(0.3, 0.2)
-    pieces = environment_pieces(mesh)
+    pieces = environment_pieces(mesh, mesh.bounds)
     assert [len(piece) for piece in pieces] == [8] * 5
     assert sum(ConvexHull(piece).volume for piece in pieces) == pytest.approx(mesh.volume)
 
@@ -61,16 +72,25 @@ def test_the_walls_of_a_shelf_are_five_boxes():
 def test_a_part_that_is_not_convex_is_cut():
     outline = np.array([[0.0, 0.0], [0.3, 0.0], [0.3, 0.02], [0.02, 0.02], [0.02, 0.2], [0.0, 0.2]])
     angle = trimesh.creation.extrude_polygon(trimesh.path.polygons.Polygon(outline), 0.2)
-    pieces = environment_pieces(angle)
+    pieces = environment_pieces(angle, angle.bounds)
     assert len(pieces) >= 2
     assert sum(ConvexHull(piece).volume for piece in pieces) == pytest.approx(angle.volume, rel=0.03)
 
 
-def test_a_sheet_is_refused_by_name():
+def test_of_a_sheet_beside_a_box_the_surface_is_taken():
     sheet = trimesh.Trimesh([[0.0, 0, 0], [1, 0, 0], [1, 1, 0], [0, 1, 0]], [[0, 1, 2], [0, 2, 3]])
+    slab = box((0.0, 0.0, -0.1), (1.0, 1.0, -0.05))
+    first, second = environment_pieces(joined([slab, sheet]), WAY)
+    np.testing.assert_allclose(np.sort(first, axis=0), np.sort(slab.vertices, axis=0))
+    assert (second[:, 2].min(), second[:, 2].max()) == pytest.approx((-DEPTH, 0.0))
+
+
+def test_what_takes_too_long_is_refused_with_what_to_do():
+    hollow = trimesh.creation.annulus(0.03, 0.05, 0.02, sections=64)
     with pytest.raises(MeshError) as raised:
-        environment_pieces(joined([box((0.0, 0.0, -0.1), (1.0, 1.0, -0.05)), sheet]))
+        decomposed(hollow, DECOMPOSE_OBJECT, limit=0.05)
     assert str(raised.value) == (
-        "part 2 of 2 of the environment (2 triangles around (0.500, 0.500, 0.000)) is a flat sheet; MuJoCo's contacts "
-        "expect bodies with a thickness; make a box of it, or leave it out"
+        f"the object with {len(hollow.faces)} triangles was not cut into convex pieces within 0.05 s; expected a closed "
+        "body of few triangles; close its holes, or decimate it to some thousands of triangles "
+        "(in MeshLab: Simplification: Quadric Edge Collapse Decimation)"
     )

@@ -1,9 +1,11 @@
 """Links, objects and surroundings as convex pieces with few vertices, which is what MuJoCo's contacts are made of.
 
 A link counts as its convex hull, as in most simulations of hands, unless the hull fills a hollow such as the palm's. Of the
-surroundings, convex parts are taken as they stand; the others are cut by CoACD, and the result is measured against the part.
+surroundings, convex parts are taken as they stand; closed ones of few triangles are cut by CoACD, and the result is measured
+against the part; of everything else the surface is taken.
 """
 
+import logging
 from typing import Any, TypeAlias
 
 import numpy as np
@@ -17,6 +19,8 @@ from dexnudge.geometry.mesh_repair import without_small_holes
 from dexnudge.geometry.surface_points import surface_points
 from dexnudge.hands.hand import Hand
 from dexnudge.jobs.cached import cached_per_instance
+from dexnudge.simulation.decomposition import coacd_pieces
+from dexnudge.simulation.surface_pieces import MOST_PIECES, surface_pieces
 
 CONVEX_ENOUGH = 0.99  # volume / volume of the hull: an edge may be hollow, a camera's bump may not be ramped
 MOST_BODIES = 64  # a mesh of more closed bodies than this is a soup of parts, and is decomposed as a whole
@@ -25,9 +29,14 @@ TOLERANCE = 1.0e-4  # [m] that a piece may leave out of its hull: rounded edges 
 LINK_TOLERANCE = 2.0e-4  # [m] the same for links; a fifth of the penetration that is allowed
 HOLLOW = 0.7  # volume / volume of the hull below which a link is cut: the palm's hull fills the hollow of the hand
 THINNEST_PART = 1.0e-4  # [m] mean thickness of a part of the surroundings; a thinner one is a sheet
+MOST_FACES_SPLIT = 100_000  # of surroundings that are looked at part by part; a larger mesh is a scan
+MOST_FACES_CUT = 2_000  # of a part that CoACD cuts, in seconds; more take it minutes
+TOLERANCE_OF_SURFACE = 0.001  # [m] from which it is said that pieces leave the surface
 MOST_ADDED = 0.002  # [m] that pieces may reach out of their part: as deep as a hand may be in the surroundings
 CHECK_SPACING = 0.005  # [m] between the points at which that is measured
 SURFACE_SAMPLES = 1000  # on which CoACD measures concavity
+LONGEST_SEARCH = 120.0  # [s] of CoACD for an object
+LONGEST_SEARCH_AROUND = 30.0  # [s] for a part of the surroundings, whose surface is taken instead
 VOXELS_OF_OPEN_MESH = 100  # along the longest side: an open mesh is first closed on a grid
 
 
@@ -90,25 +99,38 @@ def bodies_of(mesh: trimesh.Trimesh) -> list[trimesh.Trimesh]:
     return bodies if all(body.is_watertight and body.volume > 0 for body in bodies) else [mesh]
 
 
-def decomposed(mesh: trimesh.Trimesh, settings: dict[str, Any]) -> list[Vertices]:
+def decomposed(mesh: trimesh.Trimesh, settings: dict[str, Any], *, limit: float = LONGEST_SEARCH) -> list[Vertices]:
     """Return the vertices [m, mesh frame] of CoACD's pieces.
 
     Raises:
-        MeshError: there are none.
+        MeshError: there are none, or none after `limit` [s].
     """
-    import coacd
-
-    coacd.set_log_level("off")
-    found = coacd.run_coacd(
-        coacd.Mesh(np.asarray(mesh.vertices, dtype=np.float64), np.asarray(mesh.faces, dtype=np.int32)),
-        preprocess_mode="off" if mesh.is_watertight else "on",
-        preprocess_resolution=VOXELS_OF_OPEN_MESH,
-        resolution=SURFACE_SAMPLES,
-        seed=0,
-        **settings,
-    )
+    try:
+        found = coacd_pieces(
+            np.asarray(mesh.vertices, dtype=np.float64),
+            np.asarray(mesh.faces, dtype=np.int32),
+            {
+                "preprocess_mode": "off" if mesh.is_watertight else "on",
+                "preprocess_resolution": VOXELS_OF_OPEN_MESH,
+                "resolution": SURFACE_SAMPLES,
+                "seed": 0,
+                **settings,
+            },
+            limit=limit,
+        )
+    except TimeoutError as error:
+        raise MeshError(
+            f"the object with {len(mesh.faces):,} triangles was not cut into convex pieces within {limit:g} s; expected a "
+            "closed body of few triangles; close its holes, or decimate it to some thousands of triangles "
+            "(in MeshLab: Simplification: Quadric Edge Collapse Decimation)"
+        ) from error
+    except ValueError as error:
+        raise MeshError(
+            f"the object with {len(mesh.faces):,} triangles could not be cut into convex pieces ({error}); expected a "
+            "closed body; close its holes or remesh it"
+        ) from error
     thinnest = THINNEST_PIECE * float(mesh.extents.max()) ** 3
-    pieces = [np.asarray(vertices) for vertices, _ in found if _hull_volume(vertices) > thinnest]
+    pieces = [vertices for vertices in found if _hull_volume(vertices) > thinnest]
     if not pieces:
         raise MeshError(
             f"the object with {len(mesh.faces)} triangles could not be cut into convex pieces: CoACD returned "
@@ -143,45 +165,50 @@ def link_pieces(hand: Hand) -> list[list[Vertices]]:
     return pieces
 
 
-def environment_pieces(mesh: trimesh.Trimesh) -> list[Vertices]:
+def environment_pieces(mesh: trimesh.Trimesh, way: Float[np.ndarray, "2 3"]) -> list[Vertices]:
     """Return the vertices [m, world] of convex pieces that together are the surroundings.
 
-    Raises:
-        MeshError: naming the part that is a sheet, or that convex pieces do not describe to 2 mm.
+    Convex parts are taken as they are, other closed ones of few triangles are cut by CoACD. Sheets, scans and what convex
+    pieces do not describe to 2 mm is taken as its surface near the object's way; see `surface_pieces`.
+
+    Args:
+        mesh: surroundings [m, world].
+        way: corners of the box that holds the object all along its way [m, world].
     """
-    parts = list(mesh.split(only_watertight=False))
+    parts = list(mesh.split(only_watertight=False)) if len(mesh.faces) <= MOST_FACES_SPLIT else [mesh]
     pieces: list[Vertices] = []
-    for index, part in enumerate(parts):
-        pieces.extend(_pieces_of_part(part, f"part {index + 1} of {len(parts)} of the environment"))
+    others: list[trimesh.Trimesh] = []
+    for part in map(without_small_holes, parts):
+        found = _pieces_of_body(part)
+        pieces.extend(found)
+        if not found:
+            others.append(part)
+    if others:
+        surface = surface_pieces(trimesh.util.concatenate(others), way, most=max(MOST_PIECES - len(pieces), 1))
+        pieces.extend(surface.pieces)
+        if surface.error > TOLERANCE_OF_SURFACE:
+            logging.getLogger(__name__).warning(
+                "the surroundings are simulated as %d pieces, which leave their surface by up to %.1f mm",
+                len(surface.pieces),
+                1e3 * surface.error,
+            )
     return pieces
 
 
-def _pieces_of_part(part: trimesh.Trimesh, name: str) -> list[Vertices]:
-    part = without_small_holes(part)
-    x, y, z = part.bounds.mean(axis=0)
-    name = f"{name} ({len(part.faces)} triangles around ({x:.3f}, {y:.3f}, {z:.3f}))"
-    hull_volume = _hull_volume(part.vertices)
-    if hull_volume < THINNEST_PART * float(np.sort(part.extents)[1:].prod()):
-        raise MeshError(
-            f"{name} is a flat sheet; MuJoCo's contacts expect bodies with a thickness; make a box of it, or leave it out"
-        )
-    if part.is_watertight and part.volume > CONVEX_ENOUGH * hull_volume:
+def _pieces_of_body(part: trimesh.Trimesh) -> list[Vertices]:
+    """Return the convex pieces of a closed body; none where there are none that describe it to 2 mm."""
+    if not part.is_watertight or _hull_volume(part.vertices) < THINNEST_PART * float(np.sort(part.extents)[1:].prod()):
+        return []
+    if part.volume > CONVEX_ENOUGH * _hull_volume(part.vertices):
         return [simple_hull(np.asarray(part.vertices), tolerance=TOLERANCE)]
+    if len(part.faces) > MOST_FACES_CUT:
+        return []
     try:
-        found = [simple_hull(piece, tolerance=TOLERANCE) for piece in decomposed(part, DECOMPOSE_ENVIRONMENT)]
-    except (MeshError, QhullError) as error:
-        raise MeshError(
-            f"{name} cannot be cut into the convex bodies that MuJoCo needs ({str(error).splitlines()[0]}); expected a "
-            "closed body; close its holes or build it of boxes"
-        ) from error
-    added = _reach_out(part, found)
-    if added > MOST_ADDED:
-        raise MeshError(
-            f"{name} is not convex, and the {len(found)} convex bodies that MuJoCo would take for it reach "
-            f"{1e3 * added:.1f} mm out of it; expected at most {1e3 * MOST_ADDED:.0f} mm; build it of convex bodies that "
-            "are not connected, such as boxes" + ("" if part.is_watertight else ", or close its holes")
-        )
-    return found
+        cut = decomposed(part, DECOMPOSE_ENVIRONMENT, limit=LONGEST_SEARCH_AROUND)
+        found = [simple_hull(piece, tolerance=TOLERANCE) for piece in cut]
+    except (MeshError, QhullError):
+        return []
+    return found if _reach_out(part, found) <= MOST_ADDED else []
 
 
 def _reach_out(part: trimesh.Trimesh, pieces: list[Vertices]) -> float:

@@ -210,7 +210,7 @@ def scene_model(hand: Hand, scene: Scene) -> SimulationModel:
     object_surface = ContactSurface(OBJECT_SIDE, touches=HAND_SIDE | ENVIRONMENT_SIDE)
     _add_pieces(spec, body, object_pieces(scene.object_mesh), object_surface)
     surroundings = spec.worldbody.add_body(name=SURROUNDINGS)
-    _add_pieces(spec, surroundings, environment_pieces(scene.environment_mesh), environment_surface)
+    _add_pieces(spec, surroundings, environment_pieces(scene.environment_mesh, scene.way_bounds()), environment_surface)
     spec.compile()
     return load_scene_model(str(spec.to_xml()), hand, scene)
 

@@ -301,12 +301,15 @@ def contact_force_sums(simulation: SimulationModel, one: int, other: int) -> Flo
 
 def hand_clearance(simulation: SimulationModel) -> float:
     """Return the least distance of the hand's and the surroundings' pieces [m], at most FAR; negative: penetration."""
-    least = FAR
-    for hand in np.flatnonzero(simulation.side == HAND_SIDE):
-        for other in np.flatnonzero(simulation.side == ENVIRONMENT_SIDE):
-            least = min(
-                least, mujoco.mj_geomDistance(simulation.model, simulation.data, int(hand), int(other), least, None)
-            )
+    model, data, least = simulation.model, simulation.data, FAR
+    hands, others = (np.flatnonzero(simulation.side == side) for side in (HAND_SIDE, ENVIRONMENT_SIDE))
+    # Surroundings may have thousands of pieces, most of them far away: balls around both are apart by at least this.
+    apart = np.linalg.norm(data.geom_xpos[hands, None] - data.geom_xpos[others], axis=2)
+    apart -= model.geom_rbound[hands, None] + model.geom_rbound[others]
+    for hand, other in zip(*np.nonzero(apart < FAR), strict=True):
+        if apart[hand, other] < least:
+            distance = mujoco.mj_geomDistance(model, data, int(hands[hand]), int(others[other]), least, None)
+            least = min(least, distance)
     return float(least)
 
 

@@ -1,0 +1,61 @@
+"""CoACD in a process of its own, which can be ended: how long it searches cannot be told from a mesh.
+
+Run as a script it imports nothing of dexnudge, reads a .npz (vertices, faces, settings as JSON) and writes another one
+(vertices 0, vertices 1, ...).
+"""
+
+import io
+import json
+import signal
+import subprocess
+import sys
+from pathlib import Path
+from typing import Any
+
+import numpy as np
+
+DELAY = 5  # [s] after which a process whose parent has gone ends by itself
+
+
+def coacd_pieces(
+    vertices: np.ndarray, faces: np.ndarray, settings: dict[str, Any], *, limit: float
+) -> list[np.ndarray]:
+    """Return the vertices (n, 3) of CoACD's pieces for a mesh (v, 3), (f, 3), in its unit; `settings` are CoACD's own.
+
+    Raises:
+        TimeoutError: it took more than `limit` [s].
+        ValueError: CoACD refuses the mesh, or dies of it.
+    """
+    problem = io.BytesIO()
+    np.savez(problem, vertices=vertices, faces=faces, settings=json.dumps({**settings, "limit": limit}))
+    command = [sys.executable, str(Path(__file__).resolve())]
+    try:
+        done = subprocess.run(  # noqa: S603 - this file
+            command, input=problem.getvalue(), capture_output=True, timeout=limit, check=False
+        )
+    except subprocess.TimeoutExpired as error:
+        raise TimeoutError(f"CoACD has not finished after {limit:g} s") from error
+    if done.returncode != 0:
+        lines = done.stderr.decode("utf-8", "replace").strip().splitlines()
+        raise ValueError(lines[-1] if lines else f"CoACD died with code {done.returncode}")
+    with np.load(io.BytesIO(done.stdout), allow_pickle=False) as found:
+        return [found[f"vertices {index}"] for index in range(len(found))]
+
+
+def _answer() -> None:
+    import coacd
+
+    with np.load(io.BytesIO(sys.stdin.buffer.read()), allow_pickle=False) as problem:
+        vertices, faces, settings = problem["vertices"], problem["faces"], json.loads(str(problem["settings"]))
+    limit = settings.pop("limit")
+    if hasattr(signal, "alarm"):
+        signal.alarm(int(limit) + DELAY)
+    coacd.set_log_level("off")
+    pieces = coacd.run_coacd(coacd.Mesh(vertices, faces), **settings)
+    answer = io.BytesIO()
+    np.savez(answer, **{f"vertices {index}": piece for index, (piece, _) in enumerate(pieces)})
+    sys.stdout.buffer.write(answer.getvalue())
+
+
+if __name__ == "__main__":
+    _answer()
