@@ -159,6 +159,7 @@ def test_clouds_that_are_none(tmp_path):
     assert message("c.npy", (tmp_path / "flat.npy").read_bytes()).startswith("has shape (12, 2); expected (n, 3)")
     huge = (tmp_path / "flat.npy").read_bytes().replace(b"(12, 2), }      ", b"(9999999, 3), }").ljust(200)
     assert message("d.npy", huge).startswith("cannot be read as npy (ValueError)")
+    assert message("e.npy", huge.replace(b"3), }", b"3), (")).startswith("cannot be read as npy (TokenError)")
     assert message("a.ply", (tmp_path / "box.ply").read_bytes()).startswith("has faces; expected a point cloud")
     assert message("b.ply", b"ply\nformat ascii 1.0\n").startswith("cannot be read as ply")
     assert message("a.pcd").startswith("cannot be read as pcd (no FIELDS in the header)")

@@ -141,6 +141,8 @@ def test_values_that_are_no_numbers(folder, key, value):
         ({"depth_unit": 1}, "m in the median; expected 0.02 to 20 m"),
         ({"depth_unit": 1e-6}, "m in the median; expected 0.02 to 20 m"),
         ({"depth_unit": -0.001}, "depth_unit is -0.001; expected the metres of one step"),
+        ({"depth_unit": 1e308}, "depth_unit is 1e+308; expected the metres of one step"),
+        ({"depth": "\ud800"}, "which is no path"),
         ({"depth": "../depth.png"}, "depth is '../depth.png', outside the folder of cameras.json"),
         ({"depth": "/etc/passwd"}, "outside the folder of cameras.json"),
         ({"depth": 7}, "depth is 7; expected a path relative to the folder of cameras.json"),

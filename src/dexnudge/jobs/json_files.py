@@ -45,7 +45,7 @@ def path_inside(folder: Path, value: Any, key: str, *, file: str, what: str) -> 
         raise SceneError(f"{key} is {value!r}; expected a path relative to the folder of {file}")
     try:
         target = (folder / value).resolve()
-    except (OSError, RuntimeError) as error:
+    except (OSError, RuntimeError, ValueError) as error:
         raise SceneError(
             f"{key} is {value!r}, which is no path ({error}); expected one in the folder of {file}"
         ) from error

@@ -5,6 +5,7 @@ from __future__ import annotations
 import io
 from dataclasses import dataclass
 from pathlib import Path
+from tokenize import TokenError
 
 import numpy as np
 import trimesh
@@ -56,8 +57,10 @@ def load_point_cloud(path: str | Path) -> PointCloud:
         raise SceneError(f"{path}: cannot be read ({what_failed(error)}); expected a point cloud") from error
     reader = {".ply": _read_ply, ".pcd": _read_pcd, ".npy": _read_npy}[kind]
     try:
-        points, organised, view_point = reader(data, path)
-    except PARSE_ERRORS as error:
+        with np.errstate(all="ignore"):
+            points, organised, view_point = reader(data, path)
+            points = points.astype(np.float64) if points.dtype.kind in "fiu" else points
+    except (*PARSE_ERRORS, TokenError, MemoryError) as error:
         if isinstance(error, SceneError):
             raise
         raise SceneError(f"{path}: cannot be read as {kind[1:]} ({type(error).__name__}); {REMEDY}") from error
@@ -76,7 +79,7 @@ def checked_points(points: np.ndarray, name: str, *, organised: bool = False) ->
         raise SceneError(f"{name}: has shape {points.shape} of {points.dtype}; expected real numbers, (n, 3) or (n, 6)")
     if len(points) > MAX_POINTS:
         raise SceneError(f"{name}: {len(points):,} points; expected at most {MAX_POINTS:,}; thin it out to 2 mm")
-    points = points.astype(np.float64)
+    points = np.asarray(points, dtype=np.float64)
     finite = np.isfinite(points).all(axis=1)
     if not organised and not finite.all():
         raise SceneError(

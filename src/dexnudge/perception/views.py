@@ -23,6 +23,7 @@ __all__ = ["DepthView", "load_views"]
 CAMERAS_FILE = "cameras.json"
 NUMBER_OF_VIEW = re.compile(r"\{(?::0\dd?)?\}")  # in names of masks: {}, or {:03} for numbers with leading zeros
 NUMBERS = ("fx", "fy", "cx", "cy", "depth_unit")
+LARGEST_UNIT = 1.0  # [m] of one step of depth
 MAX_VIEWS = 256
 MAX_ALL_PIXELS = 256_000_000  # of all views: a gigabyte of depth in single precision
 
@@ -108,7 +109,7 @@ def _read_view(path: Path, index: int, entry: Any, masks: str | None) -> DepthVi
     if width * height > MAX_PIXELS:
         raise SceneError(f"{name}: has {width} x {height} pixels; expected at most {MAX_PIXELS:,}; scale it down")
     fx, fy, cx, cy, unit = (finite_number(entry[key], f"{name}: {key}") for key in NUMBERS)
-    if unit <= 0:
+    if not 0 < unit <= LARGEST_UNIT:
         raise SceneError(
             f"{name}: depth_unit is {unit:g}; expected the metres of one step, such as 0.001 for millimetres"
         )
