@@ -2,13 +2,20 @@
 
 import json
 import os
+import re
+import shutil
 import struct
+from pathlib import Path
 
 import numpy as np
 import pytest
 import trimesh
+from PIL import Image
 
 import dexnudge as dn
+from dexnudge.perception.view_files import save_views
+from dexnudge.simulation.camera_poses import looking_at
+from dexnudge.simulation.depth_camera import DepthCamera, DepthRenderer
 
 QUICK = ["--method", "random_start_projection", "--num", "2", "--seed", "3"]
 
@@ -115,3 +122,60 @@ def test_family_scenes_take_a_clearance_and_a_length(dexnudge, tmp_path):
     scene = dn.load_scene(tmp_path / "out")
     assert (scene.clearance, scene.motion_length) == (0.003, 0.05)
     np.testing.assert_allclose(scene.T_world_object, dn.build_scene("table", "phone", seed=0).T_world_object, atol=1e-9)
+
+
+@pytest.fixture(scope="module")
+def depth_folder(tmp_path_factory):
+    """Depth images with masks of a flat box on a table, from three places."""
+    table = trimesh.creation.box(bounds=[[-0.3, -0.3, -0.04], [0.3, 0.3, 0.0]])
+    pose = trimesh.transformations.translation_matrix((0, 0, 0.01))
+    scene = dn.Scene(trimesh.creation.box((0.15, 0.07, 0.02)), table, pose, np.array([-1.0, 0.0, 0.0]))
+    camera = DepthCamera(width=120, height=90, focal=110.0, noise=0.0, unit=0.0005)
+    renderer, generator = DepthRenderer(scene, camera), np.random.default_rng(0)
+    eyes = [(-0.35, 0.3, 0.4), (-0.4, -0.25, 0.4), (-0.5, 0.0, 0.3)]
+    folder = tmp_path_factory.mktemp("depth") / "views"
+    save_views([renderer.view(looking_at(np.zeros(3), np.array(eye)), generator) for eye in eyes], folder, unit=0.0005)
+    return folder
+
+
+def test_an_object_known_from_its_masks_alone(dexnudge, depth_folder, tmp_path):
+    outcome = dexnudge("scene", "masked", "--depth", depth_folder, "--motion", -1, 0, 0, "--out", tmp_path / "out")
+    assert outcome.code == 0, outcome.err
+    scene = dn.load_scene(tmp_path / "out")
+    np.testing.assert_allclose(np.sort(scene.object_mesh.extents), [0.02, 0.07, 0.15], atol=0.016)  # 3 pixels
+    assert re.search(r"note: of the surface around object and way \d+% was seen, \d+% is assumed, ", outcome.out)
+    assert "never seen" in (tmp_path / "out" / "scene.html").read_text()
+
+
+def test_depth_images_that_cannot_be_used_exit_2(dexnudge, depth_folder, tmp_path):
+    broken = Path(shutil.copytree(depth_folder, tmp_path / "broken"))
+    Image.fromarray(np.zeros((90, 120), dtype=np.uint8)).save(broken / "depth_0.png")
+    for command in ("scene", "sample"):
+        outcome = dexnudge(command, "masked", "--depth", broken, "--motion", -1, 0, 0, "--out", tmp_path / "out")
+        assert (outcome.code, outcome.out) == (2, "")
+        assert outcome.err.startswith(f"dexnudge: {broken / 'cameras.json'}: view 0")
+    assert not (tmp_path / "out").exists()
+
+
+@pytest.mark.parametrize(
+    ("options", "message"),
+    [
+        (["masked", "--depth", "d"], "--depth needs --motion too; add what is missing"),
+        (["phone", "--depth", "d", "--motion", 1, 0, 0], "--depth needs --object-pose too; add what is missing"),
+        (["phone"], "neither of --scene, --environment and --depth given; expected one: "),
+        (["masked", "--scene", "table"], "OBJECT is 'masked' without --depth; expected a mesh file, "),
+        (["phone", "--scene", "table", "--masks", "m_{}.png"], "--masks given with --scene, which draws its own; use "),
+        (
+            ["phone", "--environment", "e.ply", "--object-pose", "p.json", "--motion", 1, 0, 0, "--unseen", "free"],
+            "--unseen given with --environment, which has no views; use --depth, or leave it out",
+        ),
+        (
+            ["phone", "--scene", "table", "--depth", "d"],
+            "--scene and --depth of --scene, --environment and --depth given; ",
+        ),
+    ],
+)
+def test_options_that_do_not_fit(dexnudge, options, message):
+    outcome = dexnudge("sample", *options)
+    assert (outcome.code, outcome.out) == (2, "")
+    assert outcome.err.startswith(f"dexnudge: {message}")

@@ -184,10 +184,15 @@ def test_an_object_beyond_the_edge_would_tip():
 
 
 def test_what_was_never_seen_is_told():
-    table = TABLE.copy()
-    table.metadata["origin"] = np.array([0 if normal[2] > 0.5 else 2 for normal in table.face_normals])
-    (finding,) = [each for each in scene_of(table).findings() if each.what == "seen"]
-    assert finding.sentence == "of the surroundings' surface 46% was seen, 0% assumed, 54% never seen"
+    surroundings = trimesh.util.concatenate([TABLE, box((-0.05, 0.05, 0.0), (0.05, 0.06, 0.1))])
+    surroundings.metadata["origin"] = np.repeat([0, 2], 12)
+    (finding,) = [each for each in scene_of(surroundings).findings() if each.what == "seen"]
+    unseen = 0.1 * 0.1 * 2 + 0.1 * 0.01 * 4
+    seen = 2 * (1.2 * 0.8 + 1.2 * 0.04 + 0.8 * 0.04) - 2 * 0.04 * 0.8  # both ends are out of reach
+    share = unseen / (seen + unseen)
+    assert finding.sentence == (
+        f"of the surface around object and way {1 - share:.0%} was seen, 0% is assumed, {share:.0%} bounds what was not seen"
+    )
 
 
 RAISED = "the object stood 0.5 mm inside what carries it, and was raised"

@@ -77,7 +77,7 @@ class Sample(SceneOptions):
         self.check_options()
         from dexnudge.results.folder import result_folder
 
-        out = out_folder(self.out, RUNS / f"{Path(self.object).stem}-{self.place}", overwrite=self.overwrite)
+        out = out_folder(self.out, RUNS / f"{self.label}-{self.place}", overwrite=self.overwrite)
         with result_folder(out, overwrite=self.overwrite) as folder:
             summary = self._sample_into(folder)
         _print(summary)

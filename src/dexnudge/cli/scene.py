@@ -39,7 +39,7 @@ class SceneCommand(SceneOptions):
         from dexnudge.scenes.free_way import free_way
         from dexnudge.viewer.scene_view import scene_view, write_scene_page, write_scene_picture
 
-        default = RUNS / f"{Path(self.object).stem}-{self.place}-understood"
+        default = RUNS / f"{self.label}-{self.place}-understood"
         out = out_folder(self.out, default, overwrite=self.overwrite)
         ours = (*SCENE_FILES, PICTURE, PAGE)
         with new_folder(out, overwrite=self.overwrite, marker=FINDINGS, ours=ours) as folder:

@@ -9,7 +9,18 @@ from typing import TYPE_CHECKING, Annotated, Any, Literal
 
 import tyro
 
-from dexnudge.cli.arguments import Count, Flag, MeshOptions, OptionalNumber, Physics, Text, check_at_least, metavar, say
+from dexnudge.cli.arguments import (
+    Count,
+    Flag,
+    MeshOptions,
+    OptionalFolder,
+    OptionalNumber,
+    Physics,
+    Text,
+    check_at_least,
+    metavar,
+    say,
+)
 from dexnudge.errors import InputError, SceneError
 
 if TYPE_CHECKING:
@@ -21,30 +32,38 @@ RUNS = Path("runs")  # unless --out is given
 SCENE_FILE = (
     "scene.json"  # what makes a folder one with a scene; the name stands in scenes/files.py, which is slow to import
 )
-MATTER = ("size", "supports", "free_way", "repaired")  # notes that `sample` prints
+MASKED = "masked"  # in the place of an object's file or name
+SOURCES = ("scene", "environment", "depth")  # where surroundings come from
+MATTER = ("size", "supports", "settled", "free_way", "repaired")  # notes that `sample` prints
 
 
 @dataclass(frozen=True, kw_only=True)
 class SceneOptions(MeshOptions):
-    """The scene is drawn from a family (--scene), your own (--environment, --object-pose, --motion), or a folder's."""
+    """The scene is drawn from a family, your own from a mesh or from depth images, or that of a folder."""
 
     object: tyro.conf.Positional[Annotated[str, metavar("OBJECT")]]
     """Mesh file (obj, stl, ply, glb, off, dae), name of a built-in object (an unknown name lists them), or a folder that
-    `scene` wrote."""
+    `scene` wrote; with --depth also "masked", for one of which only masks are known."""
     scene: Annotated[str | None, metavar("FAMILY")] = None
     """Scene family, such as table, layers or shelf; an unknown name lists them."""
     environment: Annotated[str | None, metavar("MESH")] = None
     """Mesh file of your own surroundings, world frame, z up."""
+    depth: OptionalFolder = None
+    """Folder of depth images of your own surroundings, with cameras.json."""
     object_pose: Annotated[str | None, metavar("JSON")] = None
     """File with T_world_object, the 4x4 pose of the object in those surroundings."""
     motion: Annotated[tuple[float, float, float] | None, metavar("DX DY DZ")] = None
-    """Direction in which the object should slide, world frame; with --environment."""
+    """Direction in which the object should slide, world frame; with --environment and --depth."""
+    masks: Annotated[str | None, metavar("NAME")] = None
+    """With --depth: name of the object's masks in the folder, {} for the number of the view: box_{}.png."""
+    unseen: Literal["solid", "free"] = "solid"
+    """With --depth: what space is that no view looked into."""
     motion_length: OptionalNumber = None
     """How far it should slide [m]; 0.1 unless given."""
     settle: Literal["auto", "off"] = "auto"
-    """With --environment: move the object by up to 5 mm and 3 degrees onto what carries it, or leave it as it is."""
+    """Move the object by up to 5 mm and 3 degrees onto what carries it, or leave it as it is."""
     surface_noise: OptionalNumber = None
-    """With --environment: by how much its surfaces scatter, root mean square [m]; measured unless given."""
+    """By how much the surfaces of --environment or --depth scatter, root mean square [m]; measured unless given."""
     clearance: OptionalNumber = None
     """Distance that hands keep from the surroundings [m]; at least the surface noise."""
     seed: Count = 0
@@ -60,7 +79,12 @@ class SceneOptions(MeshOptions):
         """What names the scene in the names of folders."""
         if self.is_folder:
             return "scene"
-        return self.scene or Path(self.environment or "").stem
+        return self.scene or Path(self.environment or self.depth or "").stem
+
+    @property
+    def label(self) -> str:
+        """What names the object in the names of folders."""
+        return Path(self.object).stem
 
     @property
     def is_folder(self) -> bool:
@@ -70,65 +94,83 @@ class SceneOptions(MeshOptions):
     def check_options(self) -> None:
         """Refuse options that contradict each other; InputError."""
         check_at_least(0, seed=self.seed)
-        own = {"object_pose": self.object_pose, "motion": self.motion}
-        measured = {"settle": None if self.settle == "auto" else "off", "surface_noise": self.surface_noise}
-        sources = {"scene": self.scene, "environment": self.environment}
+        given = {name: getattr(self, name) for name in SOURCES}
+        own = {name: getattr(self, name) for name in ("object_pose", "motion", "surface_noise")}
+        own |= {"settle": None if self.settle == "auto" else self.settle}
+        seen = {"masks": self.masks, "unseen": None if self.unseen == "solid" else self.unseen}
         if self.is_folder:
             meshes = {"units": None if self.units == "m" else self.units, "length": self.length}
-            _refuse(
-                {**sources, **own, **measured, **meshes}, f"the scene of the folder {self.object}, which has its own"
-            )
+            _refuse({**given, **own, **seen, **meshes}, f"the scene of the folder {self.object}, which has its own")
             return
-        if (self.scene is None) == (self.environment is None):
-            got = "neither" if self.scene is None else "both"
+        named = [f"`{name}`" for name, value in given.items() if value is not None]
+        if len(named) != 1:
             raise InputError(
-                f"{got} of `scene` and `environment` given; expected one: `scene` table, or `environment` MESH with "
-                "`object_pose` JSON and `motion` DX DY DZ"
+                f"{' and '.join(named) or 'neither'} of `scene`, `environment` and `depth` given; expected one: `scene` "
+                "table, `environment` MESH with `object_pose` JSON and `motion` DX DY DZ, or `depth` DIR with `motion`"
+            )
+        if self.object == MASKED and self.depth is None:
+            raise InputError(
+                f"OBJECT is {MASKED!r} without `depth`; expected a mesh file, or depth images with masks of the object"
             )
         if self.scene is not None:
-            _refuse({**own, **measured}, "`scene`, which draws its own; use `environment`")
+            _refuse({**own, **seen}, "`scene`, which draws its own; use `environment`")
             return
-        missing = [f"`{name}`" for name, value in own.items() if value is None]
+        if self.depth is None:
+            _refuse(seen, "`environment`, which has no views; use `depth`")
+        needed = ["motion"] if self.object == MASKED else ["object_pose", "motion"]
+        missing = [f"`{name}`" for name in needed if own[name] is None]
         if missing:
-            raise InputError(f"`environment` needs {' and '.join(missing)} too; add what is missing")
+            raise InputError(f"{named[0]} needs {' and '.join(missing)} too; add what is missing")
 
     def build(self) -> tuple[str, Scene]:
         """Return the object's name and the scene, which may be misplaced: its findings say so."""
+        from dexnudge.scenes.scene import Scene
+
         values = self.physics.given()
         values |= {} if self.motion_length is None else {"motion_length": self.motion_length}
         margins: dict[str, Any] = {} if self.clearance is None else {"clearance": self.clearance}
         if self.is_folder:
-            from dexnudge.scenes.scene import Scene
-
-            return Path(self.object).resolve().name, replace(Scene.load(self.object), **values, **margins)
-        from dexnudge.objects.builtin import is_builtin
-        from dexnudge.objects.sets import refuse_units, resolve_object
-
-        found = resolve_object(self.object, units=self.units, length=self.length)
+            folder = Path(self.object)
+            return folder.resolve().name, replace(Scene.load(folder), **values, **margins)
+        name, mesh = self._object()
         if self.scene is not None:
-            if is_builtin(self.object):
-                refuse_units(self.object, self.units)
             from dexnudge.scenes.families import build_scene
 
-            return found.name, replace(build_scene(self.scene, found.mesh, seed=self.seed, **values), **margins)
-        from dexnudge.scenes.scene import Scene
-
+            return name, replace(build_scene(self.scene, mesh, seed=self.seed, **values), **margins)
+        assert self.motion is not None
+        values |= {"settle": self.settle, "surface_noise": self.surface_noise, **margins, "validate": False}
+        if self.depth is not None:
+            return name, Scene.from_depth(
+                self.depth,
+                object=mesh,
+                object_pose=self.object_pose,
+                motion=self.motion,
+                masks=self.masks,
+                unseen=self.unseen,
+                **values,
+            )
         assert self.environment is not None
         assert self.object_pose is not None
-        assert self.motion is not None
-        scene = Scene.from_files(
-            found.mesh,
+        return name, Scene.from_files(
+            mesh,
             environment=self.environment,
             object_pose=self.object_pose,
             motion=self.motion,
             units=self.units,
-            settle=self.settle,
-            surface_noise=self.surface_noise,
-            validate=False,
             **values,
-            **margins,
         )
-        return found.name, scene
+
+    def _object(self) -> tuple[str, Any]:
+        """Return the object's name and its mesh [m]; None for one that only masks show."""
+        if self.object == MASKED:
+            return MASKED, None
+        from dexnudge.objects.builtin import is_builtin
+        from dexnudge.objects.sets import refuse_units, resolve_object
+
+        found = resolve_object(self.object, units=self.units, length=self.length)
+        if self.environment is None and is_builtin(self.object):
+            refuse_units(self.object, self.units)
+        return found.name, found.mesh
 
     def what_matters(self, scene: Scene, hand: Hand) -> list[Finding]:
         """Return the findings before sampling; of a scene of a family, which is built to be right, only sizes and errors."""

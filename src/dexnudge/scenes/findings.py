@@ -22,7 +22,7 @@ from dexnudge.scenes.support_contacts import (
     carrying_normal,
     touching_contacts,
 )
-from dexnudge.scenes.supports import EXACT
+from dexnudge.scenes.supports import EXACT, faces_near
 from dexnudge.scenes.sweep import sweep_of
 
 ORDER = {"error": 0, "warning": 1, "note": 2}
@@ -35,6 +35,8 @@ STEEP = np.radians(15.0)  # a motion that leaves its support by more lifts the o
 MOST_NAMED = 3  # free directions in one message
 DIRECTIONS = 8  # in the plane of the support that are tried where the way is not free
 SHORTEST_WAY = 0.02  # [m] a shorter motion is not worth proposing
+NEAR = 0.10  # [m] around object and way, of which it is said how much was seen
+SMALLEST_AREA = 1e-12  # [m^2]
 SUM_WEIGHT = 1e3  # of the condition that the weights of a convex combination sum to 1, against metres
 
 
@@ -182,8 +184,10 @@ def _seen(scene: Scene) -> Iterator[Finding]:
     """Yield how much of surroundings from depth images was never measured."""
     mesh = scene.environment_mesh
     if "origin" in mesh.metadata:
-        share = np.bincount(mesh.metadata["origin"], weights=mesh.area_faces, minlength=3) / mesh.area
-        sentence = (
-            f"of the surroundings' surface {share[0]:.0%} was seen, {share[1]:.0%} assumed, {share[2]:.0%} never seen"
-        )
-        yield Finding("note", "seen", sentence)
+        near = faces_near(mesh, np.asarray(scene.way_bounds()) + np.array([[-NEAR], [NEAR]]))
+        corners = np.asarray(mesh.vertices)[np.asarray(mesh.faces)[near]]
+        area = np.linalg.norm(np.cross(corners[:, 1] - corners[:, 0], corners[:, 2] - corners[:, 0]), axis=1)
+        origin = np.asarray(mesh.metadata["origin"])[near]
+        share = np.bincount(origin, weights=area, minlength=3) / max(float(area.sum()), SMALLEST_AREA)
+        shares = f"{share[0]:.0%} was seen, {share[1]:.0%} is assumed, {share[2]:.0%} bounds what was not seen"
+        yield Finding("note", "seen", f"of the surface around object and way {shares}")

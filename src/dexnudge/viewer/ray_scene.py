@@ -80,8 +80,9 @@ def ray_scene(
         towards = np.einsum("ij,ij->i", mesh.face_normals, camera.position - mesh.triangles_center) > 0
         facing = towards if mesh.is_watertight else np.ones_like(towards)
         solid.append(placed[facing & ~see_through])
-        glass += [placed[facing & see_through], _edge_lines(mesh, see_through, camera)]
-        glass[-2]["colour"] = linear_colour(PALETTE["unseen" if part.role == "unseen" else "glass"])
+        pane = placed[facing & see_through]
+        pane["colour"] = linear_colour(PALETTE["unseen" if part.role == "unseen" else "glass"])
+        glass += [pane] if part.role == "unseen" else [pane, _edge_lines(mesh, see_through, camera)]
     ball = trimesh.creation.icosphere(subdivisions=2, radius=CONTACT_RADIUS)
     places = [trimesh.transformations.translation_matrix(point) for point in scene.contacts]
     markers = [_triangles(Part("contact", "contact", ball, T_world_ball)) for T_world_ball in places]
