@@ -21,6 +21,8 @@ from dexnudge.hands.hand import Hand as Hand
 from dexnudge.hands.registry import load_hand as load_hand
 from dexnudge.mechanics.contacts import HandContacts as HandContacts
 from dexnudge.objects.builtin import builtin_names as builtin_names, builtin_object as builtin_object
+from dexnudge.perception.depth_view import DepthView as DepthView
+from dexnudge.perception.views import load_views as load_views
 from dexnudge.planning.outcomes import Outcome as Outcome
 from dexnudge.results.checking import Check as Check, check as check
 from dexnudge.results.folder import load_samples as load_samples

@@ -16,10 +16,8 @@ from dexnudge.perception.planes import CELL, Plane, merged_points
 WALL_GAP = 0.06  # [m] from what was measured of a wall to where it is assumed; floors are continued without limit
 BEHIND = 0.02  # [m] a point that lies farther behind a plane was seen through it, or mirrored in it
 NOT_BEHIND = 0.004  # [m] nearer behind a plane a point is on it
-MIRROR_TOLERANCE = (
-    0.05  # [m] between a mirrored point and the surface whose image it is: twice the error of the height of a floor
-)
-SEEN_THROUGH = 3  # rays through a cell of a patch and its neighbours that say that it is open
+MIRROR_TOLERANCE = 0.05  # [m] between a mirrored point and what it is the image of: twice the error of a floor's height
+SEEN_THROUGH = 3  # rays through a cell and its neighbours that open it, if more than those that met a mirror image
 
 
 def complete(views: Sequence[DepthView], planes: Sequence[Plane]) -> list[DepthView]:
@@ -124,30 +122,32 @@ def _patch_of(
     patch = _Patch(plane, axes, corner, _inside_hull(flat, corner, shape), mirrors)
     here = np.zeros(shape, dtype=bool)
     here[tuple(_cells(at_height, axes, corner).T)] = True
-    counts = np.zeros(shape)
+    through, images = np.zeros(shape), np.zeros(shape)
     for view in views:
-        np.add.at(counts, tuple(_cells(_through(patch, view), axes, corner).T), 1)
-    around = 9 * uniform_filter(counts, size=3, mode="constant")
-    opened = (counts > 0) & (around > SEEN_THROUGH - 0.5) & ~here
+        crossings, mirrored = _crossings(patch, view)
+        for counts, kind in ((through, ~mirrored), (images, mirrored)):
+            np.add.at(counts, tuple(_cells(crossings[kind], axes, corner).T), 1)
+    opened = (through > 0) & ~here
+    through, images = (9 * uniform_filter(counts, size=3, mode="constant") for counts in (through, images))
+    opened &= (through > SEEN_THROUGH - 0.5) & (through > images)
     if not opened.any():
         return patch, 0.0
     nearer = distance_transform_edt(~here) <= distance_transform_edt(~opened)
     return replace(patch, covers=patch.covers & nearer), float(opened.sum() / (opened.sum() + here.sum()))
 
 
-def _through(patch: _Patch, view: DepthView) -> Float[np.ndarray, "n 3"]:
-    """Return where a view's rays went through a plane to what they measured behind it, mirror images left out."""
+def _crossings(patch: _Patch, view: DepthView) -> tuple[Float[np.ndarray, "n 3"], Bool[np.ndarray, " n"]]:
+    """Return where a view's rays crossed a plane to what they measured behind it, and which measured a mirror image."""
     points = view.points()
     points = points[patch.plane.heights(points) < -BEHIND]
     position = view.T_world_camera[:3, 3]
     start = float(position @ patch.plane.normal - patch.plane.offset)
     if start <= 0:
-        return np.zeros((0, 3))
+        return np.zeros((0, 3)), np.zeros(0, dtype=bool)
     share = start / (start - patch.plane.heights(points))
     crossings = position + share[:, None] * (points - position)
     inside = patch.has(crossings)
-    points, crossings = points[inside], crossings[inside]
-    return crossings[~patch.mirrored(points)] if len(points) else crossings
+    return crossings[inside], patch.mirrored(points[inside])
 
 
 def _inside_hull(flat: np.ndarray, corner: np.ndarray, shape: tuple[int, int]) -> Bool[np.ndarray, "row column"]:

@@ -29,9 +29,9 @@ def consistent(views: Sequence[DepthView]) -> list[DepthView]:
 
 
 def votes(
-    points: Float[np.ndarray, "n 3"], views: Sequence[DepthView]
+    points: Float[np.ndarray, "n 3"], views: Sequence[DepthView], *, beyond: float = SEEN_THROUGH
 ) -> tuple[Int[np.ndarray, " n"], Int[np.ndarray, " n"]]:
-    """Return by how many views each point is confirmed, and by how many contradicted, which saw something behind it."""
+    """Return how many views confirm each point, and how many contradict it: they saw more than `beyond` [m] behind it."""
     confirmed, contradicted = np.zeros(len(points), dtype=int), np.zeros(len(points), dtype=int)
     for view in views:
         inside = np.flatnonzero(view.sees(points))
@@ -39,5 +39,5 @@ def votes(
         column, row = np.rint(u).astype(int), np.rint(v).astype(int)
         depth = view.depth[row.clip(0, view.height - 1), column.clip(0, view.width - 1)]
         confirmed[inside] += (depth > 0) & (np.abs(depth - z) < AGREES)
-        contradicted[inside] += depth > z + SEEN_THROUGH
+        contradicted[inside] += depth > z + beyond
     return confirmed, contradicted

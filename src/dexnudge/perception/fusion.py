@@ -55,11 +55,13 @@ class EmptySpace:
     """Space that is free whatever the views say, such as the object's own.
 
     `low`, `high`: corners of a box around it [m, world]. `distance`: signed, of points (n, 3), negative inside [m].
+    `unseen_margin` [m]: by which it is larger where no view looked.
     """
 
     low: Float[np.ndarray, "3"]
     high: Float[np.ndarray, "3"]
     distance: Callable[[Float[np.ndarray, "n 3"]], Float[np.ndarray, " n"]]
+    unseen_margin: float = 0.0
 
 
 def fuse(
@@ -99,7 +101,7 @@ def fuse(
     seen_voxels = int((distance[inner] < 0).sum())
     distance[inner][not_seen] = -1.0 if unseen == "solid" else 1.0
     if empty is not None:
-        _empty(distance[inner], low, voxel, empty)
+        _empty(distance[inner], not_seen, low, voxel, empty)
     specks = _without_specks(distance[inner])
     _close(distance)
     vertices, faces, nodes = isosurface(distance)
@@ -176,15 +178,22 @@ def _integrated(
     return distance, known, guessed & known
 
 
-def _empty(distance: Float[np.ndarray, "x y z"], low: Float[np.ndarray, "3"], voxel: float, empty: EmptySpace) -> None:
+def _empty(
+    distance: Float[np.ndarray, "x y z"],
+    not_seen: Bool[np.ndarray, "x y z"],
+    low: Float[np.ndarray, "3"],
+    voxel: float,
+    empty: EmptySpace,
+) -> None:
     """Give the nodes in and around an empty space at least their distance to its border, from inside."""
-    margin = TRUNCATION * voxel
-    first = np.clip(np.floor((empty.low - margin - low) / voxel), 0, distance.shape).astype(int)
-    last = np.clip(np.ceil((empty.high + margin - low) / voxel), first, distance.shape).astype(int)
-    block = distance[tuple(slice(*ends) for ends in zip(first.tolist(), last.tolist(), strict=True))]
-    places = low + voxel * (np.indices(block.shape).reshape(3, -1).T + first + 0.5)
-    inside = -empty.distance(places).reshape(block.shape) / margin
-    block[...] = np.maximum(block, np.clip(inside, -1.0, 1.0))
+    truncation = TRUNCATION * voxel
+    around = truncation + empty.unseen_margin
+    first = np.clip(np.floor((empty.low - around - low) / voxel), 0, distance.shape).astype(int)
+    last = np.clip(np.ceil((empty.high + around - low) / voxel), first, distance.shape).astype(int)
+    here = tuple(slice(*ends) for ends in zip(first.tolist(), last.tolist(), strict=True))
+    places = low + voxel * (np.indices(distance[here].shape).reshape(3, -1).T + first + 0.5)
+    inside = empty.unseen_margin * not_seen[here] - empty.distance(places).reshape(distance[here].shape)
+    distance[here] = np.maximum(distance[here], np.clip(inside / truncation, -1.0, 1.0))
 
 
 def _gaps(known: Bool[np.ndarray, "x y z"], distance: Float[np.ndarray, "x y z"]) -> Bool[np.ndarray, "x y z"]:

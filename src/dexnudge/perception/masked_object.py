@@ -16,7 +16,7 @@ from scipy.spatial import ConvexHull, QhullError, cKDTree
 from dexnudge.errors import SceneError
 from dexnudge.geometry.prism import outline_area, prism, smallest_rectangle
 from dexnudge.perception.depth_view import DepthView
-from dexnudge.perception.planes import Plane, find_planes
+from dexnudge.perception.planes import Plane, cell_means, find_planes
 
 BORDER = 1  # pixels by which a mask is shrunk: at its border a pixel shows both object and background
 JUMP = 0.015  # [m] by which depth changes between neighbouring pixels only at an edge
@@ -79,7 +79,7 @@ def masked_object(views: Sequence[DepthView]) -> MaskedObject:
     for plane, share in zip(planes, shares, strict=True):
         if plane is not support and share < FOREIGN_PLANE:
             kept = kept[np.abs(plane.heights(kept)) > plane.band]
-    kept = _thinned(kept)
+    kept = cell_means(kept, LATTICE)[0]
     kept = np.concatenate([group := _largest_group(kept), _level_with_top(kept, group, support)])
     if len(kept) < LEAST_POINTS:
         raise SceneError(
@@ -119,15 +119,6 @@ def _reliable(view: DepthView) -> Bool[np.ndarray, "height width"]:
     farthest = maximum_filter(np.where(view.measured, view.depth, -np.inf), size=3)
     inner = binary_erosion(view.mask, iterations=BORDER)
     return inner & view.measured & (farthest - nearest < JUMP)
-
-
-def _thinned(points: Float[np.ndarray, "n 3"]) -> Float[np.ndarray, "k 3"]:
-    """Return the mean of the points in each cell of a lattice."""
-    _, place, count = np.unique(
-        np.floor(points / LATTICE).astype(np.int64), axis=0, return_inverse=True, return_counts=True
-    )
-    place = place.reshape(-1)
-    return np.stack([np.bincount(place, points[:, axis], len(count)) for axis in range(3)], axis=1) / count[:, None]
 
 
 def _largest_group(points: Float[np.ndarray, "n 3"]) -> Float[np.ndarray, "k 3"]:
@@ -182,7 +173,7 @@ def _grown(points: Float[np.ndarray, "n 3"], faces: Sequence[Plane], support: Pl
     for face in faces:
         close = tree.query(face.points)[0] < GROWN
         more.append(face.points[close & (support.heights(face.points) > -support.band)])
-    return _thinned(np.concatenate(more))
+    return cell_means(np.concatenate(more), LATTICE)[0]
 
 
 def _prism(

@@ -6,7 +6,7 @@ from collections.abc import Sequence
 from dataclasses import dataclass, replace
 
 import numpy as np
-from jaxtyping import Float
+from jaxtyping import Float, Int
 from scipy.spatial import cKDTree
 
 from dexnudge.perception.depth_view import DepthView, depth_noise
@@ -66,17 +66,22 @@ def merged_points(
     points = np.concatenate([view.points() for view in views])
     points = points[((points >= low) & (points <= high)).all(axis=1)]
     cell = CELL
-    while True:
-        _, place, count = np.unique(
-            np.floor((points - low) / cell).astype(np.int64), axis=0, return_inverse=True, return_counts=True
-        )
-        if len(count) <= MOST_CELLS:
-            break
+    means, counts = cell_means(points, cell)
+    while len(counts) > MOST_CELLS:
         cell *= 1.5
-    place = place.reshape(-1)
-    sums = np.stack([np.bincount(place, points[:, axis], len(count)) for axis in range(3)], axis=1)
-    kept = count >= STRAYS * np.median(count) if len(count) else count > 0
-    return (sums / count[:, None])[kept]
+        means, counts = cell_means(points, cell)
+    return means[counts >= STRAYS * np.median(counts)] if len(counts) else means
+
+
+def cell_means(points: Float[np.ndarray, "n 3"], cell: float) -> tuple[Float[np.ndarray, "k 3"], Int[np.ndarray, " k"]]:
+    """Return the mean of the points in each cell of a lattice [m], and their number."""
+    if not len(points):
+        return points, np.zeros(0, dtype=np.int64)
+    cells = np.floor((points - points.min(axis=0)) / cell).astype(np.int64)
+    key = np.ravel_multi_index(tuple(cells.T), tuple(cells.max(axis=0) + 1))
+    _, place, counts = np.unique(key, return_inverse=True, return_counts=True)
+    sums = np.stack([np.bincount(place, points[:, axis], len(counts)) for axis in range(3)], axis=1)
+    return sums / counts[:, None], counts
 
 
 def find_planes(
