@@ -75,7 +75,7 @@ def test_a_scene_with_an_error_is_written_for_looking_at_and_exits_2(dexnudge, o
     assert "written: " in outcome.out
     found = json.loads((tmp_path / "out" / "findings.json").read_text())["findings"]
     assert [each["level"] for each in found].index("error") == 0
-    assert "never" not in (tmp_path / "out" / "scene.html").read_text().split("<script")[0]
+    assert "not seen" not in (tmp_path / "out" / "scene.html").read_text().split("<script")[0]
     again = dexnudge("sample", tmp_path / "out", *QUICK, "--out", tmp_path / "sampled")
     assert (again.code, "is blocked after 41 mm" in again.err) == (2, True)
     assert not (tmp_path / "sampled").exists()
@@ -144,7 +144,7 @@ def test_an_object_known_from_its_masks_alone(dexnudge, depth_folder, tmp_path):
     scene = dn.load_scene(tmp_path / "out")
     np.testing.assert_allclose(np.sort(scene.object_mesh.extents), [0.02, 0.07, 0.15], atol=0.016)  # 3 pixels
     assert re.search(r"note: of the surface around object and way \d+% was seen, \d+% is assumed, ", outcome.out)
-    assert "never seen" in (tmp_path / "out" / "scene.html").read_text()
+    assert "</i>not seen<" in (tmp_path / "out" / "scene.html").read_text()
 
 
 def test_depth_images_that_cannot_be_used_exit_2(dexnudge, depth_folder, tmp_path):

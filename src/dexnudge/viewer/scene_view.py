@@ -33,7 +33,7 @@ WHERE_THERE: dict[Role, str] = {
     "obstacle": "obstacle",
     "environment": "surroundings",
     "assumed": "assumed",
-    "unseen": "unseen",
+    "unseen": "not seen",
 }
 
 
