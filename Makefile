@@ -6,7 +6,7 @@ PIP := $(BIN)/python -m pip install -q -c constraints.txt
 # One file stays on one worker, so that what a file prepares is prepared once.
 PYTEST := $(BIN)/python -m pytest -n 2 --dist loadfile
 
-.PHONY: help demo test test-fast check docs bench results clean
+.PHONY: help demo test test-fast check docs bench results scans clean
 .DEFAULT_GOAL := help
 
 help:  ## list the targets
@@ -54,6 +54,10 @@ bench: $(VENV)/.dev.stamp  ## time energies, grids, grasps, data generation, sam
 results: $(VENV)/.run.stamp  ## run what is published (RUN=NAME of benchmarks/published_runs.yaml, or all) and write its tables and pages
 	$(PIP) -e ".[plots]"
 	$(BIN)/python benchmarks/publish.py $(or $(RUN),all)
+
+scans: $(VENV)/.run.stamp  ## sample in scans over a grid of their errors (OBJECTS=SET) and write the table, docs/scans.md and its chart
+	$(PIP) -e ".[plots]"
+	$(BIN)/python benchmarks/scan_grid.py --objects $(or $(OBJECTS),builtin:test)
 
 clean:  ## remove everything that the other targets made
 	rm -rf $(VENV) demo runs site build dist src/*.egg-info .pytest_cache .mypy_cache .ruff_cache .hypothesis
