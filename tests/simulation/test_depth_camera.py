@@ -46,7 +46,7 @@ def facing_plane(depth: float) -> SeenSurface:
 def test_depth_is_that_of_the_planes(flat_scene):
     position = np.array([0.1, -0.4, 0.5])
     pose = looking_at(np.zeros(3), position)
-    seen = DepthRenderer(flat_scene, SMALL).render(pose)
+    seen = DepthRenderer(flat_scene, SMALL, room=False).render(pose)
     directions = SMALL.directions() @ pose[:3, :3].T
     for pixels, height in ((seen.on_object & (seen.normal @ pose[2, :3] > 0.99), 0.02), (~seen.on_object, 0.0)):
         top = pixels & (seen.depth > 0) & (seen.normal @ pose[2, :3] > 0.99)
@@ -93,7 +93,7 @@ def test_nothing_is_measured_at_edges_in_shadow_and_at_grazing_angles(flat_scene
         flat_scene.T_world_object,
         flat_scene.motion,
     )
-    renderer = DepthRenderer(scene, FLAWLESS)
+    renderer = DepthRenderer(scene, FLAWLESS, room=False)
     seen = renderer.render(looking_at(np.zeros(3), np.array([0.0, -0.5, 0.4])))
     found = measured_depth(seen, FLAWLESS, np.random.default_rng(0))
     shadow = (seen.depth > 0) & ~seen.lit
@@ -108,6 +108,17 @@ def test_nothing_is_measured_at_edges_in_shadow_and_at_grazing_angles(flat_scene
     grazing = ~flat.on_object & (flat.incidence > np.radians(80.0))
     assert grazing.sum() > 100
     assert not measured_depth(flat, FLAWLESS, np.random.default_rng(0))[grazing].any()
+
+
+def test_what_lies_behind_the_scene_is_measured_too(flat_scene):
+    """Without it nobody could tell that the space beside a table is free."""
+    pose = looking_at(np.zeros(3), np.array([0.0, -0.6, 0.3]))
+    bare, in_room = (DepthRenderer(flat_scene, FLAWLESS, room=room).render(pose) for room in (False, True))
+    assert (bare.depth == 0).mean() > 0.2
+    assert (in_room.depth > 0).all()
+    np.testing.assert_allclose(in_room.depth[bare.depth > 0], bare.depth[bare.depth > 0], atol=1e-6)
+    behind = in_room.depth[bare.depth == 0]
+    assert behind.min() > 1.0
 
 
 def test_the_mask_is_the_object(flat_scene):

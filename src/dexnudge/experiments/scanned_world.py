@@ -15,12 +15,10 @@ from scipy.spatial.transform import Rotation
 
 from dexnudge.errors import InputError
 from dexnudge.perception.depth_view import DepthView
-from dexnudge.perception.fusion import fuse
 from dexnudge.scenes.scene import Scene
 from dexnudge.simulation.depth_camera import depth_views
 
 MOST_VIEWS = 12
-FUSED = 0.35  # [m] around the object in which depth images are fused
 LARGEST = {"noise_mm": 10.0, "tilt_deg": 30.0, "pose_mm": 50.0, "pose_deg": 45.0, "triangle_mm": 200.0}
 
 
@@ -81,11 +79,9 @@ class ScannedWorld:
         physics = {name: getattr(truth, name) for name in ("motion_length", "mass", "max_normal_force")}
         physics |= {"friction_hand": truth.friction_hand, "friction_environment": truth.friction_environment}
         given = {"object_pose": self.object_pose, "motion": self.motion, **physics}
-        surroundings = self.surroundings
-        if surroundings is None:
-            low, high = truth.object_in_world().bounds + np.array([[-FUSED], [FUSED]])
-            surroundings = fuse(self.views, low, high).mesh
-        return Scene.from_files(truth.object_mesh, environment=surroundings, **given)
+        if self.surroundings is None:
+            return Scene.from_depth(self.views, object=truth.object_mesh, **given)
+        return Scene.from_files(truth.object_mesh, environment=self.surroundings, **given)
 
 
 def scanned_world(scene: Scene, errors: ScanErrors, *, seed: int) -> ScannedWorld:

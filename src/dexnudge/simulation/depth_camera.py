@@ -17,16 +17,18 @@ Not in it: noise that neighbouring pixels share, errors of calibration, and surf
 from dataclasses import dataclass
 
 import numpy as np
+import trimesh
 from jaxtyping import Bool, Float
 from scipy.ndimage import maximum_filter, minimum_filter
 
 from dexnudge.geometry.exact_distance import Rays
 from dexnudge.perception.depth_view import DepthView
-from dexnudge.scenes.boxes import joined
+from dexnudge.scenes.boxes import box, joined
 from dexnudge.scenes.scene import Scene
 from dexnudge.simulation.camera_poses import camera_poses
 
-FARTHEST = 4.0  # [m] no ray is followed beyond
+FARTHEST = 6.0  # [m] no ray is followed beyond
+ROOM, FLOOR_BELOW = 4.0, 0.7  # [m] size of the room that a scene stands in, and its floor below the surroundings
 OFF_SURFACE = 1e-4  # [m] before a surface, where rays from it start: they must not meet it again
 DISPARITY_STEP = 2.85e-3  # [1/m] of inverse depth, Khoshelham and Elberink 2012
 STEEP = np.radians(60.0)  # from which axial noise grows with the angle, Nguyen et al. 2012
@@ -86,14 +88,19 @@ class SeenSurface:
 
 
 class DepthRenderer:
-    """Renders one scene from anywhere; the tree of its triangles is built once."""
+    """Renders one scene from anywhere; the tree of its triangles is built once.
 
-    def __init__(self, scene: Scene, camera: DepthCamera = KINECT) -> None:
+    room: whether the scene stands in a room of 4 x 4 m with a floor 0.7 m below it. A camera that looks past a table at
+    nothing could not tell that the space before it is free.
+    """
+
+    def __init__(self, scene: Scene, camera: DepthCamera = KINECT, *, room: bool = True) -> None:
         self.camera = camera
         body = scene.object_in_world()
-        self._mesh = joined([body, scene.environment_mesh])
+        parts = [body, scene.environment_mesh, *([_room_around(body, scene.environment_mesh)] if room else [])]
+        mesh = joined(parts)
         self._object_faces = len(body.faces)
-        self._rays, self._normals = Rays(self._mesh), np.asarray(self._mesh.face_normals)
+        self._rays, self._normals = Rays(mesh), np.asarray(mesh.face_normals)
 
     def render(self, T_world_camera: Float[np.ndarray, "4 4"]) -> SeenSurface:
         """Return what the pixels of a camera at T_world_camera (x right, y down, z forward) see."""
@@ -134,6 +141,13 @@ class DepthRenderer:
         distance = np.linalg.norm(to_projector, axis=1)
         blocked_at, _ = self._rays.first_hits(points, to_projector / distance[:, None], reach=2 * FARTHEST)
         return np.asarray(blocked_at >= distance)
+
+
+def _room_around(body: trimesh.Trimesh, surroundings: trimesh.Trimesh) -> trimesh.Trimesh:
+    """Return the walls, floor and ceiling of a room around a scene."""
+    (x, y, _), low = body.bounds.mean(axis=0), float(surroundings.bounds[0, 2]) - FLOOR_BELOW
+    half = ROOM / 2
+    return box((x - half, y - half, low), (x + half, y + half, low + ROOM))
 
 
 def axial_noise(
