@@ -11,6 +11,7 @@ from dexnudge.scenes.boxes import box
 from dexnudge.scenes.room import thinnest_digit
 
 FLAT = trimesh.creation.box((0.15, 0.07, 0.008))
+UPSIDE_DOWN = trimesh.transformations.rotation_matrix(np.pi, [1, 0, 0])
 TABLE = box((-0.6, -0.4, -0.04), (0.6, 0.4, 0.0))
 
 
@@ -82,7 +83,7 @@ def test_a_pose_inside_a_wall_is_an_error_with_the_way_out():
     ("pose", "question"),
     [
         (at(100, 50, 4), "in millimetres?"),
-        (trimesh.transformations.rotation_matrix(np.pi, [1, 0, 0]) @ at(), "upside down?"),
+        (UPSIDE_DOWN @ at(), "upside down?"),
         (trimesh.transformations.rotation_matrix(np.pi / 2, [1, 0, 0]) @ at(), "y-up?"),
     ],
 )
@@ -221,3 +222,20 @@ def test_supports_are_told_with_tilt_area_and_noise():
     assert "2.0 degrees from level, contact area " in supports[0]
     assert float(supports[0].split("noise ")[1].removesuffix(" mm")) == pytest.approx(0.5, abs=0.1)
     assert supports[-1] == "the surfaces scatter by 0.5 mm: hands keep 0.5 mm clear"
+
+
+def test_a_rough_scan_upside_down_is_recognised():
+    small = box((-0.2, -0.2, -0.04), (0.2, 0.2, 0.0))
+    table = trimesh.Trimesh(*trimesh.remesh.subdivide_to_size(small.vertices, small.faces, 0.01))
+    table.vertices[:, 2] += np.random.default_rng(0).normal(0.0, 1e-3, len(table.vertices))
+    turned = table.copy().apply_transform(UPSIDE_DOWN)
+    options = {"motion": [1, 0, 0], "validate": False}
+    (finding,) = said(dn.Scene.from_files(FLAT, environment=turned, object_pose=at(), **options), "pose")
+    assert "is the scan upside down?" in finding.remedy
+    both = dn.Scene.from_files(FLAT, environment=turned, object_pose=UPSIDE_DOWN @ at(), **options)
+    assert [each.what for each in both.findings() if each.level == "error"] == ["carried"]
+
+
+def test_an_object_that_floats_is_not_asked_for_its_unit():
+    (finding,) = said(scene_of(pose=at(0.1, 0.2, 0.012)), "pose")
+    assert finding.remedy == "move the object by (0.0000, 0.0000, -0.0080) m in the world"

@@ -31,7 +31,9 @@ LEVEL = 0.05  # [deg] what leans by less is called level
 SETTLED = (1.0, 0.5)  # [mm, deg] an object that was moved by more was not where its pose said
 SAID = ("(`settle` off", "does not come to rest")  # in notes of the surroundings that findings say as well
 TIPPING = 2e-3  # [m] the centre of mass may be beyond what carries the object: the error of a measured pose
-STEEP = np.radians(15.0)  # a motion that leaves its support by more lifts the object
+STEEP = np.radians(
+    15.0
+)  # a motion off its support by more lifts the object; one into it was meant so, and is not turned
 MOST_NAMED = 3  # free directions in one message
 DIRECTIONS = 8  # in the plane of the support that are tried where the way is not free
 SHORTEST_WAY = 0.02  # [m] a shorter motion is not worth proposing
@@ -49,7 +51,7 @@ def scene_findings(scene: Scene, hand: Hand | None = None) -> list[Finding]:
         normal = carrying_normal(touching)
         found += [*_settled(scene), *_supports(scene)]
         found += _carried(scene, touching)
-        found += _way(scene, touching, normal)
+        found += _way(scene, touching, normal) if normal.any() else []
         found += room_findings(scene, hand, normal if normal.any() else UP)
     found += _seen(scene)
     found += [Finding("note", "repaired", note) for note in scene.notes if not any(said in note for said in SAID)]
@@ -133,7 +135,7 @@ def _way(scene: Scene, touching: SupportContacts, normal: Float[np.ndarray, "3"]
         return
     others = _other_ways(scene, touching, normal)
     dip = float(np.arcsin(np.clip(-scene.motion @ normal, -1.0, 1.0)))
-    if dip > MOTION_TOLERANCE and way.touching:
+    if dip > (MOTION_TOLERANCE if way.touching else STEEP):
         yield Finding(
             "error",
             "motion",

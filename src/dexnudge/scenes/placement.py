@@ -18,6 +18,8 @@ INITIAL_PENETRATION_LIMIT = 1e-3  # [m] the limit that a configuration must keep
 SCATTER = 3.0  # standard deviations of a measured surface by which it may reach into the object as well
 SUPPORT_LIMIT = 1e-3  # [m] farther from the surroundings than this nothing carries the object
 POSE_UNITS = {"millimetres": 0.001, "centimetres": 0.01, "inches": 0.0254}  # [m] that a position may be in by mistake
+ROUGHLY = 5e-3  # [m] a mistake explains what is worse than this; what remains then is noise, or mended by settling
+PLAIN_MISTAKE = 5e-2  # [m] the same for a unit, which brings any object nearer to the origin, and often to the ground
 QUICK_SPACING = 0.006  # [m] between the object's points by which a mistaken pose is ruled out
 QUARTER_TURN = np.pi / 2
 
@@ -44,7 +46,6 @@ def placement_findings(
     """
     surroundings = surroundings_distance(environment_mesh)
     body = _placed(object_mesh, T_world_object)
-    mistakes = _mistakes(object_mesh, surroundings, T_world_object)
     depth, point, way = deepest_overlap(body, surroundings)
     allowed = INITIAL_PENETRATION_LIMIT + SCATTER * noise
     if depth > allowed:
@@ -53,6 +54,7 @@ def placement_findings(
             f"in the world; expected at most {1e3 * allowed:.2g} mm"
         )
         move = f"move the object away from that surface by {vector_text(way)} m in the world"
+        mistakes = _mistakes(object_mesh, surroundings, T_world_object, depth)
         return (Finding("error", "pose", sentence, next(mistakes, move)),)
     way = way_to_surface(body, surroundings, enough=SUPPORT_LIMIT)
     distance = float(np.linalg.norm(way))
@@ -62,6 +64,7 @@ def placement_findings(
             f"at most {1e3 * SUPPORT_LIMIT:.0f} mm"
         )
         move = f"move the object by {vector_text(way)} m in the world"
+        mistakes = _mistakes(object_mesh, surroundings, T_world_object, distance)
         return (Finding("error", "pose", sentence, next(mistakes, move)),)
     return ()
 
@@ -73,29 +76,41 @@ def _placed(mesh: trimesh.Trimesh, pose: Float[np.ndarray, "4 4"]) -> trimesh.Tr
 
 
 def _mistakes(
-    object_mesh: trimesh.Trimesh, surroundings: ExactDistance, T_world_object: Float[np.ndarray, "4 4"]
+    object_mesh: trimesh.Trimesh, surroundings: ExactDistance, T_world_object: Float[np.ndarray, "4 4"], wrong_by: float
 ) -> Iterator[str]:
-    """Yield the mistakes in pose or scan without which the object would touch its surroundings and not enter them."""
+    """Yield the mistakes in pose or scan without which the object would touch its surroundings and not enter them.
+
+    wrong_by: depth or distance [m] that a mistake must explain.
+    """
     points = surface_lattice(np.asarray(object_mesh.triangles), spacing=QUICK_SPACING)[0]
-    for question, pose in _other_poses(T_world_object):
-        hit = surroundings(trimesh.transform_points(points, pose))
-        may_touch = -INITIAL_PENETRATION_LIMIT <= hit.distance.min() <= SUPPORT_LIMIT
-        if may_touch and deepest_overlap(_placed(object_mesh, pose), surroundings)[0] <= INITIAL_PENETRATION_LIMIT:
+    found: list[tuple[float, str, Float[np.ndarray, "4 4"], float]] = []
+    for question, pose, plain in _other_poses(T_world_object):
+        limit = ROUGHLY if wrong_by > (PLAIN_MISTAKE if plain else ROUGHLY) else SUPPORT_LIMIT
+        gap = abs(float(surroundings(trimesh.transform_points(points, pose)).distance.min()))
+        if gap <= limit:
+            found.append((gap, question, pose, limit))
+    for _, question, pose, limit in sorted(found, key=lambda entry: entry[0]):  # the best explanation first
+        if deepest_overlap(_placed(object_mesh, pose), surroundings)[0] <= limit:
             yield f"{question}: it would touch there"
 
 
-def _other_poses(pose: Float[np.ndarray, "4 4"]) -> Iterator[tuple[str, Float[np.ndarray, "4 4"]]]:
-    """Yield poses that may have been meant; turned surroundings as the object's pose relative to them."""
+def _other_poses(pose: Float[np.ndarray, "4 4"]) -> Iterator[tuple[str, Float[np.ndarray, "4 4"], bool]]:
+    """Yield poses that may have been meant, and whether only the position changes; turned surroundings as another pose."""
     for unit, metres in POSE_UNITS.items():
         scaled = pose.copy()
         scaled[:3, 3] *= metres
-        yield f"is the pose in {unit}? give its position in metres", scaled
+        yield f"is the pose in {unit}? give its position in metres", scaled, True
     transposed = pose.copy()
     transposed[:3, :3] = pose[:3, :3].T
     if not np.allclose(transposed, pose):
-        yield "is the rotation of the pose transposed? give T_world_object, which maps object to world", transposed
-        yield "is the pose inverted? give T_world_object, which maps object to world", np.linalg.inv(pose)
+        yield (
+            "is the rotation of the pose transposed? give T_world_object, which maps object to world",
+            transposed,
+            False,
+        )
+        inverse = np.linalg.inv(pose)
+        yield "is the pose inverted? give T_world_object, which maps object to world", inverse, False
     upside_down = trimesh.transformations.rotation_matrix(-2 * QUARTER_TURN, [1, 0, 0])
-    yield "is the scan upside down? z points up: turn the environment by 180 degrees about x", upside_down @ pose
+    yield "is the scan upside down? z points up: turn the environment by 180 degrees about x", upside_down @ pose, False
     y_up = trimesh.transformations.rotation_matrix(-QUARTER_TURN, [1, 0, 0])
-    yield "is the scan y-up? z points up: turn the environment by 90 degrees about x", y_up @ pose
+    yield "is the scan y-up? z points up: turn the environment by 90 degrees about x", y_up @ pose, False
