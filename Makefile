@@ -50,6 +50,7 @@ bench: $(VENV)/.dev.stamp  ## time energies, grids, grasps, data generation, sam
 	$(BIN)/python benchmarks/generation.py --num-objects 2
 	$(BIN)/python benchmarks/sampling.py
 	$(BIN)/python benchmarks/execution.py
+	$(BIN)/python benchmarks/large_surroundings.py --no-write
 
 results: $(VENV)/.run.stamp  ## run what is published (RUN=NAME of benchmarks/published_runs.yaml, or all) and write its tables and pages
 	$(PIP) -e ".[plots]"

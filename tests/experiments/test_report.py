@@ -41,6 +41,14 @@ def out(tmp_path, four_records):
     return tmp_path / "out"
 
 
+def test_what_failed_and_what_was_repaired_is_said_once_for_each_object(tmp_path, sampled, four_records):
+    repaired = sampled("e", [True] * 4, [2.0] * 4, repairs=["2 of 12 faces stood there twice and count once"])
+    folder_with(tmp_path / "out", [*four_records, repaired])
+    text = write_report(SAMPLING, tmp_path / "out")
+    assert "## Objects that failed\n\n- d: MeshError: no\n" in text
+    assert "repaired when they were read\n\n- e: 2 of 12 faces stood there twice and count once\n" in text
+
+
 def test_text_numbers_and_table_hold_the_same_figures(out):
     text = write_report(SAMPLING, out)
     assert (out / "report.md").read_text() == text

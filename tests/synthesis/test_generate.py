@@ -12,9 +12,22 @@ from dexnudge.dataset.manifest import read_manifest, write_manifest
 from dexnudge.dataset.shards import cloud_path, read_shard, shard_path
 from dexnudge.errors import DatasetError, HandError, InputError, MeshError, OutputError
 from dexnudge.geometry.meshes import load_mesh
+from dexnudge.jobs.progress import progress
 from dexnudge.objects.builtin import builtin_object
-from dexnudge.synthesis.generate import generate_dataset
-from dexnudge.synthesis.object_data import GenerationConfig, mesh_hash, object_seed
+from dexnudge.synthesis.generate import GenerationLog, generate_dataset
+from dexnudge.synthesis.object_data import GenerationConfig, ObjectOutcome, mesh_hash, object_seed
+
+
+def test_the_log_says_what_was_repaired(tmp_path, capsys):
+    with progress() as bars:
+        log = GenerationLog(tmp_path, bars, total=2, finished=0)
+        log.add("clean", ObjectOutcome())
+        log.add("twosided", ObjectOutcome(repairs=("2 of 12 faces stood there twice and count once",)))
+        log.end("finished")
+    clean, twosided = log_lines(tmp_path, "object")
+    assert "repairs" not in clean
+    assert twosided["repairs"] == ["2 of 12 faces stood there twice and count once"]
+    assert capsys.readouterr().err == "1 object was repaired when read; log.jsonl says how\n"
 
 
 def log_lines(folder, event: str) -> list[dict]:

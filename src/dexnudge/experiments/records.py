@@ -14,6 +14,7 @@ from dexnudge.errors import InputError, OutputError
 from dexnudge.experiments.config import TrialKey
 
 FILE = "results.jsonl"
+ADDED = ("repairs",)  # fields that lines of 0.7 lack
 
 
 @dataclass(frozen=True, kw_only=True)
@@ -88,6 +89,8 @@ def _decoded(content: Any, kind: type[Record]) -> Record:
     hints = get_type_hints(kind)
     values: dict[str, Any] = {}
     for each in fields(kind):
+        if each.name in ADDED and each.name not in content:
+            continue
         value, item = content[each.name], (*get_args(hints[each.name]), None)[0]
         if isinstance(item, type) and is_dataclass(item):
             value = [item.from_json(one) if hasattr(item, "from_json") else item(**one) for one in value]

@@ -41,6 +41,7 @@ class SamplingRecord(TrialRecord):
         swept: success of each draw at other frictions and masses, by `disturbances.setting_name`; empty where the
             experiment does not ask for it.
         rejected: draws that did not succeed, by reason.
+        repairs: what was repaired or assumed when the object was read, a sentence each.
     """
 
     kind: ClassVar[str] = "sampling"
@@ -53,6 +54,7 @@ class SamplingRecord(TrialRecord):
     contact_diversity: float | None = None
     swept: dict[str, list[bool]] = field(default_factory=dict)
     rejected: dict[str, int] = field(default_factory=dict)
+    repairs: list[str] = field(default_factory=list)
 
     @property
     def robust(self) -> list[bool]:

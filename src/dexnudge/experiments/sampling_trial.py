@@ -61,12 +61,17 @@ class SamplingTrial(DrawnTrial[SamplingRecord]):
                 "contact_diversity": contact_diversity(sampler.hand, samples.scene, contacts),
                 "swept": verify_disturbed(samples.scene, verdicts) if sampler.config.sweep else {},
                 "rejected": samples.rejections(),
+                "repairs": list(samples.scene.object_mesh.metadata.get("notes", ())),
             }
 
         return fields
 
     def sections(self, records: Sequence[SamplingRecord]) -> list[Section]:
-        """Return the methods at equal time, and success at other frictions and masses, where there are such figures."""
+        """Return what the tables of metrics leave open.
+
+        The methods at equal time, success at other frictions and masses, which objects failed, and what was repaired when
+        objects were read, where there is such.
+        """
         compared, disturbed = equal_time(records), measure_disturbed(records)
         found = []
         if compared:
@@ -75,6 +80,14 @@ class SamplingTrial(DrawnTrial[SamplingRecord]):
         if disturbed:
             table = metric_table(disturbed, DISTURBED, ["setting"])
             found.append(Section("At other frictions and masses", ABOUT_DISTURBED, table, numbers=disturbed))
+        failed = {(each.object, each.reason) for each in records if each.status == "failed"}
+        repaired = {(each.object, note) for each in records for note in each.repairs}
+        for title, said in (
+            ("Objects that failed", failed),
+            ("Objects that were repaired when they were read", repaired),
+        ):
+            if said:
+                found.append(Section(title, "\n".join(f"- {name}: {what}" for name, what in sorted(said))))
         return found
 
 

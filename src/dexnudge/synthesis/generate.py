@@ -50,7 +50,7 @@ class GenerationLog:
         self._bars = bars
         self._bar = bars.add_task("objects", total=total, completed=finished, summary="")
         self._start = time.monotonic()
-        self._counts, self._failed_objects = BehaviourCounts(), 0
+        self._counts, self._failed_objects, self._repaired_objects = BehaviourCounts(), 0, 0
         if self._path.is_file() and not self._path.read_bytes().endswith(b"\n"):
             self._append("\n")  # a writer that was killed has left half a line
 
@@ -73,6 +73,9 @@ class GenerationLog:
             self.notify(f"object {name} failed: {outcome.failed}")
         else:
             result = {"counts": {behaviour: asdict(count) for behaviour, count in sorted(outcome.counts.items())}}
+        if outcome.repairs:
+            self._repaired_objects += 1
+            result["repairs"] = list(outcome.repairs)
         self._bars.update(self._bar, advance=1, summary=self.summary())
         self.write("object", name=name, seconds=round(outcome.seconds, 3), kept=kept, **result)
 
@@ -88,6 +91,9 @@ class GenerationLog:
     def end(self, how: str) -> None:
         """Write the last line of this start."""
         seconds = time.monotonic() - self._start
+        if self._repaired_objects:
+            number = self._repaired_objects
+            self.notify(f"{number} object{'s were' if number > 1 else ' was'} repaired when read; {LOG_NAME} says how")
         self.write(
             "end",
             how=how,

@@ -188,13 +188,15 @@ class GenerationConfig:
 class ObjectOutcome:
     """What became of one object: its shard is written, or `failed` says why not.
 
-    mesh_hash: see `mesh_hash`; counts: per behaviour; trace: where an error came from that nobody foresaw.
+    mesh_hash: see `mesh_hash`; counts: per behaviour; trace: where an error came from that nobody foresaw; repairs: what was
+    repaired or assumed when the object was read, a sentence each.
     """
 
     mesh_hash: str = ""
     counts: dict[str, BehaviourCounts] = field(default_factory=dict)
     failed: str = ""
     trace: str = ""
+    repairs: tuple[str, ...] = ()
     seconds: float = 0.0
 
 
@@ -234,7 +236,8 @@ class ObjectTask:
         except Exception as error:  # noqa: BLE001  one odd mesh among thousands must not end a run of hours
             failed = f"{type(error).__name__}: {error}"
             return ObjectOutcome(failed=failed, trace=traceback.format_exc(), seconds=time.perf_counter() - start)
-        return ObjectOutcome(mesh_hash=digest, counts=counts, seconds=time.perf_counter() - start)
+        repairs = tuple(mesh.metadata.get("notes", ()))
+        return ObjectOutcome(mesh_hash=digest, counts=counts, repairs=repairs, seconds=time.perf_counter() - start)
 
 
 def mesh_hash(mesh: trimesh.Trimesh) -> str:
