@@ -37,6 +37,7 @@ COLUMNS = {  # key: (header, digits)
     "scene": ("understand [s]", 1),
     "prepare": ("prepare [s]", 1),
     "verify": ("verify 32 [s]", 1),
+    "rank": ("rank [s]", 1),
     "save": ("write [s]", 1),
     "base_mb": ("memory before [MB]", 0),
     "peak_mb": ("peak [MB]", 0),
@@ -142,7 +143,7 @@ def measured(triangles: int) -> dict[str, float]:
         )
         samples = sampler.sample(scene, num=32)
         timed("save", lambda: scene.save(Path(folder) / "scene"))
-    found |= {stage: samples.seconds[stage] for stage in ("prepare", "verify")}
+    found |= {stage: samples.seconds[stage] for stage in ("prepare", "verify", "rank")}
     found |= {"kept": len(scene.environment_mesh.faces), "verified": samples.num_verified, "peak_mb": peak_memory_mb()}
     return found
 

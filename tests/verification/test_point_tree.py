@@ -80,6 +80,7 @@ def test_only_the_chosen_links_are_asked(tree: PointTree) -> None:
 def test_the_size_of_holes_is_known() -> None:
     assert hole_diameter(trimesh.creation.box((1, 1, 1))) == 0.0
     assert hole_diameter(open_box()) == pytest.approx(0.02 * np.sqrt(2))
+    assert SolidDistance(open_box(), widest_hole=0.01).hole == 0.01
     clashing = open_box()
     clashing.faces[0] = clashing.faces[0, ::-1]
     assert hole_diameter(trimesh.Trimesh(clashing.vertices, clashing.faces, process=False)) == np.inf

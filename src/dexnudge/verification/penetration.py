@@ -19,6 +19,8 @@ from dexnudge.verification.point_tree import PointHits, SolidDistance, build_tre
 
 SURFACE_SPACING = 2e-3
 """Spacing of the object's and the environment's points that are looked for in the hand's links [m]."""
+WIDEST_HOLE = 0.03
+"""A wider opening in the surroundings is the border of a scan, not a hole in a body; see `SolidDistance` [m]."""
 DIRECTIONS = np.asarray(trimesh.creation.icosphere(subdivisions=1).vertices)
 """Normals of the half-spaces that rule out most of those points before any distance is asked for."""
 THREADS = 2
@@ -63,16 +65,17 @@ def hand_solids(hand: Hand) -> HandSolids:
 
 
 @cached_per_instance
-def solid_distance(mesh: trimesh.Trimesh) -> SolidDistance:
+def solid_distance(mesh: trimesh.Trimesh, *, widest_hole: float = np.inf) -> SolidDistance:
     """Return a mesh of a scene as a solid; made once for all scenes that have it, such as those of a displaced object."""
-    return SolidDistance(mesh, surroundings_distance(mesh))
+    return SolidDistance(mesh, surroundings_distance(mesh), widest_hole=widest_hole)
 
 
 class SceneSolids:
     """Object and surroundings as solids, and their triangles in the world; made once per scene."""
 
     def __init__(self, scene: Scene) -> None:
-        self.object, self.environment = solid_distance(scene.object_mesh), solid_distance(scene.environment_mesh)
+        self.object = solid_distance(scene.object_mesh)
+        self.environment = solid_distance(scene.environment_mesh, widest_hole=WIDEST_HOLE)
         self.object_triangles = np.asarray(scene.object_in_world().triangles, dtype=np.float64)
         self.environment_triangles = np.asarray(scene.environment_mesh.triangles, dtype=np.float64)
 

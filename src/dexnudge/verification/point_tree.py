@@ -81,12 +81,16 @@ class SolidDistance:
     Where the surface is closed, signed distance is 1-Lipschitz: a ball about a point farther outside than its radius
     holds no inner point. Through a hole of diameter h the sign may change without the surface being met; then the
     ball must be h farther away. A mesh whose triangles disagree about the outside has no such bound (infinity).
+    `widest_hole` [m] bounds h: through a wider opening, such as the border of a scan, the sign changes in free air, far
+    from any surface, where it means nothing.
     """
 
-    def __init__(self, mesh: trimesh.Trimesh, query: ExactDistance | None = None) -> None:
+    def __init__(
+        self, mesh: trimesh.Trimesh, query: ExactDistance | None = None, *, widest_hole: float = np.inf
+    ) -> None:
         self.query = query or ExactDistance(mesh)
         self.low, self.high = np.asarray(mesh.bounds, dtype=np.float64)
-        self.hole = hole_diameter(mesh)
+        self.hole = min(hole_diameter(mesh), widest_hole)
 
 
 def hole_diameter(mesh: trimesh.Trimesh) -> float:
