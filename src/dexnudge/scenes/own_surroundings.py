@@ -110,7 +110,7 @@ def _notes(
             f"the object was {way} by {1e3 * abs(settled.shift):.1f} mm and tilted by {np.degrees(settled.turn):.2f} deg to "
             "rest on its supports (`settle` off keeps its pose)"
         )
-    if not settled.rests:
+    if not settled.rests and any(support.side == "below" for support in supports):
         notes.append("the object does not come to rest within 5 mm and 3 deg of its pose: it may tip")
     if along is not motion:
         angle = np.degrees(np.arccos(np.clip(motion @ along, -1.0, 1.0)))

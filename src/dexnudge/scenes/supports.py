@@ -23,12 +23,14 @@ FACING = 0.1  # cosine with a direction from which a surface of the object looks
 MOST_PLANES = 3  # per side: an object lies on a table, over a step, across two boards; more is rough ground
 LEAST_POINTS = 12  # of a patch; fewer make no plane
 LEAST_SHARE = 0.1  # of the points of a patch that a further plane must explain
+ROUGHER = 2.0  # times the noise of the first plane, that a further one may scatter
 TRIPLES = 300  # of points tried; half of the points may belong to no plane and one of them is good all the same
 OUTLIER = 2.5  # standard deviations from which a point is not of the plane
 MAD_TO_DEVIATION = 1.4826  # standard deviation of a normal distribution over its median absolute value
 EXACT = 2e-5  # [m] residuals below it are rounding of a file with five decimals, and no noise
 FEW_VERTICES = 30  # below which the noise is read off the patch itself, not off its vertices
 CORNER_TOLERANCE = 5e-4  # [m] to which a patch's outline is kept
+REFITS = 6  # of a plane to a wider surface
 WIDER = 0.10  # [m] around a patch, where the same surface is looked for
 MOST_STEEP = 0.5  # cosine between a support's normal and the direction that it faces
 
@@ -110,6 +112,8 @@ def fit_supports(
             on_plane = points[left[mine]]
             measured = _noise(on_plane, surroundings, face[left[mine]], normal, offset)
             normal, offset = _refined(surroundings, on_plane, normal, offset, measured)
+            if found and measured > ROUGHER * max(found[0].noise, EXACT):  # what is left over, and no surface
+                break
             scatter = measured if noise is None else noise
             corners = on_plane[hull_corners(on_plane, normal, tolerance=CORNER_TOLERANCE)]
             found.append(Support(normal, offset, scatter, _outline_area(corners), corners, side))
@@ -216,15 +220,18 @@ def _refined(
     faces = faces[
         np.asarray(surroundings.face_normals)[faces] @ normal > MOST_STEEP
     ]  # walls stand on it, and edges fall
-    near = np.asarray(surroundings.vertices)[np.unique(surroundings.faces[faces])]
-    near = near[np.abs(near @ normal - offset) <= OUTLIER * noise]
-    if len(near) < FEW_VERTICES:
-        return normal, offset
-    middle = near.mean(axis=0)
-    wider = np.linalg.svd(near - middle, full_matrices=False)[2][-1]
-    wider = wider if wider @ normal > 0 else -wider
-    moved = np.abs((patch - middle) @ wider - (patch @ normal - offset)).max()
-    return (wider, float(wider @ middle)) if moved <= 0.5 * noise else (normal, offset)
+    vertices = np.asarray(surroundings.vertices)[np.unique(surroundings.faces[faces])]
+    wider, level = normal, offset
+    for _ in range(REFITS):  # a short patch leans more than its noise at the ends of the longer one
+        near = vertices[np.abs(vertices @ wider - level) <= OUTLIER * noise]
+        if len(near) < FEW_VERTICES:
+            return normal, offset
+        middle = near.mean(axis=0)
+        wider = np.linalg.svd(near - middle, full_matrices=False)[2][-1]
+        wider = wider if wider @ normal > 0 else -wider
+        level = float(wider @ middle)
+    scatter = float(np.sqrt(np.mean((patch @ wider - level) ** 2)))
+    return (wider, level) if scatter <= noise else (normal, offset)
 
 
 def _outline_area(corners: Float[np.ndarray, "k 3"]) -> float:
