@@ -44,8 +44,8 @@ def test_the_object_is_displaced_by_2_mm_and_turned_by_1_degree_on_its_support(s
     centre = sliding_task(scene).centre
     found = displaced_scenes(scene)
     moves = np.array([sliding_task(each).centre - centre for each in found])
-    np.testing.assert_allclose(np.linalg.norm(moves, axis=1), 0.002)
-    np.testing.assert_allclose(moves[:, 2], 0.0, atol=1e-12)
+    np.testing.assert_allclose(np.linalg.norm(moves[:, :2], axis=1), 0.002)
+    np.testing.assert_allclose(moves[:, 2], [0.0003, 0.0003, -0.0003, -0.0003] * 2, atol=1e-12)
     np.testing.assert_allclose(moves.mean(axis=0), 0.0, atol=1e-12)
     assert len(found) == 8
     turns = [np.degrees(np.arctan2(each.T_world_object[1, 0], each.T_world_object[0, 0])) for each in found]
@@ -74,6 +74,14 @@ def test_what_holds_in_all_displaced_scenes_comes_first(scene, boxy_hand):
     assert out_of_order(scene, verdicts, boxy_hand, q).tolist() == [1]
     assert out_of_order(scene, verdicts.take(np.array([1, 0])), boxy_hand, q[::-1].copy()).tolist() == []
     assert share_held(model, boxy_hand, q, verdicts, np.arange(2)).tolist() == [0.0, 0.0]
+
+
+def test_what_is_just_within_a_limit_holds_in_half_of_the_scenes(scene, boxy_hand):
+    q = presses(MIDDLE, MIDDLE)
+    q[:, 2] -= [0.001 + 0.0006, 0.001 + 0.0009]  # fingertips 0.6 mm and 0.9 mm in the block
+    verdicts = verify(scene, boxy_hand, q)
+    assert verdicts.success.all()
+    np.testing.assert_allclose(share_held(scene, boxy_hand, q, verdicts, np.arange(2)), [1.0, 0.5])
 
 
 def test_check_finds_the_order_again(scene, boxy_hand, tmp_path):

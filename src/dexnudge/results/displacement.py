@@ -15,17 +15,20 @@ from dexnudge.scenes.scene import Scene
 from dexnudge.scenes.support_contacts import carrying_normal, touching_contacts
 from dexnudge.verification.verdicts import Verdicts, verify
 
-DISPLACEMENT = 0.002  # [m] by which a pose from depth images or a matched scan is off; in height it is settled
+DISPLACEMENT = 0.002  # [m] along its support by which a pose from depth images or a matched scan is off
+HEIGHT = 0.0003  # [m] by which what it was settled on is off, by its fitted plane or the tilt that is left
 TURN = np.radians(1.0)  # [rad] the same about the vertical
-WORLDS = 8  # directions of the displacement, evenly spread from the motion on, turned to one side and the other in turn
+WORLDS = 8  # directions of the displacement, evenly spread from the motion on
 TRIED_DRAWS = 24  # of the best verified draws that are tried in them: who asks for one needs no more
 STEEP = 0.1  # length of the motion's part along the support under which it has no direction on it
 
 
 def displaced_scenes(scene: Scene) -> list[Scene]:
-    """Return the scene with its object 2 mm off along its support, in 8 directions, turned by 1 degree about its centre.
+    """Return the scene with its object 2 mm off along its support, in 8 directions.
 
-    Places are left out in which something would stand in the way of the motion: the object cannot lie there.
+    Every other time it is turned by 1 degree to one side about its centre, else to the other; two by two it is raised or
+    lowered by 0.3 mm, so that what is just within a limit does not pass for certain. Places are left out in which something
+    would stand in the way of the motion: the object cannot lie there.
     """
     normal = carrying_normal(touching_contacts(scene))
     normal = normal if normal.any() else np.array([0.0, 0.0, 1.0])
@@ -42,6 +45,7 @@ def displaced_scenes(scene: Scene) -> list[Scene]:
         moved[:3, :3] = Rotation.from_rotvec(TURN * (-1) ** place * normal).as_matrix()
         moved[:3, 3] = centre - moved[:3, :3] @ centre
         moved[:3, 3] += DISPLACEMENT * (np.cos(angle) * along + np.sin(angle) * across)
+        moved[:3, 3] += HEIGHT * (-1) ** (place // 2) * normal
         displaced = replace(scene, T_world_object=moved @ scene.T_world_object)
         if free_way(displaced).whole:
             found.append(displaced)
