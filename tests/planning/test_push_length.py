@@ -2,6 +2,7 @@ import numpy as np
 import pytest
 import trimesh
 
+from dexnudge.planning.lying_object import lying_object
 from dexnudge.planning.object_path import push_length
 from dexnudge.scenes.boxes import box
 from dexnudge.scenes.scene import Scene
@@ -24,3 +25,18 @@ def test_a_push_that_leads_to_no_edge_has_its_whole_length():
     scene = block_behind_an_edge(0.2)
     sideways = Scene(scene.object_mesh, scene.environment_mesh, scene.T_world_object, np.array([-1.0, 0.0, 0.0]))
     assert push_length(sideways) == scene.motion_length
+
+
+def test_a_worn_edge_of_a_scanned_board_does_not_turn_the_way():
+    """The fitted plane says where along the support is; contacts on the worn edge lean by 30 degrees."""
+    block = block_behind_an_edge(0.0)
+    worn = trimesh.convex.convex_hull(
+        [
+            [x, y, z]
+            for y in (-0.3, 0.3)
+            for x, z in ((-0.6, 0.0), (-0.6, -0.04), (-0.004, 0.0), (0.0015, -0.003), (0.0015, -0.04))
+        ]
+    )
+    scene = Scene(block.object_mesh, worn, block.T_world_object, block.motion, surface_noise=0.001)
+    assert lying_object(scene).normal == pytest.approx([0.0, 0.0, 1.0], abs=1e-3)
+    assert push_length(scene) == pytest.approx(push_length(block), abs=0.012)

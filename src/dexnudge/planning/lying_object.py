@@ -12,7 +12,7 @@ from dexnudge.geometry.meshes import centre_of_mass
 from dexnudge.geometry.surface_lattice import distinct_rows, surface_lattice
 from dexnudge.jobs.cached import cached_per_instance
 from dexnudge.scenes.scene import Scene
-from dexnudge.scenes.support_contacts import SUPPORT_DISTANCE, carrying_normal, support_contacts
+from dexnudge.scenes.support_contacts import SUPPORT_DISTANCE, SupportContacts, carrying_normal, support_contacts
 from dexnudge.scenes.sweep import INSET, sweep_of
 
 SIDE_SPACING = 0.005  # [m] between the points of the upper and lower side
@@ -48,7 +48,7 @@ class LyingObject:
         self._environment = Rays(scene.environment_mesh)
         self._sweep = sweep_of(scene)
         supports = support_contacts(scene)
-        self._touching, self.normal = supports.normals, carrying_normal(supports)
+        self._touching, self.normal = supports.normals, _normal_of_support(scene, supports)
         self.points, self._lift = self._sweep.points, self._sweep.lift
         sides, normals = self._sides()
         self.lower, self.upper = sides[normals @ self.normal < -FACING], sides[normals @ self.normal > FACING]
@@ -129,6 +129,15 @@ class LyingObject:
 def lying_object(scene: Scene) -> LyingObject:
     """Return the scene's object; made once per scene."""
     return LyingObject(scene)
+
+
+def _normal_of_support(scene: Scene, contacts: SupportContacts) -> Float[np.ndarray, "3"]:
+    """Return the upward unit normal of what carries the object; zeros where nothing does.
+
+    Of a surface that scatters it is that of the fitted plane: single contacts on bumps and worn edges lean by many degrees.
+    """
+    fitted = [support.normal for support in scene.supports if support.side == "below"] if scene.surface_noise else []
+    return fitted[0] if fitted and carrying_normal(contacts).any() else carrying_normal(contacts)
 
 
 def _turned(rotation: Float[np.ndarray, "3"], *, about: Float[np.ndarray, "3"]) -> Float[np.ndarray, "4 4"]:
