@@ -22,6 +22,7 @@ from dexnudge.hands.registry import load_hand as load_hand
 from dexnudge.mechanics.contacts import HandContacts as HandContacts
 from dexnudge.objects.builtin import builtin_names as builtin_names, builtin_object as builtin_object
 from dexnudge.perception.depth_view import DepthView as DepthView
+from dexnudge.perception.view_files import save_views as save_views
 from dexnudge.perception.views import load_views as load_views
 from dexnudge.planning.outcomes import Outcome as Outcome
 from dexnudge.results.checking import Check as Check, check as check
@@ -31,6 +32,7 @@ from dexnudge.sampling.sampler import Sampler as Sampler
 from dexnudge.scenes.families import build_scene as build_scene, scene_families as scene_families
 from dexnudge.scenes.finding import Finding as Finding
 from dexnudge.scenes.scene import Scene as Scene, load_scene as load_scene
+from dexnudge.simulation.depth_camera import DepthCamera as DepthCamera, depth_views as depth_views
 from dexnudge.verification.criteria import (
     Criterion as Criterion,
     CriterionResult as CriterionResult,

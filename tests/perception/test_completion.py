@@ -3,8 +3,9 @@
 from dataclasses import replace
 
 import numpy as np
+from scipy.ndimage import binary_dilation, binary_erosion, minimum_filter
 
-from dexnudge.perception.completion import complete
+from dexnudge.perception.completion import bridged, complete
 from dexnudge.perception.planes import find_planes
 
 LOW, HIGH = np.array([-0.35, -0.35, -0.3]), np.array([0.35, 0.35, 0.4])
@@ -52,13 +53,13 @@ def test_pixels_of_the_object_show_what_is_behind(corner):
 
 
 def test_beyond_the_edge_of_a_table_nothing_is_assumed(corner):
-    """Beside the table, where the rays go past it, its plane is no surface."""
-    done = complete(corner, find_planes(corner, LOW, HIGH))
+    """Beside the table, where other rays go past it, its plane is no surface."""
     beside = [(x, y, 0.0) for x in np.linspace(-0.2, 0.2, 30) for y in (-0.32, -0.29, 0.29, 0.32)]
-    for view, before in zip(done, corner, strict=True):
-        pixels = at(view, [place for place in beside if view.sees(np.array([place]))[0]]) & ~before.measured
-        assert pixels.sum() > 10
-        assert not view.assumed[pixels].any()
+    pixels = [at(view, [place for place in beside if view.sees(np.array([place]))[0]]) for view in corner]
+    holed = [without(view, hole) for view, hole in zip(corner, pixels, strict=True)]
+    for view, hole in zip(complete(holed, find_planes(holed, LOW, HIGH)), pixels, strict=True):
+        assert hole.sum() > 10
+        assert (np.abs(view.points(hole)[:, 2]) > 0.02).all()
 
 
 def test_an_opening_through_which_something_was_seen_stays_open(see, made_of):
@@ -98,3 +99,24 @@ def test_a_mirrored_image_below_a_shiny_floor_is_floor(corner):
     inside = (points[:, 0] < 0.299) & (np.abs(points[:, 1]) < 0.24)
     assert (points[inside][:, 2] > -0.02).all()
     assert ((points[:, 2] < -0.03) & (np.abs(points[:, 1]) < 0.2)).sum() == 0
+
+
+def test_a_dropped_edge_is_free_as_far_as_its_nearest_neighbour(corner):
+    """Around the phone's silhouette a camera measures nothing: no wedge of unknown space may reach from there to it."""
+    for view in corner:
+        edge = binary_dilation(view.mask, iterations=2) & ~binary_erosion(view.mask, iterations=2)
+        done = bridged(without(view, edge))
+        assert done.mask[edge].all()
+        assert (done.depth[edge] > 0).all()
+        left = np.where(view.measured & ~edge, view.depth, np.inf)
+        np.testing.assert_array_equal(done.depth[edge], minimum_filter(left, size=7)[edge])
+        kept = view.measured & ~edge
+        np.testing.assert_array_equal(done.depth[kept], view.depth[kept])
+
+
+def test_a_wide_hole_is_not_bridged(corner):
+    view = corner[0]
+    hole = np.zeros_like(view.mask)
+    hole[80:100, 70:90] = True
+    done = bridged(without(view, hole))
+    assert not done.measured[84:96, 74:86].any()

@@ -7,12 +7,13 @@ from dataclasses import dataclass, replace
 
 import numpy as np
 from jaxtyping import Bool, Float
-from scipy.ndimage import distance_transform_edt, minimum_filter, uniform_filter
+from scipy.ndimage import binary_closing, distance_transform_edt, minimum_filter, uniform_filter
 from scipy.spatial import ConvexHull, QhullError, cKDTree
 
 from dexnudge.perception.depth_view import DepthView
 from dexnudge.perception.planes import CELL, Plane, merged_points
 
+GAP_PIXELS = 7  # up to which a gap in an image is one: windows of matching are 5 to 9 wide
 WALL_GAP = 0.06  # [m] from what was measured of a wall to where it is assumed; floors are continued without limit
 BEHIND = 0.02  # [m] a point that lies farther behind a plane was seen through it, or mirrored in it
 NOT_BEHIND = 0.004  # [m] nearer behind a plane a point is on it
@@ -45,6 +46,18 @@ def _with_rest(view: DepthView, before: DepthView) -> DepthView:
     """Return the completed view with what the object's pixels measured where nothing is known of what is behind."""
     assert view.assumed is not None
     return replace(view, depth=np.where(view.assumed | view.measured, view.depth, before.depth))
+
+
+def bridged(view: DepthView) -> DepthView:
+    """Return a view whose narrow gaps between measured pixels are free as far as the nearest of these.
+
+    Cameras drop the pixels at edges; without them a wedge that no ray passed would reach from each edge to the camera. The
+    bridged pixels count as the object's: no surface, but free before them.
+    """
+    gaps = binary_closing(view.measured, structure=np.ones((GAP_PIXELS, GAP_PIXELS))) & ~view.measured
+    nearest = minimum_filter(np.where(view.measured, view.depth, np.inf), size=GAP_PIXELS)
+    mask = gaps if view.mask is None else gaps | view.mask
+    return replace(view, depth=np.where(gaps, nearest, view.depth), mask=mask)
 
 
 def _is_image(plane: Plane, planes: Sequence[Plane]) -> bool:

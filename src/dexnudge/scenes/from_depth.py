@@ -13,7 +13,7 @@ from jaxtyping import Float
 
 from dexnudge.errors import SceneError, quote
 from dexnudge.geometry.exact_distance import ExactDistance
-from dexnudge.perception.completion import complete
+from dexnudge.perception.completion import bridged, complete
 from dexnudge.perception.consistency import consistent
 from dexnudge.perception.depth_view import DepthView
 from dexnudge.perception.fusion import ASSUMED, UNSEEN, VOXEL, EmptySpace, FusedSurface, fuse
@@ -102,7 +102,7 @@ def scene_from_depth(
     shown = [replace(view, mask=pixels) for view, pixels in zip(views, own, strict=True)]
     planes = find_planes([_bare(view) for view in shown], low, high)
     support = support or _support(planes, float(body.bounds[0, 2]))
-    completed = complete(shown, planes)
+    completed = [bridged(view) for view in complete(shown, planes)]
     fused = fuse(
         completed,
         low,
