@@ -80,18 +80,25 @@ def test_a_pose_inside_a_wall_is_an_error_with_the_way_out():
 
 
 @pytest.mark.parametrize(
-    ("pose", "question"),
+    ("turn", "pose", "question"),
     [
-        (at(100, 50, 4), "in millimetres?"),
-        (UPSIDE_DOWN @ at(), "upside down?"),
-        (trimesh.transformations.rotation_matrix(np.pi / 2, [1, 0, 0]) @ at(), "y-up?"),
+        (np.eye(4), at(100, 50, 4), "in millimetres?"),
+        (UPSIDE_DOWN, at(), "upside down?"),
+        (trimesh.transformations.rotation_matrix(-np.pi / 2, [1, 0, 0]), at(), "y-up?"),
+        (np.eye(4), np.linalg.inv(trimesh.transformations.rotation_matrix(1.0, [0, 0, 1]) @ at(0.1, 0.2)), "inverted?"),
     ],
 )
-def test_a_common_mistake_is_named(pose, question):
-    thin = box((-0.6, -0.4, -0.04), (0.6, 0.4, 0.0))
-    (finding,) = said(scene_of(thin, pose), "pose")
+def test_a_common_mistake_is_named(turn, pose, question):
+    (finding,) = said(scene_of(TABLE.copy().apply_transform(turn), pose), "pose")
     assert finding.level == "error"
     assert question in finding.remedy
+
+
+def test_an_object_under_a_sheet_is_not_asked_about_axes():
+    sheet = trimesh.Trimesh([[-0.3, -0.3, 0], [0.3, -0.3, 0], [0.3, 0.3, 0], [-0.3, 0.3, 0]], [[0, 1, 2], [0, 2, 3]])
+    (finding,) = said(scene_of(sheet, at(z=-0.02)), "pose")
+    assert finding.sentence.startswith("the object touches nothing: the nearest surface is 16.0 mm above it")
+    assert finding.remedy == "move the object by (0.0000, 0.0000, 0.0160) m in the world"
 
 
 def test_room_is_told_for_each_side(shadow_hand):

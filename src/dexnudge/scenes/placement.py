@@ -3,12 +3,13 @@
 from __future__ import annotations
 
 from collections.abc import Iterator
+from dataclasses import dataclass
 
 import numpy as np
 import trimesh
 from jaxtyping import Float
 
-from dexnudge.geometry.exact_distance import ExactDistance
+from dexnudge.geometry.exact_distance import ExactDistance, ExactHit
 from dexnudge.geometry.overlap import deepest_overlap, way_to_surface
 from dexnudge.geometry.surface_lattice import surface_lattice
 from dexnudge.jobs.cached import cached_per_instance
@@ -21,7 +22,7 @@ POSE_UNITS = {"millimetres": 0.001, "centimetres": 0.01, "inches": 0.0254}  # [m
 ROUGHLY = 5e-3  # [m] a mistake explains what is worse than this; what remains then is noise, or mended by settling
 PLAIN_MISTAKE = 5e-2  # [m] the same for a unit, which brings any object nearer to the origin, and often to the ground
 QUICK_SPACING = 0.006  # [m] between the object's points by which a mistaken pose is ruled out
-QUARTER_TURN = np.pi / 2
+CARRIES = 0.5  # least vertical component of the normal of what carries an object
 
 
 @cached_per_instance
@@ -83,34 +84,56 @@ def _mistakes(
     wrong_by: depth or distance [m] that a mistake must explain.
     """
     points = surface_lattice(np.asarray(object_mesh.triangles), spacing=QUICK_SPACING)[0]
-    found: list[tuple[float, str, Float[np.ndarray, "4 4"], float]] = []
-    for question, pose, plain in _other_poses(T_world_object):
-        limit = ROUGHLY if wrong_by > (PLAIN_MISTAKE if plain else ROUGHLY) else SUPPORT_LIMIT
-        gap = abs(float(surroundings(trimesh.transform_points(points, pose)).distance.min()))
-        if gap <= limit:
-            found.append((gap, question, pose, limit))
-    for _, question, pose, limit in sorted(found, key=lambda entry: entry[0]):  # the best explanation first
-        if deepest_overlap(_placed(object_mesh, pose), surroundings)[0] <= limit:
-            yield f"{question}: it would touch there"
+    found: list[tuple[float, _Mistake]] = []
+    for mistake in _mistakes_made(T_world_object):
+        placed = trimesh.transform_points(points, mistake.pose)
+        hit, limit = surroundings(placed), mistake.limit(wrong_by)
+        gap = float(np.abs(hit.distance).min())
+        if gap <= limit and _carried(placed, hit, limit, mistake.turn):
+            found.append((gap, mistake))
+    for _, mistake in sorted(found, key=lambda entry: entry[0]):  # the best explanation first
+        if deepest_overlap(_placed(object_mesh, mistake.pose), surroundings)[0] <= mistake.limit(wrong_by):
+            yield f"{mistake.question}: it would touch there"
 
 
-def _other_poses(pose: Float[np.ndarray, "4 4"]) -> Iterator[tuple[str, Float[np.ndarray, "4 4"], bool]]:
-    """Yield poses that may have been meant, and whether only the position changes; turned surroundings as another pose."""
+def _carried(points: Float[np.ndarray, "n 3"], hit: ExactHit, limit: float, turn: Float[np.ndarray, "3 3"]) -> bool:
+    """Return whether points lie on one side of what they touch within `limit` [m], and that is below, when turned."""
+    near = np.abs(hit.distance) <= 2 * limit
+    normal = hit.normal[near].sum(axis=0)
+    normal /= max(float(np.linalg.norm(normal)), SUPPORT_LIMIT)
+    heights = (points - hit.closest[near].mean(axis=0)) @ normal
+    up = np.sign(heights.mean()) * normal  # a sheet has no inside
+    return bool(min(-heights.min(), heights.max()) <= 2 * limit and (turn @ up)[2] > CARRIES)
+
+
+@dataclass(frozen=True)
+class _Mistake:
+    """What may have been meant: a question, the pose in the surroundings as they are, and their turn to what they are."""
+
+    question: str
+    pose: Float[np.ndarray, "4 4"]
+    turn: Float[np.ndarray, "3 3"]
+    plain: bool
+
+    def limit(self, wrong_by: float) -> float:
+        """Return how far the object may then be from touching, or inside [m]."""
+        return ROUGHLY if wrong_by > (PLAIN_MISTAKE if self.plain else ROUGHLY) else SUPPORT_LIMIT
+
+
+def _mistakes_made(pose: Float[np.ndarray, "4 4"]) -> Iterator[_Mistake]:
+    """Yield the mistakes that are often made: in the unit or the order of a pose, and in the axes of a scan."""
     for unit, metres in POSE_UNITS.items():
         scaled = pose.copy()
         scaled[:3, 3] *= metres
-        yield f"is the pose in {unit}? give its position in metres", scaled, True
+        yield _Mistake(f"is the pose in {unit}? give its position in metres", scaled, np.eye(3), plain=True)
     transposed = pose.copy()
     transposed[:3, :3] = pose[:3, :3].T
-    if not np.allclose(transposed, pose):
-        yield (
-            "is the rotation of the pose transposed? give T_world_object, which maps object to world",
-            transposed,
-            False,
-        )
-        inverse = np.linalg.inv(pose)
-        yield "is the pose inverted? give T_world_object, which maps object to world", inverse, False
-    upside_down = trimesh.transformations.rotation_matrix(-2 * QUARTER_TURN, [1, 0, 0])
-    yield "is the scan upside down? z points up: turn the environment by 180 degrees about x", upside_down @ pose, False
-    y_up = trimesh.transformations.rotation_matrix(-QUARTER_TURN, [1, 0, 0])
-    yield "is the scan y-up? z points up: turn the environment by 90 degrees about x", y_up @ pose, False
+    others = {"is the rotation of the pose transposed": transposed, "is the pose inverted": np.linalg.inv(pose)}
+    for question, other in others.items():
+        if not np.allclose(other, pose):
+            remedy = "give T_world_object, which maps object to world"
+            yield _Mistake(f"{question}? {remedy}", other, np.eye(3), plain=False)
+    for question, degrees in (("upside down", 180), ("y-up", 90)):
+        turn = trimesh.transformations.rotation_matrix(np.radians(degrees), [1, 0, 0])
+        remedy = f"z points up: turn the environment by {degrees} degrees about x"
+        yield _Mistake(f"is the scan {question}? {remedy}", np.linalg.inv(turn) @ pose, turn[:3, :3], plain=False)
