@@ -101,6 +101,14 @@ def test_what_it_slides_along_is_no_obstacle(things, turn, noise):
     assert (found.length, found.place, found.height) == (0.1, None, 0.0)
 
 
+@pytest.mark.parametrize("length", [0.005, 0.07, 0.12])  # single precision rounds some of these up and some down
+@pytest.mark.parametrize("turn", [None, TURNED])
+def test_what_it_slides_along_is_no_obstacle_over_any_length(length, turn):
+    scene = slab_scene(box((-0.2, -0.3, HEIGHT), (0.3, 0.3, 0.03)), box((0.0, 0.04, 0.0), (0.2, 0.2, 0.05)), turn=turn)
+    found = free_way(replace(scene, motion_length=length))
+    assert (found.whole, found.length, found.place) == (True, length, None)
+
+
 def test_the_drop_beyond_an_edge_is_no_obstacle():
     assert free_way(slab_scene(floor=box((-0.5, -0.4, -0.02), (0.001, 0.4, 0.0)))).whole
 

@@ -81,15 +81,15 @@ class Sweep:
         places = lattice_in_boxes(triangles, box, spacing=SPACING)[0]
         leading = self.points[self.normals @ direction > LEADING] + start
         near = trimesh.Trimesh(triangles.reshape(-1, 3), np.arange(3 * len(triangles)).reshape(-1, 3), process=False)
-        ahead = Rays(near)(leading, direction, reach=reach)
-        met = ahead < reach
+        ahead, face = Rays(near).first_hits(leading, direction[None], reach=reach)
+        met = face >= 0
         places = np.concatenate([places, leading[met] + ahead[met, None] * direction])
-        way = self._back(places - start, direction, reach)
+        way = self._back(places - start, direction, reach)  # infinite where it does not meet them
         for aside in self._asides(direction, carrying, touching):
-            found = np.flatnonzero(way < reach)
-            missed = self._back(places[found] - start - aside, direction, reach + self.lift) >= reach + self.lift
-            way[found[missed]] = reach
-        if not (way < reach).any():
+            found = np.flatnonzero(way < np.inf)
+            missed = self._back(places[found] - start - aside, direction, reach + self.lift) == np.inf
+            way[found[missed]] = np.inf
+        if not (way < np.inf).any():
             return None
         first = int(way.argmin())
         return Obstacle(float(way[first]), places[first])
@@ -110,10 +110,10 @@ class Sweep:
     def _back(
         self, points: Float[np.ndarray, "n 3"], direction: Float[np.ndarray, "3"], reach: float
     ) -> Float[np.ndarray, " n"]:
-        """Return how far the object, where it is, can go until it meets each point [m]; `reach` where it does not."""
-        far = reach + HEAD_START
-        way, face = self._object.first_hits(points + HEAD_START * direction, -direction[None], reach=far)
-        way[self._face_normals[face] @ direction <= 0] = far  # from within, out of a surface that moves off
+        """Return how far the object, where it is, can go until it meets each point [m]; infinite beyond `reach`."""
+        ahead = points + HEAD_START * direction
+        way, face = self._object.first_hits(ahead, -direction[None], reach=reach + HEAD_START)
+        way[(face < 0) | (self._face_normals[face] @ direction <= 0)] = np.inf  # or from within, out of its back
         return np.maximum(way - HEAD_START, 0.0)
 
     def _asides(
