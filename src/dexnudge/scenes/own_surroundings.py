@@ -59,7 +59,7 @@ def understood(
     flat = snapped(environment, supports, around=body.bounds.mean(axis=0))
     settled = Settled(T_world_object, 0.0, 0.0, rests=True)
     if settle_object == "auto":
-        settled = settle(mesh, flat, T_world_object)
+        settled = settle(mesh, flat, T_world_object, supports)
     carrying = [support for support in supports if support.side == "below"]
     along = along_support(motion, carrying[0]) if carrying else motion
     measured = max((support.noise for support in supports), default=0.0)

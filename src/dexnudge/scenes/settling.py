@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+from collections.abc import Sequence
 from dataclasses import dataclass
 
 import numpy as np
@@ -12,7 +13,7 @@ from scipy.spatial.transform import Rotation
 
 from dexnudge.geometry.exact_distance import Rays
 from dexnudge.geometry.meshes import centre_of_mass
-from dexnudge.scenes.supports import Support, faces_near, facing_points
+from dexnudge.scenes.supports import EXACT, STRAY, Support, faces_near, facing_points
 
 MOST_SHIFT = 0.005  # [m] that an object is raised or lowered; more is another pose
 MOST_TURN = np.radians(3.0)  # that it is tilted
@@ -39,12 +40,18 @@ class Settled:
     rests: bool
 
 
-def settle(mesh: trimesh.Trimesh, surroundings: trimesh.Trimesh, T_world_object: Float[np.ndarray, "4 4"]) -> Settled:
+def settle(
+    mesh: trimesh.Trimesh,
+    surroundings: trimesh.Trimesh,
+    T_world_object: Float[np.ndarray, "4 4"],
+    supports: Sequence[Support] = (),
+) -> Settled:
     """Return the object [m, object frame] at rest on surroundings [m, world]: lowered or raised, and tilted.
 
     It comes to rest where its centre of mass is lowest while none of its points is below what lies under it: for small
     turns a linear program in one shift and two turns, solved again about each new pose. It does not move sideways, nor
-    turn about the vertical. One that rests already keeps its pose to the last bit.
+    turn about the vertical. One that rests already keeps its pose to the last bit. What is within the noise of one of the
+    `supports` below it counts as its plane: no stray spike of a scan tilts the object.
     """
     given = np.asarray(T_world_object, dtype=np.float64)
     pose = given.copy()
@@ -61,7 +68,7 @@ def settle(mesh: trimesh.Trimesh, surroundings: trimesh.Trimesh, T_world_object:
     centre = centre_of_mass(mesh)
     for _ in range(ROUNDS):
         world = points @ pose[:3, :3].T + pose[:3, 3]
-        gap = _gap(world, rays, normals, reach=2 * reach)
+        gap = _to_planes(world, _gap(world, rays, normals, reach=2 * reach), supports)
         carried = np.isfinite(gap)
         middle = pose[:3, :3] @ centre + pose[:3, 3]
         arm = world[carried] - middle
@@ -89,7 +96,8 @@ def settle(mesh: trimesh.Trimesh, surroundings: trimesh.Trimesh, T_world_object:
     if np.linalg.norm(moved, axis=1).max() < IN_PLACE:
         return Settled(given, 0.0, 0.0, rests=True)
     if abs(shift) > MOST_SHIFT or turn > ALMOST * MOST_TURN:
-        return _touching(given, _gap(points @ given[:3, :3].T + given[:3, 3], rays, normals, reach=2 * reach))
+        world = points @ given[:3, :3].T + given[:3, 3]
+        return _touching(given, _to_planes(world, _gap(world, rays, normals, reach=2 * reach), supports))
     return Settled(pose, shift, turn, rests=True)
 
 
@@ -112,6 +120,17 @@ def _gap(
         way, face = rays.first_hits(points[open_], (sign * DOWN)[None], reach=reach)
         kept = (face >= 0) & (normals[face, 2] > 0)
         gap[open_[kept]] = sign * way[kept]
+    return gap
+
+
+def _to_planes(
+    points: Float[np.ndarray, "n 3"], gap: Float[np.ndarray, " n"], supports: Sequence[Support]
+) -> Float[np.ndarray, " n"]:
+    """Return the gaps [m] with those to a support's plane in the place of those that differ from them by its noise."""
+    for support in supports:
+        if support.side == "below" and support.noise > EXACT:
+            to_plane = support.height(points) / support.normal[2]
+            gap = np.where(np.abs(gap - to_plane) <= STRAY * support.noise, to_plane, gap)
     return gap
 
 

@@ -9,10 +9,9 @@ import trimesh
 from jaxtyping import Bool, Float
 from scipy.sparse import csr_array
 
-from dexnudge.scenes.supports import EXACT, Support
+from dexnudge.scenes.supports import EXACT, STRAY, Support
 
 BAND = 4.0  # standard deviations about the plane; beyond it a vertex is no noise
-STRAY = 6.0  # the same for a vertex whose neighbours all lie on the plane
 UPRIGHT = 0.2  # cosine of a vertex's normal with the plane's from which it belongs to that surface, and not to a wall
 ON_PLANE = 1e-7  # [m] a surface this near to its plane is left as it is
 AROUND = 1.0  # [m] from the object up to which its supports are followed: a hand reaches less far

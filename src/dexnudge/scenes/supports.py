@@ -28,8 +28,10 @@ TRIPLES = 300  # of points tried; half of the points may belong to no plane and 
 OUTLIER = 2.5  # standard deviations from which a point is not of the plane
 MAD_TO_DEVIATION = 1.4826  # standard deviation of a normal distribution over its median absolute value
 EXACT = 2e-5  # [m] residuals below it are rounding of a file with five decimals, and no noise
+STRAY = 6.0  # standard deviations by which a single measurement may be off, amid others that are not
 FEW_VERTICES = 30  # below which the noise is read off the patch itself, not off its vertices
 CORNER_TOLERANCE = 5e-4  # [m] to which a patch's outline is kept
+OF_AN_EDGE = 0.3  # cosine with a plane's normal below which a face is of a wall or an edge
 REFITS = 6  # of a plane to a wider surface
 WIDER = 0.10  # [m] around a patch, where the same surface is looked for
 MOST_STEEP = 0.5  # cosine between a support's normal and the direction that it faces
@@ -217,10 +219,12 @@ def _refined(
     centre = 0.5 * (patch.min(axis=0) + patch.max(axis=0))
     half = 0.5 * np.ptp(patch, axis=0) + WIDER
     faces = faces_near(surroundings, np.stack([centre - half, centre + half]))
-    faces = faces[
-        np.asarray(surroundings.face_normals)[faces] @ normal > MOST_STEEP
-    ]  # walls stand on it, and edges fall
-    vertices = np.asarray(surroundings.vertices)[np.unique(surroundings.faces[faces])]
+    upright = np.asarray(surroundings.face_normals)[faces] @ normal
+    inner = np.setdiff1d(  # not where walls stand on it, nor where it ends
+        np.asarray(surroundings.faces)[faces[upright > MOST_STEEP]],
+        np.asarray(surroundings.faces)[faces[upright < OF_AN_EDGE]],
+    )
+    vertices = np.asarray(surroundings.vertices)[inner]
     wider, level = normal, offset
     for _ in range(REFITS):  # a short patch leans more than its noise at the ends of the longer one
         near = vertices[np.abs(vertices @ wider - level) <= OUTLIER * noise]
