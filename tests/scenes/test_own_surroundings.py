@@ -180,3 +180,16 @@ def test_draws_verified_in_a_scan_hold_in_the_true_world() -> None:
     judged = dn.verify(true, hand, samples.q)
     assert judged.success[0]
     assert (judged.success & samples.success).sum() >= 5
+
+
+@pytest.mark.parametrize("depth", [0.003, 0.004])
+def test_flanks_of_bumps_hold_nothing_from_beside(depth: float) -> None:
+    """An object whose pose stands millimetres in a rough board meets the flanks of its bumps with its sides."""
+    scene = clean()
+    pose = turned(scene, 2.0)
+    pose[2, 3] -= depth
+    found = understood(scene, environment=as_scanned(scene.environment_mesh, noise=0.002), object_pose=pose)
+    assert [support.side for support in found.supports] == ["below"]
+    assert not any("beside" in note for note in found.notes)
+    up = found.T_world_object[:3, :3] @ scene.T_world_object[:3, :3].T @ [0.0, 0.0, 1.0]
+    assert np.degrees(np.arccos(up @ found.supports[0].normal)) < 0.05  # flat on the plane that carries it

@@ -26,6 +26,7 @@ LEAST_SHARE = 0.1  # of the points of a patch that a further plane must explain
 ROUGHER = 2.0  # times the noise of the first plane, that a further one may scatter
 TRIPLES = 300  # of points tried; half of the points may belong to no plane and one of them is good all the same
 OUTLIER = 2.5  # standard deviations from which a point is not of the plane
+BUMP = 4.0  # standard deviations from a rough plane within which a surface is a bump of it, and no further support
 MAD_TO_DEVIATION = 1.4826  # standard deviation of a normal distribution over its median absolute value
 EXACT = 2e-5  # [m] residuals below it are rounding of a file with five decimals, and no noise
 STRAY = 6.0  # standard deviations by which a single measurement may be off, amid others that are not
@@ -84,10 +85,29 @@ def all_supports(
     down = np.array([0.0, 0.0, -1.0])
     across = long_side_along_x(np.asarray(body.convex_hull.vertices)[:, :2])[:2]
     found = fit_supports(body, surroundings, down, side="below", reach=below, noise=noise)
-    found += fit_supports(body, surroundings, -down, side="above", reach=around, noise=noise)
+    found = found[:1] + [each for each in found[1:] if not _is_noise_of(found[:1], each.corners).all()]
+    others = _without_noise_of(found, surroundings)
+    found += fit_supports(body, others, -down, side="above", reach=around, noise=noise)
     for direction in (*across, *-across):
-        found += fit_supports(body, surroundings, direction, side="beside", reach=around, noise=noise)
+        found += fit_supports(body, others, direction, side="beside", reach=around, noise=noise)
     return tuple(found)
+
+
+def _is_noise_of(supports: list[Support], points: Float[np.ndarray, "n 3"]) -> Bool[np.ndarray, " n"]:
+    """Return which points [m, world] are bumps of surfaces that scatter, seen from whichever side."""
+    bumps = np.zeros(len(points), dtype=bool)
+    for support in supports:
+        if support.noise > EXACT:
+            bumps |= np.abs(support.height(points)) <= BUMP * support.noise
+    return bumps
+
+
+def _without_noise_of(supports: list[Support], surroundings: trimesh.Trimesh) -> trimesh.Trimesh:
+    """Return the surroundings without the bumps of what carries the object: their flanks hold nothing from beside."""
+    kept = ~_is_noise_of(supports, np.asarray(surroundings.vertices))[surroundings.faces].all(axis=1)
+    if kept.all():
+        return surroundings
+    return trimesh.Trimesh(surroundings.vertices, surroundings.faces[kept], process=False)
 
 
 def fit_supports(
