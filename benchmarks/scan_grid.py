@@ -1,10 +1,11 @@
-"""Sampling in scans over a grid of their errors, judged in the true scenes: docs/data/scans.csv, docs/scans.md, a chart.
+"""Sampling in scans, judged in the true scenes: docs/data/scans.csv, docs/scans.md, a chart.
 
-Each size of the errors is a run of `dexnudge evaluate --scan` in its own folder; what is there already is not run again.
+The rows of the page are executed on the whole set; the grid of errors is sampled with fewer objects and draws, and not
+executed. Each size of the errors is a run of its own folder; what is there already is not run again.
 """
 
-from collections.abc import Sequence
-from dataclasses import asdict, dataclass
+from collections.abc import Iterable, Sequence
+from dataclasses import asdict, dataclass, replace
 from itertools import product
 from pathlib import Path
 from typing import Any, Literal
@@ -28,7 +29,7 @@ NOISE, TILT, POSE = (
     ((0.0, 0.0), (2.0, 1.0), (4.0, 2.0)),
 )  # [mm], [deg], [mm, deg]
 EXPECTED = {"noise_mm": 1.0, "tilt_deg": 0.5, "pose_mm": 2.0, "pose_deg": 1.0}  # of a scan that was made with care
-MAIN = {  # the rows of the page
+PAGE = {  # the rows of the page
     "the scene's own mesh": ScanErrors(triangle_mm=0.0, rounding_mm=0.0),
     "8 mm triangles, rounded to 0.01 mm, tilt 0.3 deg": ScanErrors(tilt_deg=0.3),
     "noise 1 mm": ScanErrors(noise_mm=1.0),
@@ -58,22 +59,24 @@ ABOUT = (
 
 @dataclass(frozen=True)
 class ScanGrid:
-    """Run the grid, or the rows of the page, and write table, page and chart of what is there."""
+    """Run the rows of the page, the grid, or both, and write table, page and chart of what is there."""
 
     objects: str
     """A set, as in `dexnudge evaluate --objects`."""
-    max_objects: int | None = None
-    """Take this many of the set, evenly spaced."""
+    grid_objects: int = 6
+    """Objects of the grid, evenly spaced over the set."""
     scenes: tuple[str, ...] = ("table", "layers", "shelf")
     """Scene families."""
     num: int = 32
-    """Draws of each trial."""
+    """Draws of each trial of the page; half as many in the grid."""
     seed: int = 0
     """Of scenes, draws and errors."""
     workers: int = 2
     """Processes."""
-    run: Literal["all", "main", "none"] = "all"
-    """What is run: the grid and the rows of the page, these rows alone, or nothing."""
+    run: Literal["all", "page", "grid", "none"] = "all"
+    """What is run."""
+    rows: tuple[str, ...] = tuple(PAGE)
+    """Rows of the page that are run."""
     folder: Path = Path("runs/scans")
     """Folder of the runs."""
     root: Path = ROOT
@@ -81,16 +84,20 @@ class ScanGrid:
 
     def start(self) -> None:
         """Run what is missing; write."""
-        config = ExperimentConfig(
-            objects=self.objects, max_objects=self.max_objects, scenes=self.scenes, num=self.num, seed=self.seed
-        )
-        chosen = {"all": [*MAIN.values(), *GRID], "main": list(MAIN.values()), "none": []}[self.run]
-        for errors in dict.fromkeys(chosen):
-            kind, out = ScanTrial(errors), self.folder / folder_name(errors)
-            for _ in TrialRunner([kind], config, out).run(workers=self.workers):
-                write_report(kind, out)
-            write_results(self.folder, self.root / "docs")
+        config = ExperimentConfig(objects=self.objects, scenes=self.scenes, num=self.num, seed=self.seed)
+        if self.run in ("all", "page"):
+            for name in self.rows:
+                self._run(ScanTrial(PAGE[name]), config, "page")
+        if self.run in ("all", "grid"):
+            coarse = replace(config, max_objects=self.grid_objects, num=max(1, self.num // 2))
+            for errors in GRID:
+                self._run(ScanTrial(errors, execute=False), coarse, "grid")
         write_results(self.folder, self.root / "docs")
+
+    def _run(self, kind: ScanTrial, config: ExperimentConfig, part: str) -> None:
+        out = self.folder / part / folder_name(kind.errors)
+        for _ in TrialRunner([kind], config, out).run(workers=self.workers):
+            write_report(kind, out)
 
 
 def folder_name(errors: ScanErrors) -> str:
@@ -101,42 +108,51 @@ def folder_name(errors: ScanErrors) -> str:
 
 def write_results(folder: Path, docs: Path) -> None:
     """Write the table, the page and the chart of the runs in a folder; nothing where there is none."""
-    measured: dict[ScanErrors, list[Measured]] = {}
-    claim: dict[str, Any] = {}
-    for errors in dict.fromkeys([*MAIN.values(), *GRID]):
-        out = folder / folder_name(errors)
-        if (out / ScanTrial.folder / FILE).is_file():
-            claim, records = read_run(ScanTrial(errors), out)
-            measured[errors] = measure(records, ScanTrial.metrics)
-    if not measured:
+    page, page_claim = measured_runs(folder / "page", PAGE.values())
+    grid, grid_claim = measured_runs(folder / "grid", GRID)
+    if not page:
         return
     (docs / "data").mkdir(parents=True, exist_ok=True)
-    rows = [{**asdict(errors), **row} for errors, found in measured.items() for row in found]
-    (docs / "data" / "scans.csv").write_text(csv_text(rows), encoding="utf-8")
-    parts = [
-        "# Sampling in scans",
-        ABOUT,
-        setting(claim["config"], claim),
-        main_table(measured).markdown(),
-        "## What fails",
+    rows = [
+        {"part": part, **asdict(errors), **row}
+        for part, measured in (("page", page), ("grid", grid))
+        for errors, found in measured.items()
+        for row in found
     ]
-    parts += [failures_table(measured).markdown(), "## Over the grid of errors"]
-    if AVAILABLE and (panels := grid_panels(measured)):
+    (docs / "data" / "scans.csv").write_text(csv_text(rows), encoding="utf-8")
+    parts = ["# Sampling in scans", ABOUT, setting(page_claim["config"], page_claim), main_table(page).markdown()]
+    parts += ["## What fails", failures_table(page).markdown()]
+    if AVAILABLE and (panels := grid_panels(grid)):
         figure = grid_chart(
             "Sampled in scans", panels, label="top-ranked true [%]", columns="tilt [deg]", rows="noise [mm]"
         )
         save_chart(figure, docs / "images" / "scans.png")
+        parts += ["## Over the grid of errors", setting(grid_claim["config"], grid_claim)]
         parts += ["![Top-ranked true over noise, tilt and pose error](images/scans.png)"]
     parts += ["Every figure: [scans.csv](data/scans.csv)."]
     (docs / "scans.md").write_text("\n\n".join(parts) + "\n", encoding="utf-8")
 
 
+def measured_runs(
+    folder: Path, wanted: Iterable[ScanErrors]
+) -> tuple[dict[ScanErrors, list[Measured]], dict[str, Any]]:
+    """Return the figures of those runs that are there, by their errors, and what the last one says of its setting."""
+    measured: dict[ScanErrors, list[Measured]] = {}
+    claim: dict[str, Any] = {}
+    for errors in dict.fromkeys(wanted):
+        out = folder / folder_name(errors)
+        if (out / ScanTrial.folder / FILE).is_file():
+            claim, records = read_run(ScanTrial(errors), out)
+            measured[errors] = measure(records, ScanTrial.metrics)
+    return measured, claim
+
+
 def main_table(measured: dict[ScanErrors, list[Measured]]) -> Table:
-    """Top-ranked true and executed by scene, a row for each of `MAIN`."""
+    """Top-ranked true and executed by scene, a row for each of `PAGE`."""
     (top, executed) = named(ScanTrial.metrics, "top_true", "executed")
     scenes = scenes_of(measured)
     rows = []
-    for name, errors in MAIN.items():
+    for name, errors in PAGE.items():
         if errors in measured:
             found = {row["scene"]: row for row in measured[errors]}
             cells = [
@@ -153,7 +169,7 @@ def main_table(measured: dict[ScanErrors, list[Measured]]) -> Table:
 def failures_table(measured: dict[ScanErrors, list[Measured]]) -> Table:
     """Why the top-ranked configuration is not true or fails in physics, with the number of objects, by scene."""
     scenes, rows = scenes_of(measured), []
-    for name, errors in MAIN.items():
+    for name, errors in PAGE.items():
         if errors in measured:
             found = {row["scene"]: row for row in measured[errors]}
             rows.append([name, *(counted(found.get(scene)) for scene in scenes)])
