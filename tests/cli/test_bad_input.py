@@ -97,8 +97,8 @@ def test_an_object_that_does_not_fit_its_scene(refused, tmp_path):
 @pytest.mark.parametrize(
     ("options", "message"),
     [
-        ([], "neither of --scene and --environment given"),
-        (["--scene", "table", "--environment", "e.obj"], "both of --scene and --environment given"),
+        ([], "none of --scene, --environment and --depth given"),
+        (["--scene", "table", "--environment", "e.obj"], "--scene and --environment given together"),
         (["--scene", "table", "--motion", "1", "0", "0"], "--motion given with --scene"),
         (["--environment", "e.obj"], "--environment needs --object-pose and --motion too"),
         (["--scene", "table", "--num", "0"], "--num is 0; expected at least 1"),

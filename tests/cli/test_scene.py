@@ -162,7 +162,7 @@ def test_depth_images_that_cannot_be_used_exit_2(dexnudge, depth_folder, tmp_pat
     [
         (["masked", "--depth", "d"], "--depth needs --motion too; add what is missing"),
         (["phone", "--depth", "d", "--motion", 1, 0, 0], "--depth needs --object-pose too; add what is missing"),
-        (["phone"], "neither of --scene, --environment and --depth given; expected one: "),
+        (["phone"], "none of --scene, --environment and --depth given; expected one: "),
         (["masked", "--scene", "table"], "OBJECT is 'masked' without --depth; expected a mesh file, "),
         (["phone", "--scene", "table", "--masks", "m_{}.png"], "--masks given with --scene, which draws its own; use "),
         (
@@ -171,7 +171,7 @@ def test_depth_images_that_cannot_be_used_exit_2(dexnudge, depth_folder, tmp_pat
         ),
         (
             ["phone", "--scene", "table", "--depth", "d"],
-            "--scene and --depth of --scene, --environment and --depth given; ",
+            "--scene and --depth given together; ",
         ),
     ],
 )

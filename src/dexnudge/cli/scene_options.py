@@ -104,9 +104,12 @@ class SceneOptions(MeshOptions):
             return
         named = [f"`{name}`" for name, value in given.items() if value is not None]
         if len(named) != 1:
+            got = (
+                f"{' and '.join(named)} given together" if named else "none of `scene`, `environment` and `depth` given"
+            )
             raise InputError(
-                f"{' and '.join(named) or 'neither'} of `scene`, `environment` and `depth` given; expected one: `scene` "
-                "table, `environment` MESH with `object_pose` JSON and `motion` DX DY DZ, or `depth` DIR with `motion`"
+                f"{got}; expected one: `scene` table, `environment` MESH with `object_pose` JSON and `motion` DX DY DZ, or "
+                "`depth` DIR with `motion`"
             )
         if self.object == MASKED and self.depth is None:
             raise InputError(
