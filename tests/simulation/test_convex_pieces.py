@@ -10,7 +10,7 @@ from dexnudge.geometry.exact_distance import ExactDistance
 from dexnudge.geometry.surface_points import surface_points
 from dexnudge.objects.builtin import builtin_object
 from dexnudge.scenes.boxes import box, joined
-from dexnudge.scenes.shelf import cell
+from dexnudge.scenes.families.shelf import cell
 from dexnudge.simulation.convex_pieces import (
     DECOMPOSE_OBJECT,
     TOLERANCE,

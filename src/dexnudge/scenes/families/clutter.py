@@ -10,9 +10,9 @@ from jaxtyping import Float
 
 from dexnudge.errors import SceneError
 from dexnudge.scenes.boxes import Outline, box, gap_between, joined, outline_of, rectangle, swept
+from dexnudge.scenes.families.table import SLAB, place_near_edge, slab
 from dexnudge.scenes.resting import place_at_rest
 from dexnudge.scenes.scene import MOTION_LENGTH, Scene
-from dexnudge.scenes.table import SLAB, place_near_edge, slab
 
 BOXES = 6
 SIDES = (0.025, 0.060)  # [m] length and width of a box

@@ -13,14 +13,14 @@ import trimesh
 from dexnudge.errors import UnknownNameError, check_kind, check_seed, did_you_mean
 from dexnudge.objects.sets import object_mesh
 from dexnudge.plugins import call_plugin, plugin_names, usable_plugins
-from dexnudge.scenes.clutter import clutter
-from dexnudge.scenes.corner import corner
-from dexnudge.scenes.drawer import drawer
-from dexnudge.scenes.layers import layers, slot
+from dexnudge.scenes.families.clutter import clutter
+from dexnudge.scenes.families.corner import corner
+from dexnudge.scenes.families.drawer import drawer
+from dexnudge.scenes.families.layers import layers, slot
+from dexnudge.scenes.families.shelf import deep, shelf
+from dexnudge.scenes.families.stack import stack
+from dexnudge.scenes.families.table import ramp, table
 from dexnudge.scenes.scene import Scene, check_physics
-from dexnudge.scenes.shelf import deep, shelf
-from dexnudge.scenes.stack import stack
-from dexnudge.scenes.table import ramp, table
 
 SceneFamily = Callable[[trimesh.Trimesh, np.random.Generator], Scene]
 

@@ -6,9 +6,9 @@ import numpy as np
 import trimesh
 
 from dexnudge.scenes.boxes import box, joined
+from dexnudge.scenes.families.table import place_near_edge, slab
 from dexnudge.scenes.resting import place_at_rest
 from dexnudge.scenes.scene import Scene
-from dexnudge.scenes.table import place_near_edge, slab
 
 MARGIN = (0.005, 0.040)  # [m] by which the upper book stands out beyond the object, on each side by its own draw
 LOWER_MARGIN = (0.005, 0.030)  # [m] by which the lower book stands out beyond the upper one

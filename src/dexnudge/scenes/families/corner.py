@@ -7,9 +7,9 @@ import trimesh
 
 from dexnudge.errors import SceneError
 from dexnudge.scenes.boxes import box, joined
+from dexnudge.scenes.families.table import SLAB, slab
 from dexnudge.scenes.resting import place_at_rest
 from dexnudge.scenes.scene import Scene
-from dexnudge.scenes.table import SLAB, slab
 
 WALL = 0.02  # [m] thickness
 WALL_HEIGHT = (0.10, 0.20)  # [m]
