@@ -168,6 +168,34 @@ def test_numbers_out_of_their_domain_are_refused(changes: dict[str, object], mes
         understood(clean(), **changes)
 
 
+def test_a_lip_in_the_noise_stays_a_lip() -> None:
+    """4 mm high, at noise of 1 mm: too high for the sweep, whose vertices might each be noise."""
+    table = trimesh.creation.box(bounds=[[-0.2, -0.15, -0.02], [0.3, 0.15, 0.0]])
+    lip = trimesh.creation.box(bounds=[[0.12, -0.15, -0.01], [0.18, 0.15, 0.004]])
+    pose = np.eye(4)
+    pose[2, 3] = 0.005
+    box = trimesh.creation.box([0.15, 0.07, 0.01])
+    lip_scan = as_scanned(lip, noise=0.001)
+    scan = trimesh.util.concatenate([as_scanned(table, noise=0.001), lip_scan])
+    found = Scene.from_files(box, environment=scan, object_pose=pose, motion=[1, 0, 0], validate=False)
+    top = found.environment_mesh.vertices
+    own = top[-len(lip_scan.vertices) :]
+    middle = (np.abs(own[:, 0] - 0.15) < 0.02) & (np.abs(own[:, 1]) < 0.1) & (lip_scan.vertices[:, 2] > 0)
+    assert own[middle, 2].mean() == pytest.approx(0.004, abs=0.0004)
+    flat = (np.abs(top[:, 0]) < 0.08) & (np.abs(top[:, 1]) < 0.1) & (top[:, 2] > -0.01)
+    assert np.abs(found.supports[0].height(top[flat])).max() < 1e-9
+
+
+def test_vertices_that_a_file_repeats_are_one_surface() -> None:
+    scan = as_scanned(clean().environment_mesh, noise=0.001)
+    soup = trimesh.Trimesh(scan.triangles.reshape(-1, 3), np.arange(3 * len(scan.faces)).reshape(-1, 3), process=False)
+    found = understood(clean(), environment=soup)
+    assert found.supports[0].tilt < 0.06
+    under = np.abs(found.supports[0].height(found.environment_mesh.vertices)) < 0.003
+    around = np.abs(found.environment_mesh.vertices - clean().T_world_object[:3, 3]).max(axis=1) < 0.05
+    assert np.abs(found.supports[0].height(found.environment_mesh.vertices[under & around])).max() < 1e-9
+
+
 def test_draws_verified_in_a_scan_hold_in_the_true_world() -> None:
     """Noise of 1 mm, a pose that is off by 2 mm and 1 degree."""
     true = clean("shelf")

@@ -87,6 +87,16 @@ def load_environment(path: str | Path, *, units: str = "m") -> trimesh.Trimesh:
     return mesh
 
 
+def checked_environment(mesh: trimesh.Trimesh) -> trimesh.Trimesh:
+    """Return surroundings [m, world] that come from no file, checked and repaired as those that do; MeshError.
+
+    Those that need no repair are returned themselves.
+    """
+    checked = _checked(mesh, "environment", surroundings=True)
+    same = np.array_equal(checked.vertices, mesh.vertices) and np.array_equal(checked.faces, mesh.faces)
+    return mesh if same else checked
+
+
 def check_length(length: object) -> None:
     """Refuse a longest side [m] that no object can have.
 
@@ -201,8 +211,8 @@ def _checked(mesh: trimesh.Trimesh, name: str, *, surroundings: bool = False) ->
     mesh.remove_unreferenced_vertices()
     if len(mesh.faces) == 0 or not mesh.area > SMALLEST_AREA * float(mesh.extents.max()) ** 2:
         raise MeshError(f"{name}: the surface has no area; expected triangles that span a surface")
-    notes = [*metadata["notes"], *filter(None, done), *wind_outward(mesh, surroundings=surroundings)]
-    mesh.metadata.update(notes=notes, unit=metadata["unit"], watertight=bool(mesh.is_watertight))
+    notes = [*metadata.get("notes", ()), *filter(None, done), *wind_outward(mesh, surroundings=surroundings)]
+    mesh.metadata.update(notes=notes, unit=metadata.get("unit"), watertight=bool(mesh.is_watertight))
     return mesh
 
 

@@ -16,7 +16,7 @@ from jaxtyping import Float
 from dexnudge.errors import SceneError, check_path, quote
 from dexnudge.geometry.far_surroundings import coarsened_far
 from dexnudge.geometry.mesh_repair import turned_toward
-from dexnudge.geometry.meshes import load_environment
+from dexnudge.geometry.meshes import checked_environment, load_environment
 from dexnudge.geometry.rigid import rigid_transform
 from dexnudge.objects.sets import object_mesh
 from dexnudge.perception.depth_view import DepthView
@@ -142,7 +142,9 @@ class Scene:
         """
         check_physics(physics)
         mesh = object_mesh(object, units=units, length=length)
-        if not isinstance(environment, trimesh.Trimesh):
+        if isinstance(environment, trimesh.Trimesh):
+            environment = checked_environment(environment)
+        else:
             environment = load_environment(environment, units=units)
         pose = load_pose(object_pose) if isinstance(object_pose, str | Path) else rigid_transform(object_pose)
         direction = unit_motion(motion)

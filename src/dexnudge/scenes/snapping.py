@@ -7,11 +7,12 @@ from collections.abc import Sequence
 import numpy as np
 import trimesh
 from jaxtyping import Bool, Float
-from scipy.sparse import csr_array
+from scipy.sparse import coo_array, identity
 
 from dexnudge.scenes.supports import EXACT, STRAY, Support
 
 BAND = 4.0  # standard deviations about the plane; beyond it a vertex is no noise
+LEVEL = 1.2  # standard deviations of the mean over some twelve vertices: four of its own
 UPRIGHT = 0.2  # cosine of a vertex's normal with the plane's from which it belongs to that surface, and not to a wall
 ON_PLANE = 1e-7  # [m] a surface this near to its plane is left as it is
 AROUND = 1.0  # [m] from the object up to which its supports are followed: a hand reaches less far
@@ -51,28 +52,37 @@ def snapped(
 def _belongs(
     mesh: trimesh.Trimesh, support: Support, height: Float[np.ndarray, " n"], near: Bool[np.ndarray, " n"]
 ) -> Bool[np.ndarray, " n"]:
-    """Return which vertices are of a support's surface: in its band and turned like it, or amid others that are."""
+    """Return which vertices are of a support's surface: in its band, turned like it, and on it on average with others.
+
+    A step or a lip has the same few millimetres as the noise, but neighbours have them alike; so what decides is the mean
+    height of a vertex and those up to two edges away.
+    """
     faces = np.asarray(mesh.faces)
     faces = faces[near[faces].any(axis=1)]
+    used, corner = np.unique(faces, return_inverse=True)
+    corner, count = corner.reshape(-1, 3), len(used)
     corners = np.asarray(mesh.vertices)[faces]
     lean = np.cross(corners[:, 1] - corners[:, 0], corners[:, 2] - corners[:, 0])
-    total = np.zeros((len(height), 3))
-    for column in range(3):
-        np.add.at(total, faces[:, column], lean)
-    length = np.linalg.norm(total, axis=1)
-    turned = total @ support.normal > UPRIGHT * length
-    band = near & (np.abs(height) <= BAND * max(support.noise, EXACT))
-    belongs = band & turned
-    pairs = np.concatenate([faces[:, [0, 1]], faces[:, [1, 2]], faces[:, [2, 0]]])
-    links = csr_array(
-        (np.ones(2 * len(pairs)), (pairs.ravel("F"), pairs[:, ::-1].ravel("F"))), shape=(len(height), len(height))
-    )
+    total = np.stack([np.bincount(corner.ravel(), np.repeat(axis, 3), count) for axis in lean.T], axis=1)
+    along = total @ support.normal
+    noise = max(support.noise, EXACT)
+    own, inside = height[used], near[used]
+    alike = inside & (along > UPRIGHT * np.linalg.norm(total, axis=1))
+    pairs = np.concatenate([corner[:, [0, 1]], corner[:, [1, 2]], corner[:, [2, 0]]])
+    links = coo_array((np.ones(2 * len(pairs)), (pairs.ravel("F"), pairs[:, ::-1].ravel("F"))), shape=(count, count))
+    links = links.tocsr() + identity(count, format="csr")
+    mean = own
     for _ in range(2):
-        among = links @ belongs.astype(float)
-        neighbours = links @ np.ones(len(height))
-        belongs |= near & (neighbours > 0) & (among == neighbours)
-        belongs |= band & (among > 0.5 * neighbours) & (length > 0) & (total @ support.normal > 0)
-    return belongs
+        mean = (links @ (alike * mean)) / np.maximum(links @ alike.astype(float), 1.0)
+    level = np.abs(mean) <= LEVEL * noise
+    belongs = alike & level & (np.abs(own) <= BAND * noise)
+    for _ in range(2):  # stray vertices, and such that noise has turned, amid others that belong
+        among, others = links @ belongs.astype(float) - belongs, links @ np.ones(count) - 1.0
+        belongs |= inside & (others > 0) & (among == others)
+        belongs |= inside & level & (np.abs(own) <= BAND * noise) & (among > 0.5 * others) & (along > 0)
+    found = np.zeros(len(height), dtype=bool)
+    found[used] = belongs
+    return found & near
 
 
 def _lowest_height(corners: Float[np.ndarray, "face 3 3"]) -> Float[np.ndarray, " face"]:
