@@ -3,10 +3,12 @@
 import numpy as np
 import pytest
 import trimesh
+from scipy.spatial import cKDTree
 
 from dexnudge.geometry import far_surroundings
 from dexnudge.geometry.exact_distance import ExactDistance
-from dexnudge.geometry.far_surroundings import coarsened_far
+from dexnudge.geometry.far_surroundings import coarsened_faces, coarsened_far
+from dexnudge.geometry.isosurface import isosurface
 from dexnudge.geometry.mesh_repair import solid_angles
 
 LOW, HIGH = np.array([-0.1, -0.05, 0.0]), np.array([0.1, 0.05, 0.02])
@@ -78,3 +80,48 @@ def test_an_open_border_stays_an_open_border(room):
         point = np.array([0.05, 0.02, height])
         before, after = (solid_angles(np.asarray(mesh.triangles) - point).sum() for mesh in (top, found))
         assert after == pytest.approx(before, abs=0.02)
+
+
+@pytest.fixture(scope="module")
+def fused():
+    """A voxel surface as of unseen space: a rough solid with a hollow and crumbs, many of which nearly touch."""
+    rng = np.random.default_rng(0)
+    solid = np.full((40, 40, 24), 1.0)
+    solid[2:-2, 2:-2, 2:16] = -1.0
+    solid[2:-2, 2:-2, 12:18] = np.where(rng.random((36, 36, 6)) < 0.5, -1.0, 1.0)
+    solid[12:20, 12:20, 5:9] = 1.0
+    vertices, faces, _ = isosurface(solid)
+    return trimesh.Trimesh(0.004 * vertices, faces, process=False)
+
+
+@pytest.fixture(scope="module")
+def thinned(fused):
+    known = fused.triangles_center[:, 0] < 0.04
+    near = fused.bounds[0], fused.bounds[0] + 0.05
+    return known, *coarsened_faces(fused, ~known, *near, reach=0.01, cell=0.016)
+
+
+def test_a_rough_closed_surface_stays_closed_with_a_fraction_of_its_faces(fused, thinned):
+    known, coarse, kept = thinned
+    assert fused.is_watertight
+    assert coarse.is_watertight
+    assert coarse.is_winding_consistent
+    assert len(coarse.faces) < 0.5 * len(fused.faces)
+    assert (~known[kept]).sum() < 0.2 * (~known).sum()
+
+
+def test_what_is_known_and_what_is_near_keeps_its_place(fused, thinned):
+    known, coarse, kept = thinned
+    near = (fused.triangles.min(axis=1) <= fused.bounds[0] + 0.06).all(axis=1)
+    for fixed in (known, near):
+        before, after = (mesh.triangles_center[which] for mesh, which in ((fused, fixed), (coarse, fixed[kept])))
+        assert cKDTree(after).query(before)[0].max() < 1e-9
+
+
+def test_deep_solid_stays_solid_and_wide_room_stays_free(fused, thinned):
+    low, high = fused.bounds
+    points = np.random.default_rng(1).uniform(low - 0.02, high + 0.02, (3000, 3))
+    before, after = (ExactDistance(mesh)(points).distance for mesh in (fused, thinned[1]))
+    clear = np.abs(before) > 0.008  # two voxels
+    assert clear.sum() > 500
+    assert ((before > 0) == (after > 0))[clear].all()

@@ -13,6 +13,7 @@ from jaxtyping import Float
 
 from dexnudge.errors import SceneError, quote
 from dexnudge.geometry.exact_distance import ExactDistance
+from dexnudge.geometry.far_surroundings import coarsened_faces
 from dexnudge.perception.completion import bridged, complete
 from dexnudge.perception.consistency import consistent
 from dexnudge.perception.depth_view import DepthView
@@ -27,6 +28,8 @@ UNSEEN_IS = ("solid", "free")
 REACH = 0.36  # [m] around the object and its way: wherever a hand can be that touches it
 CARVED = 0.003  # [m] around the object that is free: what was measured there is the object
 CARVED_UNSEEN = 0.008  # [m] the same where nothing was seen: no support is made of it, which is looked for within 3 mm
+FINE = 0.03  # [m] around the object and its way within which the border of what was not seen stays as it was fused
+COARSE_CELL = 4.0  # voxels within which that border's vertices are joined beyond: it moves by a voxel or two
 SUPPORT_REACH = 0.015  # [m] from the object's lowest point to what carries it: pose errors
 
 
@@ -98,7 +101,8 @@ def scene_from_depth(
     body.apply_transform(T_world_object)
     own = object_pixels(views, body)
     low, high = body.bounds
-    low, high = np.minimum(low, low + way) - REACH, np.maximum(high, high + way) + REACH
+    way_low, way_high = np.minimum(low, low + way), np.maximum(high, high + way)
+    low, high = way_low - REACH, way_high + REACH
     shown = [replace(view, mask=pixels) for view, pixels in zip(views, own, strict=True)]
     planes = find_planes([_bare(view) for view in shown], low, high)
     support = support or _support(planes, float(body.bounds[0, 2]))
@@ -112,8 +116,12 @@ def scene_from_depth(
         empty=_own_space(body, support),
     )
     notes += _notes(fused, unseen, support)
-    environment = fused.mesh
-    environment.metadata["origin"] = fused.origin
+    environment, origin = fused.mesh, fused.origin
+    if unseen == "solid":  # else the border is the back of what was seen, two voxels behind its front
+        cell = COARSE_CELL * fused.voxel
+        environment, kept = coarsened_faces(environment, origin == UNSEEN, way_low, way_high, reach=FINE, cell=cell)
+        origin = origin[kept]
+    environment.metadata["origin"] = origin
     environment.metadata["notes"] = notes
     noise = support.noise / np.sqrt(len(views)) if support else None  # of a mean over the views
     return DepthSurroundings(mesh, T_world_object, environment, noise, tuple(notes))

@@ -179,10 +179,14 @@ def environment_pieces(mesh: trimesh.Trimesh, way: Float[np.ndarray, "2 3"]) -> 
     pieces: list[Vertices] = []
     others: list[trimesh.Trimesh] = []
     for part in map(without_small_holes, parts):
-        found = _pieces_of_body(part)
+        found = _piece_of_convex_body(part)
         pieces.extend(found)
         if not found:
             others.append(part)
+    if all(len(part.faces) <= MOST_FACES_CUT for part in others):  # the crumbs and hollows of a scan are no bodies
+        cut = [_pieces_of_body(part) for part in others]
+        pieces.extend(piece for found in cut for piece in found)
+        others = [part for part, found in zip(others, cut, strict=True) if not found]
     if others:
         surface = surface_pieces(trimesh.util.concatenate(others), way, most=max(MOST_PIECES - len(pieces), 1))
         pieces.extend(surface.pieces)
@@ -195,13 +199,22 @@ def environment_pieces(mesh: trimesh.Trimesh, way: Float[np.ndarray, "2 3"]) -> 
     return pieces
 
 
+def _is_body(part: trimesh.Trimesh) -> bool:
+    """Return whether a part is closed, and neither a hollow nor a sheet."""
+    thinnest = THINNEST_PART * float(np.sort(part.extents)[1:].prod())
+    return bool(part.is_watertight and part.volume > 0 and _hull_volume(part.vertices) >= thinnest)
+
+
+def _piece_of_convex_body(part: trimesh.Trimesh) -> list[Vertices]:
+    """Return the one piece of a closed body that is convex; none for any other part."""
+    if not _is_body(part) or part.volume <= CONVEX_ENOUGH * _hull_volume(part.vertices):
+        return []
+    return [simple_hull(np.asarray(part.vertices), tolerance=TOLERANCE)]
+
+
 def _pieces_of_body(part: trimesh.Trimesh) -> list[Vertices]:
     """Return the convex pieces of a closed body; none where there are none that describe it to 2 mm."""
-    if not part.is_watertight or _hull_volume(part.vertices) < THINNEST_PART * float(np.sort(part.extents)[1:].prod()):
-        return []
-    if part.volume > CONVEX_ENOUGH * _hull_volume(part.vertices):
-        return [simple_hull(np.asarray(part.vertices), tolerance=TOLERANCE)]
-    if len(part.faces) > MOST_FACES_CUT:
+    if not _is_body(part):
         return []
     try:
         cut = decomposed(part, DECOMPOSE_ENVIRONMENT, limit=LONGEST_SEARCH_AROUND)
