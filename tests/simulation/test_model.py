@@ -5,11 +5,21 @@ from dataclasses import replace
 import numpy as np
 import pytest
 import torch
+import trimesh
 
-from dexnudge.errors import InputError
+from dexnudge.errors import InputError, SceneError
 from dexnudge.scenes.boxes import box
 from dexnudge.scenes.scene import Scene
-from dexnudge.simulation.model import QUANTITIES, changed_physics, grasp_model, scene_model
+from dexnudge.simulation.model import (
+    MANY_PIECES,
+    MEMORY,
+    QUANTITIES,
+    changed_physics,
+    grasp_model,
+    load_scene_model,
+    scene_model,
+)
+from dexnudge.simulation.rollout import Rollout
 
 DECIDED = ("geom_friction", "body_mass", "body_inertia", "body_subtreemass", "body_invweight0", "dof_invweight0")
 
@@ -59,3 +69,27 @@ def test_hand_and_object_stand_where_they_are_placed(pad_hand, pad_grasp, simula
         np.testing.assert_allclose(one.data.xmat[one.link_body].reshape(-1, 3, 3), expected[:, :3, :3], atol=1e-12)
         np.testing.assert_allclose(one.object_poses(one.data.qpos[None])[0], np.eye(4), atol=1e-12)
     np.testing.assert_allclose(simulation.configurations(simulation.data.qpos[None])[0], q, atol=1e-12)
+
+
+def test_surroundings_of_many_pieces_have_room_for_their_contacts(pad_hand, scene, simulation, monkeypatch):
+    blocks = [
+        box((0.016 * column - 0.12, 0.016 * row - 0.12, -0.03), (0.016 * column - 0.106, 0.016 * row - 0.106, -0.02))
+        for row in range(15)
+        for column in range(15)
+    ]
+    many = scene_model(pad_hand, replace(scene, environment_mesh=trimesh.util.concatenate(blocks)))
+    assert (many.side == 4).sum() > MANY_PIECES
+    assert many.model.narena == MEMORY
+    assert "<size" not in simulation.xml  # few pieces: as ever
+
+
+def test_more_contacts_than_memory_holds_are_refused_and_end_a_rollout(pad_hand, pad_grasp, scene, simulation):
+    q = pad_grasp[0]
+    rollout = Rollout(simulation, q)
+    size = '<size memory="8K"/>'
+    short = load_scene_model(simulation.xml.replace("<worldbody", f"{size}<worldbody", 1), pad_hand, scene)
+    with pytest.raises(SceneError, match="MuJoCo cannot place hand and object"):
+        short.place(q)
+    rollout.simulation = short
+    rollout.carry_on(np.tile(q, (5, 1)), "wait")
+    assert rollout.divergence is not None

@@ -16,7 +16,7 @@ import trimesh
 from jaxtyping import Float, Int
 from scipy.spatial.transform import Rotation
 
-from dexnudge.errors import InputError
+from dexnudge.errors import InputError, SceneError
 from dexnudge.geometry.meshes import centre_of_mass
 from dexnudge.hands.export import body_inertia, mjcf_of_hand
 from dexnudge.hands.hand import ROOT_COORDINATES, Hand
@@ -40,6 +40,9 @@ SLIDING_IMPEDANCE = (0.1, 0.95, 0.0002, 0.5, 2.0)  # MuJoCo's solimp: from 0.1 a
 BASE_STIFFNESS = 1000.0  # [N/m] of an arm under impedance control: what contacts give way by costs little of the force
 BASE_ROTATION_STIFFNESS = 100.0  # [N m/rad] the same at a lever of 0.2 m
 ARM_MASS, ARM_INERTIA = 1.0, 0.01  # [kg], [kg m^2] of an arm's flange: a light hand stays stable on these springs
+
+MANY_PIECES = 200  # surroundings in more of them may touch an object in hundreds of places at once
+MEMORY = 2**30  # [byte] for the contacts of those; MuJoCo's own 15 MB hold 400. What is not needed is never touched
 
 GRASP_TIMESTEP = 0.004  # [s] this and the next five are DexGraspBench's (Chen et al., 2025)
 GRASP_NOSLIP_ITERATIONS = 2
@@ -127,7 +130,11 @@ class SimulationModel:
         return self.motor_of_angle.T / np.maximum(self.motor_of_angle.sum(axis=1), 1.0)
 
     def place(self, q: Float[np.ndarray, " coordinates"]) -> None:
-        """Reset everything, warm starts included: the hand at q, at rest, the object at `T_world_object`."""
+        """Reset everything, warm starts included: the hand at q, at rest, the object at `T_world_object`.
+
+        Raises:
+            SceneError: there are more contacts than MuJoCo has memory for.
+        """
         model, data, palm = self.model, self.data, self.palm_position
         mujoco.mj_resetData(model, data)
         root = self.hand.forward_kinematics(torch.as_tensor(q, dtype=torch.float64)[None])[0, 0].numpy()
@@ -142,7 +149,13 @@ class SimulationModel:
         free = self.object_position
         data.qpos[free : free + 3] = self.T_world_object[:3, 3]
         data.qpos[free + 3 : free + 7] = _quaternion(self.T_world_object)
-        mujoco.mj_forward(model, data)
+        try:
+            mujoco.mj_forward(model, data)
+        except mujoco.FatalError as error:
+            raise SceneError(
+                f"MuJoCo cannot place hand and object ({str(error).splitlines()[0]}): they touch the surroundings in "
+                f"{data.ncon} places; expected fewer; give an `environment` that is smoother around the object"
+            ) from error
 
     def configurations(self, qpos: Float[np.ndarray, "n nq"]) -> Float[np.ndarray, "n coordinates"]:
         """Return the hand's q for MuJoCo's coordinates; the palm must not be fixed."""
@@ -210,7 +223,10 @@ def scene_model(hand: Hand, scene: Scene) -> SimulationModel:
     object_surface = ContactSurface(OBJECT_SIDE, touches=HAND_SIDE | ENVIRONMENT_SIDE)
     _add_pieces(spec, body, object_pieces(scene.object_mesh), object_surface)
     surroundings = spec.worldbody.add_body(name=SURROUNDINGS)
-    _add_pieces(spec, surroundings, environment_pieces(scene.environment_mesh, scene.way_bounds()), environment_surface)
+    pieces = environment_pieces(scene.environment_mesh, scene.way_bounds())
+    _add_pieces(spec, surroundings, pieces, environment_surface)
+    if len(pieces) > MANY_PIECES:
+        spec.memory = MEMORY
     spec.compile()
     return load_scene_model(str(spec.to_xml()), hand, scene)
 

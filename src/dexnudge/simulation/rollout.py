@@ -186,8 +186,12 @@ class Rollout:
         for command in commands:
             data.mocap_pos[0], data.mocap_quat[0] = command.q[:3], command.quaternion
             data.ctrl[:] = command.ctrl
-            mujoco.mj_step(model, data)
-            if not np.abs(data.qvel).max() < FASTEST:  # NaN is not below anything
+            try:
+                mujoco.mj_step(model, data)
+                sound = np.abs(data.qvel).max() < FASTEST  # NaN is not below anything
+            except mujoco.FatalError:  # more contacts than there is memory for
+                sound = False
+            if not sound:
                 self.divergence = Divergence(self._steps, self._last_state, self._last_step)
                 return
             self._steps += 1
