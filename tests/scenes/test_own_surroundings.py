@@ -1,5 +1,6 @@
 """A measured world becomes a scene: planes for what carries the object, a resting object, a motion along its support."""
 
+from dataclasses import replace
 from functools import cache
 
 import numpy as np
@@ -186,6 +187,71 @@ def test_a_lip_in_the_noise_stays_a_lip() -> None:
     assert np.abs(found.supports[0].height(top[flat])).max() < 1e-9
 
 
+@pytest.mark.parametrize("height", [0.003, 0.005])
+def test_a_step_under_the_object_stays_a_step(height: float) -> None:
+    """Noise of 0.5 mm; the object lies across the step, and its true pose is given."""
+    floor = trimesh.creation.box(bounds=[[-0.15, -0.12, -0.02], [0.15, 0.12, 0.0]])
+    step = trimesh.creation.box(bounds=[[0.03, -0.12, -0.01], [0.15, 0.12, height]])
+    box = trimesh.creation.box([0.15, 0.07, 0.01])
+    pose = np.eye(4)
+    pose[2, 3] = 0.005 + height / 2
+    world = trimesh.boolean.union([floor, step], engine="manifold")
+    true = Scene.from_files(box, environment=world, object_pose=pose, motion=[0, 1, 0])
+    scan = as_scanned(world, noise=0.0005)
+    found = Scene.from_files(box, environment=scan, object_pose=true.T_world_object, motion=[0, 1, 0], validate=False)
+    off = (found.object_in_world().vertices - true.object_in_world().vertices)[:, 2]
+    assert np.abs(off).max() < 0.0005
+
+
+def test_a_clean_lip_stays_whatever_noise_is_given() -> None:
+    table = trimesh.creation.box(bounds=[[-0.2, -0.15, -0.02], [0.3, 0.15, 0.0]])
+    lip = trimesh.creation.box(bounds=[[0.12, -0.15, -0.01], [0.15, 0.15, 0.008]])
+    world = trimesh.util.concatenate([table, lip])
+    pose = np.eye(4)
+    pose[2, 3] = 0.005
+    box = trimesh.creation.box([0.15, 0.07, 0.01])
+    found = Scene.from_files(box, environment=world, object_pose=pose, motion=[1, 0, 0], surface_noise=0.003)
+    assert [finding.what for finding in found.findings() if finding.level == "error"] == ["free_way"]
+
+
+def test_an_object_within_the_upper_of_two_layers_is_raised_onto_it() -> None:
+    upper = trimesh.creation.box(bounds=[[-0.15, -0.1, -0.002], [0.15, 0.1, 0.0]])
+    lower = trimesh.creation.box(bounds=[[-0.15, -0.1, -0.012], [0.15, 0.1, -0.005]])
+    pose = np.eye(4)
+    pose[2, 3] = 0.004
+    found = Scene.from_files(
+        trimesh.creation.box([0.15, 0.07, 0.01]),
+        environment=trimesh.util.concatenate([upper, lower]),
+        object_pose=pose,
+        motion=[1, 0, 0],
+    )
+    assert found.T_world_object[2, 3] == pytest.approx(0.005, abs=1e-6)
+
+
+def test_a_lying_cylinder_comes_down_onto_its_line() -> None:
+    table = trimesh.creation.box(bounds=[[-0.2, -0.2, -0.02], [0.2, 0.2, 0.0]])
+    cylinder = trimesh.creation.cylinder(radius=0.015, height=0.12, sections=32)
+    cylinder.apply_transform(rotation_matrix(np.pi / 2, [0, 1, 0]))
+    pose = rotation_matrix(np.radians(1.0), [0, 1, 0])
+    pose[2, 3] = 0.017
+    found = Scene.from_files(cylinder, environment=table, object_pose=pose, motion=[0, 1, 0])
+    assert np.abs(found.T_world_object[:3, :3] @ [1, 0, 0]).argmax() == 0
+    assert abs(found.T_world_object[2, 0]) < 1e-4
+    assert found.object_in_world().bounds[0, 2] == pytest.approx(0.0, abs=1e-5)
+
+
+def test_a_given_noise_below_the_measured_one_is_contradicted() -> None:
+    found = understood(clean(), environment=as_scanned(clean().environment_mesh, noise=0.001), surface_noise=0.0)
+    assert any("`surface_noise` is 0 mm, but" in note for note in found.notes)
+
+
+def test_hands_keep_at_least_the_noise() -> None:
+    noisy = replace(clean(), surface_noise=0.001, clearance=0.0001)
+    assert noisy.clearance == 0.001
+    with pytest.raises(dn.errors.SceneError, match=r"`clearance` is 0\.5 m; expected 0 to 0\.05"):
+        replace(clean(), clearance=0.5)
+
+
 def test_vertices_that_a_file_repeats_are_one_surface() -> None:
     scan = as_scanned(clean().environment_mesh, noise=0.001)
     soup = trimesh.Trimesh(scan.triangles.reshape(-1, 3), np.arange(3 * len(scan.faces)).reshape(-1, 3), process=False)
@@ -203,11 +269,11 @@ def test_draws_verified_in_a_scan_hold_in_the_true_world() -> None:
     pose[:3, 3] += 0.002 / np.sqrt(3)
     scan = understood(true, environment=as_scanned(true.environment_mesh, noise=0.001), object_pose=pose)
     hand = dn.load_hand("shadow_lite")
-    samples = dn.Sampler(hand).sample(scan, num=8, seed=0)
-    assert samples.success.sum() >= 6
+    samples = dn.Sampler(hand).sample(scan, num=16, seed=0)
+    assert samples.success.sum() >= 12
     judged = dn.verify(true, hand, samples.q)
-    assert judged.success[0]
-    assert (judged.success & samples.success).sum() >= 5
+    assert judged.success[:3].all()  # the best first
+    assert (judged.success & samples.success).sum() >= 9
 
 
 @pytest.mark.parametrize("depth", [0.003, 0.004])

@@ -72,6 +72,9 @@ def read_scene(folder: Path) -> dict[str, Any]:
     parameters, seed = content.get("parameters", {}), content.get("seed")
     if not isinstance(parameters, dict):
         raise SceneError(f"{path}: parameters is {parameters!r}; expected an object of names and values")
+    for key in ("settled_mm", "settled_deg"):
+        if isinstance(parameters.get(key, 0.0), bool) or not isinstance(parameters.get(key, 0.0), int | float):
+            raise SceneError(f"{path}: {key} among the parameters is {parameters[key]!r}; expected a number")
     if seed is not None and (isinstance(seed, bool) or not isinstance(seed, int)):
         raise SceneError(f"{path}: seed is {seed!r}; expected an integer or null")
     return {

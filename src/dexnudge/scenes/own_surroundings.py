@@ -38,7 +38,7 @@ def understood(
         T_world_object: as given.
         motion: as given, unit, world.
         settle_object: "off" keeps the pose.
-        surface_noise: root mean square [m]; measured at the supports where it is None.
+        surface_noise: root mean square [m]; that of the supports where it is None. What is flat is always measured.
         clearance: that hands shall keep from the surroundings at least [m]; the noise where that is more.
 
     Clean surroundings, and an object that rests on them, come out as they went in.
@@ -48,14 +48,11 @@ def understood(
     """
     if settle_object not in SETTLE:
         raise SceneError(f"`settle` is {quote(settle_object)}; expected 'auto' or 'off'")
-    lengths = {"surface_noise": (surface_noise or 0.0, LARGEST_NOISE), "clearance": (clearance, LARGEST_CLEARANCE)}
-    for name, (value, largest) in lengths.items():
-        if not 0 <= value <= largest:
-            raise SceneError(f"`{name}` is {value:g} m; expected 0 to {largest:g} m")
+    check_margins(surface_noise=surface_noise or 0.0, clearance=clearance)
     body = mesh.copy()
     body.apply_transform(T_world_object)
     below = MOST_SHIFT + float(np.sin(MOST_TURN)) * 0.5 * float(np.linalg.norm(mesh.extents))
-    supports = all_supports(body, environment, below=below, around=AROUND, noise=surface_noise)
+    supports = all_supports(body, environment, below=below, around=AROUND)
     flat = snapped(environment, supports, around=body.bounds.mean(axis=0))
     settled = Settled(T_world_object, 0.0, 0.0, rests=True)
     if settle_object == "auto":
@@ -64,7 +61,13 @@ def understood(
     along = along_support(motion, carrying[0]) if carrying else motion
     measured = max((support.noise for support in supports), default=0.0)
     noise = surface_noise if surface_noise is not None else measured if measured > EXACT else 0.0
-    notes = _notes(supports, environment, flat, settled, motion, along)
+    notes = []
+    if surface_noise is not None and surface_noise < 0.5 * measured:
+        notes.append(
+            f"`surface_noise` is {1e3 * surface_noise:.2g} mm, but what carries or holds the object scatters by "
+            f"{1e3 * measured:.2g} mm"
+        )
+    notes += _notes(supports, environment, flat, settled, motion, along)
     if notes:
         flat = flat if flat is not environment else environment.copy()
         flat.metadata["notes"] = [*environment.metadata.get("notes", ()), *notes]
@@ -83,9 +86,19 @@ def understood(
         "T_world_object": settled.T_world_object,
         "motion": along,
         "surface_noise": noise,
-        "clearance": max(noise, clearance),
+        "clearance": clearance,
         "parameters": parameters,
     }
+
+
+def check_margins(*, surface_noise: float, clearance: float) -> None:
+    """Refuse a noise or a clearance [m] that leaves no room for a hand, or is none; SceneError."""
+    for name, value, largest in (
+        ("surface_noise", surface_noise, LARGEST_NOISE),
+        ("clearance", clearance, LARGEST_CLEARANCE),
+    ):
+        if not 0 <= value <= largest:
+            raise SceneError(f"`{name}` is {value:g} m; expected 0 to {largest:g} m")
 
 
 def _notes(

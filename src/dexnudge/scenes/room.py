@@ -97,6 +97,13 @@ def room_findings(scene: Scene, hand: Hand | None, up: Float[np.ndarray, "3"]) -
     need = thinnest_digit(hand) + scene.clearance
     digit = f"the thinnest finger of {hand.name} needs {1e3 * need:.0f} mm"
     found = [Finding("note", "clearance", f"{around}; {digit}")]
+    height = float(np.ptp(scene.object_in_world().vertices @ up))
+    if scene.clearance - SUNK > height:  # what touches the object is nearer to its support than that
+        sentence = (
+            f"no finger may touch the object: it is {1e3 * height:.0f} mm high, and hands keep "
+            f"{1e3 * scene.clearance:.0f} mm from what carries it"
+        )
+        return [*found, Finding("error", "fingers", sentence, "lower `clearance`")]
     largest = max((gap.largest for gap in room.gaps), default=0.0)
     if largest < need:
         # a fingertip is thinner towards its end: half of it may still reach in

@@ -22,7 +22,7 @@ from dexnudge.objects.sets import object_mesh
 from dexnudge.perception.depth_view import DepthView
 from dexnudge.scenes.files import LARGEST_NUMBER, MARGINS, NUMBERS, read_scene, write_scene
 from dexnudge.scenes.finding import Finding
-from dexnudge.scenes.own_surroundings import understood
+from dexnudge.scenes.own_surroundings import check_margins, understood
 from dexnudge.scenes.placement import placement_findings
 from dexnudge.scenes.poses import load_pose, unit_motion
 from dexnudge.scenes.sizes import size_findings
@@ -50,7 +50,7 @@ class Scene:
         friction_environment: Coulomb coefficient between object and surroundings; 0.4 unless given.
         max_normal_force: largest normal force of one digit link [N]; 5 unless given.
         surface_noise: by how much the measured surfaces scatter about the true ones, root mean square [m]; 0 for a model.
-        clearance: distance that hands keep from the surroundings [m].
+        clearance: distance that hands keep from the surroundings [m]; at least the noise.
         name: scene family, or "user".
         parameters: what the family drew, by name, lengths in metres unless the name says otherwise.
         seed: seed of the generator that drew the parameters, None when nothing was drawn.
@@ -85,6 +85,8 @@ class Scene:
             _check_number(label, getattr(self, label), minimum_excluded=True)
         for label in ("friction_hand", "friction_environment", "surface_noise", "clearance"):
             _check_number(label, getattr(self, label), minimum_excluded=False)
+        check_margins(surface_noise=self.surface_noise, clearance=self.clearance)
+        object.__setattr__(self, "clearance", max(self.clearance, self.surface_noise))
 
     def object_in_world(self) -> trimesh.Trimesh:
         """Return a copy of the object's mesh in the world frame, metres."""

@@ -7,17 +7,19 @@ from dataclasses import dataclass
 
 import numpy as np
 import trimesh
-from jaxtyping import Float
+from jaxtyping import Float, Int
 from scipy.optimize import linprog
 from scipy.spatial.transform import Rotation
 
 from dexnudge.geometry.exact_distance import Rays
 from dexnudge.geometry.meshes import centre_of_mass
-from dexnudge.scenes.supports import EXACT, STRAY, Support, faces_near, facing_points
+from dexnudge.scenes.supports import EXACT, STRAY, Support, faces_near, facing_points, nearest_surface
 
 MOST_SHIFT = 0.005  # [m] that an object is raised or lowered; more is another pose
 MOST_TURN = np.radians(3.0)  # that it is tilted
 MOST_SLOPE = np.radians(15.0)  # between a motion and its support; a steeper one is meant to leave it, or to run into it
+IDLE_TURN = 0.002  # [m/rad] that a turn must lower the object by: a round one does not roll
+FLAT = 1e-7  # [m] a vertex this near to a plane lies on it
 IN_PLACE = 2e-5  # [m] an object that would move less rests already
 ALONG = 1e-6  # sine of an angle between motion and support that is rounding
 ALMOST = 0.999  # of the most that it is tilted: it would tilt on
@@ -61,29 +63,30 @@ def settle(
     near = faces_near(surroundings, body.bounds + np.array([[-2 * reach], [2 * reach]]))
     if len(near) == 0:
         return Settled(given, 0.0, 0.0, rests=False)
-    rays = Rays(trimesh.Trimesh(surroundings.vertices, surroundings.faces[near], process=False))
-    normals = np.asarray(surroundings.face_normals)[near]
+    ground = _Ground(surroundings, near, supports, reach=2 * reach)
     T_object_world = np.linalg.inv(given)
     points = facing_points(body, DOWN) @ T_object_world[:3, :3].T + T_object_world[:3, 3]  # object frame
     centre = centre_of_mass(mesh)
     for _ in range(ROUNDS):
         world = points @ pose[:3, :3].T + pose[:3, 3]
-        gap = _to_planes(world, _gap(world, rays, normals, reach=2 * reach), supports)
+        gap = ground.gap(world)
         carried = np.isfinite(gap)
         middle = pose[:3, :3] @ centre + pose[:3, 3]
         arm = world[carried] - middle
         if not carried.any():
             return Settled(given, 0.0, 0.0, rests=False)
+        turns = np.stack([arm[:, 1], -arm[:, 0]], axis=1)
         step = linprog(
-            [1.0, 0.0, 0.0],
-            A_ub=-np.stack([np.ones(len(arm)), arm[:, 1], -arm[:, 0]], axis=1),
+            [1.0, *4 * [IDLE_TURN]],
+            A_ub=-np.concatenate([np.ones((len(arm), 1)), turns, -turns], axis=1),
             b_ub=gap[carried],
-            bounds=[(-2 * reach, 2 * reach), (-MOST_TURN, MOST_TURN), (-MOST_TURN, MOST_TURN)],
+            bounds=[(-2 * reach, 2 * reach), *4 * [(0.0, MOST_TURN)]],
             method="highs",
         )
         if not step.success:
             return Settled(given, 0.0, 0.0, rests=False)
-        rise, about_x, about_y = step.x
+        found = np.asarray(step.x)
+        rise, about_x, about_y = float(found[0]), float(found[1] - found[3]), float(found[2] - found[4])
         move = np.eye(4)
         move[:3, :3] = Rotation.from_rotvec([about_x, about_y, 0.0]).as_matrix()
         move[:3, 3] = middle - move[:3, :3] @ middle + np.array([0.0, 0.0, rise])
@@ -97,7 +100,7 @@ def settle(
         return Settled(given, 0.0, 0.0, rests=True)
     if abs(shift) > MOST_SHIFT or turn > ALMOST * MOST_TURN:
         world = points @ given[:3, :3].T + given[:3, 3]
-        return _touching(given, _to_planes(world, _gap(world, rays, normals, reach=2 * reach), supports))
+        return _touching(given, ground.gap(world))
     return Settled(pose, shift, turn, rests=True)
 
 
@@ -110,28 +113,31 @@ def _touching(given: Float[np.ndarray, "4 4"], gap: Float[np.ndarray, " n"]) -> 
     return Settled(pose, float(pose[2, 3] - given[2, 3]), 0.0, rests=False)
 
 
-def _gap(
-    points: Float[np.ndarray, "n 3"], rays: Rays, normals: Float[np.ndarray, "face 3"], *, reach: float
-) -> Float[np.ndarray, " n"]:
-    """Return how far below each point the surface that could carry it lies [m]: negative above it, infinite without."""
-    gap = np.full(len(points), np.inf)
-    for sign in (1.0, -1.0):
-        open_ = np.flatnonzero(~np.isfinite(gap))
-        way, face = rays.first_hits(points[open_], (sign * DOWN)[None], reach=reach)
-        kept = (face >= 0) & (normals[face, 2] > 0)
-        gap[open_[kept]] = sign * way[kept]
-    return gap
+class _Ground:
+    """What may carry an object, without the stray spikes of a scan: what stands on a support's plane counts as it."""
 
+    def __init__(
+        self,
+        surroundings: trimesh.Trimesh,
+        near: Int[np.ndarray, " near"],
+        supports: Sequence[Support],
+        *,
+        reach: float,
+    ) -> None:
+        vertices, faces = np.asarray(surroundings.vertices), np.asarray(surroundings.faces)[near]
+        self._rays = Rays(trimesh.Trimesh(vertices, faces, process=False))
+        self._normals, self._reach = np.asarray(surroundings.face_normals)[near], reach
+        rough = [support for support in supports if support.side == "below" and support.noise > EXACT]
+        self._planes = [(each, (np.abs(each.height(vertices)) <= FLAT)[faces].any(axis=1)) for each in rough]
 
-def _to_planes(
-    points: Float[np.ndarray, "n 3"], gap: Float[np.ndarray, " n"], supports: Sequence[Support]
-) -> Float[np.ndarray, " n"]:
-    """Return the gaps [m] with those to a support's plane in the place of those that differ from them by its noise."""
-    for support in supports:
-        if support.side == "below" and support.noise > EXACT:
+    def gap(self, points: Float[np.ndarray, "n 3"]) -> Float[np.ndarray, " n"]:
+        """Return how far below each point what could carry it lies [m]: negative in it, infinite where there is nothing."""
+        gap, face = nearest_surface(points, self._rays, self._normals, DOWN, reach=self._reach)
+        for support, touches in self._planes:
             to_plane = support.height(points) / support.normal[2]
-            gap = np.where(np.abs(gap - to_plane) <= STRAY * support.noise, to_plane, gap)
-    return gap
+            stray = (face >= 0) & touches[face] & (np.abs(gap - to_plane) <= STRAY * support.noise)
+            gap = np.where(stray, to_plane, gap)
+        return gap
 
 
 def along_support(motion: Float[np.ndarray, "3"], support: Support) -> Float[np.ndarray, "3"]:

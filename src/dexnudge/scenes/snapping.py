@@ -55,7 +55,8 @@ def _belongs(
     """Return which vertices are of a support's surface: in its band, turned like it, and on it on average with others.
 
     A step or a lip has the same few millimetres as the noise, but neighbours have them alike; so what decides is the mean
-    height of a vertex and those up to two edges away.
+    height of a vertex and those up to two edges away. Not so in surfaces fused from depth: there the errors of a view are
+    alike over centimetres.
     """
     faces = np.asarray(mesh.faces)
     faces = faces[near[faces].any(axis=1)]
@@ -74,7 +75,7 @@ def _belongs(
     mean = own
     for _ in range(2):
         mean = (links @ (alike * mean)) / np.maximum(links @ alike.astype(float), 1.0)
-    level = np.abs(mean) <= LEVEL * noise
+    level = np.abs(mean) <= (BAND if "origin" in mesh.metadata else LEVEL) * noise
     belongs = alike & level & (np.abs(own) <= BAND * noise)
     for _ in range(2):  # stray vertices, and such that noise has turned, amid others that belong
         among, others = links @ belongs.astype(float) - belongs, links @ np.ones(count) - 1.0

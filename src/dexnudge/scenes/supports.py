@@ -29,6 +29,12 @@ OUTLIER = 2.5  # standard deviations from which a point is not of the plane
 BUMP = 4.0  # standard deviations from a rough plane within which a surface is a bump of it, and no further support
 MAD_TO_DEVIATION = 1.4826  # standard deviation of a normal distribution over its median absolute value
 EXACT = 2e-5  # [m] residuals below it are rounding of a file with five decimals, and no noise
+MOST_LEAN = 5.0  # [deg] between planes that are two levels of one support
+LEVELS_SCATTER = 1.2  # times the roughness from vertex to vertex, from which one plane does not fit
+LEVELS_FIT = 1.2  # times the same that two levels may scatter
+LEVELS_APART = 1.5  # standard deviations between two levels
+LEVELS_SHARE = 0.15  # of the vertices that the smaller one has at least
+NEIGHBOURS = 6  # of a vertex in a triangle mesh
 STRAY = 6.0  # standard deviations by which a single measurement may be off, amid others that are not
 FEW_VERTICES = 30  # below which the noise is read off the patch itself, not off its vertices
 CORNER_TOLERANCE = 5e-4  # [m] to which a patch's outline is kept
@@ -76,21 +82,27 @@ def all_supports(
     *,
     below: float,
     around: float = TOUCHING,
-    noise: float | None = None,
 ) -> tuple[Support, ...]:
     """Return what a body [m, world] meets within `below` [m] under it, and within `around` [m] above and beside it.
 
-    Beside is along the sides of the smallest rectangle around it, seen from above. `noise` [m]: see `fit_supports`.
+    Beside is along the sides of the smallest rectangle around it, seen from above.
     """
     down = np.array([0.0, 0.0, -1.0])
     across = long_side_along_x(np.asarray(body.convex_hull.vertices)[:, :2])[:2]
-    found = fit_supports(body, surroundings, down, side="below", reach=below, noise=noise)
-    found = found[:1] + [each for each in found[1:] if not _is_noise_of(found[:1], each.corners).all()]
+    found = fit_supports(body, surroundings, down, side="below", reach=below)
+    found = found[:1] + [each for each in found[1:] if _is_level(found[0], each)]
     others = _without_noise_of(found, surroundings)
-    found += fit_supports(body, others, -down, side="above", reach=around, noise=noise)
+    found += fit_supports(body, others, -down, side="above", reach=around)
     for direction in (*across, *-across):
-        found += fit_supports(body, others, direction, side="beside", reach=around, noise=noise)
+        found += fit_supports(body, others, direction, side="beside", reach=around)
     return tuple(found)
+
+
+def _is_level(first: Support, other: Support) -> bool:
+    """Return whether another surface is no bump of the first: out of its noise, or parallel and apart on average."""
+    apart = abs(float(first.height(other.corners).mean()))
+    parallel = first.normal @ other.normal > np.cos(np.radians(MOST_LEAN))
+    return bool(parallel and apart > LEVELS_APART * first.noise) or not _is_noise_of([first], other.corners).all()
 
 
 def _is_noise_of(supports: list[Support], points: Float[np.ndarray, "n 3"]) -> Bool[np.ndarray, " n"]:
@@ -117,11 +129,10 @@ def fit_supports(
     *,
     side: Side,
     reach: float,
-    noise: float | None = None,
 ) -> list[Support]:
     """Return the planes that a body [m, world] meets within `reach` [m] in the unit `direction`, largest patch first.
 
-    Also those that it already stands in, by as much. `noise` [m], where it is known, takes the place of the measured one.
+    Also those that it already stands in, by as much.
     """
     points, face = _met(body, surroundings, direction, reach=reach)
     found: list[Support] = []
@@ -133,12 +144,17 @@ def fit_supports(
         if normal @ -direction > MOST_STEEP:
             on_plane = points[left[mine]]
             measured = _noise(on_plane, surroundings, face[left[mine]], normal, offset)
+            if not found and (levels := _two_levels(surroundings, face, points, normal, measured)):
+                for level in levels:
+                    corners = level.points[hull_corners(level.points, level.normal, tolerance=CORNER_TOLERANCE)]
+                    area = _outline_area(corners)
+                    found.append(Support(level.normal, level.offset, level.noise, area, corners, side))
+                break
             normal, offset = _refined(surroundings, on_plane, normal, offset, measured)
             if found and measured > ROUGHER * max(found[0].noise, EXACT):  # what is left over, and no surface
                 break
-            scatter = measured if noise is None else noise
             corners = on_plane[hull_corners(on_plane, normal, tolerance=CORNER_TOLERANCE)]
-            found.append(Support(normal, offset, scatter, _outline_area(corners), corners, side))
+            found.append(Support(normal, offset, measured, _outline_area(corners), corners, side))
         left = left[~mine]
     return sorted(found, key=lambda support: -support.area)
 
@@ -153,14 +169,29 @@ def _met(
     points = facing_points(body, direction)
     rays = Rays(trimesh.Trimesh(surroundings.vertices, surroundings.faces[near], process=False))
     normals = np.asarray(surroundings.face_normals)[near]
-    found, faces = [], []
-    for sign in (1.0, -1.0):  # ahead, and behind: where the body stands in what should carry it
-        way, face = rays.first_hits(points, (sign * direction)[None], reach=reach)
-        kept = (face >= 0) & (normals[face] @ direction < 0)
-        found.append(points[kept] + sign * way[kept, None] * direction)
-        faces.append(near[face[kept]])
-        points = points[~kept]
-    return np.concatenate(found), np.concatenate(faces)
+    way, face = nearest_surface(points, rays, normals, direction, reach=reach)
+    met = face >= 0
+    return points[met] + way[met, None] * direction, near[face[met]]
+
+
+def nearest_surface(
+    points: Float[np.ndarray, "n 3"],
+    rays: Rays,
+    normals: Float[np.ndarray, "face 3"],
+    direction: Float[np.ndarray, "3"],
+    *,
+    reach: float,
+) -> tuple[Float[np.ndarray, " n"], Int[np.ndarray, " n"]]:
+    """Return the way [m] from each point along a direction to the nearest surface that faces it, and that face.
+
+    The way is negative to a surface that lies behind: the point stands in it. Infinite, and face -1, where there is none.
+    """
+    way, face = np.full(len(points), np.inf), np.full(len(points), -1)
+    for sign in (1.0, -1.0):
+        length, hit = rays.first_hits(points, (sign * direction)[None], reach=reach)
+        nearer = (hit >= 0) & (normals[hit] @ direction < 0) & (length < np.abs(way))
+        way[nearer], face[nearer] = sign * length[nearer], hit[nearer]
+    return way, face
 
 
 def faces_near(mesh: trimesh.Trimesh, bounds: Float[np.ndarray, "2 3"]) -> Int[np.ndarray, " near"]:
@@ -221,6 +252,82 @@ def _noise(
     scatter = MAD_TO_DEVIATION * float(np.median(distance))
     kept = distance[distance <= max(OUTLIER * scatter, EXACT)]
     return max(scatter, float(np.sqrt(np.mean(kept**2)))) if scatter > EXACT else float(np.sqrt(np.mean(kept**2)))
+
+
+@dataclass(frozen=True)
+class _Level:
+    """One of two parallel planes: unit normal, offset [m], noise [m], and the points of the patch that are its own."""
+
+    normal: Float[np.ndarray, "3"]
+    offset: float
+    noise: float
+    points: Float[np.ndarray, "n 3"]
+
+
+def _two_levels(
+    surroundings: trimesh.Trimesh,
+    face: Int[np.ndarray, " n"],
+    points: Float[np.ndarray, "n 3"],
+    normal: Float[np.ndarray, "3"],
+    scatter: float,
+) -> list[_Level]:
+    """Return two parallel planes where one fits worse than the surface is rough from vertex to vertex; else nothing.
+
+    A plane across a step of some millimetres leans and scatters a little more than either side of it. Of planes about as
+    steep as it, that direction is taken in which the vertices' heights fall best into two groups.
+    """
+    faces = np.asarray(surroundings.faces)[np.unique(face)]
+    vertices, corner = np.unique(faces, return_inverse=True)
+    corner, vertices = corner.reshape(-1, 3), np.asarray(surroundings.vertices)[vertices]
+    rough = _roughness(vertices @ normal, corner)
+    if len(vertices) < 2 * FEW_VERTICES or rough <= EXACT or scatter < LEVELS_SCATTER * rough:
+        return []
+    triples = vertices[np.random.default_rng(0).integers(len(vertices), size=(TRIPLES, 3))]
+    lean = np.cross(triples[:, 1] - triples[:, 0], triples[:, 2] - triples[:, 0])
+    lean /= np.maximum(np.linalg.norm(lean, axis=1, keepdims=True), 1e-12)
+    lean *= np.sign(lean @ normal)[:, None]
+    lean = np.concatenate([normal[None], lean[lean @ normal > np.cos(np.radians(MOST_LEAN))]])
+    heights = np.sort(vertices @ lean.T, axis=0)
+    best = lean[int(np.argmin([_split(column)[0] for column in heights.T]))]
+    upper = vertices @ best > _split(np.sort(vertices @ best))[1]
+    for _ in range(REFITS):
+        groups = [vertices[upper], vertices[~upper]]
+        if min(map(len, groups)) < LEVELS_SHARE * len(vertices):
+            return []
+        about = np.concatenate([group - group.mean(axis=0) for group in groups])
+        best = np.linalg.svd(about, full_matrices=False)[2][-1]
+        best = best if best @ normal > 0 else -best
+        offsets = [float(group.mean(axis=0) @ best) for group in groups]
+        upper = vertices @ best > 0.5 * sum(offsets)
+    noise = float(np.sqrt(np.mean((about @ best) ** 2)))
+    if noise > LEVELS_FIT * rough or offsets[0] - offsets[1] < LEVELS_APART * noise:
+        return []
+    high = points @ best > 0.5 * sum(offsets)
+    return [
+        _Level(best, offset, noise, points[own])
+        for offset, own in zip(offsets, (high, ~high), strict=True)
+        if np.count_nonzero(own) >= LEAST_POINTS
+    ]
+
+
+def _roughness(height: Float[np.ndarray, " vertex"], corner: Int[np.ndarray, "face 3"]) -> float:
+    """Return the noise of vertices [m] by how far each is off the mean of its neighbours."""
+    total, count = np.zeros(len(height)), np.zeros(len(height))
+    for one, other in ((0, 1), (1, 2), (2, 0), (1, 0), (2, 1), (0, 2)):
+        np.add.at(total, corner[:, one], height[corner[:, other]])
+        np.add.at(count, corner[:, one], 1.0)
+    off = height - total / np.maximum(count, 1.0)
+    return MAD_TO_DEVIATION * float(np.median(np.abs(off))) / float(np.sqrt(1.0 + 1.0 / NEIGHBOURS))
+
+
+def _split(height: Float[np.ndarray, " n"]) -> tuple[float, float]:
+    """Return (squared error [m^2], height between them [m]) of the best two groups of sorted heights."""
+    centred = height - height.mean()
+    count = np.arange(1, len(height))
+    left = np.cumsum(centred)[:-1]
+    gain = left**2 / count + left**2 / (len(height) - count)
+    at = int(np.argmax(gain))
+    return float((centred**2).sum() - gain[at]), 0.5 * float(height[at] + height[at + 1])
 
 
 def _refined(

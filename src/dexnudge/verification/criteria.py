@@ -174,7 +174,8 @@ _BUILTIN = (
     BuiltinCriterion(
         "penetration_environment",
         partial(_depth, part="environment"),
-        "there is hardly room for the hand; make some, leave out the forearm (`base`), or draw more (`num`)",
+        "there is hardly room for the hand; make some, lower `clearance`, leave out the forearm (`base`), or draw more "
+        "(`num`)",
     ),
     BuiltinCriterion(
         "penetration_object",
