@@ -246,3 +246,37 @@ def test_a_rough_scan_upside_down_is_recognised():
 def test_an_object_that_floats_is_not_asked_for_its_unit():
     (finding,) = said(scene_of(pose=at(0.1, 0.2, 0.012)), "pose")
     assert finding.remedy == "move the object by (0.0000, 0.0000, -0.0080) m in the world"
+
+
+def test_an_object_that_is_far_too_high_gets_the_plain_shift():
+    for height, pose in ((0.3, at(z=0.304)), (0.5, at(0.01, 0.02, 0.504))):
+        (finding,) = said(scene_of(pose=pose), "pose")
+        assert finding.remedy == f"move the object by (0.0000, 0.0000, -{height:.4f}) m in the world"
+
+
+def test_a_turned_pose_that_is_too_high_is_not_called_transposed():
+    tilt = trimesh.transformations.rotation_matrix(np.radians(2.0), [0, 1, 0])
+    (finding,) = said(scene_of(TABLE.copy().apply_transform(tilt), tilt @ at(z=0.0115)), "pose")
+    assert finding.remedy.startswith("move the object by (")
+
+
+def test_a_mistake_comes_with_the_plain_shift():
+    (finding,) = said(scene_of(pose=at(100, 50, 4)), "pose")
+    assert "in millimetres?" in finding.remedy
+    assert "; if not, move the object by (-99" in finding.remedy
+
+
+@pytest.mark.parametrize("flipped", [False, True])
+def test_an_object_deep_in_a_sheet_is_moved_up(flipped):
+    sheet = trimesh.Trimesh([[-0.3, -0.3, 0], [0.3, -0.3, 0], [0.3, 0.3, 0], [-0.3, 0.3, 0]], [[0, 1, 2], [0, 2, 3]])
+    if flipped:
+        sheet.invert()
+    thick = trimesh.creation.box((0.16, 0.075, 0.018))
+    scene = dn.Scene.from_files(thick, environment=sheet, object_pose=at(z=-0.003), motion=[1, 0, 0], validate=False)
+    (finding,) = said(scene, "pose")
+    assert finding.remedy == "move the object away from that surface by (0.0000, 0.0000, 0.0120) m in the world"
+
+
+def test_a_motion_length_in_millimetres_is_asked_about():
+    with pytest.raises(dn.SceneError, match="expected at most 2 m; is it in millimetres"):
+        scene_of(motion_length=100.0)

@@ -118,7 +118,8 @@ def test_an_object_that_touches_nothing_is_refused(scene):
     )
     assert message_of(100, 0, 5.0) == (
         "the object touches nothing: the nearest surface is 99.6 m beside it; expected at most 1 mm; "
-        "is the pose in millimetres? give its position in metres: it would touch there"
+        "is the pose in millimetres? give its position in metres: it would touch there; if not, move the object "
+        "by (-99.4250, 0.0000, -4.9950) m in the world"
     )
 
 

@@ -8,19 +8,26 @@ from dataclasses import dataclass
 import numpy as np
 import trimesh
 from jaxtyping import Float
+from scipy.optimize import nnls
 
-from dexnudge.geometry.exact_distance import ExactDistance, ExactHit
+from dexnudge.geometry.exact_distance import ExactDistance, ExactHit, Rays
 from dexnudge.geometry.overlap import deepest_overlap, way_to_surface
 from dexnudge.geometry.surface_lattice import surface_lattice
 from dexnudge.jobs.cached import cached_per_instance
 from dexnudge.scenes.finding import Finding, direction_text, length_text, vector_text
+from dexnudge.scenes.supports import faces_near, facing_points
 
 INITIAL_PENETRATION_LIMIT = 1e-3  # [m] the limit that a configuration must keep, applied to the scene itself
 SCATTER = 3.0  # standard deviations of a measured surface by which it may reach into the object as well
 SUPPORT_LIMIT = 1e-3  # [m] farther from the surroundings than this nothing carries the object
 POSE_UNITS = {"millimetres": 0.001, "centimetres": 0.01, "inches": 0.0254}  # [m] that a position may be in by mistake
-ROUGHLY = 5e-3  # [m] a mistake explains what is worse than this; what remains then is noise, or mended by settling
-PLAIN_MISTAKE = 5e-2  # [m] the same for a unit, which brings any object nearer to the origin, and often to the ground
+ROUGHLY = 5e-3  # [m] from touching that an object may be after a mistake: spikes of a scan, or mended by settling
+BETTER = 2.0  # times nearer to touching than as given, or a mistake explains little
+PLAIN_MISTAKE = (
+    1.0  # [m] a unit explains what is worse: it brings any object nearer to the origin, and often to the ground
+)
+FAR = 0.02  # [m] by which a mistake moves the object at least: what is less is an error of its pose
+BALANCED = 2e-3  # [m] its centre may be outside of what would then carry it
 QUICK_SPACING = 0.006  # [m] between the object's points by which a mistaken pose is ruled out
 CARRIES = 0.5  # least vertical component of the normal of what carries an object
 
@@ -50,13 +57,15 @@ def placement_findings(
     depth, point, way = deepest_overlap(body, surroundings)
     allowed = INITIAL_PENETRATION_LIMIT + SCATTER * noise
     if depth > allowed:
+        sunk, place = _sunk(body, environment_mesh)
+        if sunk > depth:
+            depth, point, way = sunk, place, np.array([0.0, 0.0, sunk])
         sentence = (
             f"the environment already penetrates the object by {1e3 * depth:.1f} mm near {vector_text(point, digits=3)} m "
             f"in the world; expected at most {1e3 * allowed:.2g} mm"
         )
         move = f"move the object away from that surface by {vector_text(way)} m in the world"
-        mistakes = _mistakes(object_mesh, surroundings, T_world_object, depth)
-        return (Finding("error", "pose", sentence, next(mistakes, move)),)
+        return (Finding("error", "pose", sentence, _remedy(object_mesh, surroundings, T_world_object, depth, move)),)
     way = way_to_surface(body, surroundings, enough=SUPPORT_LIMIT)
     distance = float(np.linalg.norm(way))
     if distance > SUPPORT_LIMIT:
@@ -65,9 +74,36 @@ def placement_findings(
             f"at most {1e3 * SUPPORT_LIMIT:.0f} mm"
         )
         move = f"move the object by {vector_text(way)} m in the world"
-        mistakes = _mistakes(object_mesh, surroundings, T_world_object, distance)
-        return (Finding("error", "pose", sentence, next(mistakes, move)),)
+        return (Finding("error", "pose", sentence, _remedy(object_mesh, surroundings, T_world_object, distance, move)),)
     return ()
+
+
+def _sunk(body: trimesh.Trimesh, environment_mesh: trimesh.Trimesh) -> tuple[float, Float[np.ndarray, "3"]]:
+    """Return how far an open sheet that could carry a body is above its lowest side [m], and where; 0 without.
+
+    A sheet has no bounds in which to look for points that are behind it.
+    """
+    near = np.zeros(0, dtype=np.int64) if environment_mesh.is_watertight else faces_near(environment_mesh, body.bounds)
+    if len(near) == 0:
+        return 0.0, np.zeros(3)
+    points = facing_points(body, np.array([0.0, 0.0, -1.0]))
+    sheet = trimesh.Trimesh(environment_mesh.vertices, environment_mesh.faces[near], process=False)
+    way, face = Rays(sheet).first_hits(points, np.array([[0.0, 0.0, 1.0]]), reach=float(body.extents[2]))
+    way = np.where((face >= 0) & (np.asarray(sheet.face_normals)[face, 2] > CARRIES), way, 0.0)
+    deepest = int(way.argmax())
+    return float(way[deepest]), points[deepest]
+
+
+def _remedy(
+    object_mesh: trimesh.Trimesh,
+    surroundings: ExactDistance,
+    T_world_object: Float[np.ndarray, "4 4"],
+    wrong_by: float,
+    move: str,
+) -> str:
+    """Return the likely mistake if there is one, and the plain shift."""
+    mistake = next(_mistakes(object_mesh, surroundings, T_world_object, wrong_by), None)
+    return f"{mistake}; if not, {move}" if mistake else move
 
 
 def _placed(mesh: trimesh.Trimesh, pose: Float[np.ndarray, "4 4"]) -> trimesh.Trimesh:
@@ -84,26 +120,36 @@ def _mistakes(
     wrong_by: depth or distance [m] that a mistake must explain.
     """
     points = surface_lattice(np.asarray(object_mesh.triangles), spacing=QUICK_SPACING)[0]
+    given = trimesh.transform_points(points, T_world_object)
+    limit = float(np.clip(wrong_by / BETTER, SUPPORT_LIMIT, ROUGHLY))
     found: list[tuple[float, _Mistake]] = []
     for mistake in _mistakes_made(T_world_object):
         placed = trimesh.transform_points(points, mistake.pose)
-        hit, limit = surroundings(placed), mistake.limit(wrong_by)
+        moved = placed - given  # against the surroundings as they are
+        if (mistake.plain and wrong_by < PLAIN_MISTAKE) or np.linalg.norm(moved, axis=1).max() < FAR:
+            continue
+        hit = surroundings(placed)
         gap = float(np.abs(hit.distance).min())
         if gap <= limit and _carried(placed, hit, limit, mistake.turn):
             found.append((gap, mistake))
     for _, mistake in sorted(found, key=lambda entry: entry[0]):  # the best explanation first
-        if deepest_overlap(_placed(object_mesh, mistake.pose), surroundings)[0] <= mistake.limit(wrong_by):
+        if deepest_overlap(_placed(object_mesh, mistake.pose), surroundings)[0] <= limit:
             yield f"{mistake.question}: it would touch there"
 
 
 def _carried(points: Float[np.ndarray, "n 3"], hit: ExactHit, limit: float, turn: Float[np.ndarray, "3 3"]) -> bool:
-    """Return whether points lie on one side of what they touch within `limit` [m], and that is below, when turned."""
+    """Return whether points lie on one side of what they touch within `limit` [m], and that is below them, when turned."""
     near = np.abs(hit.distance) <= 2 * limit
     normal = hit.normal[near].sum(axis=0)
     normal /= max(float(np.linalg.norm(normal)), SUPPORT_LIMIT)
     heights = (points - hit.closest[near].mean(axis=0)) @ normal
     up = np.sign(heights.mean()) * normal  # a sheet has no inside
-    return bool(min(-heights.min(), heights.max()) <= 2 * limit and (turn @ up)[2] > CARRIES)
+    if min(-heights.min(), heights.max()) > 2 * limit or (turn @ up)[2] <= CARRIES:
+        return False
+    across = np.linalg.svd(normal[None])[2][1:]  # the plane that would carry them
+    corners = hit.closest[near] @ across.T - (points.max(axis=0) + points.min(axis=0)) @ across.T / 2
+    weights = np.vstack([corners.T, np.ones(len(corners))])
+    return bool(nnls(weights, np.array([0.0, 0.0, 1.0]))[1] <= BALANCED)
 
 
 @dataclass(frozen=True)
@@ -114,10 +160,6 @@ class _Mistake:
     pose: Float[np.ndarray, "4 4"]
     turn: Float[np.ndarray, "3 3"]
     plain: bool
-
-    def limit(self, wrong_by: float) -> float:
-        """Return how far the object may then be from touching, or inside [m]."""
-        return ROUGHLY if wrong_by > (PLAIN_MISTAKE if self.plain else ROUGHLY) else SUPPORT_LIMIT
 
 
 def _mistakes_made(pose: Float[np.ndarray, "4 4"]) -> Iterator[_Mistake]:

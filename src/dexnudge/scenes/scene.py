@@ -33,6 +33,8 @@ FRICTION_ENVIRONMENT = 0.4  # plastic on painted wood
 MASS = 0.15  # [kg] a phone or a remote
 MAX_NORMAL_FORCE = 5.0  # [N] per digit link; what a tendon-driven finger holds continuously
 MOTION_LENGTH = 0.10  # [m]
+ABOVE_MIDDLE = 0.75  # of an object's height
+LONGEST_MOTION = 2.0  # [m] farther than an arm reaches; a greater number is in another unit
 
 
 @dataclass(frozen=True, eq=False, repr=False)
@@ -151,8 +153,7 @@ class Scene:
         pose = load_pose(object_pose) if isinstance(object_pose, str | Path) else rigid_transform(object_pose)
         direction = unit_motion(motion)
         environment = coarsened_far(environment, *cls(mesh, environment, pose, direction, **physics).way_bounds())
-        body = mesh.bounding_box.centroid
-        environment = turned_toward(environment, pose[:3, :3] @ body + pose[:3, 3])
+        environment = turned_toward(environment, _above_middle(mesh, pose))
         fields = understood(
             mesh,
             environment,
@@ -316,6 +317,16 @@ class Scene:
         )
 
 
+def _above_middle(mesh: trimesh.Trimesh, pose: Float[np.ndarray, "4 4"]) -> Float[np.ndarray, "3"]:
+    """Return a point of the placed object's box [m] that is in front of a sheet even where much of the object is behind it.
+
+    An object that is said to be too deep stands in what carries it, and rarely in what is above it.
+    """
+    placed = trimesh.transform_points(trimesh.bounds.corners(mesh.bounds), pose)
+    low, high = placed.min(axis=0), placed.max(axis=0)
+    return np.array([*(low + high)[:2] / 2, low[2] + ABOVE_MIDDLE * (high - low)[2]])
+
+
 def load_scene(folder: str | Path) -> Scene:
     """Read a folder that `Scene.save` wrote; see `Scene.load`."""
     return Scene.load(folder)
@@ -334,5 +345,8 @@ def _check_number(label: str, value: object, *, minimum_excluded: bool) -> None:
     shown = quote(value)
     if not np.isfinite(number) or number < 0 or (minimum_excluded and number == 0):
         raise SceneError(f"`{label}` is {shown}; expected a finite number {'> 0' if minimum_excluded else '>= 0'}")
+    if label == "motion_length" and number > LONGEST_MOTION:
+        meant = f"is it in millimetres? give {number / 1000:g}" if number <= 1000 * LONGEST_MOTION else "give metres"
+        raise SceneError(f"`motion_length` is {number:g} m; expected at most {LONGEST_MOTION:g} m; {meant}")
     if number > LARGEST_NUMBER:
         raise SceneError(f"`{label}` is {number:g}; expected at most {LARGEST_NUMBER:g}")
