@@ -12,7 +12,7 @@ from dexnudge.scenes.boxes import box
 from dexnudge.scenes.scene import Scene
 from dexnudge.simulation import convex_pieces
 from dexnudge.simulation.model import scene_model
-from dexnudge.simulation.surface_pieces import DEPTH, FLATNESS, surface_pieces
+from dexnudge.simulation.surface_pieces import DEPTH, FLATNESS, MOST_OUT, surface_pieces
 
 WAY = np.array([[-0.08, -0.04, 0.0], [0.18, 0.04, 0.012]])
 TABLE = box((-0.4, -0.3, -0.03), (0.4, 0.3, 0.0))
@@ -147,3 +147,16 @@ def test_an_object_slides_as_far_as_on_a_box(name, slid, monkeypatch):
     expected, found = slid(TABLE), slid(SURROUNDINGS[name])
     assert expected[0] == pytest.approx(0.6**2 / (2 * 0.2 * 9.81), rel=0.1)
     np.testing.assert_allclose(found, expected, atol=1e-3)
+
+
+def test_pieces_of_a_rough_solid_leave_the_room_beside_it_free():
+    rough = TABLE.subdivide_to_size(0.012)
+    rough.merge_vertices()
+    rough.vertices[:, 2] += np.random.default_rng(0).normal(0, 0.003, len(rough.vertices))
+    found = surface_pieces(rough, WAY, most=600)
+    assert 100 < len(found.pieces) <= 600
+    assert found.error > 5e-4
+    weights = np.random.default_rng(1).dirichlet(np.ones(6), 50)
+    points = np.concatenate([weights @ piece for piece in found.pieces if len(piece) == 6])
+    out = -trimesh.proximity.ProximityQuery(rough).signed_distance(points)
+    assert np.quantile(out, 0.99) < MOST_OUT

@@ -2,7 +2,8 @@
 
 A scan, a sheet or a body that is far from convex has no decomposition into few convex bodies. But hand and object touch only
 its surface, near the object's way. So each polygon of that surface becomes a prism that reaches into the solid: planes one
-of large rectangles, everything else of triangles, made fewer by quadric error metrics (Garland and Heckbert, 1997).
+of large rectangles, everything else of triangles, made fewer by quadric error metrics (Garland and Heckbert, 1997). Of what
+is too rough for that, what is close to the way keeps most of its triangles, and all prisms are held back from free space.
 """
 
 from __future__ import annotations
@@ -25,6 +26,11 @@ DEPTH = 0.005  # [m] of a prism: the hand is stopped long before it is half as d
 LEAST_DEPTH = 2.0e-4  # [m] of a prism in a thin board
 MOST_PIECES = 4000  # MuJoCo finds the few that matter in a tree
 TOLERANCE = 5.0e-4  # [m] that triangles may leave the surface by when they are made fewer
+CLOSE = 0.05  # [m] around the way: what hand and object come near to is kept as it is before anything else
+CLOSE_SHARE = 0.7  # of the pieces, at most, for that
+MOST_OUT = 0.002  # [m] that a piece may reach out of a rough surface: as deep as a hand may be in the surroundings
+CRACKS = 0.01  # of a surface's area, by which the normals of a closed one may miss
+PLACES = 5  # along the side of a triangle at which that is measured
 FEWEST_TRIANGLES = 500  # that are tried first
 PERCENT = 99  # of the points within the tolerance; the others lie at corners that are cut off
 SAME_PLANE = np.radians(0.2)  # angle between neighbours of a plane
@@ -68,10 +74,73 @@ def surface_pieces(mesh: trimesh.Trimesh, way: Float[np.ndarray, "2 3"], *, most
         others[plane] = ~_covered(near.triangles[plane], filling)
     error = 0.0
     if others.any():
+        left = max(most - len(polygons), FEWEST_TRIANGLES)
         rest = trimesh.Trimesh(near.vertices, near.faces[others], process=False)
-        rest, error = _fewer(rest, most=max(most - len(polygons), FEWEST_TRIANGLES))
-        polygons.extend(np.asarray(rest.triangles))
-    return SurfacePieces(_prisms(polygons, near), error)
+        fewer, error = _fewer(rest, most=left)
+        if error > TOLERANCE:
+            fewer, error = _fewer_by_reach(rest, way, most=left)
+        polygons.extend(_nearest(np.asarray(fewer.triangles), way, left) if error > TOLERANCE else fewer.triangles)
+    pieces = _prisms(polygons, near)
+    if error > TOLERANCE and _closed(mesh):
+        pieces = _held_back(pieces, ExactDistance(mesh))
+    return SurfacePieces(pieces, error)
+
+
+def _closed(mesh: trimesh.Trimesh) -> bool:
+    """Return whether a surface has an inside, but for cracks: the normals of a closed one add up to nothing."""
+    cross = np.asarray(mesh.triangles_cross)
+    return bool(np.linalg.norm(cross.sum(axis=0)) < CRACKS * np.linalg.norm(cross, axis=1).sum())
+
+
+def _fewer_by_reach(
+    mesh: trimesh.Trimesh, way: Float[np.ndarray, "2 3"], *, most: int
+) -> tuple[trimesh.Trimesh, float]:
+    """Return the same as `_fewer`, with most of the triangles for what is close to the way."""
+    triangles = np.asarray(mesh.triangles)
+    close = ((triangles.min(axis=1) <= way[1] + CLOSE) & (triangles.max(axis=1) >= way[0] - CLOSE)).all(axis=1)
+    parts, error, left = [], 0.0, most
+    for mine, share in ((close, CLOSE_SHARE), (~close, 1.0)):
+        if not mine.any():
+            continue
+        part = trimesh.Trimesh(mesh.vertices, mesh.faces[mine], process=False)
+        part.remove_unreferenced_vertices()
+        fewer, off = _fewer(part, most=max(int(share * left), 1))
+        parts.append(fewer)
+        left -= len(fewer.faces)
+        error = max(error, off)
+    return trimesh.util.concatenate(parts), error
+
+
+def _nearest(
+    triangles: Float[np.ndarray, "face 3 3"], way: Float[np.ndarray, "2 3"], most: int
+) -> Float[np.ndarray, "left 3 3"]:
+    """Return those nearest to the way, where there are more than `most`."""
+    distance = np.maximum(triangles.min(axis=1) - way[1], way[0] - triangles.max(axis=1)).max(axis=1)
+    return triangles[np.sort(np.argsort(distance, kind="stable")[:most])]
+
+
+def _held_back(pieces: list[Polygon], exact: ExactDistance) -> list[Polygon]:
+    """Return the prisms on triangles moved into the solid by as much as they reach out of it, and all others as they are.
+
+    What then still reaches out is left out: beside a rough surface, free space matters more than its last crumb.
+    """
+    planes = [piece for piece in pieces if len(piece) > 6]
+    prisms = np.array([piece for piece in pieces if len(piece) == 6]).reshape(-1, 6, 3)
+    inward = prisms[:, 3] - prisms[:, 0]
+    inward /= np.linalg.norm(inward, axis=1, keepdims=True)
+    for _ in range(2):
+        out = _reach_out(prisms[:, :3], exact)
+        prisms += np.where(out > TOLERANCE, out, 0.0)[:, None, None] * inward[:, None]
+    out = np.maximum(_reach_out(prisms[:, :3], exact), _reach_out(prisms[:, 3:], exact))
+    return planes + list(prisms[out <= MOST_OUT])
+
+
+def _reach_out(triangles: Float[np.ndarray, "n 3 3"], exact: ExactDistance) -> Float[np.ndarray, " n"]:
+    """Return how far each triangle reaches out of the solid at most [m], at a lattice of its points."""
+    first, second = (part.ravel() for part in np.indices((PLACES + 1, PLACES + 1)))
+    share = np.stack([first, second, PLACES - first - second], axis=1)[first + second <= PLACES] / PLACES
+    points = np.einsum("pc,ncx->npx", share, triangles).reshape(-1, 3)
+    return np.asarray(exact(points).distance.reshape(len(triangles), -1).max(axis=1, initial=0.0))
 
 
 def _near(mesh: trimesh.Trimesh, box: Float[np.ndarray, "2 3"]) -> trimesh.Trimesh:
@@ -252,11 +321,11 @@ def _fewer(mesh: trimesh.Trimesh, *, most: int) -> tuple[trimesh.Trimesh, float]
     """Return (as few triangles as keep to the mesh within the tolerance, at most `most`; how far they leave it [m])."""
     import fast_simplification
 
-    if len(mesh.faces) <= FEWEST_TRIANGLES:
+    if len(mesh.faces) <= min(FEWEST_TRIANGLES, most):
         return mesh, 0.0
     points = np.asarray(mesh.triangles_center)
     mesh = _with_border(mesh)
-    wanted = FEWEST_TRIANGLES
+    wanted = min(FEWEST_TRIANGLES, most)
     while wanted < min(2 * most, len(mesh.faces)):
         wanted = min(wanted, most)
         for aggression in AGGRESSION:
