@@ -26,7 +26,8 @@ from dexnudge.scenes.poses import load_pose, rigid_transform
 
 UNSEEN_IS = ("solid", "free")
 REACH = 0.36  # [m] around the object and its way: wherever a hand can be that touches it
-CARVED = 0.003  # [m] around the object that is free: what was measured there is the object
+WAYS = 0.10  # [m] a multiple of it is fused on all sides, so that ways of about one length are in the same world
+CARVED = 0.003  # [m] around the object, and the noise of the views, that is free: what was measured there is the object
 CARVED_UNSEEN = 0.008  # [m] the same where nothing was seen: no support is made of it, which is looked for within 3 mm
 FINE = 0.03  # [m] around the object and its way within which the border of what was not seen stays as it was fused
 COARSE_CELL = 4.0  # voxels within which that border's vertices are joined beyond: it moves by a voxel or two
@@ -102,7 +103,8 @@ def scene_from_depth(
     own = object_pixels(views, body)
     low, high = body.bounds
     way_low, way_high = np.minimum(low, low + way), np.maximum(high, high + way)
-    low, high = way_low - REACH, way_high + REACH
+    around = REACH + np.array([1.0, 1.0, 0.0]) * WAYS * np.ceil(np.linalg.norm(way) / WAYS - 1e-9)
+    low, high = body.bounds[0] - around, body.bounds[1] + around
     shown = [replace(view, mask=pixels) for view, pixels in zip(views, own, strict=True)]
     planes = find_planes([_bare(view) for view in shown], low, high)
     support = support or _support(planes, float(body.bounds[0, 2]))
@@ -128,14 +130,16 @@ def scene_from_depth(
 
 
 def _own_space(body: trimesh.Trimesh, support: Plane | None) -> EmptySpace:
-    """Return the object's own volume and a little more, above what carries it."""
+    """Return the object's own volume and a little more, above what carries it: more where views scatter more."""
     exact, bottom = ExactDistance(body), float(body.bounds[0, 2])
+    carved = CARVED + (support.noise if support else 0.0)
 
     def distance(points: Float[np.ndarray, "n 3"]) -> Float[np.ndarray, " n"]:
         below = -support.heights(points) if support else bottom - points[:, 2]
-        return np.maximum(exact(points).distance - CARVED, below)
+        return np.maximum(exact(points).distance - carved, below)
 
-    return EmptySpace(body.bounds[0] - CARVED, body.bounds[1] + CARVED, distance, unseen_margin=CARVED_UNSEEN - CARVED)
+    unseen = max(0.0, CARVED_UNSEEN - carved)
+    return EmptySpace(body.bounds[0] - carved, body.bounds[1] + carved, distance, unseen_margin=unseen)
 
 
 def _bare(view: DepthView) -> DepthView:

@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 from collections.abc import Sequence
+from dataclasses import replace
 from typing import Any
 
 import numpy as np
@@ -53,6 +54,8 @@ def understood(
     body.apply_transform(T_world_object)
     below = MOST_SHIFT + float(np.sin(MOST_TURN)) * 0.5 * float(np.linalg.norm(mesh.extents))
     supports = all_supports(body, environment, below=below, around=AROUND)
+    if surface_noise is not None and "origin" in environment.metadata:  # assumed planes are flat, what is around is not
+        supports = tuple(replace(support, noise=max(support.noise, surface_noise)) for support in supports)
     flat = snapped(environment, supports, around=body.bounds.mean(axis=0))
     settled = Settled(T_world_object, 0.0, 0.0, rests=True)
     if settle_object == "auto":
