@@ -77,11 +77,12 @@ def test_malformed_poses_are_named(tmp_path):
     assert message_of({"position": [0, 0, 10**400], "quaternion_wxyz": [1, 0, 0, 0]}) == (
         f"{path}: position is [0, 0, 1{72 * '0'}; expected 3 numbers"
     )
-    assert message_of({"T_world_object": [[1, 2]]}) == "T_world_object has shape (1, 2); expected (4, 4)"
+    assert message_of({"T_world_object": [[1, 2]]}) == f"{path}: T_world_object has shape (1, 2); expected (4, 4)"
 
 
 def test_surroundings_inside_the_object_are_refused(slab):
     pose = np.eye(4)
+    pose[2, 3] = -0.002  # 7 mm deep: 5 mm are still settled
     with pytest.raises(SceneError, match=r"the environment already penetrates the object by \d\.\d mm near"):
         Scene.from_files(
             builtin_object("phone"), environment=slab, object_pose=pose, motion=(1.0, 0.0, 0.0), units="mm"
@@ -132,3 +133,15 @@ def test_what_was_done_to_the_meshes_is_noted(tmp_path):
     pose[2, 3] = 0.005
     scene = Scene.from_files("phone", environment=tmp_path / "sheet.ply", object_pose=pose, motion=(1.0, 0.0, 0.0))
     assert scene.notes == ["environment: every face faced down: turned round, so that something can lie on it"]
+
+
+def test_a_pose_file_may_hold_the_bare_matrix_and_is_named_when_it_is_another(tmp_path):
+    path = tmp_path / "pose.json"
+    path.write_text(json.dumps(np.eye(4).tolist()))
+    np.testing.assert_array_equal(load_pose(path), np.eye(4))
+    path.write_text(json.dumps(np.eye(4)[:3].tolist()))
+    with pytest.raises(SceneError) as caught:
+        load_pose(path)
+    assert str(caught.value) == (
+        f"{path}: T_world_object has shape (3, 4); expected (4, 4); add the last row [0, 0, 0, 1]"
+    )

@@ -11,7 +11,7 @@ import numpy as np
 import trimesh
 
 from dexnudge.errors import MeshError
-from dexnudge.geometry.mesh_guards import MAX_FACES, announced, damaged
+from dexnudge.geometry.mesh_guards import MAX_FACES, announced, damaged, no_triangles
 
 FORMATS = ("obj", "stl", "ply", "glb", "off", "dae")
 MAX_BYTES_PER_FACE = 500  # 200,000 faces in the wordiest of the formats take half of this
@@ -136,6 +136,8 @@ def _parsed(data: bytes, kind: str, name: str, *, keep_order: bool) -> trimesh.T
             mesh = scene.to_mesh()
     except errors as error:
         raise damaged(name, kind, _fault(data, kind)) from error
+    if any(isinstance(each, trimesh.PointCloud) for each in scene.geometry.values()) and not len(mesh.vertices):
+        raise no_triangles(name)
     if not isinstance(mesh, trimesh.Trimesh):
         raise damaged(name, kind, "no triangles in it; a point cloud must be meshed first")
     return mesh

@@ -11,6 +11,7 @@ from dexnudge.errors import SceneError
 
 RIGID_TOLERANCE = 1e-5  # on R^T R - I; poses typed by hand carry six digits
 ROUNDED_TOLERANCE = 1e-3  # on R^T R - I; up to here the nearest rotation is taken: it carries three or four decimals
+LAST_ROW = "; add the last row [0, 0, 0, 1]"
 FARTHEST = 1e3  # [m] a pose farther from the origin than this is no pose of an object in a room
 
 
@@ -29,7 +30,7 @@ def rigid_transform(
     except (TypeError, ValueError, OverflowError, RuntimeError) as error:
         raise SceneError(f"{name} is not a matrix of numbers; expected 4 x 4 ({error})") from error
     if pose.shape != (4, 4):
-        raise SceneError(f"{name} has shape {pose.shape}; expected (4, 4)")
+        raise SceneError(f"{name} has shape {pose.shape}; expected (4, 4){LAST_ROW if pose.shape == (3, 4) else ''}")
     if not np.isfinite(pose).all():
         raise SceneError(f"{name} holds NaN or infinity; expected finite numbers")
     if np.abs(pose[:3, 3]).max() > FARTHEST:

@@ -99,8 +99,8 @@ def masked_object(views: Sequence[DepthView]) -> MaskedObject:
 def _masked_points(views: Sequence[DepthView]) -> Float[np.ndarray, "n 3"]:
     if not any(view.mask is not None and view.mask.any() for view in views):
         raise SceneError(
-            "no view has a mask with pixels; expected the object's in at least one; give `mask` in cameras.json, or an "
-            "`object` with its `object_pose`"
+            "no view has a mask with pixels; expected the object's in at least one; give `mask` in cameras.json or "
+            "`masks`, or OBJECT as a mesh with its `object_pose`"
         )
     points = [view.points(_reliable(view)) for view in views if view.mask is not None]
     points = [each for each in points if len(each)]

@@ -6,12 +6,11 @@ from collections.abc import Iterator
 
 import numpy as np
 from jaxtyping import Float
-from scipy.optimize import nnls
 
 from dexnudge.geometry.meshes import centre_of_mass
 from dexnudge.hands.hand import Hand
 from dexnudge.scenes.finding import Finding, length_text, vector_text
-from dexnudge.scenes.free_way import free_way
+from dexnudge.scenes.free_way import TIPPING, carried_way, free_way, outside_of
 from dexnudge.scenes.room import room_findings
 from dexnudge.scenes.scene import Scene
 from dexnudge.scenes.sizes import size_findings
@@ -29,8 +28,9 @@ ORDER = {"error": 0, "warning": 1, "note": 2}
 UP = np.array([0.0, 0.0, 1.0])
 LEVEL = 0.05  # [deg] what leans by less is called level
 SETTLED = (1.0, 0.5)  # [mm, deg] an object that was moved by more was not where its pose said
+SAID_FROM = (0.05, 0.05)  # [mm, deg] less is zero in a sentence
+MASKED = "masks"  # in the notes of an object that is known from them
 SAID = ("(`settle` off", "does not come to rest")  # in notes of the surroundings that findings say as well
-TIPPING = 2e-3  # [m] the centre of mass may be beyond what carries the object: the error of a measured pose
 STEEP = np.radians(
     15.0
 )  # a motion off its support by more lifts the object; one into it was meant so, and is not turned
@@ -39,7 +39,6 @@ DIRECTIONS = 8  # in the plane of the support that are tried where the way is no
 SHORTEST_WAY = 0.02  # [m] a shorter motion is not worth proposing
 NEAR = 0.10  # [m] around object and way, of which it is said how much was seen
 SMALLEST_AREA = 1e-12  # [m^2]
-SUM_WEIGHT = 1e3  # of the condition that the weights of a convex combination sum to 1, against metres
 
 
 def scene_findings(scene: Scene, hand: Hand | None = None) -> list[Finding]:
@@ -63,15 +62,25 @@ def _settled(scene: Scene) -> Iterator[Finding]:
     shift, turn = (float(scene.parameters.get(key, 0.0)) for key in ("settled_mm", "settled_deg"))
     if not shift and not turn:
         return
-    if shift > 0:
-        sentence = f"the object stood {shift:.1f} mm inside what carries it, and was raised"
+    tilted = f"tilted by {turn:.1f} degrees"
+    if abs(shift) < SAID_FROM[0]:
+        sentence = f"the object was {tilted} onto what carries it" if turn >= SAID_FROM[1] else ""
+    elif shift > 0:
+        sentence = f"the object stood {shift:.1f} mm inside what carries it, and was raised onto it"
     else:
-        sentence = f"the object touched nothing: the nearest surface was {-shift:.1f} mm below it, and it was lowered"
-    sentence += f" onto it, tilted by {turn:.1f} degrees"
+        sentence = (
+            f"the object touched nothing: the nearest surface was {-shift:.1f} mm below it, and it was lowered onto it"
+        )
+    if not sentence:
+        return
+    if abs(shift) >= SAID_FROM[0] and turn >= SAID_FROM[1]:
+        sentence += f", {tilted}"
     if abs(shift) <= SETTLED[0] and turn <= SETTLED[1]:
         yield Finding("note", "settled", sentence)
         return
-    remedy = "mend the `object_pose` if that is not what happened, or keep it by `settle` off"
+    masked = any(MASKED in note for note in scene.notes)
+    mend = "give a mesh and its `object_pose`" if masked else "mend the `object_pose`"
+    remedy = f"{mend} if that is not what happened, or keep it by `settle` off"
     yield Finding("warning", "settled", sentence, remedy)
 
 
@@ -106,9 +115,7 @@ def _carried(scene: Scene, touching: SupportContacts) -> Iterator[Finding]:
         )
         return
     centre = (scene.T_world_object @ np.append(centre_of_mass(scene.object_mesh), 1.0))[:3]
-    # the nearest convex combination of the contacts, seen from above
-    rows = np.vstack([below[:, :2].T - centre[:2, None], np.full(len(below), SUM_WEIGHT)])
-    outside = float(nnls(rows, np.array([0.0, 0.0, SUM_WEIGHT]))[1])
+    outside = outside_of(below, centre)
     if outside > TIPPING:
         yield Finding(
             "warning",
@@ -124,12 +131,19 @@ def _way(scene: Scene, touching: SupportContacts, normal: Float[np.ndarray, "3"]
     along, way = vector_text(scene.motion, digits=2), free_way(scene)
     if way.whole:
         yield Finding("note", "free_way", f"the way along {along} is {way}")
+        if (carried := carried_way(scene)) < scene.motion_length:
+            yield Finding(
+                "note",
+                "free_way",
+                f"after {1e3 * carried:.0f} mm the object's centre of mass is beyond what carries it; `execute` stops "
+                "before where the object can be grasped, else it falls",
+            )
         rise = float(np.arcsin(np.clip(scene.motion @ normal, -1.0, 1.0)))
         if rise > STEEP:
             yield Finding(
                 "warning",
                 "motion",
-                f"the motion {along} leaves what carries the object at {np.degrees(rise):.0f} degrees: it lifts, not slides",
+                f"the motion {along} leaves what carries the object at {_degrees(rise)}: it lifts, not slides",
                 "give a `motion` along the support",
             )
         return
@@ -139,7 +153,7 @@ def _way(scene: Scene, touching: SupportContacts, normal: Float[np.ndarray, "3"]
         yield Finding(
             "error",
             "motion",
-            f"the motion {along} leads {np.degrees(dip):.0f} degrees into what carries the object; expected one along it",
+            f"the motion {along} leads {_degrees(dip)} into what carries the object; expected one along it",
             f"choose another `motion`: {others}",
         )
         return
@@ -155,6 +169,12 @@ def _way(scene: Scene, touching: SupportContacts, normal: Float[np.ndarray, "3"]
         f"the way along {along} is {way}; expected {1e3 * scene.motion_length:.0f} mm",
         remedy + others,
     )
+
+
+def _degrees(angle: float) -> str:
+    """Return an angle [rad] in words; a small one with a decimal, never as 0 or 1 degrees."""
+    degrees = float(np.degrees(angle))
+    return f"{degrees:.1f} degrees" if degrees < 2 else f"{degrees:.0f} degrees"
 
 
 def _other_ways(scene: Scene, touching: SupportContacts, normal: Float[np.ndarray, "3"]) -> str:

@@ -5,8 +5,12 @@ from __future__ import annotations
 from dataclasses import dataclass
 
 import numpy as np
+import trimesh
 from jaxtyping import Float
+from scipy.optimize import nnls
 
+from dexnudge.geometry.exact_distance import Rays
+from dexnudge.geometry.meshes import centre_of_mass
 from dexnudge.jobs.cached import cached_per_instance
 from dexnudge.scenes.scene import Scene
 from dexnudge.scenes.support_contacts import (
@@ -17,8 +21,14 @@ from dexnudge.scenes.support_contacts import (
     support_contacts,
     touching_contacts,
 )
+from dexnudge.scenes.support_hull import hull_corners
+from dexnudge.scenes.supports import faces_near
 from dexnudge.scenes.sweep import sweep_of
 
+TIPPING = 2e-3  # [m] the centre of mass may be beyond what carries the object: the error of a measured pose
+SUM_WEIGHT = 1e3  # of the condition that the weights of a convex combination sum to 1, against metres
+CARRIED_STEP = 5e-3  # [m] of the way, between places where the object must be carried
+MOST_PLACES = 300  # of it that are looked at there
 WAY_TOLERANCE = 1e-3  # [m] of the motion that may lack: what a scene's object may be inside its surroundings
 
 
@@ -70,6 +80,37 @@ def free_way(scene: Scene) -> FreeWay:
         return FreeWay(scene.motion_length)
     height = _height(scene, found.place, touching, normal)
     return FreeWay(found.way, found.place, height, whole=found.way >= scene.motion_length - WAY_TOLERANCE)
+
+
+@cached_per_instance
+def carried_way(scene: Scene) -> float:
+    """Return the way along `scene.motion` [m] for which the object's centre of mass stays above what carries it.
+
+    `scene.motion_length` where it stays so all the way, or is not so at the start. In steps of 5 mm: what of the places in
+    which the object rests has something below it, and whether the centre of mass, seen along gravity, is among those.
+    """
+    touching = touching_contacts(scene)
+    carrying, normal = touching.points[touching.normals[:, 2] > UPWARD], carrying_normal(touching)
+    centre = scene.T_world_object[:3, :3] @ centre_of_mass(scene.object_mesh) + scene.T_world_object[:3, 3]
+    if not len(carrying) or outside_of(carrying, centre) > TIPPING:
+        return scene.motion_length
+    corners = hull_corners(carrying, normal, tolerance=WAY_TOLERANCE)
+    carrying = np.concatenate([carrying[corners], carrying[:: len(carrying) // MOST_PLACES + 1]])
+    lift = sweep_of(scene).lift
+    near = faces_near(scene.environment_mesh, scene.way_bounds() + np.array([[-lift], [lift]]))
+    rays = Rays(trimesh.Trimesh(scene.environment_mesh.vertices, scene.environment_mesh.faces[near], process=False))
+    for way in np.arange(CARRIED_STEP, scene.motion_length, CARRIED_STEP):
+        places = carrying + way * scene.motion
+        carried = rays.first_hits(places + lift * normal, -normal[None], reach=2 * lift)[1] >= 0
+        if not carried.any() or outside_of(places[carried], centre + way * scene.motion) > TIPPING:
+            return float(way)
+    return scene.motion_length
+
+
+def outside_of(carrying: Float[np.ndarray, "n 3"], centre: Float[np.ndarray, "3"]) -> float:
+    """Return how far a centre of mass is from the convex hull of what carries it [m], both seen from above."""
+    rows = np.vstack([carrying[:, :2].T - centre[:2, None], np.full(len(carrying), SUM_WEIGHT)])
+    return float(nnls(rows, np.array([0.0, 0.0, SUM_WEIGHT]))[1])  # of the nearest convex combination
 
 
 def _height(

@@ -18,6 +18,7 @@ from dexnudge.scenes.supports import EXACT, Support, all_supports
 SETTLE = ("auto", "off")
 LARGEST_CLEARANCE = 0.05  # [m] more leaves no room for a hand beside an object
 LARGEST_NOISE = 0.005  # [m] above it a surface tells nothing about where a hand may go
+SMALLEST_SHIFT, SMALLEST_TURN = 5e-5, np.radians(0.005)  # [m], [rad] less is zero in a sentence
 AROUND = 0.003  # [m] above and beside the object within which a measured surface may be one that it touches
 
 
@@ -122,13 +123,14 @@ def _notes(
         ]
     if settled.shift or settled.turn:
         way = "raised" if settled.shift > 0 else "lowered"
-        notes.append(
-            f"the object was {way} by {1e3 * abs(settled.shift):.1f} mm and tilted by {np.degrees(settled.turn):.2f} deg to "
-            "rest on its supports (`settle` off keeps its pose)"
-        )
+        did = [f"{way} by {1e3 * abs(settled.shift):.1f} mm"] if abs(settled.shift) >= SMALLEST_SHIFT else []
+        did += [f"tilted by {np.degrees(settled.turn):.2f} deg"] if settled.turn >= SMALLEST_TURN else []
+        moved = " and ".join(did) or f"moved by less than {1e3 * SMALLEST_SHIFT:g} mm"
+        notes.append(f"the object was {moved} to rest on its supports (`settle` off keeps its pose)")
     if not settled.rests and any(support.side == "below" for support in supports):
         notes.append("the object does not come to rest within 5 mm and 3 deg of its pose: it may tip")
     if along is not motion:
-        angle = np.degrees(np.arccos(np.clip(motion @ along, -1.0, 1.0)))
-        notes.append(f"the motion was turned by {angle:.2f} deg into the plane of the support")
+        angle = float(np.arccos(np.clip(motion @ along, -1.0, 1.0)))
+        if angle >= SMALLEST_TURN:
+            notes.append(f"the motion was turned by {np.degrees(angle):.2f} deg into the plane of the support")
     return notes

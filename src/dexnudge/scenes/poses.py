@@ -11,7 +11,7 @@ from jaxtyping import Float
 
 from dexnudge.errors import LONGEST_QUOTE, SceneError, check_path
 from dexnudge.geometry.rigid import real_numbers, rigid_transform
-from dexnudge.jobs.json_files import read_json_object
+from dexnudge.jobs.json_files import read_json
 
 POSE_KEY, POSITION_KEY, QUATERNION_KEY = "T_world_object", "position", "quaternion_wxyz"
 QUATERNION_TOLERANCE = 1e-3  # on the norm; three decimals are what people type
@@ -38,21 +38,27 @@ def unit_motion(value: Any) -> Float[np.ndarray, "3"]:
 
 
 def load_pose(path: str | Path) -> Float[np.ndarray, "4 4"]:
-    """Read T_world_object from a JSON file: "T_world_object" (4 x 4), or "position" [m] and "quaternion_wxyz".
+    """Read T_world_object from a JSON file: the 4 x 4 list, alone or named, or "position" [m] and "quaternion_wxyz".
 
     Raises:
         SceneError: missing, malformed, or not a rigid pose.
     """
     check_path("object_pose", path, SceneError)
     path = Path(path)
-    content = read_json_object(path)
+    content = read_json(path)
+    if (
+        isinstance(content, list) and all(isinstance(row, list) for row in content) and len(content) > 1
+    ):  # the bare matrix
+        content = {POSE_KEY: content}
+    if not isinstance(content, dict):
+        raise SceneError(f"{path}: holds a JSON {type(content).__name__}; expected an object with named values")
     if POSE_KEY in content and (POSITION_KEY in content or QUATERNION_KEY in content):
         raise SceneError(
             f"{path}: holds the pose twice, as {POSE_KEY!r} and as {POSITION_KEY!r} or {QUATERNION_KEY!r}; expected one "
             "of them; remove the other"
         )
     if POSE_KEY in content:
-        return rigid_transform(content[POSE_KEY])
+        return rigid_transform(content[POSE_KEY], f"{path}: {POSE_KEY}")
     if POSITION_KEY not in content or QUATERNION_KEY not in content:
         raise SceneError(
             f"{path}: holds {', '.join(map(repr, content)) or 'nothing'}; expected {POSE_KEY!r} (4 x 4), or "

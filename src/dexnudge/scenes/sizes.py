@@ -10,6 +10,7 @@ from dexnudge.scenes.finding import Finding, Level
 
 ROOM = 12.0  # [m] longest side of surroundings that a hand works in; more is a hall, or another unit
 SMALLEST_ENVIRONMENT = 0.1  # of the object's longest side: smaller surroundings are in another unit
+KILOGRAM = 0.9995  # [kg] below it three digits of grams
 HEAVIEST = 20e3  # [kg/m^3] platinum; a denser object has its mass in grams
 LIGHTEST = 2.0  # [kg/m^3] a fifth of the lightest foam
 
@@ -21,7 +22,7 @@ def size_findings(object_mesh: trimesh.Trimesh, environment_mesh: trimesh.Trimes
     sides = " x ".join(f"{1e3 * side:.0f}" for side in size)
     around = " x ".join(f"{side:.2g}" for side in room)
     found = [
-        Finding("note", "size", f"the object is {sides} mm, {1e3 * mass:.3g} g"),
+        Finding("note", "size", f"the object is {sides} mm, {_weight(mass)}"),
         Finding("note", "size", f"the surroundings are {around} m, {len(environment_mesh.faces)} triangles"),
     ]
     if not SHORTEST_OBJECT <= length <= LONGEST_OBJECT:
@@ -36,9 +37,14 @@ def size_findings(object_mesh: trimesh.Trimesh, environment_mesh: trimesh.Trimes
         found.append(Finding(level, "units", sentence, _meant(width, length, ROOM)))
     density = mass / float(object_mesh.convex_hull.volume)
     if not LIGHTEST <= density <= HEAVIEST:
-        sentence = f"the object weighs {mass:.3g} kg, {density:.2g} kg/m^3; expected {LIGHTEST:g} to {HEAVIEST:g}"
+        sentence = f"the object weighs {mass:.3g} kg, {density:,.0f} kg/m^3; expected {LIGHTEST:g} to {HEAVIEST:g}"
         found.append(Finding("warning", "size", sentence, "give `mass` in kg"))
     return found
+
+
+def _weight(mass: float) -> str:
+    """Return a mass [kg] in the unit in which people would say it."""
+    return f"{1e3 * mass:.3g} g" if mass < KILOGRAM else f"{mass:,.3g} kg" if mass < 1000 else f"{mass:,.0f} kg"
 
 
 def _meant(metres: float, low: float, high: float) -> str:
