@@ -292,3 +292,35 @@ def test_an_object_that_leaves_its_support_on_the_way_is_told(x, carried):
 def test_heavy_objects_are_told_in_kilograms():
     sentences = [each.sentence for each in scene_of(mass=150.0).findings()]
     assert "the object is 150 x 70 x 8 mm, 150 kg" in sentences
+
+
+def scan(generator, hole=None, spacing=0.01, noise=3e-4):
+    """A sheet of 0.4 x 0.3 m that scatters, without what is within the box `hole`."""
+    sheet = trimesh.Trimesh(
+        [[-0.2, -0.15, 0], [0.2, -0.15, 0], [0.2, 0.15, 0], [-0.2, 0.15, 0]], [[0, 1, 2], [0, 2, 3]]
+    )
+    sheet = trimesh.Trimesh(*trimesh.remesh.subdivide_to_size(sheet.vertices, sheet.faces, spacing))
+    if hole is not None:
+        sheet.update_faces(~(np.abs(sheet.triangles[:, :, :2]) < hole).all(axis=2).any(axis=1))
+        sheet.remove_unreferenced_vertices()
+    sheet.vertices[:, 2] += generator.normal(0.0, noise, len(sheet.vertices))
+    return sheet
+
+
+def test_a_hole_where_the_object_lay_is_closed_by_the_plane_around_it():
+    sheet = scan(np.random.default_rng(0), hole=(0.085, 0.045))
+    scene = dn.Scene.from_files(FLAT, environment=sheet, object_pose=at(z=0.0045), motion=[1, 0, 0])
+    found = scene.findings()
+    assert [str(each) for each in found if each.level != "note"] == []
+    assert any("nothing was measured below the object" in each.sentence for each in found)
+    beside = dn.Scene.from_files(FLAT, environment=sheet, object_pose=at(y=0.4), motion=[1, 0, 0], validate=False)
+    assert len(beside.environment_mesh.faces) == len(sheet.faces)
+
+
+def test_an_object_that_was_scanned_too_is_told():
+    thick = trimesh.creation.box((0.15, 0.07, 0.02))
+    both = trimesh.util.concatenate([scan(np.random.default_rng(0)), thick.copy().apply_transform(at(z=0.01))])
+    scene = dn.Scene.from_files(thick, environment=both, object_pose=at(z=0.01), motion=[1, 0, 0], validate=False)
+    (finding,) = said(scene, "pose")
+    assert "of the object's upper side coincides with a surface of the surroundings" in finding.sentence
+    assert finding.remedy == "was the object scanned too? cut it out of the `environment`"

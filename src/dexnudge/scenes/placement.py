@@ -9,6 +9,7 @@ import numpy as np
 import trimesh
 from jaxtyping import Float
 from scipy.optimize import nnls
+from scipy.spatial import ConvexHull
 
 from dexnudge.geometry.exact_distance import ExactDistance, ExactHit, Rays
 from dexnudge.geometry.overlap import deepest_overlap, way_to_surface
@@ -28,6 +29,9 @@ PLAIN_MISTAKE = (
 )
 FAR = 0.02  # [m] by which a mistake moves the object at least: what is less is an error of its pose
 BALANCED = 2e-3  # [m] its centre may be outside of what would then carry it
+COINCIDES = 2e-3  # [m] from the object's upper side that a scan of it is
+ASIDE = 0.01  # [m] beside the object, where its own surface does not go on
+MOST_SCANNED = 0.5  # of its upper side along which the surroundings may have a surface that faces the same way
 QUICK_SPACING = 0.006  # [m] between the object's points by which a mistaken pose is ruled out
 CARRIES = 0.5  # least vertical component of the normal of what carries an object
 
@@ -54,6 +58,11 @@ def placement_findings(
     """
     surroundings = surroundings_distance(environment_mesh)
     body = _placed(object_mesh, T_world_object)
+    if (share := _scanned_too(body, surroundings)) > MOST_SCANNED:
+        sentence = (
+            f"{share:.0%} of the object's upper side coincides with a surface of the surroundings; expected none there"
+        )
+        return (Finding("error", "pose", sentence, "was the object scanned too? cut it out of the `environment`"),)
     depth, point, way = deepest_overlap(body, surroundings)
     allowed = INITIAL_PENETRATION_LIMIT + SCATTER * noise
     if depth > allowed:
@@ -76,6 +85,21 @@ def placement_findings(
         move = f"move the object by {vector_text(way)} m in the world"
         return (Finding("error", "pose", sentence, _remedy(object_mesh, surroundings, T_world_object, distance, move)),)
     return ()
+
+
+def _scanned_too(body: trimesh.Trimesh, surroundings: ExactDistance) -> float:
+    """Return the share of a body's upper side along which the surroundings have a surface that faces the same way."""
+    points = facing_points(body, np.array([0.0, 0.0, 1.0]))
+    if len(points) < 3 or np.ptp(points[:, :2], axis=0).min() < COINCIDES:
+        return 0.0
+    outline = points[ConvexHull(points[:, :2]).vertices]
+    outward = (outline - outline.mean(axis=0)) * [1.0, 1.0, 0.0]
+    beyond = outline + ASIDE * outward / np.linalg.norm(outward, axis=1, keepdims=True)
+    beyond[:, 2] = points[:, 2].max()
+    if np.median(surroundings.to_surface(beyond).distance) < min(ASIDE / 2, float(body.extents[2]) / 2):
+        return 0.0  # the surface goes on: the object is sunk into what carries it
+    hit = surroundings.to_surface(points, reach=COINCIDES)
+    return float(((hit.distance <= COINCIDES) & (hit.normal[:, 2] > CARRIES)).mean())
 
 
 def _sunk(body: trimesh.Trimesh, environment_mesh: trimesh.Trimesh) -> tuple[float, Float[np.ndarray, "3"]]:

@@ -22,6 +22,7 @@ from dexnudge.objects.sets import object_mesh
 from dexnudge.perception.depth_view import DepthView
 from dexnudge.scenes.files import LARGEST_NUMBER, MARGINS, NUMBERS, read_scene, write_scene
 from dexnudge.scenes.finding import Finding
+from dexnudge.scenes.hole_below import without_hole_below
 from dexnudge.scenes.own_surroundings import check_margins, understood
 from dexnudge.scenes.placement import placement_findings
 from dexnudge.scenes.poses import load_pose, unit_motion
@@ -154,13 +155,16 @@ class Scene:
         direction = unit_motion(motion)
         environment = coarsened_far(environment, *cls(mesh, environment, pose, direction, **physics).way_bounds())
         environment = turned_toward(environment, _above_middle(mesh, pose))
+        body = mesh.copy()
+        body.apply_transform(pose)
+        environment, around = without_hole_below(environment, body)
         fields = understood(
             mesh,
             environment,
             pose,
             direction,
             settle_object=settle,
-            surface_noise=surface_noise,
+            surface_noise=around if surface_noise is None else surface_noise,
             clearance=clearance,
         )
         scene = cls(**fields, **physics)
