@@ -144,3 +144,15 @@ def test_arguments_that_do_not_go_together_are_refused(views):
     assert "without `object`" in refusal(views, object_pose=pose_of())
     assert "without `object_pose`" in refusal(views, object=trimesh.creation.box(SIZE))
     assert "`unseen` is 'air'" in refusal(views, unseen="air")
+
+
+def test_what_was_seen_and_what_was_not_is_kept_in_the_folder(with_mesh, tmp_path):
+    with_mesh.save(tmp_path)
+    again = Scene.load(tmp_path).environment_mesh
+    written = with_mesh.environment_mesh
+    for kind in (SEEN, ASSUMED, UNSEEN):
+        area = written.area_faces[written.metadata["origin"] == kind].sum()
+        assert again.area_faces[again.metadata["origin"] == kind].sum() == pytest.approx(area, rel=1e-3)
+    path = tmp_path / "scene.json"
+    path.write_text(path.read_text().replace('"environment_faces_seen_assumed_unseen": [', '"x": [', 1))
+    assert "origin" not in Scene.load(tmp_path).environment_mesh.metadata

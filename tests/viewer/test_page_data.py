@@ -4,8 +4,9 @@ import numpy as np
 import pytest
 import trimesh
 
-from dexnudge.viewer.page_data import LARGEST_MESH, page_geometry, thinned
+from dexnudge.viewer.page_data import page_geometry
 from dexnudge.viewer.ray_scene import corner_normals
+from dexnudge.viewer.thinning import LARGEST_MESH, thinned
 
 
 def decoded(text, dtype, columns=None):

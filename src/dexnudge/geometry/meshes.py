@@ -1,7 +1,8 @@
 """Objects and surroundings from mesh files: in metres, checked, repaired where that is safe.
 
 A mesh leaves here finite, z up, with at least one triangle, wound outward where it is closed. `metadata` says what was
-found and done: `watertight`, `scale` (file units to metres), and `notes`, a sentence for each repair or assumption.
+found and done: `watertight`, `scale` (file units to metres), `file_faces` (which of the file's triangles each one is), and
+`notes`, a sentence for each repair or assumption.
 """
 
 from __future__ import annotations
@@ -201,7 +202,7 @@ def _checked(mesh: trimesh.Trimesh, name: str, *, surroundings: bool = False) ->
             "export the mesh again"
         )
     metadata = mesh.metadata
-    mesh = trimesh.Trimesh(vertices, faces, process=False)
+    mesh = trimesh.Trimesh(vertices, faces, process=False, face_attributes={"file_face": np.arange(len(faces))})
     _refuse_stray_parts(mesh, name)
     done = [drop_doubled_faces(mesh), None if surroundings else drop_specks(mesh)]
     mesh.update_faces(mesh.nondegenerate_faces(height=DEGENERATE_HEIGHT * float(mesh.extents.max())))
@@ -213,6 +214,7 @@ def _checked(mesh: trimesh.Trimesh, name: str, *, surroundings: bool = False) ->
         raise MeshError(f"{name}: the surface has no area; expected triangles that span a surface")
     notes = [*metadata.get("notes", ()), *filter(None, done), *wind_outward(mesh, surroundings=surroundings)]
     mesh.metadata.update(notes=notes, unit=metadata.get("unit"), watertight=bool(mesh.is_watertight))
+    mesh.metadata["file_faces"] = mesh.face_attributes.pop("file_face")
     return mesh
 
 

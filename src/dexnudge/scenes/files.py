@@ -9,7 +9,7 @@ from typing import Any
 import numpy as np
 import trimesh
 
-from dexnudge.errors import OutputError, SceneError, what_failed
+from dexnudge.errors import OutputError, SceneError, quote, what_failed
 from dexnudge.geometry.meshes import load_environment, load_mesh
 from dexnudge.geometry.rigid import rigid_transform
 from dexnudge.jobs.json_files import path_inside, read_json_object
@@ -21,6 +21,7 @@ SCENE_FILES = (SCENE_FILE, OBJECT_FILE, ENVIRONMENT_FILE)
 MESH_DIGITS = 9  # decimals of a coordinate in metres: a nanometre
 LINES_AT_ONCE = 100_000  # of a mesh, formatted at once
 NUMBERS = ("motion_length", "mass", "friction_hand", "friction_environment", "max_normal_force")
+ORIGINS = "environment_faces_seen_assumed_unseen"  # how many of each, in this order; of a scene from depth images
 MARGINS = ("surface_noise", "clearance")  # [m] 0 in files of version 0.7, which lack them
 LARGEST_NUMBER = 1e6  # of any physical number of a scene, in its SI unit; more overflows in products
 REQUIRED = ("object_mesh", "environment_mesh", "T_world_object", "motion", *NUMBERS)
@@ -35,6 +36,8 @@ def write_scene(
         OutputError: the folder cannot be written.
     """
     content = {"object_mesh": OBJECT_FILE, "environment_mesh": ENVIRONMENT_FILE, **_plain(values)}
+    if (origin := environment_mesh.metadata.get("origin")) is not None:
+        content[ORIGINS] = np.bincount(origin, minlength=3).tolist()
     content["versions"] = recorded_versions()
     try:
         folder.mkdir(parents=True, exist_ok=True)
@@ -77,9 +80,11 @@ def read_scene(folder: Path) -> dict[str, Any]:
             raise SceneError(f"{path}: {key} among the parameters is {parameters[key]!r}; expected a number")
     if seed is not None and (isinstance(seed, bool) or not isinstance(seed, int)):
         raise SceneError(f"{path}: seed is {seed!r}; expected an integer or null")
+    environment = load_environment(_mesh_file(folder, content["environment_mesh"], "environment_mesh"))
+    environment.metadata.update(_origin(content.get(ORIGINS), environment, path))
     return {
         "object_mesh": load_mesh(_mesh_file(folder, content["object_mesh"], "object_mesh")),
-        "environment_mesh": load_environment(_mesh_file(folder, content["environment_mesh"], "environment_mesh")),
+        "environment_mesh": environment,
         "T_world_object": rigid_transform(content["T_world_object"]),
         "motion": unit_motion(content["motion"]),
         "name": str(content.get("scene", "user")),
@@ -87,6 +92,17 @@ def read_scene(folder: Path) -> dict[str, Any]:
         "seed": seed,
         **{key: float(content[key]) for key in (*NUMBERS, *MARGINS)},
     }
+
+
+def _origin(counts: Any, environment: trimesh.Trimesh, path: Path) -> dict[str, Any]:
+    """Return what each face of surroundings from depth is; nothing for others. SceneError where the counts are none."""
+    if counts is None:
+        return {}
+    faces = environment.metadata["file_faces"]
+    whole = isinstance(counts, list) and len(counts) == 3 and all(type(each) is int and each >= 0 for each in counts)
+    if not whole or not faces.max() < sum(counts) <= LARGEST_NUMBER * 3:
+        raise SceneError(f"{path}: {ORIGINS} is {quote(counts)}; expected how many faces of the environment are which")
+    return {"origin": np.repeat(np.arange(3, dtype=np.int8), counts)[faces]}
 
 
 def _mesh_file(folder: Path, value: Any, key: str) -> Path:

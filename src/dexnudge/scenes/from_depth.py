@@ -123,7 +123,9 @@ def scene_from_depth(
         cell = COARSE_CELL * fused.voxel
         environment, kept = coarsened_faces(environment, origin == UNSEEN, way_low, way_high, reach=FINE, cell=cell)
         origin = origin[kept]
-    environment.metadata["origin"] = origin
+    by_origin = np.argsort(origin, kind="stable")  # so that a file tells them apart by three numbers
+    environment.faces = np.asarray(environment.faces)[by_origin]
+    environment.metadata["origin"] = origin[by_origin]
     environment.metadata["notes"] = notes
     noise = support.noise / np.sqrt(len(views)) if support else None  # of a mean over the views
     return DepthSurroundings(mesh, T_world_object, environment, noise, tuple(notes))

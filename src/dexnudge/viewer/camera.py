@@ -8,7 +8,7 @@ from jaxtyping import Bool, Float
 
 from dexnudge.jobs.cached import cached_per_instance
 from dexnudge.viewer.trace_kernel import first_hits, warp_mesh
-from dexnudge.viewer.visual_scene import SURROUNDINGS, VisualScene
+from dexnudge.viewer.visual_scene import VisualScene
 
 TAN_HALF_HEIGHT = 0.26  # tangent of half the vertical angle of view (29 deg in all): little perspective distortion
 FILLED = 0.76  # of the picture's width or height that the framed points take; the rest shows the surroundings
@@ -113,7 +113,7 @@ def choose_camera(scene: VisualScene, *, aspect: float) -> Camera:
 def _scores(scene: VisualScene, cameras: list[Camera], aspect: float) -> Float[np.ndarray, " camera"]:
     """Return how well each camera sees what matters, by small pictures of all of them in one go."""
     solid, hand, base = scene.triangles("object"), scene.triangles("link", "fingertip"), scene.triangles("base")
-    walls = scene.triangles(*SURROUNDINGS)
+    walls = scene.triangles("environment", "assumed")  # what was never seen is looked through
     everything, environment = warp_mesh(np.concatenate([solid, hand, base])), warp_mesh(walls) if len(walls) else None
     positions = np.stack([camera.position for camera in cameras])
     rays = np.stack([camera.rays((round(COARSE_HEIGHT * aspect), COARSE_HEIGHT)) for camera in cameras])

@@ -9,6 +9,7 @@ import trimesh
 
 from dexnudge.viewer.camera import TAN_HALF_HEIGHT, Camera, choose_camera
 from dexnudge.viewer.ray_scene import corner_normals
+from dexnudge.viewer.thinning import thinned
 from dexnudge.viewer.visual_scene import (
     CONTACT_RADIUS,
     CREASE_ANGLE,
@@ -22,11 +23,8 @@ from dexnudge.viewer.visual_scene import (
 ASPECT = 4 / 3  # of the stage for which the first view is chosen
 EDGE = (0.42, 0.42, 0.44)  # sRGB of the surroundings' edges
 MOVING: tuple[Role, ...] = ("object", "link", "fingertip", "base")
-LARGEST_MESH = 40_000  # triangles; a finer mesh is thinned, so that a page stays below a few megabytes
 NORMAL_SCALE = 127  # normals travel as signed bytes
 SHORT_INDEX = 65_536  # vertices that an index of two bytes can count
-FIRST_CELL = 1 / 400  # of a mesh's diagonal: cells into which a too fine mesh is thinned
-COARSER = 1.25  # by this the cells grow until the mesh is small enough
 
 
 def page_data(scenes: Sequence[VisualScene], *, camera: Camera | None = None) -> dict[str, Any]:
@@ -112,18 +110,3 @@ def page_geometry(mesh: trimesh.Trimesh) -> dict[str, Any]:
 def encoded(array: np.ndarray) -> str:
     """Return the Base64 of an array's bytes, little-endian."""
     return base64.b64encode(array.astype(array.dtype.newbyteorder("<")).tobytes()).decode("ascii")
-
-
-def thinned(mesh: trimesh.Trimesh) -> trimesh.Trimesh:
-    """Return a mesh of at most 40,000 triangles that looks the same: vertices that share a small cell become one.
-
-    Only for looking at; nothing is ever judged on it.
-    """
-    result, cell = mesh, float(np.linalg.norm(mesh.extents)) * FIRST_CELL
-    while len(result.faces) > LARGEST_MESH:
-        result = trimesh.Trimesh((mesh.vertices - mesh.bounds[0]) / cell, mesh.faces, process=False)
-        result.merge_vertices(digits_vertex=0)
-        result.update_faces(result.nondegenerate_faces() & result.unique_faces())
-        result = trimesh.Trimesh(mesh.bounds[0] + cell * result.vertices, result.faces, process=False)
-        cell *= COARSER
-    return result

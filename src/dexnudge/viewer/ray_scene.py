@@ -67,14 +67,18 @@ def ray_scene(
     Markers are contacts, supports and obstacles. Returns the kernels' `Geometry`, and the trees that it refers to by
     number, which must outlive it.
 
-    hiding: of each part of the environment, the triangles that are glass; `hiding_faces` unless given.
+    hiding: of each part of the environment, the triangles that are glass; `hiding_faces` unless given. What was never seen
+        is glass in any case.
     """
     solid = [_triangles(part) for part in (*scene.with_role("object", "base", "link", "fingertip"), scene.arrow())]
     casting = np.concatenate(solid)
     glass, blocking = [np.zeros(0, TRIANGLE)], [casting]
     for place, part in enumerate(scene.with_role(*SURROUNDINGS)):
         placed, mesh = _triangles(part), part.mesh_in_world()
-        see_through = hiding_faces(mesh, scene, camera, aspect=aspect) if hiding is None else hiding[place]
+        if part.role == "unseen":
+            see_through = np.ones(len(mesh.faces), dtype=bool)
+        else:
+            see_through = hiding_faces(mesh, scene, camera, aspect=aspect) if hiding is None else hiding[place]
         blocking.append(placed[~see_through])
         # The back of a closed body cannot be seen, and shows as soon as its front is glass; an open one has two sides.
         towards = np.einsum("ij,ij->i", mesh.face_normals, camera.position - mesh.triangles_center) > 0

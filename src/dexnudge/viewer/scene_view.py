@@ -13,16 +13,13 @@ from jaxtyping import Float
 from dexnudge.scenes.finding import Finding
 from dexnudge.scenes.free_way import FreeWay
 from dexnudge.scenes.scene import Scene
-from dexnudge.viewer.camera import Camera, choose_camera, framing_camera, hiding_faces
+from dexnudge.viewer.camera import Camera, choose_camera, framing_camera
 from dexnudge.viewer.page import write_template
-from dexnudge.viewer.page_data import ASPECT, page_data, thinned
+from dexnudge.viewer.page_data import ASPECT, page_data
 from dexnudge.viewer.picture import SIZE, render_array, write_png
-from dexnudge.viewer.visual_scene import SURROUNDINGS, Part, Role, VisualScene
+from dexnudge.viewer.visual_scene import SURROUNDINGS, Part, Role, VisualScene, surrounding_parts
 
-ORIGINS: tuple[Role, ...] = SURROUNDINGS  # of a triangle whose origin is 0, 1 or 2; see perception/fusion.py
 AROUND = 0.10  # [m] of the surroundings that the picture shows beside object and motion
-SHOWN = 1.0  # [m] of a large scan beside object and motion that picture and page show
-LARGE = 100_000  # triangles from which only the neighbourhood is shown, thinned
 RING_WIDTH = 0.005  # [m] of the outline of what carries the object
 SHARPEST = 0.2  # of a corner's mitre: sharper ones are blunted
 RING_RAISED = 0.0004  # [m] above the support, so that both are told apart
@@ -44,7 +41,7 @@ def scene_view(scene: Scene, way: FreeWay | None = None) -> VisualScene:
     """
     body = scene.object_in_world()
     parts = [Part("object", "object", scene.object_mesh, np.asarray(scene.T_world_object))]
-    parts += _surroundings(scene.environment_mesh, body.bounds)
+    parts += surrounding_parts(scene.environment_mesh, body.bounds)
     for index, support in enumerate(scene.supports):
         ring = _ring(np.asarray(support.corners), np.asarray(support.normal))
         parts.append(Part(f"support {index}", "support", ring, np.eye(4)))
@@ -67,13 +64,7 @@ def write_scene_picture(view: VisualScene, path: Path | str, *, size: tuple[int,
     """
     aspect = size[0] / size[1]
     camera = _camera(view, aspect)
-    glass = [
-        np.ones(len(part.mesh.faces), dtype=bool)
-        if part.role == "unseen"
-        else hiding_faces(part.mesh_in_world(), view, camera, aspect=aspect)
-        for part in view.with_role(*SURROUNDINGS)
-    ]
-    return write_png(render_array(view, size=size, camera=camera, glass=glass), path)
+    return write_png(render_array(view, size=size, camera=camera), path)
 
 
 def write_scene_page(view: VisualScene, path: Path | str, *, title: str, findings: Sequence[Finding]) -> Path:
@@ -114,26 +105,6 @@ def _camera(view: VisualScene, aspect: float) -> Camera:
     high = np.minimum(seen.max(axis=0) + AROUND, around.max(axis=0)).clip(min=seen.max(axis=0))
     corners = trimesh.bounds.corners(np.array([low, high]))
     return framing_camera(corners, azimuth=best.azimuth, elevation=best.elevation, aspect=aspect)
-
-
-def _surroundings(mesh: trimesh.Trimesh, bounds: Float[np.ndarray, "2 3"]) -> list[Part]:
-    """Return the surroundings by origin; of a large mesh what lies near the bounds, thinned."""
-    origin = np.asarray(mesh.metadata.get("origin", np.zeros(len(mesh.faces), dtype=np.int8)))
-    faces, vertices = np.asarray(mesh.faces), np.asarray(mesh.vertices)
-    near = np.ones(len(faces), dtype=bool)
-    if len(faces) > LARGE:
-        outside = ((vertices < bounds[0] - SHOWN) | (vertices > bounds[1] + SHOWN)).any(axis=1)
-        near = ~outside[faces].all(axis=1)
-    parts = []
-    for index, role in enumerate(ORIGINS):
-        chosen = faces[near & (origin == index)]
-        if len(chosen) == len(faces) <= LARGE:
-            parts.append(Part(role, role, mesh, np.eye(4)))
-        elif len(chosen):
-            part = trimesh.Trimesh(vertices, chosen, process=False)
-            part.remove_unreferenced_vertices()
-            parts.append(Part(role, role, thinned(part), np.eye(4)))
-    return parts
 
 
 def _ring(corners: Float[np.ndarray, "corner 3"], normal: Float[np.ndarray, "3"]) -> trimesh.Trimesh:

@@ -15,6 +15,7 @@ from jaxtyping import Float
 from dexnudge.errors import InputError
 from dexnudge.hands.hand import Hand
 from dexnudge.scenes.scene import Scene
+from dexnudge.viewer.thinning import thinned
 
 Role = Literal[
     "object",
@@ -30,6 +31,8 @@ Role = Literal[
     "support",
     "obstacle",
 ]
+SHOWN = 1.0  # [m] of a large scan beside object and motion that picture and page show
+LARGE = 100_000  # triangles from which only the neighbourhood is shown, thinned
 SURROUNDINGS: tuple[Role, ...] = ("environment", "assumed", "unseen")  # measured or given, completed, never seen
 
 PALETTE: dict[Role, tuple[float, float, float]] = {  # sRGB, 0..1
@@ -162,6 +165,26 @@ def motion_arrow(
     return arrow.apply_transform(pose)
 
 
+def surrounding_parts(mesh: trimesh.Trimesh, bounds: Float[np.ndarray, "2 3"]) -> list[Part]:
+    """Return the surroundings by origin; of a large mesh what lies near the bounds, thinned."""
+    origin = np.asarray(mesh.metadata.get("origin", np.zeros(len(mesh.faces), dtype=np.int8)))
+    faces, vertices = np.asarray(mesh.faces), np.asarray(mesh.vertices)
+    near = np.ones(len(faces), dtype=bool)
+    if len(faces) > LARGE:
+        outside = ((vertices < bounds[0] - SHOWN) | (vertices > bounds[1] + SHOWN)).any(axis=1)
+        near = ~outside[faces].all(axis=1)
+    parts = []
+    for index, role in enumerate(SURROUNDINGS):
+        chosen = faces[near & (origin == index)]
+        if len(chosen) == len(faces) <= LARGE:
+            parts.append(Part(role, role, mesh, np.eye(4)))
+        elif len(chosen):
+            part = trimesh.Trimesh(vertices, chosen, process=False)
+            part.remove_unreferenced_vertices()
+            parts.append(Part(role, role, thinned(part), np.eye(4)))
+    return parts
+
+
 def visual_scenes(
     scene: Scene,
     hand: Hand,
@@ -179,10 +202,10 @@ def visual_scenes(
             f"contacts of {len(contacts)} configurations were given for {len(q)}; expected one entry for each"
         )
     roles: list[Role] = [_link_role(hand, name) for name in hand.link_names]
-    fixed = [
-        Part("object", "object", scene.object_mesh, np.asarray(scene.T_world_object)),
-        Part("environment", "environment", scene.environment_mesh, np.eye(4)),
-    ]
+    surroundings = [Part("environment", "environment", scene.environment_mesh, np.eye(4))]
+    if "origin" in scene.environment_mesh.metadata:
+        surroundings = surrounding_parts(scene.environment_mesh, scene.object_in_world().bounds)
+    fixed = [Part("object", "object", scene.object_mesh, np.asarray(scene.T_world_object)), *surroundings]
     poses = hand.forward_kinematics(torch.as_tensor(np.asarray(q), dtype=torch.float64)).detach().cpu().numpy()
     result = []
     for index, T_world_links in enumerate(poses):
