@@ -51,7 +51,7 @@ def test_surroundings_are_told_apart_by_origin_and_unseen_ones_are_looked_throug
 
 
 def test_a_large_scan_is_shown_near_the_object_alone(monkeypatch):
-    monkeypatch.setattr("dexnudge.viewer.scene_view.LARGE", 20)
+    monkeypatch.setattr("dexnudge.viewer.visual_scene.LARGE", 20)
     far = TABLE.copy().apply_translation((5.0, 0.0, 0.0))
     view = scene_view(scene_of(trimesh.util.concatenate([TABLE, far])), None)
     assert view.vertices("environment")[:, 0].max() < 2.0

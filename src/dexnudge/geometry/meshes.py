@@ -91,11 +91,14 @@ def load_environment(path: str | Path, *, units: str = "m") -> trimesh.Trimesh:
 def checked_environment(mesh: trimesh.Trimesh) -> trimesh.Trimesh:
     """Return surroundings [m, world] that come from no file, checked and repaired as those that do; MeshError.
 
-    Those that need no repair are returned themselves.
+    Those that need no repair are returned themselves. `metadata["origin"]`, an entry for each face, is kept.
     """
     checked = _checked(mesh, "environment", surroundings=True)
-    same = np.array_equal(checked.vertices, mesh.vertices) and np.array_equal(checked.faces, mesh.faces)
-    return mesh if same else checked
+    if np.array_equal(checked.vertices, mesh.vertices) and np.array_equal(checked.faces, mesh.faces):
+        return mesh
+    if "origin" in mesh.metadata:
+        checked.metadata["origin"] = mesh.metadata["origin"][checked.metadata["file_faces"]]
+    return checked
 
 
 def check_length(length: object) -> None:

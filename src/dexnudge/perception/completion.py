@@ -89,7 +89,9 @@ class _Patch:
         return _at(self.covers, _cells(points, self.axes, self.corner))
 
     def mirrored(self, points: Float[np.ndarray, "n 3"]) -> Bool[np.ndarray, " n"]:
-        """Whether points behind the plane are images of what was measured before it."""
+        """Whether points behind the plane are images of what was measured before it: floors shine, openings do not."""
+        if not self.plane.level:
+            return np.zeros(len(points), dtype=bool)
         images = points - 2 * self.plane.heights(points)[:, None] * self.plane.normal
         if not self.mirrors.n:
             return np.zeros(len(points), dtype=bool)

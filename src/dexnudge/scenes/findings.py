@@ -29,7 +29,7 @@ UP = np.array([0.0, 0.0, 1.0])
 LEVEL = 0.05  # [deg] what leans by less is called level
 SETTLED = (1.0, 0.5)  # [mm, deg] an object that was moved by more was not where its pose said
 SAID_FROM = (0.05, 0.05)  # [mm, deg] less is zero in a sentence
-MASKED = "masks"  # in the notes of an object that is known from them
+MASKED = "masked points"  # in the notes of an object that is known from them
 SAID = ("(`settle` off", "does not come to rest")  # in notes of the surroundings that findings say as well
 STEEP = np.radians(
     15.0
