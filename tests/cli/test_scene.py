@@ -102,8 +102,8 @@ def test_a_folder_has_its_own_scene(dexnudge, own, tmp_path):
         outcome = dexnudge("sample", tmp_path / "out", *option)
         assert outcome.code == 2
         assert outcome.err == (
-            f"dexnudge: {option[0]} given with the scene of the folder {tmp_path / 'out'}, which has its own, or leave it "
-            "out\n"
+            f"dexnudge: {option[0]} given with the scene of the folder {tmp_path / 'out'}, which has its own; make another "
+            "scene, or leave it out\n"
         )
 
 

@@ -100,7 +100,10 @@ class SceneOptions(MeshOptions):
         seen = {"masks": self.masks, "unseen": None if self.unseen == "solid" else self.unseen}
         if self.is_folder:
             meshes = {"units": None if self.units == "m" else self.units, "length": self.length}
-            _refuse({**given, **own, **seen, **meshes}, f"the scene of the folder {self.object}, which has its own")
+            _refuse(
+                {**given, **own, **seen, **meshes},
+                f"the scene of the folder {self.object}, which has its own; make another scene",
+            )
             return
         named = [f"`{name}`" for name, value in given.items() if value is not None]
         if len(named) != 1:
