@@ -120,7 +120,14 @@ def write_results(folder: Path, docs: Path) -> None:
         for row in found
     ]
     (docs / "data" / "scans.csv").write_text(csv_text(rows), encoding="utf-8")
-    parts = ["# Sampling in scans", ABOUT, setting(page_claim["config"], page_claim), main_table(page).markdown()]
+    (first, *_), *_ = page.values()
+    attempted = f"{first['objects']} objects of `{Path(page_claim['config']['objects']).name}`, "
+    parts = [
+        "# Sampling in scans",
+        ABOUT,
+        attempted + setting(page_claim["config"], page_claim),
+        main_table(page).markdown(),
+    ]
     parts += ["## What fails", failures_table(page).markdown()]
     if AVAILABLE and (panels := grid_panels(grid)):
         figure = grid_chart(
