@@ -8,9 +8,11 @@ import numpy as np
 from jaxtyping import Float
 
 from dexnudge.geometry.meshes import centre_of_mass
+from dexnudge.geometry.near_faces import faces_near
 from dexnudge.hands.hand import Hand
 from dexnudge.scenes.finding import Finding, length_text, vector_text
 from dexnudge.scenes.free_way import TIPPING, carried_way, free_way, outside_of
+from dexnudge.scenes.plane_fit import EXACT
 from dexnudge.scenes.room import room_findings
 from dexnudge.scenes.scene import Scene
 from dexnudge.scenes.sizes import size_findings
@@ -21,7 +23,6 @@ from dexnudge.scenes.support_contacts import (
     carrying_normal,
     touching_contacts,
 )
-from dexnudge.scenes.supports import EXACT, faces_near
 from dexnudge.scenes.sweep import sweep_of
 
 ORDER = {"error": 0, "warning": 1, "note": 2}

@@ -11,6 +11,7 @@ from scipy.optimize import nnls
 
 from dexnudge.geometry.exact_distance import Rays
 from dexnudge.geometry.meshes import centre_of_mass
+from dexnudge.geometry.near_faces import faces_near
 from dexnudge.jobs.cached import cached_per_instance
 from dexnudge.scenes.scene import Scene
 from dexnudge.scenes.support_contacts import (
@@ -22,7 +23,6 @@ from dexnudge.scenes.support_contacts import (
     touching_contacts,
 )
 from dexnudge.scenes.support_hull import hull_corners
-from dexnudge.scenes.supports import faces_near
 from dexnudge.scenes.sweep import sweep_of
 
 TIPPING = 2e-3  # [m] the centre of mass may be beyond what carries the object: the error of a measured pose

@@ -8,7 +8,9 @@ from jaxtyping import Float
 from scipy.spatial import ConvexHull
 
 from dexnudge.geometry.exact_distance import Rays
-from dexnudge.scenes.supports import EXACT, MAD_TO_DEVIATION, faces_near, facing_points
+from dexnudge.geometry.near_faces import faces_near
+from dexnudge.scenes.plane_fit import EXACT, MAD_TO_DEVIATION
+from dexnudge.scenes.supports import facing_points
 
 DEPTH = 0.3  # [m] below the object in which there is nothing
 RING = 0.05  # [m] around its footprint in which there is a surface

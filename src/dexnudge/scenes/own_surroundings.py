@@ -11,9 +11,10 @@ import trimesh
 from jaxtyping import Float
 
 from dexnudge.errors import SceneError, quote
+from dexnudge.scenes.plane_fit import EXACT
 from dexnudge.scenes.settling import MOST_SHIFT, MOST_TURN, Settled, along_support, settle
 from dexnudge.scenes.snapping import snapped
-from dexnudge.scenes.supports import EXACT, Support, all_supports
+from dexnudge.scenes.supports import Support, all_supports
 
 SETTLE = ("auto", "off")
 LARGEST_CLEARANCE = 0.05  # [m] more leaves no room for a hand beside an object

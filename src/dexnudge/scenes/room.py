@@ -9,11 +9,11 @@ import trimesh
 from jaxtyping import Float
 
 from dexnudge.geometry.exact_distance import Rays
+from dexnudge.geometry.near_faces import faces_near
 from dexnudge.hands.hand import Hand
 from dexnudge.jobs.cached import cached_per_instance
 from dexnudge.scenes.finding import Finding, Level
 from dexnudge.scenes.scene import Scene
-from dexnudge.scenes.supports import faces_near
 
 REACH = 0.30  # [m] room beyond this is free: more than a hand is wide
 FREE = 1e-6  # [m] rounding of a ray that hits nothing

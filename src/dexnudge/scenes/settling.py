@@ -13,7 +13,9 @@ from scipy.spatial.transform import Rotation
 
 from dexnudge.geometry.exact_distance import Rays
 from dexnudge.geometry.meshes import centre_of_mass
-from dexnudge.scenes.supports import EXACT, STRAY, Support, faces_near, facing_points, nearest_surface
+from dexnudge.geometry.near_faces import faces_near
+from dexnudge.scenes.plane_fit import EXACT, STRAY
+from dexnudge.scenes.supports import Support, facing_points, nearest_surface
 
 MOST_SHIFT = 0.005  # [m] that an object is raised or lowered; more is another pose
 MOST_TURN = np.radians(3.0)  # that it is tilted

@@ -9,7 +9,8 @@ import trimesh
 from jaxtyping import Bool, Float
 from scipy.sparse import coo_array, identity
 
-from dexnudge.scenes.supports import EXACT, STRAY, Support
+from dexnudge.scenes.plane_fit import EXACT, STRAY
+from dexnudge.scenes.supports import Support
 
 BAND = 4.0  # standard deviations about the plane; beyond it a vertex is no noise
 LEVEL = 1.2  # standard deviations of the mean over some twelve vertices: four of its own

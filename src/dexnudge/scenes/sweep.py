@@ -9,11 +9,11 @@ import trimesh
 from jaxtyping import Float
 
 from dexnudge.geometry.exact_distance import Rays
+from dexnudge.geometry.near_faces import faces_near
 from dexnudge.geometry.surface_lattice import Boxes, lattice_in_boxes, surface_lattice
 from dexnudge.jobs.cached import cached_per_instance
 from dexnudge.scenes.placement import INITIAL_PENETRATION_LIMIT
 from dexnudge.scenes.scene import Scene
-from dexnudge.scenes.supports import faces_near
 
 SPACING = 0.003  # [m] between the points that look for obstacles
 LEADING = -0.1  # cosine with the motion from which a surface can run into something
