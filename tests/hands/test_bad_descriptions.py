@@ -495,9 +495,9 @@ def test_coupling_that_cannot_hold(write_hand):
 
 def test_unknown_name_lists_the_known_ones():
     with pytest.raises(UnknownNameError) as caught:
-        load_hand("allegro")
+        load_hand("robonaut")
     assert str(caught.value) == (
-        "unknown hand 'allegro': expected one of shadow_full, shadow_lite, "
+        "unknown hand 'robonaut': expected one of allegro, dex3, leap, shadow_full, shadow_lite, "
         "or the path of a .urdf or .xml file; mend the name"
     )
 

@@ -9,7 +9,7 @@ from dexnudge.diffusion.config import Architecture, ModelConfig
 from dexnudge.diffusion.network import ConditionalDenoiser, Normaliser
 from dexnudge.diffusion.prior import DiffusionPrior
 from dexnudge.hands.hand import Hand
-from dexnudge.hands.shadow_lite import shadow_lite
+from dexnudge.hands.named.shadow_lite import shadow_lite
 from dexnudge.objects.builtin import builtin_object
 from dexnudge.sampling.problem import SamplingProblem, prepare
 from dexnudge.sampling.starts import random_start

@@ -9,7 +9,7 @@ import torch
 import trimesh
 
 from dexnudge.hands.hand import Hand
-from dexnudge.hands.shadow_lite import shadow_lite
+from dexnudge.hands.named.shadow_lite import shadow_lite
 from dexnudge.objects.builtin import builtin_object
 from dexnudge.synthesis.generate import generate_dataset
 from dexnudge.synthesis.object_data import GenerationConfig, at_rest, generate_object

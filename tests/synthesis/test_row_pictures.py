@@ -8,7 +8,7 @@ from dexnudge.dataset.manifest import read_manifest, write_manifest
 from dexnudge.dataset.schema import BehaviourCounts
 from dexnudge.dataset.shards import read_shard, write_shard
 from dexnudge.errors import DatasetError
-from dexnudge.hands.shadow_lite import shadow_lite
+from dexnudge.hands.named.shadow_lite import shadow_lite
 from dexnudge.objects.builtin import builtin_object
 from dexnudge.synthesis.dataset_page import (
     SAMPLES,

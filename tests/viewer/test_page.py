@@ -8,7 +8,7 @@ import pytest
 import trimesh
 
 from dexnudge.errors import InputError, OutputError
-from dexnudge.hands.shadow_lite import shadow_lite
+from dexnudge.hands.named.shadow_lite import shadow_lite
 from dexnudge.scenes.scene import Scene
 from dexnudge.viewer.page import Figures, write_page
 from dexnudge.viewer.visual_scene import Part, VisualScene, visual_scenes

@@ -4,7 +4,7 @@ import torch
 import trimesh
 
 from dexnudge.errors import InputError
-from dexnudge.hands.shadow_lite import shadow_lite
+from dexnudge.hands.named.shadow_lite import shadow_lite
 from dexnudge.scenes.scene import Scene
 from dexnudge.viewer.visual_scene import Part, VisualScene, visual_scenes
 

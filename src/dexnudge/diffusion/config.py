@@ -238,6 +238,8 @@ class TrainingConfig:
     """Steps between saved states."""
     log_every: int = 50
     """Steps between lines of the log."""
+    start_from: str | None = None
+    """Model folder, of any hand, whose weights the run starts from; from nothing unless given."""
     seed: int = 0
     """Seed of weights, noise and batches."""
     num_threads: int | None = None

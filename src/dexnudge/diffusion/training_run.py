@@ -10,12 +10,13 @@ from torch import Tensor
 
 from dexnudge.dataset.loading import Dataset, split_objects
 from dexnudge.diffusion.batches import BatchSampler
+from dexnudge.diffusion.checkpoint import load_model
 from dexnudge.diffusion.config import DEFAULT_STEPS, ModelConfig, TrainingConfig
 from dexnudge.diffusion.distributed import Processes, check_precision
 from dexnudge.diffusion.network import ConditionalDenoiser, Normaliser
 from dexnudge.diffusion.objective import diffusion_loss, loss_weights, stratified_timesteps, validate
 from dexnudge.diffusion.schedule import NoiseSchedule
-from dexnudge.errors import DexnudgeError
+from dexnudge.errors import CheckpointError, DexnudgeError
 
 NORMALISER_STREAM = 2  # random stream of the batches that the normaliser is fitted to
 NORMALISER_BATCHES = 64
@@ -53,7 +54,10 @@ class TrainingRun:
         self.normaliser = Normaliser.fit(torch.cat(fitted)).to(self._device)
         with torch.random.fork_rng(devices=[]):
             torch.manual_seed(config.seed)  # torch's layers draw their first weights from the global generator only
-            self._network = ConditionalDenoiser(self.model_config).to(self._device)
+            self._network = ConditionalDenoiser(self.model_config)
+        if config.start_from is not None:
+            take_over(self._network, load_model(config.start_from)[0])
+        self._network.to(self._device)
         self._parameters: dict[str, Tensor] = dict(self._network.named_parameters())
         self.average = {name: parameter.detach().clone() for name, parameter in self._parameters.items()}
         self._optimizer = torch.optim.AdamW(
@@ -146,6 +150,28 @@ class TrainingRun:
                     "exp_avg": state[f"first_moment/{name}"].to(self._device, copy=True),
                     "exp_avg_sq": state[f"second_moment/{name}"].to(self._device, copy=True),
                 }
+
+
+def take_over(network: ConditionalDenoiser, other: ConditionalDenoiser) -> None:
+    """Set the network's weights to another one's, whose hand may differ.
+
+    Where the hands have different joints, tokens differ in length: what the two share from the start on, the root's
+    coordinates among it, is taken over, and the rest stays as it is.
+
+    Raises:
+        CheckpointError: a network of another shape.
+    """
+    ours, theirs = network.config.architecture, other.config.architecture
+    if ours != theirs:
+        raise CheckpointError(
+            f"the run cannot start from a model of another architecture: expected {ours}, got {theirs}; "
+            "give the run the same `architecture`, or another `start_from`."
+        )
+    sources = dict(other.named_parameters())
+    with torch.no_grad():
+        for name, target in network.named_parameters():
+            shared = tuple(slice(min(sizes)) for sizes in zip(target.shape, sources[name].shape, strict=True))
+            target[shared] = sources[name][shared]
 
 
 def _fingerprint(dataset: Dataset) -> str:

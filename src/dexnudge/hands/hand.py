@@ -193,11 +193,29 @@ class Hand:
 
     @cached_property
     def finger_axis(self) -> Float[np.ndarray, " 3"]:
-        """Unit direction in which the digits point at zero joint angles, perpendicular to the palm normal; palm frame."""
-        mean = self.keypoints(self._zero)[0].mean(dim=0).numpy()
+        """Unit direction in which the fingers point at zero joint angles, perpendicular to the palm normal; palm frame.
+
+        A finger points from its first joint to its tip; the thumb points elsewhere and does not count.
+        """
+        transforms = self.forward_kinematics(self._zero)[0].numpy()
+        tips = self.keypoints(self._zero)[0].numpy()
+        knuckles = transforms[[self._first_link(link) for link in self.fingertip_indices], :3, 3]
+        ways = tips - knuckles
+        fingers = ways if len(ways) < 3 else np.delete(ways, self.thumb, axis=0)
+        mean = (fingers / np.linalg.norm(fingers, axis=1, keepdims=True)).mean(axis=0)
         normal = self.palm_normal / np.linalg.norm(self.palm_normal)
         axis = mean - (mean @ normal) * normal
         return axis / np.linalg.norm(axis)
+
+    def _first_link(self, link: int) -> int:
+        """The link nearest to the palm that a digit's first joint moves; the link itself where nothing moves it."""
+        first = link
+        while link > 0:
+            joint = self.joints[link]
+            if joint is not None and joint.index is not None:
+                first = link
+            link = int(self.link_parent[link])
+        return first
 
     @cached_property
     def thumb(self) -> int:
@@ -220,12 +238,17 @@ class Hand:
 
     @cached_property
     def fingertip_keypoints(self) -> Float[np.ndarray, "digit 3"]:
-        """Keypoint of each fingertip in its link's frame [m]: two thirds of the way from its joint to its far end."""
+        """Keypoint of each fingertip in its link's frame [m]: two thirds of the way from its joint to its far end.
+
+        Of a tip that is fixed to the link before it, as a ball on a finger's end is, the middle of its box.
+        """
         points = []
-        for tip in self.fingertip_links:
-            vertices = self.link_meshes[self.link_names.index(tip)].vertices
-            far = vertices[np.linalg.norm(vertices, axis=1).argmax()]
-            points.append(2.0 / 3.0 * far)
+        for tip in self.fingertip_indices:
+            mesh, joint = self.link_meshes[tip], self.joints[tip]
+            if joint is not None and joint.index is None:
+                points.append(mesh.bounds.mean(axis=0))
+            else:
+                points.append(2.0 / 3.0 * mesh.vertices[np.linalg.norm(mesh.vertices, axis=1).argmax()])
         return np.asarray(points)
 
     @cached_property

@@ -6,24 +6,17 @@ from pathlib import Path
 
 from dexnudge.errors import HandError, UnknownNameError, check_path, did_you_mean
 from dexnudge.hands.hand import Hand
-from dexnudge.hands.shadow_lite import shadow_lite
+from dexnudge.hands.named import HANDS
 from dexnudge.hands.urdf import hand_from_urdf
 from dexnudge.plugins import call_plugin, plugin_names
 
 
-def _shadow_full(*, base: bool) -> Hand:
-    from dexnudge.hands.shadow_full import shadow_full  # imports MuJoCo, which most commands can do without
-
-    return shadow_full(base=base)
-
-
 def _hand_from_mjcf(path: Path, *, base: bool) -> Hand:
-    from dexnudge.hands.mjcf import hand_from_mjcf  # likewise
+    from dexnudge.hands.mjcf import hand_from_mjcf  # imports MuJoCo, which most commands can do without
 
     return hand_from_mjcf(path, base=base)
 
 
-HANDS: dict[str, Callable[..., Hand]] = {"shadow_full": _shadow_full, "shadow_lite": shadow_lite}
 READERS: dict[str, Callable[..., Hand]] = {".urdf": hand_from_urdf, ".xml": _hand_from_mjcf}
 
 

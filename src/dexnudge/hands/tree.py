@@ -12,6 +12,7 @@ from dexnudge.hands.config import HandConfig
 from dexnudge.hands.hand import Hand, Joint
 
 MAX_LINKS = 1000  # of a hand, or an arm and a hand
+WRIST_JOINTS = 3  # above the palm; more are an arm's
 LONGEST_LINK = 2.0  # [m] a forearm or a stand; longer is in another unit
 FLATTEST_LINK = 1e-9  # volume of the hull / longest side cubed
 
@@ -60,7 +61,9 @@ def hand_from_tree(tree: Tree, config: HandConfig, *, base: bool = True) -> Hand
     """
     check_tree(tree)
     _check_names(tree, config)
-    tree, notes = _without_placing_joints(tree, config)
+    notes: list[str] = []
+    tree = _without_arm(tree, config, notes)
+    tree = _without_placing_joints(tree, config, notes)
     _check_sizes(tree)
     tree = rerooted(tree, config.palm)
     if not base and config.base_link is not None:
@@ -127,8 +130,51 @@ def check_tree(tree: Tree) -> None:
             seen.add(link)
 
 
-def _without_placing_joints(tree: Tree, config: HandConfig) -> tuple[Tree, list[str]]:
-    """Return the tree without the empty links at its root, if a sliding joint among them places the hand, and a note.
+def _without_arm(tree: Tree, config: HandConfig, notes: list[str]) -> Tree:
+    """Return the tree below `base_link`, or below the palm where more joints than a wrist has lie above it.
+
+    What is cut off is an arm, or a whole robot with its other arm.
+    """
+    carrier = {joint.child: joint for joint in tree.joints}
+
+    def movable_above(link: str) -> list[str]:
+        names = []
+        while link in carrier:
+            names += [] if carrier[link].fixed or carrier[link].slides else [carrier[link].name]
+            link = carrier[link].parent
+        return names
+
+    place = config.palm
+    if config.base_link is not None:
+        below_base = _descendants(tree, config.base_link)
+        place = config.base_link if config.palm in below_base else config.palm
+    cut = movable_above(place)
+    if len(cut) <= (0 if place != config.palm else WRIST_JOINTS):
+        return tree
+    kept = _descendants(tree, place)
+    gone = [name for name in tree.links if name not in kept]
+    notes.append(
+        f"an arm of {len(cut)} joints, {cut[-1]} to {cut[0]}, was cut off above '{place}' with {len(gone)} links; "
+        "'base_link' in the hand's YAML names the last link behind the palm that stays"
+    )
+    links = {name: mesh for name, mesh in tree.links.items() if name in kept}
+    return Tree(tree.name, links, tuple(joint for joint in tree.joints if joint.parent in kept))
+
+
+def _descendants(tree: Tree, link: str) -> set[str]:
+    """Return a link and all links below it."""
+    children: dict[str, list[str]] = {}
+    for joint in tree.joints:
+        children.setdefault(joint.parent, []).append(joint.child)
+    found, waiting = set(), [link]
+    while waiting:
+        found.add(waiting[-1])
+        waiting += children.get(waiting.pop(), [])
+    return found
+
+
+def _without_placing_joints(tree: Tree, config: HandConfig, notes: list[str]) -> Tree:
+    """Return the tree without the empty links at its root, if a sliding joint among them places the hand.
 
     The root of q places the hand. Sliding joints elsewhere are refused.
     """
@@ -140,10 +186,9 @@ def _without_placing_joints(tree: Tree, config: HandConfig) -> tuple[Tree, list[
     while len(below[link]) == 1 and not len(tree.links[link].faces) and link not in (config.palm, config.base_link):
         cut += below[link]
         link = below[link][0].child
-    notes = []
     if any(joint.slides for joint in cut):
         moving = ", ".join(joint.name for joint in cut if not joint.fixed)
-        notes = [f"joints that place the hand in the world were cut off: {moving}"]
+        notes.append(f"joints that place the hand in the world were cut off: {moving}")
         gone = {joint.parent for joint in cut}
         links = {name: mesh for name, mesh in tree.links.items() if name not in gone}
         tree = Tree(tree.name, links, tuple(joint for joint in tree.joints if joint not in cut))
@@ -153,7 +198,7 @@ def _without_placing_joints(tree: Tree, config: HandConfig) -> tuple[Tree, list[
                 f"joint '{joint.name}': expected type revolute, continuous, fixed, got '{joint.slides}'; "
                 "replace the joint or fix it"
             )
-    return tree, notes
+    return tree
 
 
 def _check_sizes(tree: Tree) -> None:

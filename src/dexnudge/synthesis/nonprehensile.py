@@ -195,9 +195,10 @@ def random_joint_angles(hand: Hand, count: int, generator: np.random.Generator) 
     """Return loosely flexed joint angles within limits and couplings [rad]."""
     span = hand.upper - hand.lower
     # A joint that bends one way only is a flexion joint; one that swings both ways about zero is an abduction joint.
-    flexes = hand.upper > -2 * hand.lower
-    flexed = hand.lower + span * generator.beta(1.6, 2.4, (count, hand.num_joints))
+    flexes, flexes_backwards = hand.upper > -2 * hand.lower, hand.lower < -2 * hand.upper
+    share = generator.beta(1.6, 2.4, (count, hand.num_joints))
+    flexed = np.where(flexes_backwards, hand.upper - span * share, hand.lower + span * share)
     swung = generator.normal(0.0, ABDUCTION_SPREAD, (count, hand.num_joints)) * span
     q = torch.zeros(count, 9 + hand.num_joints)
-    q[:, 9:] = torch.as_tensor(np.where(flexes, flexed, swung), dtype=torch.float32)
+    q[:, 9:] = torch.as_tensor(np.where(flexes | flexes_backwards, flexed, swung), dtype=torch.float32)
     return hand.clamp(q)[:, 9:]
