@@ -1,6 +1,7 @@
 """Unitree's Dex3-1, right: two fingers and a thumb, 7 joints.
 
 Description: the G1 humanoid with hands in `example-robot-data` (BSD-3), from Unitree's own; the hand is cut off at its palm.
+Geometry: its visual meshes; the collision box of the thumb's second link is half as long as the link.
 """
 
 from dexnudge.hands.config import HandConfig
@@ -17,6 +18,7 @@ CONFIG = HandConfig(
         "thumb": "right_hand_thumb_2_link",
     },
     palm_normal=(0.0, 1.0, 0.0),
+    geometry="visual",
 )
 
 
