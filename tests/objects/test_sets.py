@@ -6,7 +6,7 @@ import numpy as np
 import pytest
 import trimesh
 
-from dexnudge.errors import MeshError, UnknownNameError
+from dexnudge.errors import InputError, MeshError, UnknownNameError
 from dexnudge.objects.builtin import builtin_names
 from dexnudge.objects.sets import resolve_object_set
 
@@ -61,6 +61,15 @@ def test_built_in_sets():
     assert entries[0].load().is_watertight
     with pytest.raises(UnknownNameError, match="unknown built-in set 'tset'; expected builtin:train or builtin:test"):
         resolve_object_set("builtin:tset")
+
+
+def test_some_of_a_built_in_set_are_evenly_spaced():
+    names = builtin_names("train")
+    assert [entry.name for entry in resolve_object_set("builtin:train:3")] == [names[0], names[106], names[213]]
+    assert [entry.name for entry in resolve_object_set(f"builtin:train:{len(names)}")] == names
+    for number in ("0", "321", "-1", "", "a", "1" * 5000):
+        with pytest.raises(InputError, match=r"is no set of objects; expected a number from 1 to 320 after builtin:"):
+            resolve_object_set(f"builtin:train:{number}")
 
 
 def test_what_is_no_set_is_named(tmp_path):

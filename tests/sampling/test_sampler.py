@@ -1,13 +1,18 @@
 """The sampler as its users see it: errors, seeds, and a whole draw without a model."""
 
+import shutil
+from pathlib import Path
+
 import numpy as np
 import pytest
 import torch
 
 from dexnudge.errors import CheckpointError, InputError, UnknownNameError
+from dexnudge.hands.export import export_hand
+from dexnudge.hands.registry import load_hand
 from dexnudge.results.samples import Sample, Samples
 from dexnudge.sampling.methods import METHODS
-from dexnudge.sampling.sampler import Sampler
+from dexnudge.sampling.sampler import SHIPPED_WEIGHTS, Sampler
 from dexnudge.verification.verdicts import verify
 
 RANDOM = "random_start_projection"
@@ -48,6 +53,24 @@ def test_missing_weights(hand, tmp_path):
         "train some with `dexnudge train` and pass them as `weights`, or draw without any by the `method` "
         "random_start_projection"
     )
+
+
+def test_weights_beside_a_description_come_before_the_shipped_ones(hand, tmp_path):
+    export_hand(hand, tmp_path)
+    prepared = load_hand(tmp_path)  # the folder stands for its hand.urdf
+    assert prepared.source == tmp_path / "hand.urdf"
+    assert Sampler(prepared).weights_folder == SHIPPED_WEIGHTS / "shadow_lite"
+    (tmp_path / "weights").mkdir()  # somebody's folder of that name
+    assert Sampler(prepared).weights_folder == SHIPPED_WEIGHTS / "shadow_lite"
+    for file in ("config.json", "model.safetensors"):
+        shutil.copy(SHIPPED_WEIGHTS / "shadow_lite" / file, tmp_path / "weights")
+    sampler = Sampler(prepared)
+    assert sampler.weights_folder == tmp_path / "weights"
+    assert sampler.prior.config.joint_names == hand.joint_names
+    assert Sampler(prepared, weights="elsewhere").weights_folder == Path("elsewhere")
+    (tmp_path / "weights" / "model.safetensors").write_bytes(b"cut")
+    with pytest.raises(CheckpointError, match="cannot be read"):
+        Sampler.from_pretrained(prepared)
 
 
 def test_weights_are_loaded_only_where_a_method_needs_them(hand, tmp_path):

@@ -51,7 +51,7 @@ class Evaluate(SetOptions):
     losses: Losses = field(default_factory=Losses)
     plugins: Plugins = field(default_factory=Plugins)
     weights: OptionalFolder = None
-    """Folder of the model; the shipped one unless given."""
+    """Folder of the model; unless given that beside the hand's description (weights/), else the shipped one."""
     data: OptionalFolder = None
     """Dataset folder, for the method nearest_pose."""
     device: Device = "cpu"

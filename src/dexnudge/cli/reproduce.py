@@ -49,7 +49,7 @@ class Reproduce(SetOptions):
     num: OptionalCount = None
     """Draws for each object, scene and method; 32 unless given, 16 with --quick."""
     weights: OptionalFolder = None
-    """Folder of the model; the shipped one unless given."""
+    """Folder of the model; unless given that beside the hand's description (weights/), else the shipped one."""
     grasp_weights: OptionalFolder = None
     """Folder of a model trained on grasps only (train --grasp-fraction 1), for one more row of Table I."""
     prediction_weights: Annotated[tuple[str, ...], metavar("NAME=DIR...")] = ()

@@ -5,7 +5,7 @@ from __future__ import annotations
 import time
 from dataclasses import dataclass, field
 from pathlib import Path
-from typing import Annotated, Any
+from typing import TYPE_CHECKING, Annotated, Any
 
 from dexnudge.cli.arguments import (
     NOTHING_SUCCEEDED,
@@ -23,6 +23,9 @@ from dexnudge.cli.arguments import (
     with_flags,
 )
 from dexnudge.cli.scene_options import RUNS, SceneOptions, say_findings, stop_at_errors
+
+if TYPE_CHECKING:
+    from dexnudge.sampling.sampler import Sampler
 
 BLOCKED = "motion_not_blocked"
 
@@ -62,7 +65,7 @@ class Sample(SceneOptions):
     max_draws: OptionalCount = None
     """With --verified: give up after this many draws; 32 K unless given."""
     weights: OptionalFolder = None
-    """Folder of the model; the shipped one unless given."""
+    """Folder of the model; unless given that beside the hand's description (weights/), else the shipped one."""
     method: Text = "steered_noise"
     """Sampling method; an unknown name lists them."""
     losses: Losses = field(default_factory=Losses)
@@ -142,7 +145,7 @@ class Sample(SceneOptions):
             "energy": method.weights(),
             "terms": {term.name: term.weight for term in terms},
             "seed": self.seed,
-            "weights": self.weights or "shipped",
+            "weights": _weights_of(sampler) if method.start == "prior" else "none",
             "device": self.device,
         }
         if self.projection_report:
@@ -153,6 +156,13 @@ class Sample(SceneOptions):
             )
         title = f"{name}, {scene.name}"
         return write_results(folder, samples, title=title, seconds=seconds, details=details)
+
+
+def _weights_of(sampler: Sampler) -> str:
+    from dexnudge.sampling.sampler import SHIPPED_WEIGHTS
+
+    folder = sampler.weights_folder
+    return "shipped" if folder.parent == SHIPPED_WEIGHTS else str(folder)
 
 
 def _print(summary: dict[str, Any]) -> None:
@@ -166,7 +176,7 @@ def _print(summary: dict[str, Any]) -> None:
         counts.add_row(label, str(number), f"{number / drawn:.0%}")
     stages = ", ".join(f"{stage} {value:.1f}" for stage, value in summary["seconds"].items())
     best = summary["best_force_margin"]
-    say(f"{summary['object']}, {summary['scene']}, {summary['hand']}")
+    say(f"{summary['object']}, {summary['scene']}, {summary['hand']}; weights: {summary['weights']}")
     stdout().print(counts)
     say(with_flags(nothing_verified(summary), Sample) if best is None else f"best force margin: {best:.2f}")
     say(f"seconds: {stages}; total {summary['seconds_total']:.1f}; memory {summary['peak_memory_mb']:.0f} MB")

@@ -29,7 +29,7 @@ class ExperimentConfig:
         hand: built-in name or URDF file.
         base: whether the forearm counts as part of the hand.
         physics: parameters of `build_scene` that differ from the defaults.
-        weights: folder of the model, None for the shipped one.
+        weights: folder of the model; None for that beside the hand's description, else the shipped one.
         data: dataset folder, for methods that start from stored poses.
         device: where sampling runs.
         losses: weights and clearances that differ from each method's own, by their names in `TermWeights`.

@@ -1,7 +1,8 @@
 """A robot hand: its kinematic tree, its limits and couplings, and the geometry that is judged."""
 
-from dataclasses import dataclass
+from dataclasses import dataclass, field
 from functools import cached_property
+from pathlib import Path
 
 import numpy as np
 import torch
@@ -66,6 +67,7 @@ class Hand:
         palm_normal: direction in which the palm faces, palm frame.
         base_link: the forearm or adapter behind the palm, if it is part of the geometry.
         notes: what was assumed when the description was read, a sentence each.
+        source: the description file that it was read from; None for a hand that is no file's.
     """
 
     name: str
@@ -81,6 +83,7 @@ class Hand:
     palm_normal: Float[np.ndarray, " 3"]
     base_link: str | None = None
     notes: tuple[str, ...] = ()
+    source: Path | None = field(default=None, compare=False)
 
     def __post_init__(self) -> None:
         missing = [link for link in self.fingertips.values() if link not in self.link_names]

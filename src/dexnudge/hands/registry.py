@@ -2,6 +2,7 @@
 
 import os
 from collections.abc import Callable
+from dataclasses import replace
 from pathlib import Path
 
 from dexnudge.errors import HandError, UnknownNameError, check_path, did_you_mean
@@ -17,14 +18,16 @@ def _hand_from_mjcf(path: Path, *, base: bool) -> Hand:
     return hand_from_mjcf(path, base=base)
 
 
+PREPARED_NAME = "hand.urdf"  # the description in a prepared folder
 READERS: dict[str, Callable[..., Hand]] = {".urdf": hand_from_urdf, ".xml": _hand_from_mjcf}
 
 
 def load_hand(name_or_urdf: str | Path, *, base: bool = True) -> Hand:
-    """Return the hand of that name, or the one in a URDF (.urdf) or MJCF (.xml) file with its YAML beside it.
+    """Return the hand of that name, the one in a prepared folder, or that in a URDF or MJCF file with its YAML beside it.
 
     Args:
-        name_or_urdf: name of a built-in hand, or of one that an installed package brings, or the path of a description.
+        name_or_urdf: name of a built-in hand, or of one that an installed package brings; a folder with a hand.urdf; or
+            the path of a description (.urdf or .xml).
         base: whether the forearm or adapter behind the palm is part of the hand.
 
     Raises:
@@ -36,9 +39,11 @@ def load_hand(name_or_urdf: str | Path, *, base: bool = True) -> Hand:
     if name in HANDS:
         return HANDS[name](base=base)
     path = Path(name_or_urdf)
+    if os.path.isfile(path / PREPARED_NAME):  # noqa: PTH113 - as below
+        path /= PREPARED_NAME
     suffix = path.suffix.lower().replace(".xacro", ".urdf")  # whose reader says how to expand it
     if suffix in READERS:
-        return READERS[suffix](path, base=base)
+        return replace(READERS[suffix](path, base=base), source=path)
     if os.path.exists(path):  # noqa: PTH110 - a name of 300 letters does not exist, which is no error
         raise HandError(
             f"{path}: expected a description that ends in {' or '.join(READERS)}, got '{path.suffix}'; mend the path"

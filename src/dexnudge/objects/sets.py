@@ -105,21 +105,21 @@ def resolve_object_set(text: str, *, units: str = "m", length: float | None = No
     """Return the objects that `text` means, in a fixed order, with unique names; nothing is loaded yet.
 
     Args:
-        text: `builtin:train` or `builtin:test`; a DexGraspNet `meshdata` folder; a folder of mesh files; one mesh
-            file; or a text file with one path per line, relative to the file's folder (blank lines and lines that
-            begin with # are skipped).
+        text: `builtin:train` or `builtin:test`, or so many of one, evenly spaced: `builtin:train:40`; a DexGraspNet
+            `meshdata` folder; a folder of mesh files; one mesh file; or a text file with one path per line, relative to
+            the file's folder (blank lines and lines that begin with # are skipped).
         units: of mesh files that are not in the DexGraspNet layout.
         length: longest side [m] to scale every object to. Without it, meshes in the layout
             `<code>/coacd/decomposed.obj` are scaled by 0.08, others by `units`.
 
     Raises:
         UnknownNameError: an unknown built-in set.
-        InputError: a unit for a built-in set.
+        InputError: a unit for a built-in set, or a number of objects that it does not have.
         MeshError: the path does not exist or holds no meshes; a text file names a file that does not exist.
     """
     if text.startswith(BUILTIN_PREFIX):
         refuse_units(text, units)
-        names = builtin_names(text.removeprefix(BUILTIN_PREFIX))
+        names = _some_of(*text.removeprefix(BUILTIN_PREFIX).partition(":"))
         return [ObjectEntry(name, partial(_builtin, name, length)) for name in names]
     path = Path(text)
     if not os.path.exists(path):  # noqa: PTH110 - a name of 300 letters does not exist, which is no error
@@ -134,6 +134,19 @@ def resolve_object_set(text: str, *, units: str = "m", length: float | None = No
     else:
         files = _listed_in(path)
     return _entries(files, units, length)
+
+
+def _some_of(set_name: str, colon: str, number: str) -> list[str]:
+    """Return the names of a built-in set, or so many of them as `number` says, evenly spaced."""
+    names = builtin_names(set_name)
+    if not colon:
+        return names
+    if number not in map(str, range(1, len(names) + 1)):
+        raise InputError(
+            f"{BUILTIN_PREFIX}{set_name}:{quote(number)[1:-1]} is no set of objects; expected a number from 1 to "
+            f"{len(names)} after {BUILTIN_PREFIX}{set_name}:"
+        )
+    return [names[index * len(names) // int(number)] for index in range(int(number))]
 
 
 def is_dexgraspnet(path: Path) -> bool:

@@ -14,6 +14,7 @@ import numpy as np
 import torch
 from jaxtyping import Float
 
+from dexnudge.diffusion.checkpoint import CONFIG_NAME
 from dexnudge.diffusion.prior import DiffusionPrior
 from dexnudge.energies.terms import EnergyTerm, check_terms
 from dexnudge.errors import CheckpointError, InputError, check_integer, check_kind, check_path, check_seed
@@ -29,6 +30,7 @@ from dexnudge.scenes.scene import Scene
 from dexnudge.verification.criteria import Criterion, check_criteria, missing_criteria
 from dexnudge.verification.verdicts import Verdicts, verify
 
+WEIGHTS_FOLDER = "weights"  # beside a hand's description: the model that was learned for it
 SHIPPED_WEIGHTS = Path(__file__).parent.parent / "weights"
 DEFAULT_METHOD = "steered_noise"
 WITHOUT_WEIGHTS = "random_start_projection"
@@ -60,7 +62,8 @@ class Sampler:
     Args:
         hand: what is sampled.
         terms: energy terms of your own, felt by guidance and projection beside the built-in ones.
-        weights: model folder, or a prior in memory; None for the weights that ship for this hand.
+        weights: model folder, or a prior in memory; None for those beside the hand's description, in its folder
+            `weights`, else those that ship for a hand of this name.
         device: of torch; only "cpu" in this version.
         poses: dataset folder, or poses in memory, for methods that start from stored poses.
 
@@ -112,14 +115,21 @@ class Sampler:
         if "nearest" in starts:
             _ = self.poses
 
+    @property
+    def weights_folder(self) -> Path:
+        """The model folder that the prior is read from: the given one, that beside the hand's file, or the shipped one."""
+        if self._weights is not None and not isinstance(self._weights, DiffusionPrior):
+            check_path("weights", self._weights, CheckpointError)
+            return Path(self._weights)
+        beside = self.hand.source.parent / WEIGHTS_FOLDER if self.hand.source else None
+        return beside if beside and (beside / CONFIG_NAME).is_file() else SHIPPED_WEIGHTS / self.hand.name
+
     @cached_property
     def prior(self) -> DiffusionPrior:
         """The learned prior; CheckpointError where there are no usable weights for this hand."""
         if isinstance(self._weights, DiffusionPrior):
             return self._weights
-        if self._weights is not None:
-            check_path("weights", self._weights, CheckpointError)
-        folder = Path(self._weights) if self._weights is not None else SHIPPED_WEIGHTS / self.hand.name
+        folder = self.weights_folder
         if not folder.is_dir():
             raise CheckpointError(
                 f"no weights for hand '{self.hand.name}': expected a model folder, got {folder}, which does not exist; "
