@@ -90,7 +90,23 @@ def message(path) -> str:
         (
             'type="continuous"',
             'type="prismatic"',
-            ("joint 'spin': expected type revolute, continuous, fixed, got 'prismatic'; replace the joint or fix it"),
+            ("joint 'spin' slides without limits: expected a least and a greatest value [m], found none; add them"),
+        ),
+        (
+            'type="continuous">',
+            'type="prismatic"><limit lower="0" upper="40"/>',
+            (
+                "joint 'spin': expected limits in metres, at most 0.5 from zero, got 0 to 40; in millimetres? write "
+                "0 to 0.04"
+            ),
+        ),
+        (
+            'type="continuous"',
+            'type="planar"',
+            (
+                "joint 'spin': expected type revolute, continuous, prismatic, fixed, got 'planar'; replace the joint or "
+                "fix it"
+            ),
         ),
         (
             '<mimic joint="near"',
@@ -317,7 +333,7 @@ def test_no_joints(write_hand):
     urdf = f'<robot name="stiff"><link name="palm">{ball}</link></robot>'
     config = "palm: palm\nfingertips: {A: palm}\npalm_normal: [0, 0, 1]"
     assert message(write_hand(urdf, config)) == (
-        "hand 'stiff' cannot move: expected at least one revolute joint, found none; mend the description"
+        "hand 'stiff' cannot move: expected at least one revolute or prismatic joint, found none; mend the description"
     )
 
 

@@ -79,9 +79,9 @@ def message(path):
     ("old", "new", "expected"),
     [
         (
-            '<joint name="end"',
-            '<joint name="end" type="slide"',
-            "joint 'end': expected type hinge, got another; replace the joint or fix it",
+            '<joint name="wrist" axis="1 0 0" pos="0 0.01 -0.02" range="-30 30"/>',
+            '<joint name="wrist" type="ball"/>',
+            "joint 'wrist': expected type revolute, continuous, prismatic, fixed, got 'ball'; replace the joint or fix it",
         ),
         (
             'polycoef="0.1 0.7 0 0 0"',

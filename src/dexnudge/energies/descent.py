@@ -14,7 +14,7 @@ from dexnudge.hands.hand import ROOT_COORDINATES, Hand
 class HandPose:
     """A batch of hand configurations as they descend, in the working frame.
 
-    `translation` [m] and `rotation` of the palm, `joint_angles` [rad].
+    `translation` [m] and `rotation` of the palm, `joint_angles` [rad], sliding ones [m].
     """
 
     translation: Float[Tensor, "batch 3"]
@@ -28,7 +28,7 @@ class StepSizes:
 
     translation: float = 0.0015  # [m]
     rotation: float = 0.010  # [rad]
-    joints: float = 0.020  # [rad]
+    joints: float = 0.020  # [rad] of `Hand.joint_scales`
 
 
 FIRST_MOMENT, SECOND_MOMENT, FLOOR = 0.9, 0.98, 1.0e-10
@@ -37,6 +37,7 @@ FIRST_MOMENT, SECOND_MOMENT, FLOOR = 0.9, 0.98, 1.0e-10
 class HandDescent:
     """Adam with one step size per kind of coordinate; every step ends inside limits and couplings.
 
+    It descends in translation, rotation vector and joint angles over `Hand.joint_scales`: a slide moves like a finger.
     The second moment is kept per kind and sample, not per coordinate: a hand then moves along its gradient within a kind,
     and a sample never feels its neighbours.
     With `tied` both joints of each tendon turn alike (see `Hand.equalise_tendon_joints`).
@@ -48,7 +49,8 @@ class HandDescent:
         self.hand, self.tied = hand, tied
         joints = hand.num_joints
         sizes = [steps.translation] * 3 + [steps.rotation] * 3 + [steps.joints] * joints
-        self._sizes = torch.tensor(sizes, device=device)
+        self._scales = torch.tensor([1.0] * 6 + hand.joint_scales.tolist(), device=device)
+        self._sizes = torch.tensor(sizes, device=device) * self._scales
         self._first = torch.zeros(batch, 6 + joints, device=device)
         self._second = torch.zeros(batch, 6 + joints, device=device)
         self._count = 0
@@ -58,6 +60,7 @@ class HandDescent:
     ) -> HandPose:
         """Return the next pose; `scale` (a number or (batch, 1)) multiplies the step sizes, 0 holds a hand still."""
         self._count += 1
+        gradient = gradient * self._scales
         self._first.lerp_(gradient, 1 - FIRST_MOMENT)
         square = torch.cat(
             [

@@ -181,5 +181,9 @@ def reduce_gradient(hand: HandModel, state: State, first: int):
             state.moment[i, hand.tree.parent[l]] += moment
             if hand.tree.joint[l] >= 0:
                 axis = state.link_rotation[i, l] * hand.tree.axis[l]
-                torque = wp.dot(axis, moment - wp.cross(state.link_translation[i, l], force))
-                state.gradient[i, 6 + hand.tree.joint[l]] += hand.tree.multiplier[l] * torque
+                along = float(0.0)  # the joint: a torque about its axis, or a force where it slides along it
+                if hand.tree.slides[l] > 0:
+                    along = wp.dot(axis, force)
+                else:
+                    along = wp.dot(axis, moment - wp.cross(state.link_translation[i, l], force))
+                state.gradient[i, 6 + hand.tree.joint[l]] += hand.tree.multiplier[l] * along

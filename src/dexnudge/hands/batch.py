@@ -19,8 +19,8 @@ class HandBatch:
 
     Args:
         hand: the kind of hand.
-        q: (n, 9 + d) floating-point tensor, [translation (3) [m] | 6D rotation (6) | joint angles (d) [rad]], one row for
-            each hand; an array is made into a tensor. Points and poses have its dtype.
+        q: (n, 9 + d) floating-point tensor, [translation (3) [m] | 6D rotation (6) | joint angles (d) [rad], sliding
+            ones [m]], one row for each hand; an array is made into a tensor. Points and poses have its dtype.
         dense: whether `points` are those that judge (at most 2 mm apart), instead of the sparse ones that guide.
 
     Attributes:
@@ -60,7 +60,7 @@ class HandBatch:
 
     @property
     def joint_angles(self) -> Float[Tensor, "batch joint"]:
-        """Joint angles [rad], in the order of `hand.joint_names`."""
+        """Joint angles [rad], of sliding joints [m], in the order of `hand.joint_names`."""
         return self.q[:, ROOT_COORDINATES:]
 
     @cached_property

@@ -26,6 +26,7 @@ JOINT_VELOCITY = 2.0  # [rad/s] Shadow Robot's published URDF
 JOINT_DAMPING = 0.1  # [N m s/rad] the Shadow model in gymnasium-robotics
 JOINT_ARMATURE = 0.001  # [kg m^2] the Shadow model in gymnasium-robotics
 POSITION_GAIN = 5.0  # [N m/rad] 5 N at a fingertip 0.1 m away for an error of 0.1 rad
+# Of a sliding joint all of these are those of a lever as long as its scale s: effort / s, velocity * s, the others / s^2.
 
 
 @dataclass(frozen=True)
@@ -88,7 +89,10 @@ def _fill_body(body: Element, hand: Hand, link: int) -> None:
     joint = hand.joints[link]
     if joint is not None and joint.index is not None:
         ends = joint.multiplier * np.array([hand.lower[joint.index], hand.upper[joint.index]]) + joint.offset
-        SubElement(body, "joint", name=joint.name, axis=numbers(joint.axis), range=numbers(np.sort(ends)))
+        element = SubElement(body, "joint", name=joint.name, axis=numbers(joint.axis), range=numbers(np.sort(ends)))
+        if joint.slides:
+            damping, armature = (numbers([value / joint.scale**2]) for value in (JOINT_DAMPING, JOINT_ARMATURE))
+            element.attrib.update(type="slide", damping=damping, armature=armature)
 
 
 def _add_exclusions(model: Element, hand: Hand) -> None:
@@ -111,12 +115,16 @@ def _add_equalities(model: Element, hand: Hand) -> None:
 
 def _add_motors(model: Element, hand: Hand) -> None:
     tendon, actuator = SubElement(model, "tendon"), SubElement(model, "actuator")
-    gains = {"kp": numbers([POSITION_GAIN]), "forcerange": numbers([-JOINT_EFFORT, JOINT_EFFORT])}
+
+    def gains(scale: float) -> dict[str, str]:
+        effort = JOINT_EFFORT / scale
+        return {"kp": numbers([POSITION_GAIN / scale**2]), "forcerange": numbers([-effort, effort])}
+
     coupled = {name for pair in hand.couplings for name in pair}
     for index, name in enumerate(hand.joint_names):
         if name not in coupled:
             limits = numbers([hand.lower[index], hand.upper[index]])
-            SubElement(actuator, "position", gains, name=name, joint=name, ctrlrange=limits)
+            SubElement(actuator, "position", gains(hand.joint_scales[index]), name=name, joint=name, ctrlrange=limits)
     for (follower, leader), pair in zip(hand.couplings, hand.coupled_indices, strict=True):
         order = SubElement(tendon, "fixed", name=f"{follower}<={leader}", range=numbers([NO_LOWER_LIMIT, 0.0]))
         shared = SubElement(tendon, "fixed", name=f"{follower}+{leader}")
@@ -124,7 +132,7 @@ def _add_motors(model: Element, hand: Hand) -> None:
             SubElement(element, "joint", joint=follower, coef="1")
             SubElement(element, "joint", joint=leader, coef=numbers([sign]))
         limits, name = numbers([hand.lower[pair].sum(), hand.upper[pair].sum()]), f"{follower}+{leader}"
-        SubElement(actuator, "position", gains, name=name, tendon=name, ctrlrange=limits)
+        SubElement(actuator, "position", gains(hand.joint_scales[pair[0]]), name=name, tendon=name, ctrlrange=limits)
 
 
 MESH_FOLDER = "meshes"
@@ -215,7 +223,8 @@ def _rank(hand: Hand, link: int) -> tuple[int, int]:
 
 
 def _add_joint(robot: Element, hand: Hand, joint: Joint, parent: str, child: str) -> None:
-    element = SubElement(robot, "joint", name=joint.name, type="fixed" if joint.index is None else "revolute")
+    kind = "fixed" if joint.index is None else "prismatic" if joint.slides else "revolute"
+    element = SubElement(robot, "joint", name=joint.name, type=kind)
     SubElement(element, "parent", link=parent)
     SubElement(element, "child", link=child)
     SubElement(element, "origin", xyz=numbers(joint.origin[:3, 3]), rpy=numbers(euler_angles(joint.origin[:3, :3])))
@@ -225,7 +234,8 @@ def _add_joint(robot: Element, hand: Hand, joint: Joint, parent: str, child: str
     leader = hand.joint_names[joint.index]
     ends = joint.multiplier * np.array([hand.lower[joint.index], hand.upper[joint.index]]) + joint.offset
     limits = {"lower": numbers([ends.min()]), "upper": numbers([ends.max()])}
-    SubElement(element, "limit", limits, effort=numbers([JOINT_EFFORT]), velocity=numbers([JOINT_VELOCITY]))
+    effort, velocity = numbers([JOINT_EFFORT / joint.scale]), numbers([JOINT_VELOCITY * joint.scale])
+    SubElement(element, "limit", limits, effort=effort, velocity=velocity)
     if joint.name != leader:
         multiplier, offset = numbers([joint.multiplier]), numbers([joint.offset])
         SubElement(element, "mimic", joint=leader, multiplier=multiplier, offset=offset)

@@ -7,7 +7,7 @@ from pathlib import Path
 import numpy as np
 import torch
 import trimesh
-from jaxtyping import Float, Int
+from jaxtyping import Bool, Float, Int
 from torch import Tensor
 
 from dexnudge.errors import HandError
@@ -22,6 +22,7 @@ PALM_SPACING = 0.010  # [m] on the palm and the base, which are large and smooth
 ALWAYS_OVERLAPPING = 0.001  # [m] links that overlap by this at zero joint angles are no collision pair
 BOX_MARGIN = 1e-6  # [m] points farther outside a link's bounding box are outside the link, whatever was rounded
 ROOT_COORDINATES = 9  # translation (3) and 6D rotation (6) stand before the joint angles in q
+SLIDE_SCALE = 0.05  # [m] of a sliding joint that counts as a radian: what a tip moves at a finger segment's lever
 
 
 @dataclass(frozen=True)
@@ -35,10 +36,11 @@ class LinkPoints:
 
 @dataclass(frozen=True)
 class Joint:
-    """One revolute joint between a parent and a child link.
+    """One joint between a parent and a child link.
 
     T_parent_child = origin @ rotation(axis, multiplier * angle + offset), `angle` being the entry `index` of the joint
-    angles; `index` is None where the joint is fixed.
+    angles; `index` is None where the joint is fixed. Of a joint that `slides` it is origin @ translation(axis *
+    (multiplier * value + offset)) [m].
     """
 
     name: str
@@ -47,17 +49,25 @@ class Joint:
     index: int | None
     multiplier: float = 1.0
     offset: float = 0.0
+    slides: bool = False
+
+    @property
+    def scale(self) -> float:
+        """What counts as a radian of this joint: 1 rad, or 0.05 m where it slides."""
+        return SLIDE_SCALE if self.slides else 1.0
 
 
 @dataclass(frozen=True, repr=False)
 class Hand:
     """A hand with d joint angles and L links, link 0 being the palm, parents before children.
 
+    What is said of joint angles [rad] holds for sliding joints in metres.
+
     Attributes:
         name: what weights and datasets call it.
         joint_names: the d independent joints in the order in which q holds them.
-        lower: least joint angles [rad].
-        upper: greatest joint angles [rad].
+        lower: least joint angles [rad], [m] of a sliding joint.
+        upper: greatest joint angles, the same.
         link_names: the L links, the palm first.
         link_parent: index of each link's parent, -1 for the palm.
         joints: for each link the joint that carries it; None for the palm.
@@ -110,6 +120,20 @@ class Hand:
         """d, the number of joint angles."""
         return len(self.joint_names)
 
+    @cached_property
+    def sliding(self) -> Bool[np.ndarray, " d"]:
+        """Which of the d joints slide: their entries in q are in metres."""
+        own = {joint.name: joint.slides for joint in self.joints if joint is not None}
+        return np.array([own.get(name, False) for name in self.joint_names], dtype=bool)
+
+    @cached_property
+    def joint_scales(self) -> Float[np.ndarray, " d"]:
+        """What counts as a radian of each joint: 1 rad, or 0.05 m of a sliding one.
+
+        Step sizes, tolerances, speeds and noise of joints are given in radians, and multiplied by these.
+        """
+        return np.where(self.sliding, SLIDE_SCALE, 1.0)
+
     @property
     def fingertip_links(self) -> tuple[str, ...]:
         """The last link of each digit."""
@@ -148,7 +172,8 @@ class Hand:
             local = torch.as_tensor(joint.origin, dtype=q.dtype, device=q.device).expand(len(q), 4, 4)
             if joint.index is not None:
                 angle = joint.multiplier * q[:, ROOT_COORDINATES + joint.index] + joint.offset
-                local = local @ _axis_rotation(joint.axis, angle)
+                motion = _axis_translation if joint.slides else _axis_rotation
+                local = local @ motion(joint.axis, angle)
             transforms.append(transforms[self.link_parent[link]] @ local)
         return torch.stack(transforms, dim=1)
 
@@ -312,6 +337,12 @@ def _axis_rotation(axis: Float[np.ndarray, " 3"], angle: Float[Tensor, " batch"]
     rotation = torch.eye(4, dtype=angle.dtype, device=angle.device).repeat(len(angle), 1, 1)
     rotation[:, :3, :3] += angle.sin()[:, None, None] * skew + (1 - angle.cos())[:, None, None] * (skew @ skew)
     return rotation
+
+
+def _axis_translation(axis: Float[np.ndarray, " 3"], value: Float[Tensor, " batch"]) -> Float[Tensor, "batch 4 4"]:
+    along = value[:, None] * torch.as_tensor(axis, dtype=value.dtype, device=value.device)
+    unmoved = torch.eye(4, dtype=value.dtype, device=value.device).repeat(len(value), 1, 1)
+    return torch.cat([torch.cat([unmoved[:, :3, :3], along[:, :, None]], dim=2), unmoved[:, 3:]], dim=1)
 
 
 def _depth(

@@ -16,7 +16,8 @@ class KinematicTree:
     parent: wp.array(dtype=int)  # (L,) -1 for the root
     joint: wp.array(dtype=int)  # (L,) index of the joint angle, -1 where fixed
     multiplier: wp.array(dtype=float)  # (L,)
-    offset: wp.array(dtype=float)  # (L,) [rad]
+    offset: wp.array(dtype=float)  # (L,) [rad], [m] where the joint slides
+    slides: wp.array(dtype=int)  # (L,) 1 where the joint slides along its axis, 0 where it turns about it
     axis: wp.array(dtype=wp.vec3)  # (L,)
     origin_rotation: wp.array(dtype=wp.mat33)  # (L,)
     origin_translation: wp.array(dtype=wp.vec3)  # (L,) [m]
@@ -40,11 +41,15 @@ def place_links(
         else:
             above = link_rotation[i, tree.parent[l]]
             rotation = above * tree.origin_rotation[l]
+            translation = link_translation[i, tree.parent[l]] + above * tree.origin_translation[l]
             if tree.joint[l] >= 0:
                 angle = tree.multiplier[l] * joint_angles[i, tree.joint[l]] + tree.offset[l]
-                rotation = rotation * wp.quat_to_matrix(wp.quat_from_axis_angle(tree.axis[l], angle))
+                if tree.slides[l] > 0:
+                    translation = translation + rotation * (angle * tree.axis[l])
+                else:
+                    rotation = rotation * wp.quat_to_matrix(wp.quat_from_axis_angle(tree.axis[l], angle))
             link_rotation[i, l] = rotation
-            link_translation[i, l] = link_translation[i, tree.parent[l]] + above * tree.origin_translation[l]
+            link_translation[i, l] = translation
 
 
 def kinematic_tree(hand: Hand, *, device: str = "cpu") -> WarpStruct:
@@ -60,6 +65,7 @@ def kinematic_tree(hand: Hand, *, device: str = "cpu") -> WarpStruct:
     tree.joint = array([-1 if j is None or j.index is None else j.index for j in joints], wp.int32)
     tree.multiplier = array([1.0 if j is None else j.multiplier for j in joints], wp.float32)
     tree.offset = array([0.0 if j is None else j.offset for j in joints], wp.float32)
+    tree.slides = array([0 if j is None else int(j.slides) for j in joints], wp.int32)
     tree.axis = array(np.stack([np.zeros(3) if j is None else j.axis for j in joints]), wp.vec3)
     tree.origin_rotation = array(origins[:, :3, :3], wp.mat33)
     tree.origin_translation = array(origins[:, :3, 3], wp.vec3)

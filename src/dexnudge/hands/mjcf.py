@@ -61,7 +61,7 @@ def tree_of_model(model: mujoco.MjModel, name: str, palm: str | None, select: Ca
     A body with several joints, or with one away from its origin, becomes several links.
 
     Raises:
-        HandError: an unknown palm, sliding or ball joints, non-linear joint equalities, or shapes without a volume.
+        HandError: an unknown palm, non-linear joint equalities, or shapes without a volume.
     """
     bodies = _bodies(model, palm)
     mimics = _mimics(model)
@@ -148,23 +148,26 @@ def _bodies(model: mujoco.MjModel, palm: str | None) -> list[int]:
 def _chain(model: mujoco.MjModel, body: int, parent: str, link: str, mimics: dict[int, Mimic]) -> list[TreeJoint]:
     """Return the joints from a body's parent to the body; several, with empty links between, where one does not say it."""
     origin = _transform(model.body_pos[body], model.body_quat[body])
-    hinges = [joint for joint in range(model.njnt) if model.jnt_bodyid[joint] == body]
-    if not hinges:
+    moving = [joint for joint in range(model.njnt) if model.jnt_bodyid[joint] == body]
+    if not moving:
         return [TreeJoint(f"{link}_mount", parent, link, origin, np.asarray((1.0, 0.0, 0.0)), fixed=True)]
     chain = []
-    for joint in hinges:
+    for joint in moving:
         name = _name(model.joint(joint).name, "joint", joint)
-        if model.jnt_type[joint] != mujoco.mjtJoint.mjJNT_HINGE:
-            raise HandError(f"joint '{name}': expected type hinge, got another; replace the joint or fix it")
-        axis, anchor = model.jnt_axis[joint].copy(), trimesh.transformations.translation_matrix(model.jnt_pos[joint])
-        zero = model.qpos0[model.jnt_qposadr[joint]]
-        limits = model.jnt_range[joint] if model.jnt_limited[joint] else (-CONTINUOUS_LIMIT, CONTINUOUS_LIMIT)
+        kind = mujoco.mjtJoint(model.jnt_type[joint])
+        turns = kind == mujoco.mjtJoint.mjJNT_HINGE
+        slides, axis, zero = kind == mujoco.mjtJoint.mjJNT_SLIDE, model.jnt_axis[joint].copy(), _zero(model, joint)
+        at = model.jnt_pos[joint] if turns else np.zeros(3)  # what slides has no anchor
+        anchor, most = trimesh.transformations.translation_matrix(at), np.inf if slides else CONTINUOUS_LIMIT
+        low, high = model.jnt_range[joint].tolist() if model.jnt_limited[joint] else (-most, most)
         # The model's reference angle goes into the origin: R(axis, angle - zero) = R(axis, -zero) R(axis, angle).
-        place = origin @ anchor @ trimesh.transformations.rotation_matrix(-zero, axis)
-        child = link if joint == hinges[-1] and not model.jnt_pos[joint].any() else f"{link}@{name}"
-        chain.append(
-            TreeJoint(name, parent, child, place, axis, False, float(limits[0]), float(limits[1]), mimics.get(joint))
-        )
+        back = trimesh.transformations.rotation_matrix(-zero, axis)
+        if slides:
+            back = trimesh.transformations.translation_matrix(-zero * axis)
+        child = link if joint == moving[-1] and not at.any() else f"{link}@{name}"
+        places = None if turns or slides else kind.name.removeprefix("mjJNT_").lower()
+        place, mimic = origin @ anchor @ back, mimics.get(joint)
+        chain.append(TreeJoint(name, parent, child, place, axis, False, low, high, mimic, slides, places))
         parent, origin = child, np.linalg.inv(anchor)
     if parent != link:
         chain.append(TreeJoint(f"{link}_mount", parent, link, origin, np.asarray((1.0, 0.0, 0.0)), fixed=True))
@@ -183,11 +186,16 @@ def _mimics(model: mujoco.MjModel) -> dict[int, Mimic]:
         name = _name(model.joint(follower).name, "joint", follower)
         if any(higher):
             raise HandError(f"joint '{name}': expected a linear joint equality, got polycoef {higher}; make it linear")
-        zero, leader_zero = (model.qpos0[model.jnt_qposadr[joint]] for joint in (follower, leader))
+        zero, leader_zero = _zero(model, follower), _zero(model, leader)
         mimics[follower] = Mimic(
             _name(model.joint(leader).name, "joint", leader), slope, float(zero + constant - slope * leader_zero)
         )
     return mimics
+
+
+def _zero(model: mujoco.MjModel, joint: int) -> float:
+    """Return a joint's value in the model's own pose."""
+    return float(model.qpos0[model.jnt_qposadr[joint]])
 
 
 def _refuse_loop(model: mujoco.MjModel, equality: int) -> None:

@@ -14,6 +14,7 @@ from dexnudge.hands.hand import Hand, Joint
 MAX_LINKS = 1000  # of a hand, or an arm and a hand
 WRIST_JOINTS = 3  # above the palm; more are an arm's
 LONGEST_LINK = 2.0  # [m] a forearm or a stand; longer is in another unit
+LONGEST_SLIDE = 0.5  # [m] from zero; farther than any gripper opens
 FLATTEST_LINK = 1e-9  # volume of the hull / longest side cubed
 
 
@@ -28,7 +29,11 @@ class Mimic:
 
 @dataclass(frozen=True)
 class TreeJoint:
-    """T_parent_child = origin @ rotation(axis, angle), or `origin` alone where the joint is fixed."""
+    """T_parent_child = origin @ rotation(axis, angle), or `origin` alone where the joint is fixed.
+
+    Of a joint that `slides` it is origin @ translation(axis * value). `places`: type of any other joint, which may only
+    place the hand in the world.
+    """
 
     name: str
     parent: str
@@ -39,7 +44,8 @@ class TreeJoint:
     lower: float = 0.0
     upper: float = 0.0
     mimic: Mimic | None = None
-    slides: str | None = None  # type of a joint that may only place the hand in the world
+    slides: bool = False
+    places: str | None = None
 
 
 @dataclass(frozen=True)
@@ -62,9 +68,11 @@ def hand_from_tree(tree: Tree, config: HandConfig, *, base: bool = True) -> Hand
     check_tree(tree)
     _check_names(tree, config)
     notes: list[str] = []
-    tree = _without_arm(tree, config, notes)
     tree = _without_placing_joints(tree, config, notes)
+    tree = _without_arm(tree, config, notes)
+    tree = _without_slides_above(tree, config, notes)
     _check_sizes(tree)
+    _check_joints(tree, config)
     tree = rerooted(tree, config.palm)
     if not base and config.base_link is not None:
         tree = _without_base(tree, config)
@@ -73,7 +81,8 @@ def hand_from_tree(tree: Tree, config: HandConfig, *, base: bool = True) -> Hand
     independent = [joint for joint in tree.joints if not joint.fixed and joint.mimic is None]
     if not independent:
         raise HandError(
-            f"hand '{tree.name}' cannot move: expected at least one revolute joint, found none; mend the description"
+            f"hand '{tree.name}' cannot move: expected at least one revolute or prismatic joint, found none; "
+            "mend the description"
         )
     if all(len(mesh.faces) == 0 for mesh in tree.links.values()):
         raise HandError(
@@ -140,23 +149,34 @@ def _without_arm(tree: Tree, config: HandConfig, notes: list[str]) -> Tree:
     def movable_above(link: str) -> list[str]:
         names = []
         while link in carrier:
-            names += [] if carrier[link].fixed or carrier[link].slides else [carrier[link].name]
+            turns = not (carrier[link].fixed or carrier[link].slides or carrier[link].places)
+            names += [carrier[link].name] if turns else []
             link = carrier[link].parent
         return names
 
-    place = config.palm
-    if config.base_link is not None:
-        below_base = _descendants(tree, config.base_link)
-        place = config.base_link if config.palm in below_base else config.palm
+    place = _place(tree, config)
     cut = movable_above(place)
     if len(cut) <= (0 if place != config.palm else WRIST_JOINTS):
         return tree
-    kept = _descendants(tree, place)
-    gone = [name for name in tree.links if name not in kept]
+    kept = _below(tree, place)
     notes.append(
-        f"an arm of {len(cut)} joints, {cut[-1]} to {cut[0]}, was cut off above '{place}' with {len(gone)} links; "
+        f"an arm of {len(cut)} joints, {cut[-1]} to {cut[0]}, was cut off above '{place}' with "
+        f"{len(tree.links) - len(kept.links)} links; "
         "'base_link' in the hand's YAML names the last link behind the palm that stays"
     )
+    return kept
+
+
+def _place(tree: Tree, config: HandConfig) -> str:
+    """Return the link at which the hand hangs in the world: the base where the palm hangs from it, else the palm."""
+    if config.base_link is not None and config.palm in _descendants(tree, config.base_link):
+        return config.base_link
+    return config.palm
+
+
+def _below(tree: Tree, link: str) -> Tree:
+    """Return the tree of a link and all links below it."""
+    kept = _descendants(tree, link)
     links = {name: mesh for name, mesh in tree.links.items() if name in kept}
     return Tree(tree.name, links, tuple(joint for joint in tree.joints if joint.parent in kept))
 
@@ -174,9 +194,9 @@ def _descendants(tree: Tree, link: str) -> set[str]:
 
 
 def _without_placing_joints(tree: Tree, config: HandConfig, notes: list[str]) -> Tree:
-    """Return the tree without the empty links at its root, if a sliding joint among them places the hand.
+    """Return the tree without the empty links at its root, if a joint among them does not turn: it places the hand.
 
-    The root of q places the hand. Sliding joints elsewhere are refused.
+    The root of q places the hand.
     """
     below: dict[str, list[TreeJoint]] = {link: [] for link in tree.links}
     for joint in tree.joints:
@@ -186,19 +206,58 @@ def _without_placing_joints(tree: Tree, config: HandConfig, notes: list[str]) ->
     while len(below[link]) == 1 and not len(tree.links[link].faces) and link not in (config.palm, config.base_link):
         cut += below[link]
         link = below[link][0].child
-    if any(joint.slides for joint in cut):
+    if any(joint.slides or joint.places for joint in cut):
         moving = ", ".join(joint.name for joint in cut if not joint.fixed)
         notes.append(f"joints that place the hand in the world were cut off: {moving}")
         gone = {joint.parent for joint in cut}
         links = {name: mesh for name, mesh in tree.links.items() if name not in gone}
         tree = Tree(tree.name, links, tuple(joint for joint in tree.joints if joint not in cut))
+    return tree
+
+
+def _without_slides_above(tree: Tree, config: HandConfig, notes: list[str]) -> Tree:
+    """Return the tree below the last joint that slides above palm and fingertips, such as a gantry's or a lift's."""
+    carrier = {joint.child: joint for joint in tree.joints}
+    link = _place(tree, config)
+    while link in carrier:
+        joint = carrier[link]
+        kept = _below(tree, link)
+        if (joint.slides or joint.places) and set(config.fingertips.values()) <= set(kept.links):
+            notes.append(
+                f"'{joint.name}', which moves '{link}' along, was cut off with {len(tree.links) - len(kept.links)} links"
+            )
+            return kept
+        link = joint.parent
+    return tree
+
+
+def _check_joints(tree: Tree, config: HandConfig) -> None:
+    """Refuse joints that neither turn nor slide, and slides without an end or as long as in another unit."""
     for joint in tree.joints:
-        if joint.slides is not None:
+        if joint.places is not None:
             raise HandError(
-                f"joint '{joint.name}': expected type revolute, continuous, fixed, got '{joint.slides}'; "
+                f"joint '{joint.name}': expected type revolute, continuous, prismatic, fixed, got '{joint.places}'; "
                 "replace the joint or fix it"
             )
-    return tree
+        if not joint.slides or joint.mimic is not None:
+            continue
+        farthest = max(abs(joint.lower), abs(joint.upper))
+        if not np.isfinite(farthest):
+            raise HandError(
+                f"joint '{joint.name}' slides without limits: expected a least and a greatest value [m], found none; "
+                "add them"
+            )
+        if farthest > LONGEST_SLIDE:
+            raise HandError(
+                f"joint '{joint.name}': expected limits in metres, at most {LONGEST_SLIDE:g} from zero, got "
+                f"{joint.lower:g} to {joint.upper:g}; in millimetres? write {joint.lower / 1e3:g} to {joint.upper / 1e3:g}"
+            )
+    slides = {joint.name: joint.slides for joint in tree.joints}
+    for follower, leader in config.couplings:
+        if slides[follower] != slides[leader]:
+            raise HandError(
+                f"coupling {follower} <= {leader} compares a slide with an angle: expected joints of one kind; mend the pair"
+            )
 
 
 def _check_sizes(tree: Tree) -> None:
@@ -350,4 +409,4 @@ def _hand_joint(joint: TreeJoint, names: list[str], tree: Tree) -> Joint:
             )
         leader = by_name[mimic.leader]
         seen.add(leader.name)
-    return Joint(joint.name, joint.origin, joint.axis, names.index(leader.name), multiplier, offset)
+    return Joint(joint.name, joint.origin, joint.axis, names.index(leader.name), multiplier, offset, joint.slides)

@@ -23,8 +23,8 @@ from dexnudge.hands.link_meshes import load_link_mesh, mesh_path
 from dexnudge.hands.tree import MAX_LINKS, Mimic, Tree, TreeJoint, check_tree, hand_from_tree
 from dexnudge.hands.xml_text import read_xml
 
-JOINT_TYPES = ("revolute", "continuous", "fixed")
-PLACING_TYPES = ("prismatic", "planar", "floating")  # read where they place the hand in the world, above the palm
+JOINT_TYPES = ("revolute", "continuous", "prismatic", "fixed")
+PLACING_TYPES = ("planar", "floating")  # read where they place the hand in the world, above the palm
 LARGEST_LIMIT = 2 * np.pi + 0.1  # [rad] no joint of a hand turns farther: the number is in degrees
 CONTINUOUS_LIMIT = np.pi  # [rad] either way: a joint without limits still needs a finite range to sample from
 
@@ -79,7 +79,7 @@ def config_path(path: Path, config: Path | str | None, tree: Tree) -> Path:
 def _proposal(tree: Tree) -> dict[str, Any]:
     """Return what the tree tells of palm and fingertips: links by name, the digits named by what their links share."""
     carriers = [joint.parent for joint in tree.joints]
-    moving = [joint.parent for joint in tree.joints if not joint.fixed and not joint.slides]
+    moving = [joint.parent for joint in tree.joints if not (joint.fixed or joint.slides or joint.places)]
     named = sorted((link for link in tree.links if "palm" in link.lower()), key=len)
     branching = [link for link in tree.links if carriers.count(link) > 1]
     palm = [*named, *branching, *moving, *tree.links][0]
@@ -117,13 +117,24 @@ def _joints(robot: Element, path: Path) -> list[TreeJoint]:
             axis, length = np.asarray((1.0, 0.0, 0.0)), np.float64(1.0)
         if length == 0.0:
             raise HandError(f"{where}: expected an axis of non-zero length, got {axis.tolist()}; mend <axis>")
-        turns = kind in ("revolute", "continuous")
-        mimic = _mimic(element.find("mimic"), where) if turns else None
-        lower, upper = _limits(element, kind, where) if turns and mimic is None else (0.0, 0.0)
-        origin, slides = _origin(element, where), kind if kind in PLACING_TYPES else None
         parent, child = ends
+        moves = kind in JOINT_TYPES and kind != "fixed"
+        mimic = _mimic(element.find("mimic"), where) if moves else None
+        lower, upper = _limits(element, kind, where) if moves and mimic is None else (0.0, 0.0)
         joints.append(
-            TreeJoint(name, parent, child, origin, axis / length, kind == "fixed", lower, upper, mimic, slides)
+            TreeJoint(
+                name,
+                parent,
+                child,
+                _origin(element, where),
+                axis / length,
+                fixed=kind == "fixed",
+                lower=lower,
+                upper=upper,
+                mimic=mimic,
+                slides=kind == "prismatic",
+                places=kind if kind in PLACING_TYPES else None,
+            )
         )
     return joints
 
@@ -133,12 +144,14 @@ def _limits(joint: Element, kind: str, where: str) -> tuple[float, float]:
         return -CONTINUOUS_LIMIT, CONTINUOUS_LIMIT
     limit = joint.find("limit")
     missing = [key for key in ("lower", "upper") if limit is None or limit.get(key) is None]
+    if missing and kind == "prismatic":  # one that places the hand in the world needs none
+        return -np.inf, np.inf
     if missing:
         raise HandError(f"{where}: expected <limit lower=... upper=...> in radians, missing {missing}; add them")
     lower, upper = (float(_numbers(limit, key, (0.0,), where)[0]) for key in ("lower", "upper"))
     if lower > upper:
         raise HandError(f"{where}: expected lower limit <= upper limit, got {lower} > {upper}; swap or mend them")
-    if max(-lower, upper) > LARGEST_LIMIT:
+    if kind != "prismatic" and max(-lower, upper) > LARGEST_LIMIT:
         raise HandError(
             f"{where}: expected limits in radians, got {lower:g} to {upper:g}, that is up to "
             f"{np.degrees(max(-lower, upper)):.0f} degrees; in degrees? write {np.radians(lower):.4f} to "
