@@ -24,6 +24,7 @@ from dexnudge.experiments.tables import Table, csv_text
 ROOT = Path(__file__).parents[1]
 RUNS = Path(__file__).with_name("published_runs.yaml")
 BEGIN, END = "<!-- results:begin -->", "<!-- results:end -->"
+HANDS_BEGIN, HANDS_END = "<!-- hands:begin -->", "<!-- hands:end -->"
 KINDS = ("", "executed", "lifted")  # folders of a run that may hold a report
 WITH_BASE = "with_base"
 SHOWN = {  # columns of the page: name in docs/data -> header
@@ -93,9 +94,14 @@ class Publish:
         data = {file.stem: read(file) for file in sorted((self.root / "docs" / "data").glob("*.csv"))}
         (self.root / "docs" / "results.md").write_text(page(listed, data, self.root / "docs"), encoding="utf-8")
         readme = self.root / "README.md"
-        before, rest = readme.read_text(encoding="utf-8").split(BEGIN)
-        after = rest.split(END)[1]
-        readme.write_text(f"{before}{BEGIN}\n{main_table(data, 'docs/data')}\n{END}{after}", encoding="utf-8")
+        replace_between(readme, BEGIN, END, main_table(data, "docs/data"))
+        replace_between(readme, HANDS_BEGIN, HANDS_END, hands_table(listed, data, "docs/data"))
+
+
+def replace_between(file: Path, begin: str, end: str, text: str) -> None:
+    """Put the text between two marks of a file."""
+    before, rest = file.read_text(encoding="utf-8").split(begin)
+    file.write_text(f"{before}{begin}\n{text}\n{end}{rest.split(end)[1]}", encoding="utf-8")
 
 
 def collect(run: Path, name: str, docs: Path) -> None:
@@ -142,8 +148,10 @@ def page(listed: dict[str, Any], data: dict[str, list[Row]], docs: Path) -> str:
         "## The figures that matter",
         figures_that_matter(data),
         main_table(data),
+        "## Hands",
+        hands_table(listed, data),
     ]
-    for title in dict.fromkeys(run["title"] for run in listed.values() if run.get("page", True)):
+    for title in dict.fromkeys(run["title"] for run in listed.values() if run.get("page", "hand" not in run)):
         runs = {name: run for name, run in listed.items() if run["title"] == title}
         stems = {
             name: next((s for s in (f"{name}-lifted", f"{name}-executed", name) if s in data), "") for name in runs
@@ -194,6 +202,36 @@ def main_table(data: dict[str, list[Row]], link: str = "data") -> str:
         if (found := _of(data, run, kind))
     ]
     return f"{table}\n\n% of everything attempted, 95 % intervals over objects. {' '.join(made)}"
+
+
+def hands_table(listed: dict[str, Any], data: dict[str, list[Row]], link: str = "data") -> str:
+    """Rates of each hand whose run names it: single draw, top-ranked, top-ranked executed, by main scene."""
+    rows, made = [], []
+    for name, run in listed.items():
+        drawn, executed = (
+            {row["scene"]: row for row in _of(data, name, kind) if row["method"] == run.get("method", STEERED_NOISE)}
+            for kind in ("", "executed")
+        )
+        if "hand" not in run or not drawn:
+            continue
+        cells = [
+            " · ".join(
+                f"{100 * float(row[column]):.1f}" if row and row.get(column) else "–"
+                for row, column in (
+                    (drawn.get(scene), "single"),
+                    (drawn.get(scene), "top"),
+                    (executed.get(scene), "top"),
+                )
+            )
+            for scene in PAPER_SUCCESS
+        ]
+        rows.append([run["hand"], *cells])
+        made.append(f"{run['hand']}: {made_with(list(drawn.values()), name, link)}")
+    if not rows:
+        return "None."
+    table = Table(["hand", *PAPER_SUCCESS], rows, labels=1).markdown()
+    what = "Single draw · top-ranked · top-ranked executed in physics, % of everything attempted."
+    return f"{table}\n\n{what} {' '.join(made)}"
 
 
 def run_table(found: list[tuple[list[Row], dict[str, Any]]]) -> str:
