@@ -7,8 +7,11 @@ import pytest
 from scipy.optimize import linprog
 
 from dexnudge.dataset.schema import INFEASIBLE, NUM_DIRECTIONS, best_direction, direction_angles
+from dexnudge.mechanics.balance import balance_problem, solve_balance
 from dexnudge.mechanics.contacts import HandContacts
 from dexnudge.mechanics.friction_cone import friction_cone_edges, wrenches
+from dexnudge.mechanics.sliding_task import sliding_task
+from dexnudge.scenes.support_contacts import support_contacts
 from dexnudge.simulation.model import GRASP_FRICTION
 from dexnudge.synthesis.acceptance import (
     GraspVerifier,
@@ -149,10 +152,13 @@ def test_the_judge_agrees_along_the_best_direction_and_across_it(hand, phone, pu
         for index in (best, (best + 4) % NUM_DIRECTIONS):
             angle = direction_angles()[index]
             motion = np.asarray([np.cos(angle), np.sin(angle), 0.0])
-            judged = verify(replace(resting_scene(phone), motion=motion), hand, q[row : row + 1])
+            scene = replace(resting_scene(phone), motion=motion)
+            judged = verify(scene, hand, q[row : row + 1])
             stored = verdict.direction_margin[row, index]
             assert judged.force_margin[0] == pytest.approx(max(stored, 0.0), abs=0.01)
-            assert judged.success[0] == (stored >= 1.0)
+            problem = balance_problem(verdict.contacts[row], support_contacts(scene), sliding_task(scene))
+            balanced = solve_balance(problem, factor=1.0) is not None  # margins need not be monotone in the friction
+            assert judged.success[0] == (stored >= 1.0 and balanced)
         assert judged.penetration_self[0] == pytest.approx(verdict.penetration[row, 2], abs=1e-6)
 
 

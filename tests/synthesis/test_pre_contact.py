@@ -8,8 +8,10 @@ from scipy.stats import binom
 from dexnudge.energies.descent import configuration_from_pose
 from dexnudge.geometry.surface_points import SurfacePoints, surface_points
 from dexnudge.synthesis.nonprehensile import (
+    ABOVE_SUPPORT,
     DIGIT_COUNTS,
     INTENTS,
+    INTERLOCKED,
     SIDE_NORMAL,
     STANDOFF,
     TOP_NORMAL,
@@ -17,6 +19,7 @@ from dexnudge.synthesis.nonprehensile import (
     random_joint_angles,
     sample_pre_contact,
 )
+from dexnudge.verification.penetration import self_penetration
 
 COUNT = 1500
 CHANCE = 1e-7  # of a share outside its bounds though nothing is wrong
@@ -90,15 +93,41 @@ def test_hooking_hands_come_from_ahead_and_pushing_ones_from_anywhere(hand, star
     assert ahead[hook].mean() > ahead[push].mean() + 0.2
 
 
-def test_tips_stand_off_from_the_middle_of_their_targets(hand, starts, outward):
+def test_tips_stand_off_from_the_middle_of_their_targets_and_hands_rise_out_of_the_support(
+    hand, surface, starts, outward
+):
     q = configuration_from_pose(starts.pose).double()
     tips = hand.keypoints(q).numpy()
+    points, transforms = hand.sparse_points, hand.forward_kinematics(q).numpy()
+    raised = 0
     for item in range(0, COUNT, 5):
         touch = starts.touches[item]
         offset = tips[item, touch].mean(axis=0) - starts.target[item, touch].mean(axis=0)
-        distance = offset @ outward[item]
-        assert STANDOFF[0] - 1e-5 <= distance <= STANDOFF[1] + 1e-5
-        np.testing.assert_allclose(offset, distance * outward[item], atol=1e-5)
+        lowest = min(
+            trimesh.transform_points(points.points[points.link == link], transforms[item, link])[:, 2].min()
+            for link in np.unique(points.link)
+        ) - float(surface.points[:, 2].min())
+        assert lowest >= ABOVE_SUPPORT - 1e-5
+        if starts.intents[item] == "press":  # the normal points up, as a raised hand goes
+            distance, rise = offset[2], max(0.0, offset[2] - STANDOFF[1])
+        else:
+            distance = offset[:2] @ outward[item, :2]
+            rise = offset[2]
+            assert distance <= STANDOFF[1] + 1e-5
+        assert distance >= STANDOFF[0] - 1e-5
+        np.testing.assert_allclose(
+            offset - (0.0, 0.0, rise), (distance - rise * outward[item, 2]) * outward[item], atol=1e-5
+        )
+        if rise > 1e-5:
+            assert abs(lowest - ABOVE_SUPPORT) < 1e-5
+            raised += 1
+    assert 0.2 < raised / len(range(0, COUNT, 5)) < 0.9
+
+
+def test_links_of_a_start_are_not_deep_in_each_other(hand, starts):
+    deep = self_penetration(hand, starts.pose.joint_angles.numpy().astype(np.float64)) > INTERLOCKED
+    drawn = random_joint_angles(hand, 300, np.random.default_rng(1)).numpy().astype(np.float64)
+    assert deep.mean() < 0.01 < (self_penetration(hand, drawn) > INTERLOCKED).mean()
 
 
 def test_rotations_are_proper_and_joints_within_limits(hand, starts):

@@ -18,6 +18,7 @@ from dexnudge.energies.weights import TermWeights
 from dexnudge.geometry.surface_points import SurfacePoints
 from dexnudge.geometry.warp_runtime import WarpStruct
 from dexnudge.hands.hand import Hand
+from dexnudge.verification.penetration import self_penetration
 
 TOP_NORMAL = 0.9  # smallest vertical part of a normal on which one presses
 SIDE_NORMAL = 0.8  # smallest part of a side normal against the motion
@@ -26,10 +27,13 @@ HOOK_SPREAD = 40.0  # [deg] standard deviation of a hooking hand's heading about
 DIGIT_COUNTS = {1: 0.15, 2: 0.40, 3: 0.30, 4: 0.15}  # how many digits are to touch
 DIGIT_SPREAD = 0.022  # [m] between neighbouring knuckles
 LATERAL_SPREAD = 0.010  # [m] of the contacts' middle about the line through the centre of mass
+ABOVE_SUPPORT = 0.002  # [m] lowest point of a start: what is pushed out of the support is pushed into other fingers
 STANDOFF = (0.004, 0.020)  # [m] from the targets, along the mean surface normal
 PITCH = (-10.0, 75.0)  # [deg] of the fingers below the horizontal
 ROLL_SPREAD = 25.0  # [deg] standard deviation about the finger direction
-ABDUCTION_SPREAD = 0.15  # [rad]
+ABDUCTION_SPREAD = 0.15  # standard deviation, as a share of the joint's range
+INTERLOCKED = 0.003  # [m] the descent rarely parts links that are deeper in each other
+MOST_DRAWS = 12  # of joint angles for one start
 
 
 @dataclass(frozen=True)
@@ -45,7 +49,7 @@ class NonPrehensileConfig:
     final_scale: float = 0.05
     steps: StepSizes = StepSizes(translation=0.003, rotation=0.03, joints=0.05)
     weights: TermWeights = TermWeights(
-        environment=4.0, object=4.0, self=4.0, contact=8.0, target=1.0, clearance_object=0.0005, contact_gap=0.0007
+        environment=4.0, object=4.0, self=16.0, contact=8.0, target=1.0, clearance_object=0.0005, contact_gap=0.0007
     )
 
 
@@ -118,7 +122,7 @@ def sample_pre_contact(
     against = angle + np.pi + np.radians(generator.normal(0.0, HOOK_SPREAD, count))
     heading = np.where([intent == "hook" for intent in intents], against, heading)
     pose = _poses(hand, target, touches, outward, heading, generator)
-    return PreContact(pose, target, touches, intents)
+    return PreContact(_lifted(hand, pose, float(surface.points[:, 2].min())), target, touches, intents)
 
 
 def _targets(
@@ -167,7 +171,7 @@ def _poses(
 ) -> HandPose:
     """Hands over their targets, headed as told [rad], fingers level to steeply down, palm mostly down, fingers flexed."""
     count = len(target)
-    joint_angles = random_joint_angles(hand, count, generator)
+    joint_angles = separated_joint_angles(hand, count, generator)
     pitch = np.radians(generator.uniform(*PITCH, count))
     roll = np.radians(generator.normal(0.0, ROLL_SPREAD, count))
     fingers = np.stack([np.cos(heading) * np.cos(pitch), np.sin(heading) * np.cos(pitch), -np.sin(pitch)], axis=1)
@@ -189,6 +193,29 @@ def _poses(
     standoff = generator.uniform(*STANDOFF, (count, 1))
     translation = (weight * (target - tips)).sum(axis=1) + standoff * outward
     return HandPose(torch.as_tensor(translation, dtype=torch.float32), rotation, joint_angles)
+
+
+def _lifted(hand: Hand, pose: HandPose, support: float) -> HandPose:
+    """The same hands, those that reach below the support's height [m] raised out of it."""
+    points = hand.sparse_points
+    transforms = hand.forward_kinematics(configuration_from_pose(pose)).numpy()[:, points.link, 2]
+    height = np.einsum("bpi,pi->bp", transforms[..., :3], points.points) + transforms[..., 3]
+    rise = np.maximum(support + ABOVE_SUPPORT - height.min(axis=1), 0.0)
+    up = torch.as_tensor(rise, dtype=torch.float32)[:, None] * torch.tensor([0.0, 0.0, 1.0])
+    return replace(pose, translation=pose.translation + up)
+
+
+def separated_joint_angles(hand: Hand, count: int, generator: np.random.Generator) -> Float[Tensor, "count joint"]:
+    """Return `random_joint_angles`, drawn again where links are deep in each other; after some draws the last one stays."""
+    angles, again = random_joint_angles(hand, count, generator), np.arange(count)
+    redraw = generator.spawn(1)[0]  # what is drawn later does not depend on how often this draws
+    for _ in range(MOST_DRAWS - 1):
+        overlap = self_penetration(hand, angles[again].numpy().astype(np.float64))
+        again = again[overlap > INTERLOCKED]
+        if not len(again):
+            break
+        angles[again] = random_joint_angles(hand, len(again), redraw)
+    return angles
 
 
 def random_joint_angles(hand: Hand, count: int, generator: np.random.Generator) -> Float[Tensor, "count joint"]:
