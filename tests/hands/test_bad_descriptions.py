@@ -6,6 +6,7 @@ from dexnudge.errors import HandError, UnknownNameError
 from dexnudge.hands.registry import load_hand
 from dexnudge.hands.xml_text import MAX_DESCRIPTION_BYTES
 
+NAME_IT = ", or name the folder of 'small' in `packages`"
 LINKS = "['forearm', 'thumb', 'palm', 'finger', 'tip', 'thumbtip', 'pad']"
 
 
@@ -137,7 +138,10 @@ def message(path) -> str:
         (
             '<sphere radius="0.009"/>',
             '<plane normal="0 0 1"/>',
-            "DIR/small.urdf: link 'tip': expected mesh, box, cylinder, sphere or capsule, got <plane>; replace it by a mesh",
+            (
+                "DIR/small.urdf: link 'tip': expected mesh, box, cylinder, sphere or capsule, got <plane>; add one, replace "
+                "it by a mesh, or remove the element"
+            ),
         ),
         (
             '<parent link="thumb"/>',
@@ -159,6 +163,7 @@ def message(path) -> str:
                 (
                     f"mesh '{outside}' lies outside the hand's folder: expected a file below DIR; "
                     "copy the meshes beside the description and name them relative to it"
+                    f"{NAME_IT if outside.startswith('package') else ''}"
                 ),
             )
             for outside in (
@@ -172,7 +177,7 @@ def message(path) -> str:
         (
             "package://small/wedge.stl",
             "hand.yaml",
-            "DIR/hand.yaml: expected a mesh of .stl, .obj, .dae, .ply, got '.yaml'; convert it",
+            "DIR/hand.yaml: expected a mesh of .stl, .obj, .dae, .ply, .glb, got '.yaml'; convert it",
         ),
         (
             "package://small/wedge.stl",
@@ -242,8 +247,8 @@ def test_bad_urdf(write_hand, old, new, expected):
             '<sphere radius="0.009"/>',
             '<sphere radius="${size}"/>',
             (
-                "DIR/small.urdf: the file is xacro, not yet URDF: expected plain XML, got <sphere> with a macro; "
-                "expand it with: xacro small.urdf -o expanded.urdf (from ROS, or pip install xacro)"
+                "DIR/small.urdf: xacro cannot expand it: expected properties, macros and files below the hand's folder, got "
+                "'name 'size' is not defined'; mend it, or expand it yourself with: xacro small.urdf -o hand.urdf"
             ),
         ),
     ],

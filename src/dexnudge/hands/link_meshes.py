@@ -1,6 +1,7 @@
 """Meshes of a hand's links: where a description's names lead, what is read, and those of `gymnasium-robotics`."""
 
 import os
+from collections.abc import Mapping
 from importlib.util import find_spec
 from pathlib import Path
 
@@ -10,6 +11,7 @@ from jaxtyping import Float
 
 from dexnudge.errors import HandError, MeshError
 from dexnudge.geometry.mesh_files import parse_triangles
+from dexnudge.geometry.mesh_repair import wind_outward
 from dexnudge.hands.xml_text import refuse_entities
 
 CIRCLE_SECTIONS = 48  # a circle of radius 10 mm is at most 0.02 mm off its polygon
@@ -45,7 +47,7 @@ def sphere(radius: float) -> trimesh.Trimesh:
     return ellipsoid(np.full(3, radius))
 
 
-MESH_SUFFIXES = (".stl", ".obj", ".dae", ".ply")
+MESH_SUFFIXES = (".stl", ".obj", ".dae", ".ply", ".glb")
 MAX_LINK_FACES = 200_000  # MuJoCo reads no more from one STL file; a link needs some hundreds
 MAX_MESH_BYTES = 100_000_000
 PACKAGE_DEPTH = 4  # folders above a description in which its ROS package is looked for
@@ -53,39 +55,54 @@ DESCRIPTION_FOLDERS = ("urdf", "robots", "robot", "xacro", "mjcf", "xml")  # sta
 MILLIMETRE = 0.001  # [m]
 
 
-def mesh_path(filename: str, folder: Path) -> Path:
+def mesh_path(filename: str, folder: Path, packages: Mapping[str, Path | str] | None = None) -> Path:
     """Return the file that a description in `folder` means by `filename`.
 
     It must lie below the folder or, in a ROS package (a folder above with package.xml, or above one called urdf), below
-    that. `package://name/rest` is looked for as `rest` and `name/rest` there and in the folder above called `name`.
+    that, or below a folder in `packages`. `package://name/rest` and `model://name/rest` are looked for in that package
+    and, where it is not given, as `rest` and `name/rest` below those folders and the folder above called `name`.
 
     Raises:
-        HandError: the path leaves the folder (also through a link in the file system) or there is no such file.
+        HandError: the path leaves these folders (also through a link in the file system) or there is no such file.
     """
     home = folder.resolve()
-    above = list(home.parents)[:PACKAGE_DEPTH]
-    roots = [home, *(parent for parent in above if (parent / "package.xml").is_file())]
-    roots += above[:1] if home.name in DESCRIPTION_FOLDERS else []
-    rest, names = filename, [filename]
-    if filename.startswith("package://"):
-        package, _, rest = filename.removeprefix("package://").partition("/")
-        names = [rest, f"{package}/{rest}"]
-        roots += [parent for parent in above if parent.name == package]
-    places = [(root, (start / name).resolve()) for root in roots for start in (home, root) for name in names]
-    readable = rest and "://" not in rest and "\0" not in rest
-    inside = [path for root, path in places if readable and path.is_relative_to(root)]
+    given = {name: Path(place).resolve() for name, place in (packages or {}).items()}
+    roots = [*description_folders(home), *given.values()]
+    scheme, found, rest = filename.rpartition("://")
+    package, _, below = rest.partition("/")
+    if not found:
+        places = [(root, start / filename) for root in roots for start in (home, root)]
+    elif scheme == "file":
+        places = [(root, home / rest) for root in roots]
+    elif scheme in ("package", "model") and package in given:
+        places = [(given[package], given[package] / below)] if below else []
+    elif scheme in ("package", "model") and below:
+        roots += [parent for parent in list(home.parents)[:PACKAGE_DEPTH] if parent.name == package]
+        places = [(root, start / name) for root in roots for start in (home, root) for name in (below, rest)]
+    else:
+        places = []
+    readable = "\0" not in filename
+    inside = [path for root, place in places if readable and (path := place.resolve()).is_relative_to(root)]
     for path in inside:
         if os.path.isfile(path):  # noqa: PTH113 - a name of 300 letters is no file, and no error
             return path
+    naming = f", or name the folder of '{package}' in `packages`" if found and scheme != "file" and package else ""
     if not inside:
         raise HandError(
             f"mesh '{filename}' lies outside the hand's folder: expected a file below {folder}; "
-            "copy the meshes beside the description and name them relative to it"
+            f"copy the meshes beside the description and name them relative to it{naming}"
         )
     raise HandError(
-        f"mesh '{filename}' is missing: expected a file below {roots[-1]}, found none; "
-        "copy it there or mend its name in the description"
+        f"mesh '{filename}' is missing: expected a file below {given.get(package, roots[-1])}, found none; "
+        f"copy it there or mend its name in the description{naming}"
     )
+
+
+def description_folders(home: Path) -> list[Path]:
+    """Return the folders in which a description's files may lie: its own, and that of the ROS package around it."""
+    above = list(home.parents)[:PACKAGE_DEPTH]
+    roots = [home, *(parent for parent in above if (parent / "package.xml").is_file())]
+    return roots + (above[:1] if home.name in DESCRIPTION_FOLDERS else [])
 
 
 def load_link_mesh(path: Path, scale: Float[np.ndarray, " 3"]) -> trimesh.Trimesh:
@@ -112,10 +129,7 @@ def load_link_mesh(path: Path, scale: Float[np.ndarray, " 3"]) -> trimesh.Trimes
         )
     if not (scale == 1.0).all():
         mesh.apply_scale(scale)
-    with np.errstate(invalid="ignore"):  # of a flat mesh
-        inside_out = mesh.volume < 0.0
-    if inside_out:
-        mesh.invert()
+    wind_outward(mesh, surroundings=False)
     return mesh
 
 
@@ -130,7 +144,8 @@ def _parse(path: Path) -> trimesh.Trimesh:
         raise HandError(
             f"{path}: not readable as {kind}: expected a triangle mesh, got '{error}'; mend or re-export the mesh"
         ) from error
-    mesh = trimesh.Trimesh(mesh.vertices, mesh.faces, process=False)
+    unit = mesh.metadata["unit"] or 1.0  # like ROS: a COLLADA's unit counts, the axis that it calls up does not
+    mesh = trimesh.Trimesh(mesh.vertices * unit, mesh.faces, process=False)
     if kind == "stl":
         mesh.merge_vertices()
     return mesh

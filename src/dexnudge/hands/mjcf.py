@@ -4,7 +4,7 @@ MuJoCo itself compiles the file, so defaults, includes and every way to write an
 Joints of the topmost body are left out: they place the hand in the world, and the root of q does that.
 """
 
-from collections.abc import Callable
+from collections.abc import Callable, Mapping
 from pathlib import Path
 from xml.etree.ElementTree import Element
 
@@ -13,10 +13,14 @@ import numpy as np
 import trimesh
 
 from dexnudge.errors import HandError
+from dexnudge.geometry.mesh_repair import wind_outward
 from dexnudge.hands import link_meshes
+from dexnudge.hands.arm_cut import without_arm
+from dexnudge.hands.assembly import hand_from_tree
 from dexnudge.hands.config import HandConfig, read_hand_config
+from dexnudge.hands.couplings import coupled
 from dexnudge.hands.hand import Hand
-from dexnudge.hands.tree import Mimic, Tree, TreeJoint, hand_from_tree
+from dexnudge.hands.tree import Tree, TreeJoint
 from dexnudge.hands.urdf import CONTINUOUS_LIMIT, config_path
 from dexnudge.hands.xml_text import read_xml
 
@@ -26,19 +30,27 @@ MAX_COPIES = 100  # of a `replicate`
 MAX_PIXELS = 4096  # a side of a texture
 
 
-def hand_from_mjcf(path: Path | str, config: HandConfig | Path | str | None = None, *, base: bool = True) -> Hand:
+def hand_from_mjcf(
+    path: Path | str,
+    config: HandConfig | Path | str | None = None,
+    *,
+    base: bool = True,
+    packages: Mapping[str, Path | str] | None = None,
+) -> Hand:
     """Return the hand that an MJCF file describes, its palm as the root.
 
     Args:
-        path: the MJCF. Every file that it names must lie in its folder or below.
+        path: the MJCF. Every file that it names must lie in its folder or below, in the ROS package around it, or in
+            one of `packages`.
         config: facts that MJCF does not state, or their YAML file; None: `<stem>.yaml` or `hand.yaml` beside it.
         base: whether the links behind the palm (those on the side of `base_link`) are kept.
+        packages: further folders whose files may be named.
 
     Raises:
         HandError: anything that cannot be used as given, with the place and the remedy.
     """
     path = Path(path)
-    _check_files(path)
+    _check_files(path, packages or {})
     try:
         model = mujoco.MjModel.from_xml_path(str(path))
     except (ValueError, mujoco.FatalError) as error:
@@ -52,6 +64,7 @@ def hand_from_mjcf(path: Path | str, config: HandConfig | Path | str | None = No
     wanted = config.geometry == "collision"
     collides = (model.geom_contype | model.geom_conaffinity) != 0
     tree = tree_of_model(model, name, config.palm, lambda geom: bool(collides[geom]) == wanted)
+    tree, config = coupled(without_arm(tree, config), model, config)
     return hand_from_tree(tree, config, base=base)
 
 
@@ -64,7 +77,6 @@ def tree_of_model(model: mujoco.MjModel, name: str, palm: str | None, select: Ca
         HandError: an unknown palm, non-linear joint equalities, or shapes without a volume.
     """
     bodies = _bodies(model, palm)
-    mimics = _mimics(model)
     links: dict[str, trimesh.Trimesh] = {}
     joints: list[TreeJoint] = []
     for body in bodies:
@@ -72,7 +84,7 @@ def tree_of_model(model: mujoco.MjModel, name: str, palm: str | None, select: Ca
         if body != bodies[0]:
             above = int(model.body_parentid[body])
             parent = _name(model.body(above).name, "body", above)
-            for joint in _chain(model, body, parent, link, mimics):
+            for joint in _chain(model, body, parent, link):
                 joints.append(joint)
                 links[joint.child] = trimesh.Trimesh()
         pieces = [
@@ -82,9 +94,10 @@ def tree_of_model(model: mujoco.MjModel, name: str, palm: str | None, select: Ca
     return Tree(name, links, tuple(joints))
 
 
-def _check_files(path: Path) -> None:
-    """Refuse entities, and files outside the main file's folder, in an MJCF file and all that it includes."""
+def _check_files(path: Path, packages: Mapping[str, Path | str]) -> None:
+    """Refuse entities, and files outside the main file's folders, in an MJCF file and all that it includes."""
     home = path.parent.resolve()
+    roots = [*link_meshes.description_folders(home), *(Path(place).resolve() for place in packages.values())]
     waiting, checked, folders = [path.resolve()], set(), {home}
     while waiting:
         file = waiting.pop()
@@ -97,7 +110,8 @@ def _check_files(path: Path) -> None:
             _refuse_excess(element, file)
             named = {key: value for key, value in element.attrib.items() if _names_a_file(key)}
             for value in filter(None, named.values()):
-                if not all((folder / value).resolve().is_relative_to(home) for folder in folders):
+                places = [(folder / value).resolve() for folder in folders]
+                if not all(any(place.is_relative_to(allowed) for allowed in roots) for place in places):
                     raise HandError(
                         f"{file}: '{value}' lies outside the hand's folder: expected a file below {home}; "
                         "copy the files beside the description and name them relative to it"
@@ -145,7 +159,7 @@ def _bodies(model: mujoco.MjModel, palm: str | None) -> list[int]:
     return [body for body in range(1, model.nbody) if model.body_rootid[body] == root]
 
 
-def _chain(model: mujoco.MjModel, body: int, parent: str, link: str, mimics: dict[int, Mimic]) -> list[TreeJoint]:
+def _chain(model: mujoco.MjModel, body: int, parent: str, link: str) -> list[TreeJoint]:
     """Return the joints from a body's parent to the body; several, with empty links between, where one does not say it."""
     origin = _transform(model.body_pos[body], model.body_quat[body])
     moving = [joint for joint in range(model.njnt) if model.jnt_bodyid[joint] == body]
@@ -166,53 +180,17 @@ def _chain(model: mujoco.MjModel, body: int, parent: str, link: str, mimics: dic
             back = trimesh.transformations.translation_matrix(-zero * axis)
         child = link if joint == moving[-1] and not at.any() else f"{link}@{name}"
         places = None if turns or slides else kind.name.removeprefix("mjJNT_").lower()
-        place, mimic = origin @ anchor @ back, mimics.get(joint)
-        chain.append(TreeJoint(name, parent, child, place, axis, False, low, high, mimic, slides, places))
+        place = origin @ anchor @ back
+        chain.append(TreeJoint(name, parent, child, place, axis, False, low, high, None, slides, places))
         parent, origin = child, np.linalg.inv(anchor)
     if parent != link:
         chain.append(TreeJoint(f"{link}_mount", parent, link, origin, np.asarray((1.0, 0.0, 0.0)), fixed=True))
     return chain
 
 
-def _mimics(model: mujoco.MjModel) -> dict[int, Mimic]:
-    """Return the joints that an equality ties to another: angle - zero = c0 + c1 (leader - leader's zero)."""
-    mimics = {}
-    for equality in range(model.neq):
-        follower, leader = int(model.eq_obj1id[equality]), int(model.eq_obj2id[equality])
-        _refuse_loop(model, equality)
-        if model.eq_type[equality] != mujoco.mjtEq.mjEQ_JOINT or not model.eq_active0[equality] or leader < 0:
-            continue
-        constant, slope, *higher = model.eq_data[equality, :5].tolist()
-        name = _name(model.joint(follower).name, "joint", follower)
-        if any(higher):
-            raise HandError(f"joint '{name}': expected a linear joint equality, got polycoef {higher}; make it linear")
-        zero, leader_zero = _zero(model, follower), _zero(model, leader)
-        mimics[follower] = Mimic(
-            _name(model.joint(leader).name, "joint", leader), slope, float(zero + constant - slope * leader_zero)
-        )
-    return mimics
-
-
 def _zero(model: mujoco.MjModel, joint: int) -> float:
     """Return a joint's value in the model's own pose."""
     return float(model.qpos0[model.jnt_qposadr[joint]])
-
-
-def _refuse_loop(model: mujoco.MjModel, equality: int) -> None:
-    """Refuse a `connect` or `weld` that closes a loop: a tree of joints would move as the real fingers cannot."""
-    loops = {mujoco.mjtEq.mjEQ_CONNECT: "connect", mujoco.mjtEq.mjEQ_WELD: "weld"}
-    kind = loops.get(mujoco.mjtEq(model.eq_type[equality]))
-    if kind is None or not model.eq_active0[equality]:
-        return
-    bodies = [int(model.eq_obj1id[equality]), int(model.eq_obj2id[equality])]
-    if model.eq_objtype[equality] == mujoco.mjtObj.mjOBJ_SITE:
-        bodies = [int(model.site_bodyid[site]) for site in bodies]
-    if min(bodies) > 0:
-        one, other = (_name(model.body(body).name, "body", body) for body in bodies)
-        raise HandError(
-            f"<{kind}> joins '{one}' and '{other}' in a loop: expected a tree of joints, as closed chains are not "
-            "supported; replace it by <joint joint1=... joint2=... polycoef=...> that couples the joints as the loop does"
-        )
 
 
 def _geom_mesh(model: mujoco.MjModel, geom: int) -> trimesh.Trimesh:
@@ -222,8 +200,7 @@ def _geom_mesh(model: mujoco.MjModel, geom: int) -> trimesh.Trimesh:
         vertices = model.mesh_vert[model.mesh_vertadr[data] :][: model.mesh_vertnum[data]]
         faces = model.mesh_face[model.mesh_faceadr[data] :][: model.mesh_facenum[data]]
         mesh = trimesh.Trimesh(vertices.astype(float), faces, process=False)
-        if mesh.volume < 0.0:
-            mesh.invert()
+        wind_outward(mesh, surroundings=False)
     elif kind == mujoco.mjtGeom.mjGEOM_BOX:
         mesh = link_meshes.box(2 * size)
     elif kind == mujoco.mjtGeom.mjGEOM_CYLINDER:

@@ -1,9 +1,10 @@
 """The hands that can be asked for by name, and the one way to load any hand."""
 
 import os
-from collections.abc import Callable
+from collections.abc import Callable, Mapping
 from dataclasses import replace
 from pathlib import Path
+from typing import Any
 
 from dexnudge.errors import HandError, UnknownNameError, check_path, did_you_mean
 from dexnudge.hands.hand import Hand
@@ -12,23 +13,25 @@ from dexnudge.hands.urdf import hand_from_urdf
 from dexnudge.plugins import call_plugin, plugin_names
 
 
-def _hand_from_mjcf(path: Path, *, base: bool) -> Hand:
+def _hand_from_mjcf(path: Path, **options: Any) -> Hand:
     from dexnudge.hands.mjcf import hand_from_mjcf  # imports MuJoCo, which most commands can do without
 
-    return hand_from_mjcf(path, base=base)
+    return hand_from_mjcf(path, **options)
 
 
 PREPARED_NAME = "hand.urdf"  # the description in a prepared folder
 READERS: dict[str, Callable[..., Hand]] = {".urdf": hand_from_urdf, ".xml": _hand_from_mjcf}
 
 
-def load_hand(name_or_urdf: str | Path, *, base: bool = True) -> Hand:
+def load_hand(name_or_urdf: str | Path, *, base: bool = True, packages: Mapping[str, Path | str] | None = None) -> Hand:
     """Return the hand of that name, the one in a prepared folder, or that in a URDF or MJCF file with its YAML beside it.
 
     Args:
         name_or_urdf: name of a built-in hand, or of one that an installed package brings; a folder with a hand.urdf; or
             the path of a description (.urdf or .xml).
         base: whether the forearm or adapter behind the palm is part of the hand.
+        packages: folders of the ROS packages that a description names, as in `package://NAME/meshes/palm.stl`; the package
+            around the description is found without.
 
     Raises:
         UnknownNameError: neither a known name nor a path of a description.
@@ -43,7 +46,7 @@ def load_hand(name_or_urdf: str | Path, *, base: bool = True) -> Hand:
         path /= PREPARED_NAME
     suffix = path.suffix.lower().replace(".xacro", ".urdf")  # whose reader says how to expand it
     if suffix in READERS:
-        return replace(READERS[suffix](path, base=base), source=path)
+        return replace(READERS[suffix](path, base=base, packages=packages), source=path)
     if os.path.exists(path):  # noqa: PTH110 - a name of 300 letters does not exist, which is no error
         raise HandError(
             f"{path}: expected a description that ends in {' or '.join(READERS)}, got '{path.suffix}'; mend the path"

@@ -5,6 +5,7 @@ has no geometry. Several elements of one link are taken together. Read: mesh, bo
 """
 
 from collections import Counter
+from collections.abc import Mapping
 from itertools import takewhile
 from pathlib import Path
 from typing import Any
@@ -13,14 +14,14 @@ from xml.etree.ElementTree import Element
 import numpy as np
 import trimesh
 import yaml
-from jaxtyping import Float
 
 from dexnudge.errors import HandError
-from dexnudge.hands import link_meshes
+from dexnudge.hands.assembly import hand_from_tree
 from dexnudge.hands.config import HandConfig, read_hand_config
 from dexnudge.hands.hand import Hand
-from dexnudge.hands.link_meshes import load_link_mesh, mesh_path
-from dexnudge.hands.tree import MAX_LINKS, Mimic, Tree, TreeJoint, check_tree, hand_from_tree
+from dexnudge.hands.tree import MAX_LINKS, Mimic, Tree, TreeJoint, check_tree
+from dexnudge.hands.urdf_links import link_mesh, note_masses, numbers_of, origin
+from dexnudge.hands.xacro_expansion import expand_xacro
 from dexnudge.hands.xml_text import read_xml
 
 JOINT_TYPES = ("revolute", "continuous", "prismatic", "fixed")
@@ -29,35 +30,57 @@ LARGEST_LIMIT = 2 * np.pi + 0.1  # [rad] no joint of a hand turns farther: the n
 CONTINUOUS_LIMIT = np.pi  # [rad] either way: a joint without limits still needs a finite range to sample from
 
 
-def hand_from_urdf(path: Path | str, config: HandConfig | Path | str | None = None, *, base: bool = True) -> Hand:
+def hand_from_urdf(
+    path: Path | str,
+    config: HandConfig | Path | str | None = None,
+    *,
+    base: bool = True,
+    packages: Mapping[str, Path | str] | None = None,
+) -> Hand:
     """Return the hand that a URDF describes, its palm as the root.
 
     Args:
-        path: the URDF. Meshes must lie in its folder or below.
+        path: the URDF, or a xacro file where the package xacro is installed. Meshes must lie in its folder or below, in the
+            ROS package around it, or in one of `packages`.
         config: facts that URDF cannot state, or their YAML file; None: `<stem>.yaml` or `hand.yaml` beside the URDF.
         base: whether the links behind the palm (those on the side of `base_link`) are kept.
+        packages: folders of packages that `package://NAME/...` and `$(find NAME)` name.
 
     Raises:
         HandError: anything that cannot be used as given, with the place and the remedy.
     """
     path = Path(path)
-    robot = read_xml(path, root_tag="robot")
+    robot = read_xml(path, root_tag="robot", expand=lambda file: expand_xacro(file, packages))
+    elements = robot.findall("link")
+    if not 0 < len(elements) <= MAX_LINKS:
+        found = f"{len(elements):,}" if elements else "none"
+        at_most = f"at most {MAX_LINKS:,} " if elements else ""
+        raise HandError(f"{path}: expected {at_most}<link> elements, found {found}; mend or re-export the URDF")
+    notes: list[str] = []
     joints = _joints(robot, path)
-    link_names = [_attribute(link, "name", path, "link") for link in robot.findall("link")]
+    link_names = [_attribute(link, "name", path, "link") for link in elements]
     _refuse_doubles("link", link_names, path)
     _refuse_doubles("joint", [joint.name for joint in joints], path)
-    structure = Tree(robot.get("name") or path.stem, {name: trimesh.Trimesh() for name in link_names}, tuple(joints))
-    if not 0 < len(link_names) <= MAX_LINKS:
-        found = f"{len(link_names):,}" if link_names else "none"
-        at_most = f"at most {MAX_LINKS:,} " if link_names else ""
-        raise HandError(f"{path}: expected {at_most}<link> elements, found {found}; mend or re-export the URDF")
+    missing = _missing_base(link_names, joints)
+    if missing is not None:
+        notes.append(f"link '{missing}', from which the others hang, does not exist: an empty one stands for it")
+    names = [*filter(None, [missing]), *link_names]
+    structure = Tree(robot.get("name") or path.stem, {name: trimesh.Trimesh() for name in names}, tuple(joints))
     check_tree(structure)
+    note_masses(elements, path, notes)
     settings = config if isinstance(config, HandConfig) else read_hand_config(config_path(path, config, structure))
-    links = {
-        name: _link_mesh(link, settings.geometry, path)
-        for name, link in zip(link_names, robot.findall("link"), strict=True)
-    }
-    return hand_from_tree(Tree(structure.name, links, structure.joints), settings, base=base)
+    links = dict(structure.links)
+    for name, link in zip(link_names, elements, strict=True):
+        links[name] = link_mesh(link, settings.geometry, path, packages, notes)
+    return hand_from_tree(Tree(structure.name, links, structure.joints, tuple(notes)), settings, base=base)
+
+
+def _missing_base(link_names: list[str], joints: list[TreeJoint]) -> str | None:
+    """Return the link from which all others hang, where the file has only its name."""
+    children = {joint.child for joint in joints}
+    unknown = {joint.parent for joint in joints} - set(link_names)
+    hangs = len(unknown) == 1 and set(link_names) <= children and not unknown & children
+    return unknown.pop() if hangs else None
 
 
 def config_path(path: Path, config: Path | str | None, tree: Tree) -> Path:
@@ -111,7 +134,7 @@ def _joints(robot: Element, path: Path) -> list[TreeJoint]:
             if end is None or not end.get("link"):
                 raise HandError(f"{where}: expected <{role} link=...>, found none; add it")
             ends.append(end.get("link") or "")
-        axis = _numbers(element.find("axis"), "xyz", (1.0, 0.0, 0.0), where)
+        axis = numbers_of(element.find("axis"), "xyz", (1.0, 0.0, 0.0), where)
         length = np.linalg.norm(axis)
         if length == 0.0 and kind in ("fixed", "floating", "planar"):
             axis, length = np.asarray((1.0, 0.0, 0.0)), np.float64(1.0)
@@ -126,7 +149,7 @@ def _joints(robot: Element, path: Path) -> list[TreeJoint]:
                 name,
                 parent,
                 child,
-                _origin(element, where),
+                origin(element, where),
                 axis / length,
                 fixed=kind == "fixed",
                 lower=lower,
@@ -148,7 +171,7 @@ def _limits(joint: Element, kind: str, where: str) -> tuple[float, float]:
         return -np.inf, np.inf
     if missing:
         raise HandError(f"{where}: expected <limit lower=... upper=...> in radians, missing {missing}; add them")
-    lower, upper = (float(_numbers(limit, key, (0.0,), where)[0]) for key in ("lower", "upper"))
+    lower, upper = (float(numbers_of(limit, key, (0.0,), where)[0]) for key in ("lower", "upper"))
     if lower > upper:
         raise HandError(f"{where}: expected lower limit <= upper limit, got {lower} > {upper}; swap or mend them")
     if kind != "prismatic" and max(-lower, upper) > LARGEST_LIMIT:
@@ -166,64 +189,8 @@ def _mimic(element: Element | None, where: str) -> Mimic | None:
     leader = element.get("joint")
     if not leader:
         raise HandError(f"{where}: expected <mimic joint=...>, found no joint; add it")
-    multiplier = float(_numbers(element, "multiplier", (1.0,), where)[0])
-    return Mimic(leader, multiplier, float(_numbers(element, "offset", (0.0,), where)[0]))
-
-
-def _link_mesh(link: Element, geometry: str, path: Path) -> trimesh.Trimesh:
-    where = f"{path}: link '{link.get('name')}'"
-    pieces = []
-    for element in link.findall(geometry):
-        shape = element.find("geometry")
-        if shape is None or len(shape) != 1:
-            raise HandError(f"{where}: expected <{geometry}> with one shape in <geometry>, found none; add it")
-        piece = _shape(shape[0], where, path.parent)
-        piece.apply_transform(_origin(element, where))
-        pieces.append(piece)
-    if not pieces:
-        return trimesh.Trimesh()
-    return pieces[0] if len(pieces) == 1 else trimesh.util.concatenate(pieces)
-
-
-def _shape(shape: Element, where: str, folder: Path) -> trimesh.Trimesh:
-    if shape.tag == "mesh":
-        file = mesh_path(shape.get("filename") or "", folder)
-        scale = _numbers(shape, "scale", (1.0, 1.0, 1.0), where)
-        return load_link_mesh(file, scale)
-    if shape.tag not in ("box", "cylinder", "sphere", "capsule"):
-        raise HandError(
-            f"{where}: expected mesh, box, cylinder, sphere or capsule, got <{shape.tag}>; replace it by a mesh"
-        )
-    keys = {"box": ("size",), "sphere": ("radius",)}.get(shape.tag, ("radius", "length"))
-    sizes = [_numbers(shape, key, (0.0,) * (3 if key == "size" else 1), where) for key in keys]
-    if not all((size > 0.0).all() for size in sizes):
-        raise HandError(
-            f"{where}: <{shape.tag}>: expected {' and '.join(keys)} above zero, got {shape.attrib}; mend it"
-        )
-    if shape.tag == "box":
-        return link_meshes.box(sizes[0])
-    return getattr(link_meshes, shape.tag)(*(float(size[0]) for size in sizes))
-
-
-def _origin(element: Element, where: str) -> Float[np.ndarray, "4 4"]:
-    origin = element.find("origin")
-    transform = trimesh.transformations.euler_matrix(*_numbers(origin, "rpy", (0.0, 0.0, 0.0), where), axes="sxyz")
-    transform[:3, 3] = _numbers(origin, "xyz", (0.0, 0.0, 0.0), where)
-    return transform
-
-
-def _numbers(element: Element | None, key: str, default: tuple[float, ...], where: str) -> np.ndarray:
-    """Return the numbers in an attribute, as many as the default has; the default where there is no such attribute."""
-    text = None if element is None else element.get(key)
-    if text is None:
-        return np.asarray(default)
-    try:
-        values = np.asarray([float(word) for word in text.split()])
-    except ValueError:
-        values = np.zeros(0)
-    if len(values) != len(default) or not np.isfinite(values).all():
-        raise HandError(f"{where}: expected {len(default)} finite number(s) in '{key}', got '{text}'; mend it")
-    return values
+    multiplier = float(numbers_of(element, "multiplier", (1.0,), where)[0])
+    return Mimic(leader, multiplier, float(numbers_of(element, "offset", (0.0,), where)[0]))
 
 
 def _attribute(element: Element, key: str, path: Path, kind: str) -> str:

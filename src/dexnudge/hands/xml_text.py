@@ -2,7 +2,7 @@
 
 import os
 import xml.etree.ElementTree as ElementTree
-from collections.abc import Iterable
+from collections.abc import Callable, Iterable
 from pathlib import Path
 
 from dexnudge.errors import HandError
@@ -16,12 +16,15 @@ def numbers(values: Iterable[float]) -> str:
 MAX_DESCRIPTION_BYTES = 10_000_000  # a hand's description has some ten kilobytes
 
 
-def read_xml(path: Path, *, root_tag: str | None) -> ElementTree.Element:
+def read_xml(
+    path: Path, *, root_tag: str | None, expand: Callable[[Path], str | None] | None = None
+) -> ElementTree.Element:
     """Return the root element of an XML file.
 
     Args:
         path: the file.
         root_tag: the tag that the root must have; None: any.
+        expand: gives the plain text of a file with macros of xacro, or None where that cannot be had.
 
     Raises:
         HandError: missing, too large, not UTF-8, with a DOCTYPE or entities, not well-formed, or another root.
@@ -40,16 +43,10 @@ def read_xml(path: Path, *, root_tag: str | None) -> ElementTree.Element:
         raise HandError(
             f"{path}: not a text file: expected XML in UTF-8, got {error.reason}; save it as UTF-8"
         ) from error
-    refuse_entities(text, path)
-    try:
-        # From a str the parser takes no encoding that the file may declare, so nothing hides from the check above.
-        root = ElementTree.fromstring(text)
-    except (ElementTree.ParseError, ValueError) as error:
-        raise HandError(
-            f"{path}: not well-formed XML: expected a complete <{root_tag or 'mujocoinclude'}> element, "
-            f"got an error at '{error}'; mend or re-export the file"
-        ) from error
-    refuse_xacro(root, path)
+    root = _parsed(text, root_tag, path)
+    if _first_macro(root) is not None and expand is not None and (plain := expand(path)) is not None:
+        root = _parsed(plain, root_tag, path)
+    _refuse_xacro(root, path)
     if root_tag is not None and root.tag != root_tag:
         raise HandError(
             f"{path}: wrong kind of file: expected a root element <{root_tag}>, got <{root.tag}>; mend the path"
@@ -57,16 +54,36 @@ def read_xml(path: Path, *, root_tag: str | None) -> ElementTree.Element:
     return root
 
 
-def refuse_xacro(root: ElementTree.Element, path: Path) -> None:
-    """Raise HandError where macros of xacro are left in a description."""
+def _parsed(text: str, root_tag: str | None, path: Path) -> ElementTree.Element:
+    refuse_entities(text, path)
+    try:
+        # From a str the parser takes no encoding that the file may declare, so nothing hides from the check above.
+        return ElementTree.fromstring(text)
+    except (ElementTree.ParseError, ValueError) as error:
+        raise HandError(
+            f"{path}: not well-formed XML: expected a complete <{root_tag or 'mujocoinclude'}> element, "
+            f"got an error at '{error}'; mend or re-export the file"
+        ) from error
+
+
+def _first_macro(root: ElementTree.Element) -> ElementTree.Element | None:
+    """Return the first element that xacro would expand."""
     for element in root.iter():
         if "xacro" in str(element.tag) or any("${" in value or "$(" in value for value in element.attrib.values()):
-            plain = path.name.removesuffix(".xacro").removesuffix(".urdf") + ".urdf"
-            raise HandError(
-                f"{path}: the file is xacro, not yet URDF: expected plain XML, got <{str(element.tag).rpartition('}')[2]}> "
-                f"with a macro; expand it with: xacro {path.name} -o {'expanded.urdf' if plain == path.name else plain} "
-                "(from ROS, or pip install xacro)"
-            )
+            return element
+    return None
+
+
+def _refuse_xacro(root: ElementTree.Element, path: Path) -> None:
+    """Raise HandError where macros of xacro are left in a description."""
+    element = _first_macro(root)
+    if element is not None:
+        plain = path.name.removesuffix(".xacro").removesuffix(".urdf") + ".urdf"
+        raise HandError(
+            f"{path}: the file is xacro, not yet URDF: expected plain XML, got <{str(element.tag).rpartition('}')[2]}> "
+            "with a macro; install xacro, which expands it here (pip install xacro), or expand it with: "
+            f"xacro {path.name} -o {'expanded.urdf' if plain == path.name else plain}"
+        )
 
 
 def refuse_entities(text: str, path: Path) -> None:

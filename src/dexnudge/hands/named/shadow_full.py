@@ -11,11 +11,12 @@ from dataclasses import replace
 
 import mujoco
 
+from dexnudge.hands.assembly import hand_from_tree
 from dexnudge.hands.config import HandConfig
 from dexnudge.hands.hand import Hand
 from dexnudge.hands.link_meshes import gymnasium_assets
 from dexnudge.hands.mjcf import tree_of_model
-from dexnudge.hands.tree import Tree, hand_from_tree
+from dexnudge.hands.tree import Tree
 
 PREFIX = "robot0:"
 MOUNT = "hand mount"  # the package's empty body that places the hand in its own scenes

@@ -1,0 +1,135 @@
+"""What of a description is the hand: without the arm, the joints that place it in the world and, on request, the base."""
+
+from dataclasses import replace
+
+from dexnudge.hands.config import HandConfig
+from dexnudge.hands.tree import Tree, TreeJoint, check_tree
+from dexnudge.hands.tree_checks import check_names
+
+WRIST_JOINTS = 3  # above the palm; more are an arm's
+
+
+def without_arm(tree: Tree, config: HandConfig) -> Tree:
+    """Return what hangs in the world as a hand, without an arm and other joints that place it; see `notes`.
+
+    Raises:
+        HandError: a structure that is no tree, or names that do not exist.
+    """
+    check_tree(tree)
+    check_names(tree, config)
+    notes: list[str] = []
+    cut = _without_placing_joints(tree, config, notes)
+    cut = _without_slides_above(_without_long_chain(cut, config, notes), config, notes)
+    return replace(cut, notes=(*tree.notes, *notes))
+
+
+def _without_placing_joints(tree: Tree, config: HandConfig, notes: list[str]) -> Tree:
+    """Return the tree without the empty links at its root, if a joint among them does not turn: it places the hand.
+
+    The root of q places the hand.
+    """
+    below: dict[str, list[TreeJoint]] = {link: [] for link in tree.links}
+    for joint in tree.joints:
+        below[joint.parent].append(joint)
+    link = next(iter(set(tree.links) - {joint.child for joint in tree.joints}))
+    cut: list[TreeJoint] = []
+    while len(below[link]) == 1 and not len(tree.links[link].faces) and link not in (config.palm, config.base_link):
+        cut += below[link]
+        link = below[link][0].child
+    if any(joint.slides or joint.places for joint in cut):
+        moving = ", ".join(joint.name for joint in cut if not joint.fixed)
+        notes.append(f"joints that place the hand in the world were cut off: {moving}")
+        gone = {joint.parent for joint in cut}
+        links = {name: mesh for name, mesh in tree.links.items() if name not in gone}
+        tree = replace(tree, links=links, joints=tuple(joint for joint in tree.joints if joint not in cut))
+    return tree
+
+
+def _without_long_chain(tree: Tree, config: HandConfig, notes: list[str]) -> Tree:
+    """Return the tree below `base_link`, or below the palm where more joints than a wrist has lie above it.
+
+    What is cut off is an arm, or a whole robot with its other arm.
+    """
+    carrier = {joint.child: joint for joint in tree.joints}
+
+    def movable_above(link: str) -> list[str]:
+        names = []
+        while link in carrier:
+            turns = not (carrier[link].fixed or carrier[link].slides or carrier[link].places)
+            names += [carrier[link].name] if turns else []
+            link = carrier[link].parent
+        return names
+
+    place = _place(tree, config)
+    cut = movable_above(place)
+    if len(cut) <= (0 if place != config.palm else WRIST_JOINTS):
+        return tree
+    kept = _below(tree, place)
+    notes.append(
+        f"an arm of {len(cut)} joints, {cut[-1]} to {cut[0]}, was cut off above '{place}' with "
+        f"{len(tree.links) - len(kept.links)} links; "
+        "'base_link' in the hand's YAML names the last link behind the palm that stays"
+    )
+    return kept
+
+
+def _without_slides_above(tree: Tree, config: HandConfig, notes: list[str]) -> Tree:
+    """Return the tree below the last joint that slides above palm and fingertips, such as a gantry's or a lift's."""
+    carrier = {joint.child: joint for joint in tree.joints}
+    link = _place(tree, config)
+    while link in carrier:
+        joint = carrier[link]
+        kept = _below(tree, link)
+        if (joint.slides or joint.places) and set(config.fingertips.values()) <= set(kept.links):
+            notes.append(
+                f"'{joint.name}', which moves '{link}' along, was cut off with {len(tree.links) - len(kept.links)} links"
+            )
+            return kept
+        link = joint.parent
+    return tree
+
+
+def without_base(tree: Tree, config: HandConfig) -> Tree:
+    """Return the tree without the links on the base's side of the palm that lead to no fingertip."""
+    parent = {joint.child: joint.parent for joint in tree.joints}
+
+    def above(link: str) -> list[str]:
+        chain = [link]
+        while chain[-1] in parent:
+            chain.append(parent[chain[-1]])
+        return chain
+
+    assert config.base_link is not None
+    if config.base_link == config.palm:
+        return tree
+    arm = above(config.base_link)[-2]
+    kept = {link for tip in config.fingertips.values() for link in above(tip)}
+    gone = {link for link in tree.links if arm in above(link) and link not in kept}
+    links = {name: mesh for name, mesh in tree.links.items() if name not in gone}
+    return replace(tree, links=links, joints=tuple(joint for joint in tree.joints if joint.child not in gone))
+
+
+def _place(tree: Tree, config: HandConfig) -> str:
+    """Return the link at which the hand hangs in the world: the base where the palm hangs from it, else the palm."""
+    if config.base_link is not None and config.palm in _descendants(tree, config.base_link):
+        return config.base_link
+    return config.palm
+
+
+def _below(tree: Tree, link: str) -> Tree:
+    """Return the tree of a link and all links below it."""
+    kept = _descendants(tree, link)
+    links = {name: mesh for name, mesh in tree.links.items() if name in kept}
+    return replace(tree, links=links, joints=tuple(joint for joint in tree.joints if joint.parent in kept))
+
+
+def _descendants(tree: Tree, link: str) -> set[str]:
+    """Return a link and all links below it."""
+    children: dict[str, list[str]] = {}
+    for joint in tree.joints:
+        children.setdefault(joint.parent, []).append(joint.child)
+    found, waiting = set(), [link]
+    while waiting:
+        found.add(waiting[-1])
+        waiting += children.get(waiting.pop(), [])
+    return found

@@ -1,0 +1,96 @@
+"""What of a tree cannot be a hand's: names in the YAML that do not exist, sizes in another unit, joints of another kind."""
+
+import numpy as np
+from scipy.spatial import ConvexHull, QhullError
+
+from dexnudge.errors import HandError
+from dexnudge.hands.config import HandConfig
+from dexnudge.hands.tree import Tree
+
+LONGEST_LINK = 2.0  # [m] a forearm or a stand; longer is in another unit
+LONGEST_SLIDE = 0.5  # [m] from zero; farther than any gripper opens
+FLATTEST_LINK = 1e-9  # volume of the hull / longest side cubed
+
+
+def check_names(tree: Tree, config: HandConfig) -> None:
+    """Refuse a YAML that names links or joints that do not exist, or couples joints that cannot be."""
+    named = {"palm": config.palm, "base_link": config.base_link}
+    named |= {f"fingertips.{digit}": link for digit, link in config.fingertips.items()}
+    for key, link in named.items():
+        if link is not None and link not in tree.links:
+            raise HandError(
+                f"the hand's YAML names an unknown link: key '{key}': "
+                f"expected one of {list(tree.links)}, got '{link}'; mend it"
+            )
+    movable = [joint.name for joint in tree.joints if not joint.fixed and joint.mimic is None]
+    for follower, leader in config.couplings:
+        for name in (follower, leader):
+            if name not in movable:
+                raise HandError(
+                    "the hand's YAML couples an unknown joint: key 'couplings': "
+                    f"expected some of {movable}, got '{name}'; mend it"
+                )
+        limits = {joint.name: joint for joint in tree.joints}
+        if limits[follower].lower > limits[leader].upper:
+            raise HandError(
+                f"coupling {follower} <= {leader} cannot hold: expected {follower}'s lower limit at most {leader}'s upper, "
+                f"got {limits[follower].lower} and {limits[leader].upper} rad; swap the pair or mend the limits"
+            )
+
+
+def check_sizes(tree: Tree) -> None:
+    """Refuse links that are too long for a hand or too far from each other, or flat."""
+    for joint in tree.joints:
+        distance = float(np.linalg.norm(joint.origin[:3, 3]))
+        if distance > LONGEST_LINK:
+            raise HandError(
+                f"joint '{joint.name}' lies {distance:.3g} m from the frame of '{joint.parent}': expected at most "
+                f"{LONGEST_LINK:g} m; in millimetres? give its origin in metres"
+            )
+    for link, mesh in tree.links.items():
+        if not len(mesh.faces):
+            continue
+        longest = float(mesh.extents.max())
+        if longest > LONGEST_LINK:
+            raise HandError(
+                f"link '{link}' is {longest:.3g} m long: expected at most {LONGEST_LINK:g} m; in millimetres? "
+                'give its mesh scale="0.001 0.001 0.001", or a basic shape its size in metres'
+            )
+        try:
+            volume = ConvexHull(mesh.vertices / longest).volume
+        except QhullError:
+            volume = 0.0
+        if volume < FLATTEST_LINK:
+            raise HandError(
+                f"the geometry of link '{link}' is flat: expected a body with a thickness, which physics needs; "
+                "give it one, or replace it by a thin box"
+            )
+
+
+def check_joints(tree: Tree, config: HandConfig) -> None:
+    """Refuse joints that neither turn nor slide, and slides without an end or as long as in another unit."""
+    for joint in tree.joints:
+        if joint.places is not None:
+            raise HandError(
+                f"joint '{joint.name}': expected type revolute, continuous, prismatic, fixed, got '{joint.places}'; "
+                "replace the joint or fix it"
+            )
+        if not joint.slides or joint.mimic is not None:
+            continue
+        farthest = max(abs(joint.lower), abs(joint.upper))
+        if not np.isfinite(farthest):
+            raise HandError(
+                f"joint '{joint.name}' slides without limits: expected a least and a greatest value [m], found none; "
+                "add them"
+            )
+        if farthest > LONGEST_SLIDE:
+            raise HandError(
+                f"joint '{joint.name}': expected limits in metres, at most {LONGEST_SLIDE:g} from zero, got "
+                f"{joint.lower:g} to {joint.upper:g}; in millimetres? write {joint.lower / 1e3:g} to {joint.upper / 1e3:g}"
+            )
+    slides = {joint.name: joint.slides for joint in tree.joints}
+    for follower, leader in config.couplings:
+        if slides[follower] != slides[leader]:
+            raise HandError(
+                f"coupling {follower} <= {leader} compares a slide with an angle: expected joints of one kind; mend the pair"
+            )
