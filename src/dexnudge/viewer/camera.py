@@ -51,7 +51,15 @@ class Camera:
         return rays / np.linalg.norm(rays, axis=1, keepdims=True)
 
 
-def framing_camera(points: Float[np.ndarray, "n 3"], *, azimuth: float, elevation: float, aspect: float) -> Camera:
+def framing_camera(
+    points: Float[np.ndarray, "n 3"],
+    *,
+    azimuth: float,
+    elevation: float,
+    aspect: float,
+    tangent: float = TAN_HALF_HEIGHT,
+    filled: float = FILLED,
+) -> Camera:
     """Return the nearest camera in a given direction that sees all `points` [m] with a margin.
 
     Args:
@@ -59,15 +67,17 @@ def framing_camera(points: Float[np.ndarray, "n 3"], *, azimuth: float, elevatio
         azimuth: direction from the points to the camera, from x towards y [rad].
         elevation: the same above the horizon [rad]; below a right angle.
         aspect: width of the picture over its height.
+        tangent: of half the vertical angle of view; the smaller, the less perspective.
+        filled: share of the picture's width or height that the points take.
     """
     backward = np.array([np.cos(elevation) * np.cos(azimuth), np.cos(elevation) * np.sin(azimuth), np.sin(elevation)])
     right = np.cross([0.0, 0.0, 1.0], backward)
     right /= np.linalg.norm(right)
     axes = np.stack([right, np.cross(backward, right), backward])
     local = points @ axes.T
-    tangents = np.array([TAN_HALF_HEIGHT * aspect, TAN_HALF_HEIGHT])
+    tangents = np.array([tangent * aspect, tangent])
     # A point is in view where |x - x_camera| <= tangent (z_camera - z): two planes for each axis.
-    reach = FILLED * tangents
+    reach = filled * tangents
     high = (local[:, :2] + reach * local[:, 2:]).max(axis=0)
     low = (local[:, :2] - reach * local[:, 2:]).min(axis=0)
     distance = ((high - low) / (2 * reach)).max()

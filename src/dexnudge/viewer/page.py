@@ -16,18 +16,18 @@ from dexnudge.errors import InputError, OutputError, check_path
 from dexnudge.viewer.charts import recording_charts
 from dexnudge.viewer.page_data import ASPECT, page_data
 from dexnudge.viewer.recording import Recording, recording_camera
-from dexnudge.viewer.visual_scene import PALETTE, Role, VisualScene
+from dexnudge.viewer.visual_scene import PALETTE, Colour, VisualScene
 
 LARGEST_PAGE = 500  # configurations; more would make the page slow to open
 MOST_FRAMES = 1000  # a longer recording is thinned, so that the page stays below a few megabytes
 OPACITY = 40  # [%] of the surroundings at first
 DECIMALS = 4  # of a curve's numbers
-LEGEND: dict[Role, str] = {
-    "object": "object",
-    "fingertip": "fingertips",
-    "contact": "contacts",
-    "arrow": "motion",
-    "environment": "surroundings",
+LEGEND: dict[str, Colour] = {
+    "object": PALETTE["object"],
+    "fingertips": PALETTE["fingertip"],
+    "contacts": PALETTE["contact"],
+    "motion": PALETTE["arrow"],
+    "surroundings": PALETTE["environment"],
 }
 MILLIMETRES = 1e3  # depths are measured in metres and shown in millimetres
 HEADINGS = {  # of values that are shown under another name or in another unit than they have: heading, factor
@@ -129,7 +129,7 @@ def write_recording_page(recording: Recording, path: Path | str) -> Path:
         path,
         "recording",
         _recording_data(recording),
-        {role: text for role, text in LEGEND.items() if role != "contact"},
+        {text: colour for text, colour in LEGEND.items() if text != "contacts"},
         title=escape(recording.title),
         subtitle=escape(recording.subtitle),
         last=len(recording.frames) - 1,
@@ -161,30 +161,34 @@ def _recording_data(recording: Recording) -> dict[str, Any]:
 
 
 def write_template(
-    path: Path | str, kind: str, data: dict[str, Any], legend: Mapping[Role, str], **values: object
+    path: Path | str,
+    kind: str,
+    data: dict[str, Any],
+    legend: Mapping[str, Colour],
+    **values: object,
 ) -> Path:
     """Fill the package's template of this kind, with its style and script, and write it.
 
     Args:
         path: of the HTML file.
-        kind: of page: "configurations", "recording" or "scene".
+        kind: of page: "configurations", "hand", "recording" or "scene".
         data: for the script, as `page_data` returns it.
-        legend: what the colour of each role means.
+        legend: what is shown, plain text, and its sRGB colour.
         values: HTML to be put in; text in it must be escaped already.
 
     Raises:
         OutputError: the file cannot be written.
     """
     check_path("path", path)
-    package = files("dexnudge.viewer")
+    templates = files("dexnudge.viewer") / "templates"
 
     def text(*names: str) -> str:
-        return "".join((package / name).read_text(encoding="utf-8") for name in names)
+        return "".join((templates / name).read_text(encoding="utf-8") for name in names)
 
     entries = "".join(
-        f'<span><i style="background:rgb({" ".join(str(round(255 * channel)) for channel in PALETTE[role])})"></i>'
+        f'<span><i style="background:rgb({" ".join(str(round(255 * channel)) for channel in colour)})"></i>'
         f"{escape(name)}</span>"
-        for role, name in legend.items()
+        for name, colour in legend.items()
     )
     body = Template(text(f"{kind}.html")).substitute(opacity=OPACITY, legend=entries, **values)
     page = Template(text("page.html")).substitute(

@@ -7,7 +7,7 @@ from typing import Any
 import numpy as np
 import trimesh
 
-from dexnudge.viewer.camera import TAN_HALF_HEIGHT, Camera, choose_camera
+from dexnudge.viewer.camera import Camera, choose_camera
 from dexnudge.viewer.ray_scene import corner_normals
 from dexnudge.viewer.thinning import thinned
 from dexnudge.viewer.visual_scene import (
@@ -54,6 +54,7 @@ def page_data(scenes: Sequence[VisualScene], *, camera: Camera | None = None) ->
             {
                 "geometry": place[id(part.mesh)],
                 "role": part.role,
+                "colour": part.colour,
                 "moves": part.role in MOVING,
                 "surrounds": part.role in SURROUNDINGS,
             }
@@ -74,15 +75,16 @@ def page_data(scenes: Sequence[VisualScene], *, camera: Camera | None = None) ->
 
 
 def _camera(scene: VisualScene, camera: Camera) -> dict[str, Any]:
-    """Return the camera as the page turns it: about a point near the object."""
-    middle = scene.vertices("object").mean(axis=0)
+    """Return the camera as the page turns it: about a point near the object, or near a hand that is alone."""
+    seen = scene.vertices("object") if scene.with_role("object") else scene.vertices("link", "fingertip")
+    middle = seen.mean(axis=0)
     distance = float((middle - camera.position) @ camera.forward)
     return {
         "target": (camera.position + distance * camera.forward).tolist(),
         "distance": distance,
         "azimuth": camera.azimuth,
         "elevation": camera.elevation,
-        "tangent": TAN_HALF_HEIGHT,
+        "tangent": camera.tan_height,
     }
 
 

@@ -63,7 +63,7 @@ def render_png(scene: VisualScene, path: Path | str, *, size: tuple[int, int] = 
         InputError: a path that does not end in .png.
         OutputError: the file cannot be written.
     """
-    _check_png(path)
+    check_png(path)
     return write_png(render_array(scene, size=size), path)
 
 
@@ -74,7 +74,7 @@ def write_png(picture: UInt8[np.ndarray, "height width 3"], path: Path | str) ->
         InputError: a path that does not end in .png.
         OutputError: the file cannot be written.
     """
-    _check_png(path)
+    check_png(path)
     path = Path(path)
     try:
         Image.fromarray(picture).save(path, format="PNG", optimize=False)
@@ -85,7 +85,8 @@ def write_png(picture: UInt8[np.ndarray, "height width 3"], path: Path | str) ->
     return path
 
 
-def _check_png(path: Path | str) -> None:
+def check_png(path: Path | str) -> None:
+    """Refuse a path that does not end in .png; InputError."""
     check_path("path", path)
     if Path(path).suffix.lower() != ".png":
         raise InputError(f"`path` is {quote(str(path))}; expected a name that ends in .png; pictures are PNG files")

@@ -10,7 +10,16 @@ from dexnudge.geometry.warp_runtime import WarpStruct, wp
 from dexnudge.jobs.cached import cached_per_instance
 from dexnudge.viewer.camera import Camera, hiding_faces
 from dexnudge.viewer.trace_kernel import TRIANGLE, Geometry, Triangle, warp_mesh
-from dexnudge.viewer.visual_scene import CONTACT_RADIUS, CREASE_ANGLE, PALETTE, SURROUNDINGS, Part, Role, VisualScene
+from dexnudge.viewer.visual_scene import (
+    CONTACT_RADIUS,
+    CREASE_ANGLE,
+    PALETTE,
+    SURROUNDINGS,
+    Colour,
+    Part,
+    Role,
+    VisualScene,
+)
 
 LARGEST_FAN = 128  # triangles at one vertex beyond which its corners stay flat: the cost grows with the square
 MERGE_DIGITS = 6  # vertices closer than a micrometre are one
@@ -53,7 +62,7 @@ EDGE_COLOUR = (0.45, 0.50, 0.57)  # sRGB
 Triangles = Shaped[np.ndarray, " face"]  # of type TRIANGLE
 
 
-def linear_colour(srgb: tuple[float, float, float]) -> Float[np.ndarray, "3"]:
+def linear_colour(srgb: Colour) -> Float[np.ndarray, "3"]:
     """Return the linear light of an sRGB colour (IEC 61966-2-1)."""
     value = np.asarray(srgb)
     return np.where(value <= 0.04045, value / 12.92, ((value + 0.055) / 1.055) ** 2.4)
@@ -64,8 +73,8 @@ def ray_scene(
 ) -> tuple[WarpStruct, list[wp.Mesh]]:
     """Pack everything solid, what of the environment hides the subject as glass, and contacts as markers that show through.
 
-    Markers are contacts, supports and obstacles. Returns the kernels' `Geometry`, and the trees that it refers to by
-    number, which must outlive it.
+    Markers are contacts, supports, obstacles and arrows that are parts. Returns the kernels' `Geometry`, and the trees that
+    it refers to by number, which must outlive it.
 
     hiding: of each part of the environment, the triangles that are glass; `hiding_faces` unless given. What was never seen
         is glass in any case.
@@ -90,7 +99,7 @@ def ray_scene(
     ball = trimesh.creation.icosphere(subdivisions=2, radius=CONTACT_RADIUS)
     places = [trimesh.transformations.translation_matrix(point) for point in scene.contacts]
     markers = [_triangles(Part("contact", "contact", ball, T_world_ball)) for T_world_ball in places]
-    markers += [_triangles(part) for part in scene.with_role("support", "obstacle")]
+    markers += [_triangles(part) for part in scene.with_role("support", "obstacle", "arrow")]
     seen = {"solid": solid, "glass": glass, "markers": [np.zeros(0, TRIANGLE), *markers]}
     table = {name: np.concatenate(group) for name, group in seen.items()}
     geometry, trees = Geometry(), []
@@ -108,7 +117,7 @@ def _triangles(part: Part) -> Triangles:
     triangles = np.zeros(len(part.mesh.faces), TRIANGLE)
     triangles["corners"] = part.vertices_in_world()[part.mesh.faces]
     triangles["normals"] = corner_normals(part.mesh) @ np.asarray(part.T_world_part)[:3, :3].T
-    triangles["colour"] = linear_colour(PALETTE[part.role])
+    triangles["colour"] = linear_colour(part.colour)
     triangles["gloss"] = GLOSS.get(part.role, 0.0)
     triangles["opacity"] = GLASS_OPACITY
     return triangles

@@ -17,7 +17,7 @@ from dexnudge.viewer.camera import Camera, choose_camera, framing_camera
 from dexnudge.viewer.page import write_template
 from dexnudge.viewer.page_data import ASPECT, page_data
 from dexnudge.viewer.picture import SIZE, render_array, write_png
-from dexnudge.viewer.visual_scene import SURROUNDINGS, Part, Role, VisualScene, surrounding_parts
+from dexnudge.viewer.visual_scene import PALETTE, SURROUNDINGS, Part, Role, VisualScene, surrounding_parts
 
 AROUND = 0.10  # [m] of the surroundings that the picture shows beside object and motion
 RING_WIDTH = 0.005  # [m] of the outline of what carries the object
@@ -79,7 +79,8 @@ def write_scene_page(view: VisualScene, path: Path | str, *, title: str, finding
     Raises:
         OutputError: the file cannot be written.
     """
-    legend = SCENE_LEGEND | {role: name for role, name in WHERE_THERE.items() if view.with_role(role)}
+    names = SCENE_LEGEND | {role: name for role, name in WHERE_THERE.items() if view.with_role(role)}
+    legend = {name: PALETTE[role] for role, name in names.items()}
     rows = "\n".join(_row(finding) for finding in findings)
     data = page_data([view], camera=_camera(view, ASPECT))
     return write_template(path, "scene", data, legend, title=escape(title), rows=rows)

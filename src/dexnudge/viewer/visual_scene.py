@@ -35,7 +35,8 @@ SHOWN = 1.0  # [m] of a large scan beside object and motion that picture and pag
 LARGE = 100_000  # triangles from which only the neighbourhood is shown, thinned
 SURROUNDINGS: tuple[Role, ...] = ("environment", "assumed", "unseen")  # measured or given, completed, never seen
 
-PALETTE: dict[Role, tuple[float, float, float]] = {  # sRGB, 0..1
+Colour = tuple[float, float, float]  # sRGB, 0..1
+PALETTE: dict[Role, Colour] = {
     "object": (0.94, 0.42, 0.16),
     "environment": (0.87, 0.84, 0.79),
     "assumed": (0.66, 0.76, 0.62),
@@ -62,12 +63,18 @@ UPRIGHT = 0.99  # |cosine| from which a motion counts as vertical
 
 @dataclass(frozen=True, eq=False)
 class Part:
-    """One rigid body: `mesh` [m] in its own frame, `T_world_part` (4, 4), and what it is."""
+    """One body: `mesh` [m] in its own frame, `T_world_part` (4, 4), what it is, and its sRGB colour if not the role's."""
 
     name: str
     role: Role
     mesh: trimesh.Trimesh
     T_world_part: Float[np.ndarray, "4 4"]
+    own_colour: Colour | None = None
+
+    @property
+    def colour(self) -> Colour:
+        """Its own colour, or that of its role."""
+        return self.own_colour or PALETTE[self.role]
 
     def vertices_in_world(self) -> Float[np.ndarray, "n 3"]:
         """Return the vertices [m], world frame."""
@@ -83,14 +90,14 @@ class VisualScene:
     """One configuration in its scene.
 
     Attributes:
-        parts: object, environment and links; parts without triangles are left out.
+        parts: object, environment and links; parts without triangles are left out. Of a hand alone: its links.
         contacts: points where hand and object touch [m], world frame.
         motion: unit direction in which the object shall move, world frame; zero where it shall not, as in a grasp.
         motion_length: how far [m].
         arrow_length: of the arrow that shows the motion [m]; of a length that reads well unless given.
 
     Raises:
-        InputError: no part is an object.
+        InputError: no part is an object or belongs to a hand.
     """
 
     parts: tuple[Part, ...]
@@ -100,8 +107,10 @@ class VisualScene:
     arrow_length: float | None = None
 
     def __post_init__(self) -> None:
-        if not self.with_role("object"):
-            raise InputError("a visual scene needs a part with the role 'object'; expected one or more, got none")
+        if not self.with_role("object", "link", "fingertip"):
+            raise InputError(
+                "a visual scene needs a part with the role 'object', 'link' or 'fingertip'; expected one or more, got none"
+            )
 
     def with_role(self, *roles: Role) -> tuple[Part, ...]:
         """Return the parts that have one of these roles."""

@@ -151,7 +151,7 @@ const createStage = (data, shown) => {
     const poseOf = (k) => matrix(poses.subarray(12 * k, 12 * k + 12), data.bodies[k].moves ? move : still);
 
     data.bodies.forEach((entry, k) => {
-      if (!entry.surrounds) body(shapes[entry.geometry], poseOf(k), data.palette[entry.role], 1);
+      if (!entry.surrounds) body(shapes[entry.geometry], poseOf(k), entry.colour, 1);
     });
     if (arrow) body(shapes[data.arrow], identity(arrow), data.palette.arrow, 1);
     for (const point of contacts) body(shapes[data.ball], identity(add(point, move)), data.palette.contact, 1);
@@ -164,7 +164,7 @@ const createStage = (data, shown) => {
         gl.depthMask(opacity === 1);
         gl.enable(gl.POLYGON_OFFSET_FILL);
         gl.polygonOffset(1, 1);
-        body(shape, poseOf(k), data.palette[entry.role], opacity);
+        body(shape, poseOf(k), entry.colour, opacity);
         gl.disable(gl.POLYGON_OFFSET_FILL);
         gl.disable(gl.CULL_FACE);
         gl.bindVertexArray(shape.edges);
