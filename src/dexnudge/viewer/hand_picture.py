@@ -46,7 +46,7 @@ def hand_picture(hand: Hand, *, tile: tuple[int, int] = TILE) -> UInt8[np.ndarra
     way = closing(hand)
     poses = {"rest": way.rest, "open": way.open, "closed": way.closed}
     views = hand_views(hand, list(poses.values()))
-    cameras = _cameras(views, tile)
+    cameras = hand_cameras(views, tile)
     pictures = [render_array(view, size=tile, camera=camera) for camera in cameras.values() for view in views]
     sheet = arrange(pictures, [f"{pose}, {side}" for side in cameras for pose in poses], columns=len(poses))
     camera = next(iter(cameras.values()))
@@ -56,10 +56,14 @@ def hand_picture(hand: Hand, *, tile: tuple[int, int] = TILE) -> UInt8[np.ndarra
     return np.concatenate([heading, sheet, _legend(hand, pixels_per_metre, sheet.shape[1], tile[1])])
 
 
-def _cameras(views: Sequence[VisualScene], tile: tuple[int, int]) -> dict[str, Camera]:
+def hand_cameras(views: Sequence[VisualScene], tile: tuple[int, int]) -> dict[str, Camera]:
     """Return one camera for each side; all stand equally far from the palm.
 
     They see all that any of the views shows, and of a long base as much as stands close to the rest.
+
+    Args:
+        views: as `hand_views` returns them.
+        tile: width and height of a picture in pixels.
     """
     points = np.concatenate([view.vertices("link", "fingertip", "arrow") for view in views])
     around = BASE_SHOWN * np.ptp(points, axis=0).max()

@@ -75,7 +75,8 @@ def palm_in_view(hand: Hand) -> Float[np.ndarray, "4 4"]:
 
 def hand_summary(hand: Hand) -> str:
     """Return how many joints and digits it has, and what the colours of a digit mean."""
-    return f"{hand.num_joints} joints, {len(hand.fingertips)} digits; tips, which make contact, in full colour"
+    joints = f"{hand.num_joints} joint{'' if hand.num_joints == 1 else 's'}"
+    return f"{joints}, {len(hand.fingertips)} digits; tips, which make contact, in full colour"
 
 
 def hand_legend(hand: Hand) -> dict[str, Colour]:
@@ -134,7 +135,12 @@ def _axes(hand: Hand) -> Float[np.ndarray, "3 3"]:
     way = fingers.mean(axis=0) - _palm_face(hand)
     if np.linalg.norm(np.cross(way, normal)) > ALONG * np.linalg.norm(way):
         return np.stack([normal, np.cross(hand.finger_axis, normal), hand.finger_axis])
-    apart = tips - tips.mean(axis=0)
+    # At mid-range even jaws are apart; their middles show in which direction.
+    (poses,) = _link_poses(hand, [(hand.lower + hand.upper) / 2])
+    places = [
+        trimesh.transform_points([hand.link_meshes[tip].centroid], poses[tip])[0] for tip in hand.fingertip_indices
+    ]
+    apart = np.asarray(places) - np.mean(places, axis=0)
     apart -= np.outer(apart @ normal, normal)
     across = np.linalg.svd(apart)[2][0]
     across *= np.sign(apart[0] @ across) or 1.0
