@@ -1,6 +1,7 @@
 """What a new hand gains by starting from another hand's weights: equal data and steps, loss and success side by side.
 
-Writes docs/data/transfer.csv. A stopped run goes on; what is there already is not run again.
+Writes docs/data/transfer.csv and the table in docs/concepts/measurements.md. A stopped run goes on; what is there already
+is not run again.
 """
 
 import csv
@@ -21,6 +22,7 @@ ROOT = Path(__file__).parents[1]
 SETTINGS = "--groups 32 --grasp-fraction 0.1 --min-direction-margin 1.5 --scale-jitter 0 --token-layout single"
 WARM_UP = 100  # steps
 SCENES = ("table", "layers", "shelf")
+BEGIN, END = "<!-- transfer:begin -->", "<!-- transfer:end -->"
 ERRORS = {"loss": "loss", "translation_mm": "translation_mm_at_0.25", "joints_deg": "joints_deg_at_0.25"}
 
 
@@ -50,8 +52,9 @@ class Transfer:
         starts = {"nothing": (), self.start_from.name: ("--start-from", str(self.start_from))}
         rows = [self._row(start, given, steps) for steps in self.steps for start, given in starts.items()]
         (self.root / "docs" / "data" / "transfer.csv").write_text(csv_text(rows), encoding="utf-8")
-        shown = ["hand", "start", "steps", "loss", *SCENES]
-        print(Table(shown, [[row[name] for name in shown] for row in rows]).markdown())
+        page = self.root / "docs" / "concepts" / "measurements.md"
+        before, rest = page.read_text(encoding="utf-8").split(BEGIN)
+        page.write_text(f"{before}{BEGIN}\n{_text(rows)}\n{END}{rest.split(END)[1]}", encoding="utf-8")
 
     def _row(self, start: str, given: tuple[str, ...], steps: int) -> dict[str, Any]:
         run = self.folder / f"{start}-{steps}"
@@ -72,6 +75,20 @@ class Transfer:
         machine = {"version": made["made_with"]["dexnudge"], "machine": made["made_with"]["processor"]}
         draws = {"objects": found["table"]["objects"], "draws": found["table"]["draws"]}
         return {"hand": hand, "start": start, "steps": steps, **errors, **rates, **about, **draws, **machine}
+
+
+def _text(rows: list[dict[str, Any]]) -> str:
+    shown = [
+        [row["start"], row["steps"], row["loss"], *(f"{100 * float(row[scene]):.1f}" for scene in SCENES)]
+        for row in rows
+    ]
+    table = Table(["starts from", "steps", "loss on held-out objects", *SCENES], shown, labels=1).markdown()
+    row = rows[0]
+    return (
+        f"{table}\n\n{row['hand']}, {row['rows_trained']:,} rows of {row['objects_trained']} objects; single draws, "
+        f"% verified of {row['draws']} a scene on {row['objects']} objects of `{row['set']}`; dexnudge {row['version']}, "
+        f"{row['machine']}: [transfer.csv](../data/transfer.csv)."
+    )
 
 
 def _dexnudge(*arguments: str) -> None:
