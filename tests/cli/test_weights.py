@@ -7,7 +7,7 @@ from pathlib import Path
 
 import pytest
 
-from dexnudge.sampling.sampler import SHIPPED_WEIGHTS
+from dexnudge.diffusion.checkpoint import SHIPPED_WEIGHTS
 
 RESULTS = ("configurations.npz", "summary.json", "model", "report.md")
 SCENE = ["sample", "phone", "--scene", "table"]

@@ -84,9 +84,9 @@ def test_spread_and_size(toy_folder):
 
 def test_joints_in_percent_of_the_hand_that_the_manifest_names(toy, tmp_path):
     hand, manifest = shadow_lite(), toy.toy_manifest(1)
-    assert known_hand(manifest) is None  # nobody has a hand "toy"
+    assert known_hand(manifest, tmp_path) is None  # nobody has a hand "toy"
     manifest.config = {"hand": "shadow_lite"}
-    assert known_hand(manifest).joint_names == hand.joint_names
+    assert known_hand(manifest, tmp_path).joint_names == hand.joint_names
     toy.write_toy_dataset(tmp_path, num_objects=1, manifest=manifest)
     joints, rows = describe(tmp_path).tables["joints"], all_rows(tmp_path)
     angles = np.array([row["q"][9:] for row in rows])

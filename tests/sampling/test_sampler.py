@@ -7,12 +7,13 @@ import numpy as np
 import pytest
 import torch
 
+from dexnudge.diffusion.checkpoint import SHIPPED_WEIGHTS
 from dexnudge.errors import CheckpointError, InputError, UnknownNameError
 from dexnudge.hands.export import export_hand
 from dexnudge.hands.registry import load_hand
 from dexnudge.results.samples import Sample, Samples
 from dexnudge.sampling.methods import METHODS
-from dexnudge.sampling.sampler import SHIPPED_WEIGHTS, Sampler
+from dexnudge.sampling.sampler import Sampler
 from dexnudge.verification.verdicts import verify
 
 RANDOM = "random_start_projection"

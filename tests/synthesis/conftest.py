@@ -37,36 +37,6 @@ def generated(hand: Hand):
 
 
 @pytest.fixture(scope="session")
-def gripper(tmp_path_factory: pytest.TempPathFactory) -> Path:
-    """The URDF of a thumb before two fingers, all of boxes: nothing of it needs to be cut, so runs start at once."""
-    folder = tmp_path_factory.mktemp("gripper")
-    parts = [_box_link("palm", (0.06, 0.075, 0.02), (0.0, -0.0275, -0.012))]
-    for digit, x, y, bends in (("a", 0.012, 0.0, 1), ("b", -0.012, 0.0, 1), ("t", 0.0, -0.055, -1)):
-        parts.append(_box_link(f"{digit}near", (0.014, 0.014, 0.04), (0.0, 0.0, 0.022)))
-        parts.append(_box_link(f"{digit}tip", (0.014, 0.014, 0.03), (0.0, 0.0, 0.017)))
-        parts.append(_joint(f"{digit}2", "palm", f"{digit}near", (x, y, 0.0), bends))
-        parts.append(_joint(f"{digit}1", f"{digit}near", f"{digit}tip", (0.0, 0.0, 0.044), bends))
-    (folder / "gripper.urdf").write_text(f'<robot name="gripper">{"".join(parts)}</robot>')
-    (folder / "gripper.yaml").write_text(
-        "palm: palm\nfingertips: {A: atip, B: btip, T: ttip}\npalm_normal: [0, -1, 0]\ncouplings: [[a1, a2], [b1, b2]]\n"
-    )
-    return folder / "gripper.urdf"
-
-
-def _box_link(name: str, size: tuple[float, float, float], centre: tuple[float, float, float]) -> str:
-    shape = f'<origin xyz="{centre[0]} {centre[1]} {centre[2]}"/><geometry><box size="{size[0]} {size[1]} {size[2]}"/>'
-    return f'<link name="{name}"><collision>{shape}</geometry></collision></link>'
-
-
-def _joint(name: str, parent: str, child: str, origin: tuple[float, float, float], bends: int) -> str:
-    return (
-        f'<joint name="{name}" type="revolute"><parent link="{parent}"/><child link="{child}"/>'
-        f'<origin xyz="{origin[0]} {origin[1]} {origin[2]}"/><axis xyz="{bends} 0 0"/>'
-        '<limit lower="-0.3" upper="1.3"/></joint>'
-    )
-
-
-@pytest.fixture(scope="session")
 def config(gripper: Path) -> GenerationConfig:
     """Few attempts of each kind."""
     return GenerationConfig(hand=str(gripper), non_prehensile=48, grasps=32)

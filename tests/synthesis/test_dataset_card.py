@@ -96,10 +96,13 @@ def test_builtin_sets_are_known_by_their_names(toy):
     manifest: Manifest = toy.toy_manifest()
     assert builtin_set(manifest) is None
     manifest.objects = dict.fromkeys(builtin_names("test"), None)
-    failed = manifest.objects.popitem()[0]
+    failed = next(iter(manifest.objects))
+    del manifest.objects[failed]
     assert builtin_set(manifest) is None
     manifest.failed_objects = {failed: "reason"}
     assert builtin_set(manifest) == "builtin:test"
+    manifest.objects, manifest.failed_objects = dict.fromkeys(builtin_names("test")[::14], None), {}
+    assert builtin_set(manifest) == "builtin:test:3"
 
 
 def test_the_same_data_give_the_same_bytes_with_the_card_in_place(toy_folder, text):

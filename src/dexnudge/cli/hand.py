@@ -8,7 +8,7 @@ from typing import TYPE_CHECKING, Annotated
 
 import tyro
 
-from dexnudge.cli.arguments import Flag, OptionalFolder, metavar, say, stdout, table
+from dexnudge.cli.arguments import Flag, OptionalCount, OptionalFolder, OptionalNumber, metavar, say, stdout, table
 
 if TYPE_CHECKING:
     from dexnudge.hands.hand import Hand
@@ -29,8 +29,25 @@ class HandCommand:
     overwrite: Flag = False
     """Replace an existing exported hand; other files in its folder stay."""
 
+    learn: Flag = False
+    """Learn the hand: data, training and evaluation in its prepared folder, or in --out; goes on where it was stopped."""
+    minutes: OptionalNumber = None
+    """With --learn: wall-clock time for all of it; 60 unless given."""
+    out: OptionalFolder = None
+    """With --learn: folder to prepare a named hand or a description in, and to learn it in."""
+    workers: OptionalCount = None
+    """With --learn: processes; one for each core unless given."""
+    seed: OptionalCount = None
+    """With --learn: of data, training and evaluation; 0 unless given."""
+
     def run(self) -> int:
         """Write the folder if asked; print the tables."""
+        if self.learn:
+            from dexnudge.cli.hand_learning import learn
+
+            return learn(
+                self.hand, out=self.out, base=self.base, minutes=self.minutes, workers=self.workers, seed=self.seed
+            )
         from dexnudge.hands.registry import load_hand
 
         if self.export is None:

@@ -159,7 +159,7 @@ class Sample(SceneOptions):
 
 
 def _weights_of(sampler: Sampler) -> str:
-    from dexnudge.sampling.sampler import SHIPPED_WEIGHTS
+    from dexnudge.diffusion.checkpoint import SHIPPED_WEIGHTS
 
     folder = sampler.weights_folder
     return "shipped" if folder.parent == SHIPPED_WEIGHTS else str(folder)

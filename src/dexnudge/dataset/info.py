@@ -97,17 +97,17 @@ def describe(folder: Path | str) -> DatasetInfo:
             "counts": _counts_table(counts),
             **_coverage_tables(rows, np.concatenate([np.zeros((0, len(FACES)), dtype=bool), *faces]), manifest),
             **_histograms(rows),
-            "joints": _joints_table(column_matrix(rows, "q")[:, POSE_DIMENSIONS:], manifest),
+            "joints": _joints_table(column_matrix(rows, "q")[:, POSE_DIMENSIONS:], manifest, folder),
         },
         bytes_on_disk=shard_bytes + cloud_bytes + (folder / MANIFEST_NAME).stat().st_size,
         bytes_per_row=shard_bytes / rows.num_rows if rows.num_rows else 0.0,
     )
 
 
-def known_hand(manifest: Manifest) -> Hand | None:
+def known_hand(manifest: Manifest, folder: Path) -> Hand | None:
     """Return the manifest's hand; None when it cannot be loaded here, or has other joints by now."""
     try:
-        hand = manifest.load_hand()
+        hand = manifest.load_hand(folder)
     except (HandError, UnknownNameError):  # counts can be read without the hand's files
         return None
     return hand if hand.joint_names == manifest.joint_names else None
@@ -245,12 +245,12 @@ def _histograms(rows: pa.Table) -> dict[str, Table]:
     return tables
 
 
-def _joints_table(angles: Float[np.ndarray, "row joint"], manifest: Manifest) -> Table:
+def _joints_table(angles: Float[np.ndarray, "row joint"], manifest: Manifest, folder: Path) -> Table:
     """Which part of its range each joint uses: in degrees, and in percent of the range where the limits are known."""
     spread = np.quantile(angles, [0.0, 0.5, 1.0], axis=0).T if len(angles) else np.full((angles.shape[1], 3), np.nan)
     header = ["joint", "least [deg]", "median [deg]", "greatest [deg]"]
     cells = [np.degrees(spread).round(1)]
-    hand = known_hand(manifest)
+    hand = known_hand(manifest, folder)
     if hand is not None and len(angles):
         lower, upper = hand.lower[:, None], hand.upper[:, None]
         header += ["least [% of range]", "median [% of range]", "greatest [% of range]"]

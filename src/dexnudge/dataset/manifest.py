@@ -1,6 +1,7 @@
 """The dataset's manifest: which hand, which objects, which settings; `manifest.json`."""
 
 import json
+import os
 import re
 from dataclasses import asdict, dataclass, field
 from pathlib import Path
@@ -14,6 +15,7 @@ from dexnudge.jobs.folders import replace_atomically
 MANIFEST_NAME = "manifest.json"
 UNITS = {"length": "m", "angle": "rad"}
 JOINT_GROUPS_KEY = "digit_joints"  # in the file, which is older than the name in the code
+ABOVE = f"..{os.sep}"  # begins the path of a hand that lies above its dataset
 _OBJECT_NAME = re.compile(r"[A-Za-z0-9][A-Za-z0-9_.\-]*")
 
 
@@ -37,9 +39,22 @@ class Manifest:
     versions: dict[str, str] = field(default_factory=dict)
     counts: dict[str, dict[str, object]] = field(default_factory=dict)
 
-    def load_hand(self) -> Hand:
-        """Return the hand that the dataset was generated for; raises HandError or UnknownNameError."""
-        return load_hand(str(self.config.get("hand", self.hand)))
+    def load_hand(self, folder: Path | str) -> Hand:
+        """Return the hand that the dataset in `folder` was generated for; raises HandError or UnknownNameError."""
+        hand = str(self.config.get("hand", self.hand))
+        beside = Path(folder) / hand
+        return load_hand(beside if hand.startswith(ABOVE) and beside.is_file() else hand)
+
+
+def recorded_hand(hand: str, loaded: Hand, folder: Path) -> str:
+    """Return how the dataset in `folder` records its hand: as it was given, or relative to `folder` where it can move along.
+
+    It moves along where its file lies in a folder above, as in a prepared hand's folder with its data below.
+    """
+    file = loaded.source and loaded.source.resolve()
+    if file is None or file.parent not in folder.resolve().parents:
+        return hand
+    return os.path.relpath(file, folder.resolve())
 
 
 def check_object_name(name: str) -> str:

@@ -22,6 +22,7 @@ from dexnudge.diffusion.network import ConditionalDenoiser, Normaliser
 from dexnudge.errors import CheckpointError
 from dexnudge.jobs.folders import replace_atomically
 
+SHIPPED_WEIGHTS = Path(__file__).parent.parent / "weights"  # a model folder for each hand, by its name
 WEIGHTS_NAME = "model.safetensors"
 CONFIG_NAME = "config.json"
 _NETWORK, _NORMALISER = "network.", "normaliser."
@@ -62,6 +63,12 @@ def save_model(
     with replace_atomically(folder / CONFIG_NAME) as temporary:
         temporary.write_text(json.dumps(content, indent=2) + "\n", encoding="utf-8")
     return folder
+
+
+def shipped_or_given(model: str) -> Path:
+    """Return the model folder that `model` means: the shipped weights of a hand by its name, else the path of a folder."""
+    shipped = SHIPPED_WEIGHTS / model
+    return shipped if Path(model).name == model and (shipped / CONFIG_NAME).is_file() else Path(model)
 
 
 def load_model(folder: Path | str) -> tuple[ConditionalDenoiser, Normaliser]:

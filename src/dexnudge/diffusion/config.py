@@ -239,7 +239,7 @@ class TrainingConfig:
     log_every: int = 50
     """Steps between lines of the log."""
     start_from: str | None = None
-    """Model folder, of any hand, whose weights the run starts from; from nothing unless given."""
+    """Hand whose shipped weights the run starts from, or a model folder of any hand; from nothing unless given."""
     seed: int = 0
     """Seed of weights, noise and batches."""
     num_threads: int | None = None

@@ -10,13 +10,13 @@ from torch import Tensor
 
 from dexnudge.dataset.loading import Dataset, split_objects
 from dexnudge.diffusion.batches import BatchSampler
-from dexnudge.diffusion.checkpoint import load_model
+from dexnudge.diffusion.checkpoint import load_model, shipped_or_given
 from dexnudge.diffusion.config import DEFAULT_STEPS, ModelConfig, TrainingConfig
 from dexnudge.diffusion.distributed import Processes, check_precision
 from dexnudge.diffusion.network import ConditionalDenoiser, Normaliser
 from dexnudge.diffusion.objective import diffusion_loss, loss_weights, stratified_timesteps, validate
 from dexnudge.diffusion.schedule import NoiseSchedule
-from dexnudge.errors import CheckpointError, DexnudgeError
+from dexnudge.errors import CheckpointError, DatasetError, DexnudgeError
 
 NORMALISER_STREAM = 2  # random stream of the batches that the normaliser is fitted to
 NORMALISER_BATCHES = 64
@@ -48,7 +48,10 @@ class TrainingRun:
         self.dataset_id = _fingerprint(dataset)
         self.training_objects, self.held_out_objects = split_objects(dataset.object_names)
         self._sampler = BatchSampler(dataset, self.training_objects, config)
-        self._held_out = BatchSampler(dataset, self.held_out_objects, config) if self.held_out_objects else None
+        try:
+            self._held_out = BatchSampler(dataset, self.held_out_objects, config) if self.held_out_objects else None
+        except DatasetError:  # of a tiny dataset, the few objects held out may have no row to validate on
+            self._held_out = None
         self._schedule = NoiseSchedule(config.architecture)
         fitted = [self._sampler.batch(k, stream=NORMALISER_STREAM).q for k in range(NORMALISER_BATCHES)]
         self.normaliser = Normaliser.fit(torch.cat(fitted)).to(self._device)
@@ -56,7 +59,7 @@ class TrainingRun:
             torch.manual_seed(config.seed)  # torch's layers draw their first weights from the global generator only
             self._network = ConditionalDenoiser(self.model_config)
         if config.start_from is not None:
-            take_over(self._network, load_model(config.start_from)[0])
+            take_over(self._network, load_model(shipped_or_given(config.start_from))[0])
         self._network.to(self._device)
         self._parameters: dict[str, Tensor] = dict(self._network.named_parameters())
         self.average = {name: parameter.detach().clone() for name, parameter in self._parameters.items()}

@@ -14,7 +14,7 @@ import numpy as np
 import torch
 from jaxtyping import Float
 
-from dexnudge.diffusion.checkpoint import CONFIG_NAME
+from dexnudge.diffusion.checkpoint import CONFIG_NAME, SHIPPED_WEIGHTS
 from dexnudge.diffusion.prior import DiffusionPrior
 from dexnudge.energies.terms import EnergyTerm, check_terms
 from dexnudge.errors import CheckpointError, InputError, check_integer, check_kind, check_path, check_seed
@@ -31,7 +31,6 @@ from dexnudge.verification.criteria import Criterion, check_criteria, missing_cr
 from dexnudge.verification.verdicts import Verdicts, verify
 
 WEIGHTS_FOLDER = "weights"  # beside a hand's description: the model that was learned for it
-SHIPPED_WEIGHTS = Path(__file__).parent.parent / "weights"
 DEFAULT_METHOD = "steered_noise"
 WITHOUT_WEIGHTS = "random_start_projection"
 MAX_DRAWS_FACTOR = 32  # a search for K verified draws gives up after this many draws each, unless told otherwise

@@ -21,10 +21,11 @@ from dexnudge.dataset.schema import (
     cloud_schema,
     configuration_schema,
 )
+from dexnudge.errors import InputError
 from dexnudge.jobs.folders import replace_atomically
 from dexnudge.mechanics.balance import MAX_FACTOR
 from dexnudge.mechanics.contacts import HAND_CONTACT_DISTANCE
-from dexnudge.objects.builtin import builtin_names
+from dexnudge.objects.sets import BUILTIN_PREFIX, resolve_object_set
 from dexnudge.scenes.scene import FRICTION_ENVIRONMENT, FRICTION_HAND, MASS, MAX_NORMAL_FORCE
 from dexnudge.simulation import hold, model
 from dexnudge.synthesis.acceptance import PENETRATION_LIMIT, PRESSING
@@ -96,9 +97,17 @@ def description(info: DatasetInfo) -> Document:
 
 
 def builtin_set(manifest: Manifest) -> str | None:
-    """Return the built-in set whose objects these are, all of them; None where they come from elsewhere."""
+    """Return the built-in set whose objects these are, all or so many of them; None where they come from elsewhere."""
     names = {*manifest.objects, *manifest.failed_objects}
-    return next((f"builtin:{kind}" for kind in ("train", "test") if names == set(builtin_names(kind))), None)
+    sets = [f"{BUILTIN_PREFIX}{kind}{some}" for kind in ("train", "test") for some in ("", f":{len(names)}")]
+    return next((each for each in sets if names == _names_of(each)), None)
+
+
+def _names_of(objects: str) -> set[str]:
+    try:
+        return {entry.name for entry in resolve_object_set(objects)}
+    except InputError:  # the set has fewer objects
+        return set()
 
 
 def _facts(info: DatasetInfo) -> str:

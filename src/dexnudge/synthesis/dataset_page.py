@@ -53,7 +53,7 @@ def draw_samples(folder: Path | str, *, objects: str | None = None, seed: int = 
     """
     folder = Path(folder)
     manifest = read_manifest(folder)
-    hand = manifest.load_hand()
+    hand = manifest.load_hand(folder)
     meshes = ObjectMeshes(manifest, objects)
     samples = []
     for name, row in pick_rows(folder, manifest, np.random.default_rng(seed)):

@@ -15,7 +15,14 @@ from typing import Any, Literal
 
 from rich.progress import Progress, TextColumn
 
-from dexnudge.dataset.manifest import MANIFEST_NAME, Manifest, joint_groups, read_manifest, write_manifest
+from dexnudge.dataset.manifest import (
+    MANIFEST_NAME,
+    Manifest,
+    joint_groups,
+    read_manifest,
+    recorded_hand,
+    write_manifest,
+)
 from dexnudge.dataset.schema import BehaviourCounts
 from dexnudge.dataset.shards import DamagedShardError, is_complete, read_whole, shard_path
 from dexnudge.errors import DatasetError, HandError, InputError, OutputError, what_failed
@@ -235,7 +242,7 @@ def _open(out: Path, config: GenerationConfig, seed: int) -> Manifest:
         joint_names=hand.joint_names,
         joint_groups=joint_groups(hand),
         objects={},
-        config=asdict(config),
+        config=asdict(replace(config, hand=recorded_hand(config.hand, hand, out))),
         seed=seed,
         versions={"dexnudge": __version__, **{package: version(package) for package in PACKAGES}},
     )

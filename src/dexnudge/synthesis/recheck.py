@@ -50,7 +50,7 @@ class RowCheck:
 
     def __init__(self, folder: Path, manifest: Manifest, meshes: ObjectMeshes) -> None:
         self._folder, self._manifest, self._meshes = folder, manifest, meshes
-        self._hand = manifest.load_hand()
+        self._hand = manifest.load_hand(folder)
 
     def __call__(self, task: tuple[str, Int[np.ndarray, " picked"]]) -> list[str]:
         """Return every difference between an object's rows in the shard and what is found now, in words.
@@ -141,7 +141,7 @@ def check_dataset(
     names = complete_objects(folder, manifest)
     if not names:
         raise DatasetError(f"{folder} holds no shard; expected at least one; run `dexnudge dataset generate` first.")
-    hand = known_hand(manifest)
+    hand = known_hand(manifest, folder)
     shards: dict[str, Shard] = {}
     differences = []
     for name, shard in read_whole(folder, manifest, names, links=hand.link_names if hand else None):

@@ -1,0 +1,256 @@
+"""Learn a hand: data, training and evaluation in one folder, in so many minutes; what was stopped goes on.
+
+HAND/ is a prepared hand. HAND/learning/ holds the plan, the three stages and the report, HAND/weights/ the model.
+"""
+
+import hashlib
+import json
+import math
+import shutil
+from collections.abc import Callable
+from dataclasses import asdict, dataclass, replace
+from pathlib import Path
+from typing import Any
+
+from dexnudge.dataset.manifest import MANIFEST_NAME
+from dexnudge.diffusion.checkpoint import CONFIG_NAME, MODEL_FOLDER, WEIGHTS_NAME
+from dexnudge.diffusion.config import Architecture, TrainingConfig
+from dexnudge.diffusion.model_card import CARD_NAME
+from dexnudge.diffusion.training import train
+from dexnudge.errors import InputError, check_integer, check_seed
+from dexnudge.experiments.config import ExperimentConfig
+from dexnudge.experiments.learning_clock import StageClock
+from dexnudge.experiments.learning_plan import METHODS, LearningPlan, LearningRates, plan_learning
+from dexnudge.experiments.learning_rates import measure_rates
+from dexnudge.experiments.learning_report import write_learning_report
+from dexnudge.experiments.report import write_report
+from dexnudge.experiments.run import FILE, TrialRunner
+from dexnudge.experiments.sampling_trial import SamplingTrial
+from dexnudge.hands.hand import Hand
+from dexnudge.hands.registry import PREPARED_NAME, load_hand
+from dexnudge.jobs.folders import owned_folder, replace_atomically
+from dexnudge.jobs.json_files import read_json_object
+from dexnudge.jobs.processes import available_cores
+from dexnudge.jobs.progress import progress
+from dexnudge.jobs.provenance import machine, versions
+from dexnudge.sampling.sampler import WEIGHTS_FOLDER
+from dexnudge.synthesis.dataset_card import CARD_FILE, write_card
+from dexnudge.synthesis.generate import generate_dataset
+from dexnudge.synthesis.object_data import GenerationConfig
+
+FOLDER, PLAN, CLOCK = "learning", "plan.json", "clock.json"
+DATA, TRAINING, EVALUATION = "data", "training", "evaluation"
+DEFAULT_MINUTES = 60.0
+MINUTES_OF_GRASPS = 30.0  # budgets below this never reach grasps, so that these are not timed
+START_FROM = "shadow_lite"  # whose weights ship
+LEAST_TRAINING = 0.25  # share of its planned time that training gets, also where the data took too long
+SAVED_EVERY = 30.0  # [s] of training that a kill may cost
+VALIDATIONS = 8
+AVERAGED_SHARE = 0.05  # of the steps that the averaged weights remember
+LONGEST_AVERAGE = 0.999  # decay: some 1000 steps
+
+
+@dataclass(frozen=True)
+class Learned:
+    """report: its text. succeeded: whether any draw with the learned weights did, in any scene."""
+
+    report: str
+    succeeded: bool
+
+
+def learn_hand(
+    folder: Path | str,
+    *,
+    minutes: float | None = None,
+    workers: int | None = None,
+    seed: int | None = None,
+    say: Callable[[str], None] = print,
+) -> Learned:
+    """Learn the hand of a prepared folder; go on where an earlier call was stopped.
+
+    minutes: of wall-clock time, earlier calls included; those of the plan, or 60, unless given. workers: processes, and
+    threads of training; as many as there are cores unless given. say: told the plan, and each stage as it begins.
+
+    Raises:
+        InputError: fewer minutes than the least that is of use; or the folder's plan is of other minutes, another seed,
+            or a hand that has changed since.
+        DatasetError: nothing that the hand does is kept. OutputError: the folder cannot be written.
+        KeyboardInterrupt: training was stopped by a signal, with everything saved.
+    """
+    folder = Path(folder)
+    hand = load_hand(folder / PREPARED_NAME)
+    _check(minutes, workers, seed)
+    with owned_folder(folder / FOLDER) as learning:
+        clock = StageClock(learning / CLOCK)
+        with clock.stage("measuring"):
+            plan = _plan(folder, hand, clock, minutes=minutes, workers=workers, seed=seed)
+        say(str(plan))
+        with clock.stage(DATA):
+            _generate(folder, plan)
+        say(f"data after {clock.total / 60.0:.1f} min; training")
+        with clock.stage(TRAINING):
+            _train(learning, plan, clock)
+            _copy_model(learning / TRAINING / MODEL_FOLDER, folder / WEIGHTS_FOLDER)
+        say(f"model after {clock.total / 60.0:.1f} min: {folder / WEIGHTS_FOLDER}; evaluation")
+        with clock.stage(EVALUATION):
+            scenes = _evaluate(folder, plan, clock)
+        with clock.stage("report"):
+            return Learned(*write_learning_report(folder, hand, plan, clock.seconds, scenes))
+
+
+def training_config(plan_steps: int, *, grasps: bool, threads: int, step: float = 0.0, seed: int = 0) -> TrainingConfig:
+    """Return the recipe for so many steps; step: seconds of one, which decides how often the state is saved."""
+    return TrainingConfig(
+        steps=plan_steps,
+        groups=32,
+        rows_per_group=16,
+        warmup_steps=min(500, max(1, plan_steps // 10)),
+        ema_decay=min(LONGEST_AVERAGE, 1.0 - 1.0 / max(2.0, AVERAGED_SHARE * plan_steps)),
+        grasp_fraction=0.2 if grasps else 0.0,
+        min_direction_margin=1.5,
+        validate_every=max(1, math.ceil(plan_steps / VALIDATIONS)),
+        checkpoint_every=max(1, round(SAVED_EVERY / step)) if step else plan_steps,
+        start_from=START_FROM,
+        num_threads=threads,
+        seed=seed,
+        architecture=Architecture(token_layout="single"),  # noqa: S106 - a transformer's tokens, no secret
+    )
+
+
+def _check(minutes: float | None, workers: int | None, seed: int | None) -> None:
+    if minutes is not None and not 0.0 < minutes < math.inf:
+        raise InputError(f"`minutes` is {minutes}; expected more than 0")
+    if workers is not None:
+        check_integer("workers", workers, least=1)
+    if seed is not None:
+        check_seed(seed)
+
+
+def _plan(
+    folder: Path, hand: Hand, clock: StageClock, *, minutes: float | None, workers: int | None, seed: int | None
+) -> LearningPlan:
+    """The plan that was made once, or one made now from what is measured."""
+    path = folder / FOLDER / PLAN
+    if path.is_file():
+        return _read_plan(path, hand_digest(folder), minutes=minutes, seed=seed)
+    minutes, seed = minutes or DEFAULT_MINUTES, seed or 0
+    workers = workers or available_cores()
+    grasps = minutes >= MINUTES_OF_GRASPS
+    rates = measure_rates(
+        hand, training_config(1000, grasps=grasps, threads=workers, seed=seed), seed=seed, grasps=grasps
+    )
+    plan = plan_learning(minutes, rates, workers=workers, seed=seed, measuring=clock.total)
+    write_plan(folder, hand, plan)
+    return plan
+
+
+def write_plan(folder: Path, hand: Hand, plan: LearningPlan) -> None:
+    """Make `plan` the one that learning this prepared hand follows; OutputError where it cannot be written."""
+    content = {"hand": hand.name, "hand_sha256": hand_digest(folder), "plan": asdict(plan)}
+    with replace_atomically(folder / FOLDER / PLAN) as temporary:
+        temporary.write_text(
+            json.dumps({**content, "versions": versions(), "machine": machine()}, indent=2) + "\n", encoding="utf-8"
+        )
+
+
+def _read_plan(path: Path, described: str, *, minutes: float | None, seed: int | None) -> LearningPlan:
+    content = read_json_object(path)
+    try:
+        values: dict[str, Any] = dict(content["plan"])
+        values |= {"rates": LearningRates(**values["rates"]), "scenes": tuple(values["scenes"])}
+        plan, of_hand = LearningPlan(**values), content["hand_sha256"]
+    except (KeyError, TypeError, ValueError) as error:
+        raise InputError(f"{path} holds no plan ({error}); remove {path.parent} to learn anew") from error
+    anew = f"give the same, or remove {path.parent} to learn anew"
+    if of_hand != described:
+        raise InputError(
+            f"the hand in {path.parent.parent} is not the one that {path} was made for; expected the same description, "
+            f"YAML and meshes; remove {path.parent} to learn anew"
+        )
+    for name, given, planned in (("minutes", minutes, plan.minutes), ("seed", seed, plan.seed)):
+        if given is not None and given != planned:
+            raise InputError(f"{path} is a plan with `{name}` {planned:g}, got {given:g}; {anew}")
+    return plan
+
+
+def hand_digest(folder: Path) -> str:
+    """Return the SHA-256 of a prepared hand's description, YAML and meshes."""
+    digest = hashlib.sha256()
+    for file in (folder / PREPARED_NAME, folder / "hand.yaml", *sorted((folder / "meshes").glob("*"))):
+        if file.is_file():
+            digest.update(file.name.encode() + b"\0" + hashlib.sha256(file.read_bytes()).digest())
+    return digest.hexdigest()
+
+
+def _generate(folder: Path, plan: LearningPlan) -> None:
+    out = folder / FOLDER / DATA
+    config = GenerationConfig(hand=str(folder / PREPARED_NAME), non_prehensile=plan.attempts, grasps=plan.grasps)
+    generate_dataset(f"builtin:train:{plan.objects}", out, config, seed=plan.seed, workers=plan.workers)
+    written = out / CARD_FILE
+    if not written.is_file() or written.stat().st_mtime < (out / MANIFEST_NAME).stat().st_mtime:
+        write_card(out)
+
+
+def _train(learning: Path, plan: LearningPlan, clock: StageClock) -> None:
+    """Take the planned steps, or as many as the time allows that the other stages leave."""
+    config = training_config(
+        plan.steps, grasps=plan.grasps > 0, threads=plan.workers, step=plan.rates.step, seed=plan.seed
+    )
+    others = sum(seconds for stage, seconds in clock.seconds.items() if stage in ("measuring", DATA))
+    seconds = max(60.0 * plan.minutes - others - plan.evaluation, LEAST_TRAINING * plan.training)
+    config = replace(config, max_minutes=seconds / 60.0)
+    result = train(learning / DATA, learning / TRAINING, config, made_with={**machine(), **versions()})
+    if not result.finished:
+        raise KeyboardInterrupt
+
+
+def _copy_model(model: Path, weights: Path) -> None:
+    """Copy the model's files, each whole or not at all; the one that vouches for the others comes last."""
+    for name in (CARD_NAME, WEIGHTS_NAME, CONFIG_NAME):
+        with replace_atomically(weights / name) as temporary:
+            shutil.copyfile(model / name, temporary)
+
+
+def _evaluate(folder: Path, plan: LearningPlan, clock: StageClock) -> tuple[str, ...]:
+    """Run the trials of each scene; return the scenes, without those that the time did not suffice for."""
+    done: list[str] = []
+    each = plan.evaluation / len(plan.scenes)
+    for scene in plan.scenes:
+        out = folder / FOLDER / EVALUATION / scene
+        if done and not (out / FILE).is_file() and clock.total + each > 60.0 * plan.minutes:
+            break
+        config = ExperimentConfig(
+            objects="builtin:test",
+            max_objects=plan.trial_objects,
+            scenes=(scene,),
+            methods=METHODS,
+            num=plan.draws,
+            seed=plan.seed,
+            hand=str(folder / PREPARED_NAME),  # whose weights lie beside it
+        )
+        _follow(out / FILE, config.hand)
+        _run_trials(config, out, workers=plan.workers)
+        done.append(scene)
+    return tuple(done)
+
+
+def _run_trials(config: ExperimentConfig, out: Path, *, workers: int) -> None:
+    kind = SamplingTrial()
+    with progress() as bars:
+        bar = bars.add_task(f"evaluation, {config.scenes[0]}", total=None)
+
+        def show(_kind: Any, _record: Any, finished: int, total: int) -> None:
+            bars.update(bar, completed=finished, total=total)
+
+        for _ in TrialRunner([kind], config, out).run(workers=workers, on_record=show):
+            write_report(kind, out)
+
+
+def _follow(file: Path, hand: str) -> None:
+    """Let an experiment of this same hand know where the folder is now, if it was moved."""
+    if file.is_file():
+        content = read_json_object(file)
+        if content["config"]["hand"] != hand:
+            content["config"]["hand"] = hand
+            with replace_atomically(file) as temporary:
+                temporary.write_text(json.dumps(content, indent=2) + "\n", encoding="utf-8")
