@@ -61,6 +61,43 @@ def shadow_hand():
     return load_hand("shadow_lite")
 
 
+def two_jaw_urdf() -> str:
+    """A gripper as they are sold: two jaws that slide apart by up to 40 mm each, the second by <mimic>, on a flange."""
+
+    def box(x: float, y: float, z: float, size: str) -> str:
+        origin = f'<origin xyz="{x} {y} {z}"/>'
+        return f'<collision>{origin}<geometry><box size="{size}"/></geometry></collision>'
+
+    def joint(name: str, kind: str, child: str, inside: str) -> str:
+        ends = f'<parent link="hand"/><child link="{child}"/>'
+        return f'<joint name="{name}" type="{kind}">{ends}{inside}</joint>'
+
+    limit, mimic = '<limit lower="0" upper="0.04"/>', '<mimic joint="left_slide" multiplier="1"/>'
+    return (
+        '<robot name="two_jaws">'
+        f'<link name="hand">{box(0, 0, 0.03, "0.06 0.20 0.06")}</link>'
+        f'<link name="left">{box(0, 0.006, 0.022, "0.02 0.012 0.055")}</link>'
+        f'<link name="right">{box(0, -0.006, 0.022, "0.02 0.012 0.055")}</link>'
+        f'<link name="flange">{box(0, 0, -0.02, "0.07 0.07 0.04")}</link>'
+        + joint("left_slide", "prismatic", "left", f'<origin xyz="0 0 0.066"/><axis xyz="0 1 0"/>{limit}')
+        + joint("right_slide", "prismatic", "right", f'<origin xyz="0 0 0.066"/><axis xyz="0 -1 0"/>{limit}{mimic}')
+        + joint("mount", "fixed", "flange", "")
+        + "</robot>"
+    )
+
+
+@pytest.fixture(scope="session")
+def two_jaws(tmp_path_factory: pytest.TempPathFactory):
+    """The hand of `two_jaw_urdf`."""
+    from dexnudge.hands.registry import load_hand
+
+    folder = tmp_path_factory.mktemp("two_jaws")
+    yaml = "palm: hand\nfingertips: {left: left, right: right}\npalm_normal: [0, 0, 1]\nbase_link: flange\n"
+    (folder / "hand.yaml").write_text(yaml)
+    (folder / "hand.urdf").write_text(two_jaw_urdf())
+    return load_hand(folder / "hand.urdf")
+
+
 @pytest.fixture(scope="session")
 def toy() -> ModuleType:
     """Module that writes made-up datasets."""

@@ -139,7 +139,17 @@ class NaiveEnergy:
 
 @pytest.fixture(scope="module")
 def setting():
-    hand = shadow_lite()
+    return placed(shadow_lite(), torch.tensor([1.0, 0.5, 0.0, 1.0]), torch.tensor([0.0, 1.0, 1.0, 0.3]))
+
+
+@pytest.fixture(scope="module")
+def gripper_setting(two_jaws):
+    made = placed(two_jaws, torch.tensor([1.0, 0.5]), torch.tensor([0.3, 1.0]))
+    made[-1].joint_angles[0] = 0.0001  # [m] the jaws all but touch
+    return made
+
+
+def placed(hand, contact_weight, target_weight):
     object_mesh = trimesh.creation.box((0.14, 0.07, 0.012))
     environment = trimesh.creation.box((0.5, 0.4, 0.1))
     environment.apply_translation((0.2, 0.1, -0.006 - 0.05))
@@ -153,14 +163,15 @@ def setting():
     joints = torch.as_tensor(hand.lower + share * (hand.upper - hand.lower), dtype=torch.float32)
     energy = HandEnergy(hand, naive.fields, BATCH, WEIGHTS)
     tips = hand.fingertip_indices
-    energy.contact_weight[:, tips] = torch.tensor([1.0, 0.5, 0.0, 1.0])
+    energy.contact_weight[:, tips] = contact_weight
     energy.target[:, tips] = 0.02
-    energy.target_weight[:, tips] = torch.tensor([0.0, 1.0, 1.0, 0.3])
+    energy.target_weight[:, tips] = target_weight
     return hand, naive, energy, HandPose(translation, rotation, joints)
 
 
-def test_terms_and_gradient_equal_the_plain_twin(setting):
-    hand, naive, energy, pose = setting
+@pytest.mark.parametrize("name", ["setting", "gripper_setting"])
+def test_terms_and_gradient_equal_the_plain_twin(request, name):
+    hand, naive, energy, pose = request.getfixturevalue(name)
     energy(pose)
     assert (energy.energy > 0).any(dim=0).all(), "every term must be at work in some hand"
     for item in range(BATCH):

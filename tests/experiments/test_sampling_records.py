@@ -160,11 +160,12 @@ def test_the_papers_numbers_stand_beside_ours(four_records):
 
 def test_joint_diversity_leaves_root_poses_out():
     q = np.random.default_rng(0).normal(size=(5, 13))
-    expected = np.mean([np.std(q[:, joint], ddof=1) for joint in range(9, 13)])
-    assert joint_diversity(q) == pytest.approx(expected)
+    scales = np.array([1.0, 1.0, 1.0, 0.05])  # the last joint slides
+    expected = np.mean([np.std(q[:, 9 + joint], ddof=1) / scales[joint] for joint in range(4)])
+    assert joint_diversity(q, scales) == pytest.approx(expected)
     q[:, 9:] = 0.3
-    assert joint_diversity(q) == 0.0
-    assert joint_diversity(q[:1]) is joint_diversity(q[:0]) is None
+    assert joint_diversity(q, scales) == 0.0
+    assert joint_diversity(q[:1], scales) is joint_diversity(q[:0], scales) is None
 
 
 def contacts(*pairs):

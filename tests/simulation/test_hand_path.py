@@ -48,7 +48,7 @@ def test_velocity_is_told_in_the_axes_of_the_palm():
 
 
 def test_joints_bend_evenly_and_no_faster_than_told():
-    path = bending(START, np.array([0.5, -0.3]), speed=2.0)
+    path = bending(START, np.array([0.5, -0.3]), speed=np.full(2, 2.0))
     np.testing.assert_allclose(path[-1, 9:], [0.5, -0.3], atol=1e-12)
     assert len(path) * TIMESTEP == pytest.approx(0.8 / 2.0)  # the second joint turns by 0.8 rad
     np.testing.assert_array_equal(path[:, :9], np.tile(START[:9], (len(path), 1)))

@@ -2,7 +2,6 @@
 
 from __future__ import annotations
 
-import math
 from dataclasses import dataclass
 from typing import TYPE_CHECKING, Annotated
 
@@ -67,11 +66,15 @@ class HandCommand:
 
 
 def _print(hand: Hand) -> None:
+    import numpy as np
+
     console = stdout()
     console.print(f"{hand.name}: {len(hand.link_names)} links, {hand.num_joints} joints in the order of q")
-    joints = table("joint", "lower [deg]", "upper [deg]")
-    for joint, lower, upper in zip(hand.joint_names, hand.lower, hand.upper, strict=True):
-        joints.add_row(joint, f"{math.degrees(lower):.1f}", f"{math.degrees(upper):.1f}")
+    unit = "deg, mm of slides" if hand.sliding.any() else "deg"
+    joints = table("joint", f"lower [{unit}]", f"upper [{unit}]")
+    units = np.where(hand.sliding, 1e3, 180.0 / np.pi)
+    for joint, lower, upper in zip(hand.joint_names, hand.lower * units, hand.upper * units, strict=True):
+        joints.add_row(joint, f"{lower:.1f}", f"{upper:.1f}")
     console.print(joints)
     links = table("link", "parent", "digit", "triangles", "collision pairs")
     for index, name in enumerate(hand.link_names):

@@ -246,10 +246,12 @@ def _histograms(rows: pa.Table) -> dict[str, Table]:
 
 
 def _joints_table(angles: Float[np.ndarray, "row joint"], manifest: Manifest, folder: Path) -> Table:
-    """Which part of its range each joint uses: in degrees, and in percent of the range where the limits are known."""
+    """Which part of its range each joint uses: in degrees or millimetres, and in percent where the limits are known."""
     spread = np.quantile(angles, [0.0, 0.5, 1.0], axis=0).T if len(angles) else np.full((angles.shape[1], 3), np.nan)
-    header = ["joint", "least [deg]", "median [deg]", "greatest [deg]"]
-    cells = [np.degrees(spread).round(1)]
+    sliding = manifest.sliding
+    unit = "deg, mm of slides" if sliding.any() else "deg"
+    header = ["joint", f"least [{unit}]", f"median [{unit}]", f"greatest [{unit}]"]
+    cells = [np.where(sliding[:, None], 1e3 * spread, np.degrees(spread)).round(1)]
     hand = known_hand(manifest, folder)
     if hand is not None and len(angles):
         lower, upper = hand.lower[:, None], hand.upper[:, None]

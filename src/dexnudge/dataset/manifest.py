@@ -6,6 +6,9 @@ import re
 from dataclasses import asdict, dataclass, field
 from pathlib import Path
 
+import numpy as np
+from jaxtyping import Bool
+
 from dexnudge.dataset.schema import FORMAT_VERSION
 from dexnudge.errors import DatasetError
 from dexnudge.hands.hand import Hand
@@ -24,6 +27,7 @@ class Manifest:
     """What a dataset folder holds.
 
     hand: its name; joint_names: (d) in the order of q; joint_groups: digit name -> indices into joint_names;
+    sliding_joints: those of joint_names whose entries in q are in metres; in the file only where there are some;
     objects: object name -> sha256 of the mesh it was generated from, None before it is known; failed_objects: object
     name -> reason, none of them in `objects`; config, seed, versions: what generated it; counts: behaviour -> totals
     over all shards, filled in when generation ends.
@@ -33,11 +37,17 @@ class Manifest:
     joint_names: tuple[str, ...]
     joint_groups: dict[str, tuple[int, ...]]
     objects: dict[str, str | None]
+    sliding_joints: tuple[str, ...] = ()
     failed_objects: dict[str, str] = field(default_factory=dict)
     config: dict[str, object] = field(default_factory=dict)
     seed: int = 0
     versions: dict[str, str] = field(default_factory=dict)
     counts: dict[str, dict[str, object]] = field(default_factory=dict)
+
+    @property
+    def sliding(self) -> Bool[np.ndarray, " joint"]:
+        """Which joints slide."""
+        return np.isin(np.array(self.joint_names, dtype=str), self.sliding_joints)
 
     def load_hand(self, folder: Path | str) -> Hand:
         """Return the hand that the dataset in `folder` was generated for; raises HandError or UnknownNameError."""
@@ -73,6 +83,8 @@ def write_manifest(folder: Path | str, manifest: Manifest) -> Path:
         check_object_name(name)
     path = Path(folder) / MANIFEST_NAME
     fields = {JOINT_GROUPS_KEY if key == "joint_groups" else key: value for key, value in asdict(manifest).items()}
+    if not manifest.sliding_joints:  # as it was before joints could slide
+        del fields["sliding_joints"]
     content = {"format_version": FORMAT_VERSION, "units": UNITS, **fields}
     content |= {key: dict(sorted(content[key].items())) for key in ("objects", "failed_objects", "versions", "counts")}
     with replace_atomically(path) as temporary:
@@ -103,6 +115,7 @@ def read_manifest(folder: Path | str) -> Manifest:
     fields = {key: value for key, value in content.items() if key not in ("format_version", "units")}
     try:
         fields["joint_names"] = tuple(fields["joint_names"])
+        fields["sliding_joints"] = tuple(fields.get("sliding_joints", ()))
         fields["joint_groups"] = {name: tuple(joints) for name, joints in fields.pop(JOINT_GROUPS_KEY).items()}
         return Manifest(**fields)
     except (AttributeError, KeyError, TypeError) as error:
@@ -113,7 +126,8 @@ def joint_groups(hand: Hand) -> dict[str, tuple[int, ...]]:
     """Return digit name -> indices into `hand.joint_names`, from the palm outwards.
 
     A digit owns the joints between its fingertip and the palm; a joint that several digits share goes to the first of
-    them, so that every joint has one digit. Joints that lead to no fingertip, such as a wrist's, come last as "wrist".
+    them, so that every joint has one digit, and a jaw that follows another none. Joints that lead to no fingertip, such
+    as a wrist's, come last as "wrist".
     """
     owned: set[int] = set()
     groups: dict[str, tuple[int, ...]] = {}
@@ -126,8 +140,7 @@ def joint_groups(hand: Hand) -> dict[str, tuple[int, ...]]:
                 owned.add(joint.index)
                 joints.append(joint.index)
             link = int(hand.link_parent[link])
-        if joints:
-            groups[digit] = tuple(reversed(joints))
+        groups[digit] = tuple(reversed(joints))
     others = tuple(index for index in range(len(hand.joint_names)) if index not in owned)
     if others:
         groups["wrist"] = others

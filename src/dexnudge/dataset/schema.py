@@ -12,7 +12,7 @@ from dataclasses import dataclass, field
 
 import numpy as np
 import pyarrow as pa
-from jaxtyping import Float
+from jaxtyping import Bool, Float
 
 from dexnudge.errors import DatasetError
 
@@ -164,6 +164,7 @@ def best_direction(direction_margin: Float[np.ndarray, " direction"]) -> int:
 TRANSLATION_STEP = 2.0**-15  # [m] 31 micrometres: a thirtieth of the penetration that is allowed
 ROTATION_STEP = 2.0**-15  # rounded columns stay orthonormal to 6e-5, within the 1e-4 that a configuration may be off
 JOINT_STEP = 2.0**-13  # [rad] 0.007 degrees; half of it lies within the 1e-4 rad that a limit may be off
+SLIDE_STEP = 2.0**-17  # [m] of a sliding joint, 8 micrometres: the same of what counts as a radian, 0.05 m
 MARGIN_STEP = 2.0**-10  # force margins have no unit; half of what a solver on another machine may differ by
 POINT_STEP = 2.0**-16  # [m] 15 micrometres, on surfaces
 NORMAL_STEP = 2.0**-10  # a twentieth of a degree
@@ -171,16 +172,20 @@ NORMAL_STEP = 2.0**-10  # a twentieth of a degree
 _ROTATION, _JOINTS = slice(3, 9), slice(9, None)  # places in q = [translation (3) | rotation columns (6) | joints]
 
 
-def round_configuration(q: Float[np.ndarray, "*batch dimension"]) -> Float[np.ndarray, "*batch dimension"]:
+def round_configuration(
+    q: Float[np.ndarray, "*batch dimension"], *, sliding: Bool[np.ndarray, " joint"] | None = None
+) -> Float[np.ndarray, "*batch dimension"]:
     """Return the nearest configurations that a dataset can store: call it before they are verified.
 
-    q: [root translation (3) [m] | first two columns of the root rotation (6) | joint angles [rad]]. Rounding keeps the
-    order of two joints, so a coupling that held still holds; a joint at its limit leaves it by at most 6.1e-5 rad.
+    q: [root translation (3) [m] | first two columns of the root rotation (6) | joint angles [rad]]; the
+    entries of `sliding` joints are in metres, None: there are none. Rounding keeps the order of two joints, so a coupling
+    that held still holds; a joint at its limit leaves it by at most 6.1e-5 rad, or 3.8e-6 m.
     Rounded twice is rounded once. The columns are no longer exactly orthonormal: every reader makes them so again.
     """
     rounded = round_to(q, TRANSLATION_STEP)
     rounded[..., _ROTATION] = round_to(q[..., _ROTATION], ROTATION_STEP)
-    rounded[..., _JOINTS] = round_to(q[..., _JOINTS], JOINT_STEP)
+    steps = JOINT_STEP if sliding is None else np.where(sliding, SLIDE_STEP, JOINT_STEP)
+    rounded[..., _JOINTS] = round_to(q[..., _JOINTS], steps)
     return rounded
 
 
@@ -194,6 +199,8 @@ def round_cloud(cloud: Float[np.ndarray, "point 6"]) -> Float[np.ndarray, "point
     return np.concatenate([round_to(cloud[:, :3], POINT_STEP), round_to(cloud[:, 3:], NORMAL_STEP)], axis=1)
 
 
-def round_to(values: Float[np.ndarray, "*batch"], step: float) -> Float[np.ndarray, "*batch"]:
+def round_to(
+    values: Float[np.ndarray, "*batch"], step: float | Float[np.ndarray, " column"]
+) -> Float[np.ndarray, "*batch"]:
     """Return the nearest multiples of `step`, halves to even."""
     return np.rint(values / step) * step

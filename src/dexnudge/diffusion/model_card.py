@@ -27,6 +27,7 @@ It knows nothing of the surroundings: these come in while sampling. \
 `--weights` of `dexnudge sample` and `dexnudge evaluate` takes this folder."""
 ERRORS = """\
 Root mean square error of the clean estimate on the objects held out, averaged weights, by share of the noise steps."""
+ERROR_KINDS = {"translation_mm": "translation [mm]", "joints_deg": "joint angles [deg]", "slides_mm": "slides [mm]"}
 REPEAT = """\
 DATA is the dataset folder, RUN a new one. The same machine and versions give the same weights, unless a run ends by time."""
 LIMITS = """\
@@ -80,10 +81,14 @@ def write_model_card(run_folder: Path | str) -> Path:
         "time": f"{header['minutes']:.1f} min",
         **provenance["made_with"],
     }
+    kinds = dict(ERROR_KINDS)
+    for kind in ("joints_deg", "slides_mm"):  # where the hand has such joints
+        if validation and f"validation/{kind}_at_{REPORTED_LEVELS[0]}" not in validation:
+            del kinds[kind]
     errors = [
         (
             f"{level:g}",
-            *(_number(validation.get(f"validation/{kind}_at_{level}")) for kind in ("translation_mm", "joints_deg")),
+            *(_number(validation.get(f"validation/{kind}_at_{level}")) for kind in kinds),
         )
         for level in REPORTED_LEVELS
     ]
@@ -103,7 +108,7 @@ def write_model_card(run_folder: Path | str) -> Path:
                 "Validation",
                 (
                     ERRORS,
-                    _table(("noise", "translation [mm]", "joint angles [deg]"), errors),
+                    _table(("noise", *kinds.values()), errors),
                     f"Loss over all noise levels: {_number(validation.get('validation/loss'))}.",
                 ),
             ),

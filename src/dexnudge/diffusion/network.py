@@ -8,6 +8,7 @@ import math
 from dataclasses import dataclass
 from itertools import pairwise
 
+import numpy as np
 import torch
 from jaxtyping import Bool, Float, Int
 from torch import Tensor, nn
@@ -15,6 +16,7 @@ from torch.nn import functional
 
 from dexnudge.diffusion.config import ModelConfig, token_parts
 from dexnudge.geometry.transforms import matrix_to_rotation_6d, rotation_6d_to_matrix
+from dexnudge.hands.hand import SLIDE_SCALE
 
 CLASSES = ("grasp", "non_prehensile", "null")  # null stands where the class was dropped for classifier-free guidance
 GRASP, NON_PREHENSILE, NULL_CLASS = range(3)
@@ -67,7 +69,7 @@ class Condition:
 
 
 MIN_TRANSLATION_STD = 5e-3  # [m] keeps a coordinate that hardly varies in the data from being blown up
-MIN_JOINT_STD = 5e-2  # [rad] the same for joint angles
+MIN_JOINT_STD = 5e-2  # [rad of `Hand.joint_scales`] the same for joint angles
 ROTATION_STD = 3.0**-0.5  # of one entry of a uniformly random unit vector; no mean, so that rotating stays rotating
 
 
@@ -82,12 +84,15 @@ class Normaliser:
     std: Float[Tensor, " dimension"]
 
     @classmethod
-    def fit(cls, q: Float[Tensor, "row dimension"]) -> "Normaliser":
-        """Return the statistics of configurations in frame C."""
+    def fit(
+        cls, q: Float[Tensor, "row dimension"], *, sliding: Bool[np.ndarray, " joint"] | None = None
+    ) -> "Normaliser":
+        """Return the statistics of configurations in frame C; entries of `sliding` joints are in metres, None: of none."""
         mean, std = q.double().mean(dim=0), q.double().std(dim=0, correction=0)
         mean[3:9], std[3:9] = 0.0, ROTATION_STD
         std[:3].clamp_(min=MIN_TRANSLATION_STD)
-        std[9:].clamp_(min=MIN_JOINT_STD)
+        scales = np.ones(q.shape[1] - 9) if sliding is None else np.where(sliding, SLIDE_SCALE, 1.0)
+        std[9:] = torch.maximum(std[9:], MIN_JOINT_STD * torch.as_tensor(scales))
         return cls(mean=mean.float(), std=std.float())
 
     def normalise(self, q: Float[Tensor, "batch dimension"]) -> Float[Tensor, "batch dimension"]:

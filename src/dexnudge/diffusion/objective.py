@@ -1,13 +1,15 @@
 """What training minimises, and what is reported of it on held-out objects."""
 
+import numpy as np
 import torch
-from jaxtyping import Float, Int
+from jaxtyping import Bool, Float, Int
 from torch import Tensor
 
 from dexnudge.diffusion.batches import BatchSampler
 from dexnudge.diffusion.config import LossWeighting, TrainingConfig
 from dexnudge.diffusion.network import ConditionalDenoiser, Normaliser
 from dexnudge.diffusion.schedule import NoiseSchedule
+from dexnudge.hands.hand import ROOT_COORDINATES
 
 _SMALLEST_SNR = 1e-4  # zero at the last step of a zero-terminal-SNR schedule; keeps the ratio of weights finite
 
@@ -54,14 +56,20 @@ def validate(
     normaliser: Normaliser,
     schedule: NoiseSchedule,
     config: TrainingConfig,
+    *,
+    sliding: Bool[np.ndarray, " joint"],
 ) -> dict[str, float]:
     """Return the loss over all noise levels, and per reported level the RMS error of the clean estimate.
 
-    Translation [mm] and joint angles [deg], over batches that are the same at every call.
+    Translation [mm], joint angles [deg] and `sliding` joints [mm], over batches that are the same at every call.
     """
     losses = []
     device = normaliser.mean.device
-    squares = {level: torch.zeros(2) for level in REPORTED_LEVELS}
+    slides = torch.as_tensor(np.flatnonzero(sliding)) + ROOT_COORDINATES
+    turns = torch.as_tensor(np.flatnonzero(~sliding)) + ROOT_COORDINATES
+    parts = {"translation_mm": (torch.arange(3), _MM), "joints_deg": (turns, _DEGREES), "slides_mm": (slides, _MM)}
+    parts = {name: (columns, unit) for name, (columns, unit) in parts.items() if len(columns)}
+    squares = {level: torch.zeros(len(parts)) for level in REPORTED_LEVELS}
     for index in range(_NUM_BATCHES):
         batch = sampler.batch(index, stream=_STREAM).to(device)
         generator = torch.Generator().manual_seed(index)
@@ -77,10 +85,9 @@ def validate(
             x_t = schedule.add_noise(x_0, epsilon, t)
             error = schedule.clean_estimate(network(x_t, t, *condition.inputs), x_t, t) - x_0
             error = error * normaliser.std
-            squares[level] += torch.stack([error[:, :3].square().mean(), error[:, 9:].square().mean()]).cpu()
+            squares[level] += torch.stack([error[:, columns].square().mean() for columns, _ in parts.values()]).cpu()
     report = {"validation/loss": sum(losses) / len(losses)}
     for level, total in squares.items():
-        translation, joints = (total / _NUM_BATCHES).sqrt().tolist()
-        report[f"validation/translation_mm_at_{level}"] = translation * _MM
-        report[f"validation/joints_deg_at_{level}"] = joints * _DEGREES
+        for (name, (_, unit)), error in zip(parts.items(), (total / _NUM_BATCHES).sqrt().tolist(), strict=True):
+            report[f"validation/{name}_at_{level}"] = error * unit
     return report

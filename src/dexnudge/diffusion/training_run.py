@@ -40,7 +40,7 @@ class TrainingRun:
         self.model_config = ModelConfig(
             hand=manifest.hand,
             joint_names=manifest.joint_names,
-            joint_groups=tuple(manifest.joint_groups.values()),
+            joint_groups=tuple(group for group in manifest.joint_groups.values() if group),
             architecture=config.architecture,
         )
         self.num_steps = config.steps or DEFAULT_STEPS
@@ -52,9 +52,10 @@ class TrainingRun:
             self._held_out = BatchSampler(dataset, self.held_out_objects, config) if self.held_out_objects else None
         except DatasetError:  # of a tiny dataset, the few objects held out may have no row to validate on
             self._held_out = None
+        self._sliding = manifest.sliding
         self._schedule = NoiseSchedule(config.architecture)
         fitted = [self._sampler.batch(k, stream=NORMALISER_STREAM).q for k in range(NORMALISER_BATCHES)]
-        self.normaliser = Normaliser.fit(torch.cat(fitted)).to(self._device)
+        self.normaliser = Normaliser.fit(torch.cat(fitted), sliding=manifest.sliding).to(self._device)
         with torch.random.fork_rng(devices=[]):
             torch.manual_seed(config.seed)  # torch's layers draw their first weights from the global generator only
             self._network = ConditionalDenoiser(self.model_config)
@@ -123,7 +124,7 @@ class TrainingRun:
             return {}
         averaged = ConditionalDenoiser(self.model_config).to(self._device)
         averaged.load_state_dict(self.average)
-        return validate(averaged, self._held_out, self.normaliser, self._schedule, self.config)
+        return validate(averaged, self._held_out, self.normaliser, self._schedule, self.config, sliding=self._sliding)
 
     @property
     def identity(self) -> dict[str, Any]:

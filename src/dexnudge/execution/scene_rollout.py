@@ -83,7 +83,7 @@ class SceneRollout:
         way, openings = free
         rollout.follow(along_line(rollout.commanded, way, speed=FREE_SPEED), "release")
         for angles in openings:
-            rollout.follow(bending(rollout.commanded, angles, speed=JOINT_SPEED), "release")
+            rollout.follow(bending(rollout.commanded, angles, speed=JOINT_SPEED * self.hand.joint_scales), "release")
 
     def moved(self, since: Scene) -> Float[np.ndarray, " 3"]:
         """Return the displacement of the object's centre of mass since `since` [m, world]."""

@@ -57,7 +57,7 @@ class SamplingTrial(DrawnTrial[SamplingRecord]):
                 "force_margin": [round(float(margin), 4) for margin in verdicts.force_margin],
                 "penetration_mm": [round(1e3 * depth, 4) if np.isfinite(depth) else None for depth in deepest],
                 "own_rank": [] if samples.own_rank is None else samples.own_rank.tolist(),
-                "joint_diversity": joint_diversity(samples.q[verified]),
+                "joint_diversity": joint_diversity(samples.q[verified], sampler.hand.joint_scales),
                 "contact_diversity": contact_diversity(sampler.hand, samples.scene, contacts),
                 "swept": verify_disturbed(samples.scene, verdicts) if sampler.config.sweep else {},
                 "rejected": samples.rejections(),
@@ -91,11 +91,14 @@ class SamplingTrial(DrawnTrial[SamplingRecord]):
         return found
 
 
-def joint_diversity(q: Float[np.ndarray, "n coordinates"]) -> float | None:
-    """Return the standard deviation (n - 1) of each joint angle over the configurations, mean over the joints [rad]."""
+def joint_diversity(q: Float[np.ndarray, "n coordinates"], scales: Float[np.ndarray, " joint"]) -> float | None:
+    """Return the standard deviation (n - 1) of each joint angle over the configurations, mean over the joints [rad].
+
+    scales: what counts as a radian of each, see `Hand.joint_scales`.
+    """
     if len(q) < SEVERAL:
         return None
-    return float(q[:, ROOT_COORDINATES:].astype(np.float64).std(axis=0, ddof=1).mean())
+    return float((q[:, ROOT_COORDINATES:].astype(np.float64).std(axis=0, ddof=1) / scales).mean())
 
 
 def contact_diversity(hand: Hand, scene: Scene, contacts: Sequence[HandContacts]) -> float | None:

@@ -20,6 +20,8 @@ FINGERTIP_SPACING = 0.004  # [m] between the points that guide, where contact is
 DIGIT_SPACING = 0.006  # [m] on the other links of a digit
 PALM_SPACING = 0.010  # [m] on the palm and the base, which are large and smooth
 ALWAYS_OVERLAPPING = 0.001  # [m] links that overlap by this at zero joint angles are no collision pair
+LEAST_SPREAD = 1e-4  # [m] of the fingertips that a sliding joint must change to open or close the hand
+LEAST_TILT = 0.3  # sine of the fingers' angle to the palm normal; less says nothing of where they point along the palm
 BOX_MARGIN = 1e-6  # [m] points farther outside a link's bounding box are outside the link, whatever was rounded
 ROOT_COORDINATES = 9  # translation (3) and 6D rotation (6) stand before the joint angles in q
 SLIDE_SCALE = 0.05  # [m] of a sliding joint that counts as a radian: what a tip moves at a finger segment's lever
@@ -220,11 +222,44 @@ class Hand:
         return zero
 
     @cached_property
+    def apart(self) -> Float[np.ndarray, " d"]:
+        """Joint angles of an open hand, whatever its limits: zero; of slides the end at which the tips are farther apart."""
+        opened = np.zeros(self.num_joints)
+        for index in np.flatnonzero(self.sliding):
+            q = self._zero.repeat(2, 1)
+            ends = np.array([self.lower[index], self.upper[index]])
+            q[:, ROOT_COORDINATES + index] = torch.as_tensor(ends)
+            tips = self.keypoints(q)
+            spread = (tips - tips.mean(dim=1, keepdim=True)).norm(dim=2).sum(dim=1).numpy()
+            if abs(spread[1] - spread[0]) > LEAST_SPREAD:
+                opened[index] = ends[spread.argmax()]
+        return opened
+
+    @cached_property
     def finger_axis(self) -> Float[np.ndarray, " 3"]:
         """Unit direction in which the fingers point at zero joint angles, perpendicular to the palm normal; palm frame.
 
-        A finger points from its first joint to its tip; the thumb points elsewhere and does not count.
+        A finger points from its first joint to its tip; the thumb points elsewhere and does not count. Where they point
+        where the palm faces, as a gripper's jaws may, it is perpendicular to the line between the thumb and the others.
         """
+        normal = self.palm_normal / np.linalg.norm(self.palm_normal)
+        axis = self._along_palm
+        if self.fingers_face:
+            tips = self.keypoints(self._zero)[0].numpy()
+            others = np.delete(tips, self.thumb, axis=0).mean(axis=0) if len(tips) > 1 else np.zeros(3)
+            axis = np.cross(tips[self.thumb] - others, normal)
+            if np.linalg.norm(axis) < BOX_MARGIN:
+                axis = np.cross(np.eye(3)[np.abs(normal).argmin()], normal)
+        return axis / np.linalg.norm(axis)
+
+    @cached_property
+    def fingers_face(self) -> bool:
+        """Whether the fingers point where the palm faces, as a gripper's jaws may."""
+        return bool(np.linalg.norm(self._along_palm) < LEAST_TILT)
+
+    @cached_property
+    def _along_palm(self) -> Float[np.ndarray, " 3"]:
+        """Mean of the fingers' unit directions at zero joint angles, perpendicular to the palm normal."""
         transforms = self.forward_kinematics(self._zero)[0].numpy()
         tips = self.keypoints(self._zero)[0].numpy()
         knuckles = transforms[[self._first_link(link) for link in self.fingertip_indices], :3, 3]
@@ -232,8 +267,7 @@ class Hand:
         fingers = ways if len(ways) < 3 else np.delete(ways, self.thumb, axis=0)
         mean = (fingers / np.linalg.norm(fingers, axis=1, keepdims=True)).mean(axis=0)
         normal = self.palm_normal / np.linalg.norm(self.palm_normal)
-        axis = mean - (mean @ normal) * normal
-        return axis / np.linalg.norm(axis)
+        return np.asarray(mean - (mean @ normal) * normal)
 
     def _first_link(self, link: int) -> int:
         """The link nearest to the palm that a digit's first joint moves; the link itself where nothing moves it."""
@@ -257,6 +291,18 @@ class Hand:
         """Mean distance of the fingertip keypoints from the palm's origin along the finger axis [m]."""
         return float(self.keypoints(self._zero)[0].mean(dim=0).numpy() @ self.finger_axis)
 
+    @cached_property
+    def finger_middle(self) -> Float[np.ndarray, " 3"]:
+        """Half the way from the palm's origin to the tips, along the finger axis [m], palm frame.
+
+        Where the fingers point where the palm faces, along the palm normal as well.
+        """
+        along = self.finger_axis * self.finger_length / 2
+        if not self.fingers_face:
+            return np.asarray(along)
+        normal = self.palm_normal / np.linalg.norm(self.palm_normal)
+        return np.asarray(along + normal * (self.keypoints(self._zero)[0].mean(dim=0).numpy() @ normal) / 2)
+
     def keypoints(self, q: Float[Tensor, "batch coordinates"]) -> Float[Tensor, "batch digit 3"]:
         """Return the place on each fingertip that reaches for a target: see `fingertip_keypoints` [m]."""
         transforms = self.forward_kinematics(q)
@@ -268,13 +314,20 @@ class Hand:
     def fingertip_keypoints(self) -> Float[np.ndarray, "digit 3"]:
         """Keypoint of each fingertip in its link's frame [m]: two thirds of the way from its joint to its far end.
 
-        Of a tip that is fixed to the link before it, as a ball on a finger's end is, the middle of its box.
+        Of a tip that is fixed to the link before it, as a ball on a finger's end is, the middle of its box; of a jaw that
+        slides a third of the way from there to its far end, away from the palm.
         """
+        transforms = self.forward_kinematics(self._zero)[0].numpy()
         points = []
         for tip in self.fingertip_indices:
             mesh, joint = self.link_meshes[tip], self.joints[tip]
             if joint is not None and joint.index is None:
                 points.append(mesh.bounds.mean(axis=0))
+            elif joint is not None and joint.slides:
+                middle, pose = mesh.bounds.mean(axis=0), transforms[tip]
+                away = pose[:3, :3].T @ (pose[:3, :3] @ middle + pose[:3, 3])
+                away /= max(float(np.linalg.norm(away)), BOX_MARGIN)
+                points.append(middle + away * ((mesh.vertices - middle) @ away).max() / 3.0)
             else:
                 points.append(2.0 / 3.0 * mesh.vertices[np.linalg.norm(mesh.vertices, axis=1).argmax()])
         return np.asarray(points)

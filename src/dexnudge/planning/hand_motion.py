@@ -1,7 +1,8 @@
 """A hand that travels: its states, eight numbers of palm pose and opening of the fingers, and its motion over time.
 
 state = [translation (3) [m, world] | quaternion wxyz (4) of the palm | opening (1)]. Opening 0 is the grip of the goal,
-1 the hand with joint angles as near zero as its limits allow; between them the joint angles are linear.
+1 the hand with joint angles as near zero as its limits allow, and jaws that slide as far apart; between them the joint
+angles are linear.
 """
 
 from dataclasses import dataclass
@@ -26,12 +27,14 @@ State = Float[np.ndarray, "8"]
 class StateSpace:
     """The meaning of a hand's states, and how far the hand's points move between two of them.
 
-    closed, opened: joint angles [rad] at opening 0 and 1. reach: of the hand's farthest point from the palm's origin,
-    at any opening [m]. sweep: the longest way of a point, in the palm's frame, from opening 0 to 1 [m].
+    closed, opened: joint angles [rad] at opening 0 and 1, sliding joints [m]. scales: see `Hand.joint_scales`.
+    reach: of the hand's farthest point from the palm's origin, at any opening [m]. sweep: the longest way of a point,
+    in the palm's frame, from opening 0 to 1 [m].
     """
 
     closed: Float[np.ndarray, " joint"]
     opened: Float[np.ndarray, " joint"]
+    scales: Float[np.ndarray, " joint"]
     reach: float
     sweep: float
 
@@ -55,6 +58,7 @@ def state_space(hand: Hand, closed: Float[np.ndarray, " joint"]) -> StateSpace:
     """Return the space of a hand that is to close to the joint angles `closed` [rad]."""
     wanted = torch.zeros(1, ROOT_COORDINATES + hand.num_joints, dtype=torch.float64)
     wanted[0, 3], wanted[0, 7] = 1.0, 1.0
+    wanted[0, ROOT_COORDINATES:] = torch.as_tensor(hand.apart)
     opened = hand.clamp(wanted)[0, ROOT_COORDINATES:].numpy()
     steps = np.linspace(0.0, 1.0, SWEEP_STEPS + 1)[:, None]
     q = np.tile(wanted.numpy(), (len(steps), 1))
@@ -63,7 +67,8 @@ def state_space(hand: Hand, closed: Float[np.ndarray, " joint"]) -> StateSpace:
     points = hand.sparse_points
     placed = np.einsum("slij,lj->sli", T[:, points.link, :3, :3], points.points) + T[:, points.link][..., :3, 3]
     way = np.linalg.norm(np.diff(placed, axis=0), axis=2).sum(axis=0)
-    return StateSpace(np.asarray(closed, dtype=float), opened, float(np.linalg.norm(placed, axis=2).max()), way.max())
+    reach = float(np.linalg.norm(placed, axis=2).max())
+    return StateSpace(np.asarray(closed, dtype=float), opened, hand.joint_scales, reach, way.max())
 
 
 def state(T_world_palm: Float[np.ndarray, "4 4"] | Float[np.ndarray, "3 4"], opening: float) -> State:
@@ -121,7 +126,7 @@ def between(start: State, end: State, fraction: Float[np.ndarray, " n"]) -> Stat
 BASE_SPEED = 0.25  # [m/s] of the palm's origin
 CONTACT_SPEED = 0.05  # [m/s] the same on the last stretch, where the fingers meet the object
 TURN_SPEED = 1.5  # [rad/s] of the palm: a wrist's usual half of its rated speed
-JOINT_SPEED = 2.0  # [rad/s] of every finger joint
+JOINT_SPEED = 2.0  # [rad/s of `Hand.joint_scales`] of every finger joint
 SAMPLE_INTERVAL = 0.02  # [s] most between two samples: 5 mm at the base's speed
 
 
@@ -147,7 +152,7 @@ def timed(space: StateSpace, path: States, *, contact_from: int) -> Trajectory:
 
     From the state `contact_from` on, the base keeps to the slower CONTACT_SPEED.
     """
-    fastest_joint = float(np.abs(space.opened - space.closed).max())
+    fastest_joint = float((np.abs(space.opened - space.closed) / space.scales).max())
     times, states = [0.0], [path[:1]]
     for index, (start, end) in enumerate(pairwise(path)):
         speed = CONTACT_SPEED if index >= contact_from else BASE_SPEED

@@ -39,7 +39,7 @@ def random_start(
     palm_normal = hand.palm_normal / np.linalg.norm(hand.palm_normal)
     own = np.stack([np.cross(palm_normal, hand.finger_axis), palm_normal, hand.finger_axis], axis=1)
     rotation = wanted @ torch.as_tensor(own.T, dtype=torch.float32)
-    reach = torch.as_tensor(hand.finger_axis * hand.finger_length / 2, dtype=torch.float32)
+    reach = torch.as_tensor(hand.finger_middle, dtype=torch.float32)
     translation = aim + uniform(*DISTANCE, count, 1) * outward - rotation @ reach
 
     lower, upper = (torch.as_tensor(limit, dtype=torch.float32) for limit in (hand.lower, hand.upper))

@@ -43,10 +43,12 @@ def along_line(q: Float[np.ndarray, " coordinates"], shift: Float[np.ndarray, " 
     return path
 
 
-def bending(q: Float[np.ndarray, " coordinates"], angles: Float[np.ndarray, " joint"], *, speed: float) -> Path:
-    """Move the joints evenly to `angles` [rad], the fastest at `speed` [rad/s]; the base stays."""
+def bending(
+    q: Float[np.ndarray, " coordinates"], angles: Float[np.ndarray, " joint"], *, speed: Float[np.ndarray, " joint"]
+) -> Path:
+    """Move the joints evenly to `angles` [rad], none faster than its `speed` [rad/s], sliding ones in metres."""
     change = angles - q[ROOT_COORDINATES:]
-    count = int(np.ceil(np.abs(change).max() / speed / TIMESTEP))
+    count = int(np.ceil((np.abs(change) / speed).max() / TIMESTEP))
     path = np.tile(q, (count, 1))
     path[:, ROOT_COORDINATES:] += np.arange(1, count + 1)[:, None] / max(count, 1) * change
     return path

@@ -13,7 +13,6 @@ import trimesh
 from jaxtyping import Float
 from scipy.optimize import nnls
 
-from dexnudge.hands.export import POSITION_GAIN
 from dexnudge.hands.hand import Hand
 from dexnudge.mechanics.contacts import HandContacts
 from dexnudge.mechanics.friction_cone import EDGE_COUNT, UP, friction_cone_edges, wrenches
@@ -28,7 +27,7 @@ from dexnudge.simulation.model import (
     changed_physics,
     grasp_model,
 )
-from dexnudge.simulation.rollout import IDLE_TORQUE, Rollout
+from dexnudge.simulation.rollout import Rollout
 
 SQUEEZE = 14.0  # [N] wanted sum of all normal forces, before the limit per link
 STRONGEST_LINK = 5.0  # [N] normal force of one link; what a tendon-driven finger holds continuously
@@ -45,7 +44,7 @@ def squeeze(
     Non-negative least squares over the edges of the contacts' friction pyramids: no net wrench first (torques over
     `half_length` [m]), then a sum of normal forces near SQUEEZE, then evenly spread; scaled down until no link presses
     harder than STRONGEST_LINK. A force f of the hand at a contact takes the joint torques J^T f; a motor that two
-    joints share takes the mean of theirs, since its tendon pulls on both alike.
+    joints share takes the mean of theirs, since its tendon pulls on both alike. Of a motor that slides it is a force [N].
     """
     edges = friction_cone_edges(contacts.normals, UP, friction=friction)
     centre = np.array(simulation.data.xipos[simulation.object_body])
@@ -187,12 +186,12 @@ class HoldTest:
     def _close(self, motor_torque: Float[np.ndarray, " motor"], run: "_Run") -> None:
         """Bring the motors to the wanted torques, whatever gaps they close on the way, and keep their targets there."""
         model, data = self._grasp.model, self._grasp.data
-        idle = np.abs(motor_torque) < IDLE_TORQUE
+        idle = self._grasp.idle(motor_torque)
         place = np.array(data.ctrl)
         low, high = model.actuator_ctrlrange.T
         for update in range(CLOSING_UPDATES):
             share = min(1.0, (update + 1) / RAMP)
-            target = data.actuator_length + share * motor_torque / POSITION_GAIN
+            target = data.actuator_length + share * motor_torque / self._grasp.motor_gain
             data.ctrl[:] = np.clip(np.where(idle, place, target), low, high)
             self._step(CLOSING_STEPS, run)
         self._step(SETTLING_STEPS, run)

@@ -13,7 +13,7 @@ import mujoco
 import numpy as np
 import torch
 import trimesh
-from jaxtyping import Float, Int
+from jaxtyping import Bool, Float, Int
 from scipy.spatial.transform import Rotation
 
 from dexnudge.errors import InputError, SceneError
@@ -39,6 +39,7 @@ SLIDING_CONTACT = (2 * CONTACT_TIME, 0.5)  # [s], [-] MuJoCo's solref: time cons
 SLIDING_IMPEDANCE = (0.1, 0.95, 0.0002, 0.5, 2.0)  # MuJoCo's solimp: from 0.1 at touch to 0.95 at a depth of 0.2 mm
 BASE_STIFFNESS = 1000.0  # [N/m] of an arm under impedance control: what contacts give way by costs little of the force
 BASE_ROTATION_STIFFNESS = 100.0  # [N m/rad] the same at a lever of 0.2 m
+IDLE_TORQUE = 1.0e-3  # [N m] below which a motor has no part in a squeeze and keeps its place
 ARM_MASS, ARM_INERTIA = 1.0, 0.01  # [kg], [kg m^2] of an arm's flange: a light hand stays stable on these springs
 
 MANY_PIECES = 200  # surroundings in more of them may touch an object in hundreds of places at once
@@ -103,6 +104,8 @@ class SimulationModel:
         joint_position: entry in qpos of the joint that carries each link, -1 where it is fixed.
         dof_of_angle: velocity of every degree of freedom for unit velocity of a joint angle of q.
         motor_of_angle: length of every motor for unit joint angle; of a tendon that two joints share both are one.
+        motor_gain: of every motor [N m/rad], [N/m] of one that slides.
+        motor_scale: what counts as a radian of every motor, see `Hand.joint_scales`; 1 of the base's.
         base_motor: the six motors of the base, force then torque, in the axes of the base's target; none for a fixed palm.
         base_stiffness [N/m, N m/rad], base_damping [N s/m, N m s/rad]: of each.
     """
@@ -120,6 +123,8 @@ class SimulationModel:
     joint_position: Int[np.ndarray, " link"]
     dof_of_angle: Float[np.ndarray, "dof angle"]
     motor_of_angle: Float[np.ndarray, "motor angle"]
+    motor_gain: Float[np.ndarray, " motor"]
+    motor_scale: Float[np.ndarray, " motor"]
     base_motor: Int[np.ndarray, " base"]
     base_stiffness: Float[np.ndarray, " base"]
     base_damping: Float[np.ndarray, " base"]
@@ -128,6 +133,10 @@ class SimulationModel:
     def angle_of_motor(self) -> Float[np.ndarray, "angle motor"]:
         """Joint angles for unit length of a motor: the joints of a shared tendon move alike."""
         return self.motor_of_angle.T / np.maximum(self.motor_of_angle.sum(axis=1), 1.0)
+
+    def idle(self, motor_torque: Float[np.ndarray, " motor"]) -> Bool[np.ndarray, " motor"]:
+        """Return which motors have no part in a squeeze with these torques [N m], or forces [N] where they slide."""
+        return np.abs(motor_torque) * self.motor_scale < IDLE_TORQUE
 
     def place(self, q: Float[np.ndarray, " coordinates"]) -> None:
         """Reset everything, warm starts included: the hand at q, at rest, the object at `T_world_object`.
@@ -176,7 +185,10 @@ class SimulationModel:
         return poses
 
     def point_jacobian(self, point: np.ndarray, link: int) -> Float[np.ndarray, "3 angle"]:
-        """Return d point / d joint angles [m/rad] of a point [m, world] that is fixed to a link, with the palm fixed."""
+        """Return d point / d joint angles [m/rad], [m/m] of slides, of a point of a link.
+
+        The point is in the world [m], the palm is fixed.
+        """
         jacobian = np.zeros((3, self.model.nv))
         mujoco.mj_jac(self.model, self.data, jacobian, None, point, int(self.link_body[link]))
         return np.asarray(jacobian @ self.dof_of_angle)
@@ -368,6 +380,8 @@ def _indexed(hand: Hand, model: Any, xml: str, T_world_object: Float[np.ndarray,
             motor_of_angle[model.actuator(name).id, index] = 1.0
     for (follower, leader), pair in zip(hand.couplings, hand.coupled_indices, strict=True):
         motor_of_angle[model.actuator(f"{follower}+{leader}").id, pair] = 1.0
+    motor_scale = np.ones(model.nu)
+    np.copyto(motor_scale, (motor_of_angle * hand.joint_scales).max(axis=1), where=motor_of_angle.any(axis=1))
     sprung = bool(xml)
     base_motor = np.array([model.actuator(name).id for name in BASE_MOTORS if sprung], dtype=np.int64)
     return SimulationModel(
@@ -384,6 +398,8 @@ def _indexed(hand: Hand, model: Any, xml: str, T_world_object: Float[np.ndarray,
         joint_position=joint_position,
         dof_of_angle=dof_of_angle,
         motor_of_angle=motor_of_angle,
+        motor_gain=np.array(model.actuator_gainprm[:, 0]),
+        motor_scale=motor_scale,
         base_motor=base_motor,
         base_stiffness=-model.actuator_biasprm[base_motor, 1],
         base_damping=-model.actuator_biasprm[base_motor, 2],

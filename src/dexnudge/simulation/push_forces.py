@@ -39,7 +39,7 @@ def closed_configuration(
     would have to turn far for.
     """
     wanted = set(pressing)
-    angle_of_motor = simulation.angle_of_motor
+    angle_of_motor = simulation.angle_of_motor * simulation.motor_scale
     closed = np.array(q, dtype=np.float64)
     for _ in range(ITERATIONS):
         simulation.place(closed)
@@ -48,7 +48,7 @@ def closed_configuration(
             gap, towards, point = _gap(simulation, link)
             if gap < 0 or (link in wanted and gap < NEAR):
                 jacobian = simulation.point_jacobian(point, link)
-                fingers = towards @ jacobian @ angle_of_motor
+                fingers = towards @ jacobian @ angle_of_motor  # [m/rad], also of motors that slide
                 rows.append(np.concatenate([fingers, BASE_LEVER * towards]))
                 gaps.append(gap)
         if not gaps or np.abs(gaps).max() < CLOSE_ENOUGH:
@@ -86,18 +86,18 @@ EVENNESS = 0.1  # weight of each edge's own size: forces spread over contacts
 LEVER = 0.05  # [m] that makes a torque a force in these weights: a finger's segment
 UNBALANCED = 0.02  # net wrench over weight up to which forces count as balanced
 LEAST_FORCE = 0.05  # [N] below which a link need not touch
-AT_STOP = 0.02  # [rad] from an end stop at which it carries load
+AT_STOP = 0.02  # [rad of `Hand.joint_scales`] from an end stop at which it carries load
 
 
 @dataclass(frozen=True)
 class PushForces:
     """Forces of the hand at places evenly spread over the length of the push, its beginning and end included.
 
-    force: on the object per contact [N, world]. motor_torque: [N m] per motor. base_wrench: force [N] and torque about the
-    palm's origin [N m] that the base is to press with, world. cone_share: of the hand's friction that the forces use; 0
-    where no forces balance at the beginning and the hand only holds its place. surplus: by which those that balance were
-    multiplied.
-    closing: of each motor until the pressing links touch [rad], and base_closing of the base [m, world].
+    force: on the object per contact [N, world]. motor_torque: [N m] per motor, [N] of one that slides. base_wrench: force
+    [N] and torque about the palm's origin [N m] that the base is to press with, world. cone_share: of the hand's friction
+    that the forces use; 0 where no forces balance at the beginning and the hand only holds its place. surplus: by which
+    those that balance were multiplied.
+    closing: of each motor until the pressing links touch [rad], sliding ones [m], and base_closing of the base [m, world].
     """
 
     force: Float[np.ndarray, "place contact 3"]
@@ -111,7 +111,7 @@ class PushForces:
 
 @dataclass(frozen=True)
 class _Pushed:
-    """What hand and object bring to every place; jacobians: of the contacts' points [m/rad]."""
+    """What hand and object bring to every place; jacobians: of the contacts' points [m/rad], [m/m] of sliding joints."""
 
     simulation: SimulationModel
     q: Float[np.ndarray, " coordinates"]
@@ -229,6 +229,7 @@ def _tendon_rows(
 ) -> tuple[Float[np.ndarray, "pair edge"], Float[np.ndarray, "pair slack"]]:
     """Return the follower's minus the leader's torque per edge [N m per unit force], and what joint stops take."""
     pairs = pushed.simulation.hand.coupled_indices
+    torque = torque * pushed.simulation.hand.joint_scales
     mismatch = (torque[:, pairs[:, 0]] - torque[:, pairs[:, 1]]).T
     straight, together = _stops(pushed.simulation.hand, pushed.q)
     slack = np.concatenate([-np.diag(straight.astype(float)), np.diag(together.astype(float))], axis=1)
@@ -239,7 +240,8 @@ def _stops(hand: Hand, q: np.ndarray) -> tuple[np.ndarray, np.ndarray]:
     """Return per coupled pair whether the follower is at its lower stop, and whether it is as far as its leader."""
     angles, pairs = q[ROOT_COORDINATES:], hand.coupled_indices
     follower, leader = angles[pairs[:, 0]], angles[pairs[:, 1]]
-    return follower < hand.lower[pairs[:, 0]] + AT_STOP, follower > leader - AT_STOP
+    near = AT_STOP * hand.joint_scales[pairs[:, 0]]
+    return follower < hand.lower[pairs[:, 0]] + near, follower > leader - near
 
 
 def _motor_torque(pushed: _Pushed, force: np.ndarray) -> np.ndarray:

@@ -14,7 +14,6 @@ import numpy as np
 from jaxtyping import Float, Int
 from scipy.spatial.transform import Rotation
 
-from dexnudge.hands.export import POSITION_GAIN
 from dexnudge.hands.hand import ROOT_COORDINATES
 from dexnudge.simulation.hand_path import SQUEEZE, Path, PushPath, interpolated, palm_velocity, rotations
 from dexnudge.simulation.model import ENVIRONMENT_SIDE, HAND_SIDE, OBJECT_SIDE, TIMESTEP, SimulationModel
@@ -26,7 +25,6 @@ FAR = 0.05  # [m] clearances above this are not told apart
 TOUCHING, LOADED = 0.3, 0.8  # of the time of the squeeze: fingers have closed, forces are built up; the rest settles
 FOLLOW_TIME = 0.05  # [s] in which the base's target goes down or up to where the pressing hand has come to rest
 MOST_FOLLOWED = 0.005  # [m]
-IDLE_TORQUE = 1.0e-3  # [N m] below which a motor has no part in a squeeze and keeps its place
 CLOSING_STEPS = 10  # between two updates of the squeeze: 20 ms
 CLOSE_RAMP, CLOSE_TIME, GRIP_SETTLE_TIME = 0.1, 0.2, 0.1  # [s] of a grasp that closes, as in the hold test
 STATE = mujoco.mjtState.mjSTATE_INTEGRATION
@@ -158,17 +156,18 @@ class Rollout:
         self.play(self._path_commands(path, motors, phase, pressing=pressing))
 
     def close(self, motor_torque: Float[np.ndarray, " motor"], phase: str) -> None:
-        """Bring the motors to these torques [N m], whatever gaps they close on the way, and let the grip settle.
+        """Bring the motors to these torques, whatever gaps they close on the way, and let the grip settle.
 
+        In [N m]; those of motors that slide are forces [N].
         Afterwards they keep the targets that they have then, until `let_go`.
         """
-        idle = np.abs(motor_torque) < IDLE_TORQUE
+        idle = self.simulation.idle(motor_torque)
         place = self.simulation.motor_of_angle @ self.commanded[ROOT_COORDINATES:]
         step = self.simulation.model.opt.timestep * CLOSING_STEPS
         path = np.tile(self.commanded, (CLOSING_STEPS, 1))
         for update in range(round(CLOSE_TIME / step)):
             share = min(1.0, (update + 1) * step / CLOSE_RAMP)
-            target = self.simulation.data.actuator_length + share * motor_torque / POSITION_GAIN
+            target = self.simulation.data.actuator_length + share * motor_torque / self.simulation.motor_gain
             self._grip = np.where(idle, place, target)
             self.follow(path, phase)
         self.follow(np.tile(self.commanded, (round(GRIP_SETTLE_TIME / TIMESTEP), 1)), phase)
@@ -234,7 +233,7 @@ class Rollout:
                 followed += TIMESTEP / FOLLOW_TIME * (sunk - followed)
                 followed = float(np.clip(followed, -MOST_FOLLOWED, MOST_FOLLOWED))
                 position[2] += followed
-            offset = closed * forces.closing + loaded * torque[step] / POSITION_GAIN
+            offset = closed * forces.closing + loaded * torque[step] / simulation.motor_gain
             ctrl = np.clip(place[step] + offset, self._low, self._high)
             ctrl[simulation.base_motor] = moving[step] + loaded * pressing[step]
             q = np.concatenate([position, columns[step], path.angles[step]])

@@ -13,6 +13,7 @@ from importlib.metadata import version
 from pathlib import Path
 from typing import Any, Literal
 
+import numpy as np
 from rich.progress import Progress, TextColumn
 
 from dexnudge.dataset.manifest import (
@@ -241,6 +242,7 @@ def _open(out: Path, config: GenerationConfig, seed: int) -> Manifest:
         hand=hand.name,
         joint_names=hand.joint_names,
         joint_groups=joint_groups(hand),
+        sliding_joints=tuple(np.array(hand.joint_names)[hand.sliding].tolist()),
         objects={},
         config=asdict(replace(config, hand=recorded_hand(config.hand, hand, out))),
         seed=seed,

@@ -219,10 +219,11 @@ def separated_joint_angles(hand: Hand, count: int, generator: np.random.Generato
 
 
 def random_joint_angles(hand: Hand, count: int, generator: np.random.Generator) -> Float[Tensor, "count joint"]:
-    """Return loosely flexed joint angles within limits and couplings [rad]."""
+    """Return loosely flexed joint angles within limits and couplings [rad]; slides are anywhere on their way [m]."""
     span = hand.upper - hand.lower
     # A joint that bends one way only is a flexion joint; one that swings both ways about zero is an abduction joint.
     flexes, flexes_backwards = hand.upper > -2 * hand.lower, hand.lower < -2 * hand.upper
+    flexes |= hand.sliding
     share = generator.beta(1.6, 2.4, (count, hand.num_joints))
     flexed = np.where(flexes_backwards, hand.upper - span * share, hand.lower + span * share)
     swung = generator.normal(0.0, ABDUCTION_SPREAD, (count, hand.num_joints)) * span

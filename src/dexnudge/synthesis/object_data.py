@@ -142,7 +142,7 @@ def _verify(
     seed: int,
 ) -> None:
     """Adds kept configurations to `rows` and every attempt to `counts`; what is judged is what will be stored."""
-    q = round_configuration(q.astype(np.float64))
+    q = round_configuration(q.astype(np.float64), sliding=hand.sliding)
     reasons = _hopeless(hand, fields, q)
     promising = [row for row, reason in enumerate(reasons) if not reason]
     verified = verifier(q[promising])

@@ -27,7 +27,7 @@ SUCCESS_MARGIN = 1.0
 ROBUST_MARGIN = 1.5
 """Force margins from which a configuration succeeds, and is robust [-]."""
 LIMITS_TOLERANCE = 1e-4
-"""Violation of limits and couplings that single precision explains [rad]."""
+"""Violation of limits and couplings that single precision explains [rad of `Hand.joint_scales`]."""
 ROTATION_TOLERANCE = 1e-4
 """Deviation of the 6D rotation's columns from unit length and right angle that single precision explains [-]."""
 RESERVED = ("q", "joint_names", "success", "reasons", "contact_links")
@@ -103,11 +103,15 @@ class BuiltinCriterion:
 
 
 def limits_violation(hand: Hand, q: Float[np.ndarray, "n coordinates"]) -> Float[np.ndarray, " n"]:
-    """Return the greatest amount by which a joint is beyond a limit, or a follower beyond its leader [rad]; 0 if none."""
-    angles = q[:, ROOT_COORDINATES:]
+    """Return the greatest amount by which a joint is beyond a limit, or a follower beyond its leader; 0 if none.
+
+    In [rad]; 0.05 m of a sliding joint count as one (`Hand.joint_scales`).
+    """
+    scales = hand.joint_scales.astype(q.dtype)
+    angles, lower, upper = q[:, ROOT_COORDINATES:] / scales, hand.lower / scales, hand.upper / scales
     coupled = hand.coupled_indices
     excess = np.concatenate(
-        [hand.lower - angles, angles - hand.upper, angles[:, coupled[:, 0]] - angles[:, coupled[:, 1]]], axis=1
+        [lower - angles, angles - upper, angles[:, coupled[:, 0]] - angles[:, coupled[:, 1]]], axis=1
     )
     return np.maximum(excess, 0.0).max(axis=1, initial=0.0)
 

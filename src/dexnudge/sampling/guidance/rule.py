@@ -146,10 +146,13 @@ def configuration_energy(q: Float[Tensor, "batch coordinates"], energy: HandEner
 
 
 def squared_violation(hand: Hand, angles: Float[Tensor, "batch joint"]) -> Float[Tensor, " batch"]:
-    """Return the sum of the squared violations of joint limits and couplings [rad^2]."""
+    """Return the sum of the squared violations of joint limits and couplings [rad^2 of `Hand.joint_scales`]."""
+    scales = hand.joint_scales
     lower, upper = (
-        torch.as_tensor(bound, dtype=angles.dtype, device=angles.device) for bound in (hand.lower, hand.upper)
+        torch.as_tensor(bound, dtype=angles.dtype, device=angles.device)
+        for bound in (hand.lower / scales, hand.upper / scales)
     )
+    angles = angles / torch.as_tensor(scales, dtype=angles.dtype, device=angles.device)
     follower, leader = hand.coupled_indices.T
     excess = torch.cat([lower - angles, angles - upper, angles[:, follower] - angles[:, leader]], dim=1)
     return excess.clamp_min(0.0).square().sum(dim=1)
