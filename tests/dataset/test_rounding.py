@@ -4,7 +4,15 @@ import numpy as np
 from hypothesis import given
 from hypothesis import strategies as st
 
-from dexnudge.dataset.schema import JOINT_STEP, ROTATION_STEP, TRANSLATION_STEP, floor_margin, round_configuration
+from dexnudge.dataset.schema import (
+    JOINT_STEP,
+    ROTATION_STEP,
+    SLIDE_STEP,
+    TRANSLATION_STEP,
+    floor_margin,
+    round_configuration,
+)
+from dexnudge.hands.hand import SLIDE_SCALE
 from dexnudge.verification.criteria import LIMITS_TOLERANCE, ROTATION_TOLERANCE
 
 SEEDS = st.integers(0, 2**32 - 1)
@@ -54,3 +62,13 @@ def test_batches_and_integers_of_the_step_stay():
     q = np.stack([draw(k) for k in range(6)]).reshape(2, 3, 25)
     np.testing.assert_array_equal(round_configuration(q)[1, 2], round_configuration(q[1, 2]))
     np.testing.assert_array_equal(floor_margin(np.array([-1.0, 1.0, 3.0])), [-1.0, 1.0, 3.0])
+
+
+@given(SEEDS)
+def test_slides_stay_within_what_a_limit_may_be_off(seed):
+    q, sliding = draw(seed), np.arange(16) % 3 == 0
+    rounded = round_configuration(q, sliding=sliding)
+    np.testing.assert_array_equal(rounded.astype(np.float32).astype(np.float64), rounded)
+    error = np.abs(rounded - q)[9:]
+    assert error[sliding].max() <= SLIDE_STEP / 2 < LIMITS_TOLERANCE * SLIDE_SCALE
+    np.testing.assert_array_equal(error[~sliding], np.abs(round_configuration(q) - q)[9:][~sliding])

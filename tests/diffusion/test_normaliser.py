@@ -40,3 +40,9 @@ def test_entries_that_never_vary_are_not_blown_up():
     normaliser = Normaliser.fit(poses(1).expand(10, 13))
     torch.testing.assert_close(normaliser.std[:3], torch.full((3,), MIN_TRANSLATION_STD))
     torch.testing.assert_close(normaliser.std[9:], torch.full((4,), MIN_JOINT_STD))
+
+
+def test_a_slide_that_hardly_varies_is_told_apart_in_its_own_measure():
+    sliding = np.array([False, True, False, True])
+    std = Normaliser.fit(poses(1).expand(10, 13), sliding=sliding).std[9:]
+    torch.testing.assert_close(std, MIN_JOINT_STD * torch.tensor([1.0, 0.05, 1.0, 0.05]))

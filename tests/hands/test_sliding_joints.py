@@ -1,5 +1,7 @@
 """Sliding joints: read from URDF and MJCF, placed as MuJoCo places them, exported, and those above the hand cut off."""
 
+from dataclasses import replace
+
 import mujoco
 import numpy as np
 import pytest
@@ -167,3 +169,34 @@ def test_a_coupling_of_a_slide_with_an_angle_is_refused(tmp_path):
     assert str(caught.value) == (
         "coupling bend <= left compares a slide with an angle: expected joints of one kind; mend the pair"
     )
+
+
+def test_open_jaws_are_apart_and_keypoints_lie_on_them(two_jaws):
+    np.testing.assert_allclose(two_jaws.apart, [0.04])
+    for tip, keypoint in zip(two_jaws.fingertip_indices, two_jaws.fingertip_keypoints, strict=True):
+        low, high = two_jaws.link_meshes[tip].bounds
+        assert (keypoint > low).all()
+        assert (keypoint < high).all()
+        assert keypoint[2] > (low[2] + high[2]) / 2  # on the half away from the palm
+
+
+@pytest.mark.parametrize(
+    ("normal", "axis", "faces"),
+    [((0, 0, 1), (1, 0, 0), True), ((1, 0, 0), (0, 0, 1), False), ((0, 1, 0), (0, 0, 1), False)],
+)
+def test_jaws_may_point_where_the_palm_faces_or_along_it(two_jaws, normal, axis, faces):
+    hand = replace(two_jaws, palm_normal=np.array(normal, dtype=float))
+    assert hand.fingers_face == faces
+    np.testing.assert_allclose(np.abs(hand.finger_axis), axis, atol=1e-9)
+    np.testing.assert_allclose(hand.finger_middle, (0, 0, hand.keypoints(hand._zero)[0, 0, 2] / 2), atol=1e-9)
+
+
+def test_motors_of_slides_push_as_fingers_do(two_jaws, tmp_path):
+    model = mujoco.MjModel.from_xml_path(str(export_hand(two_jaws, tmp_path).with_name("hand.xml")))
+    assert model.actuator("left_slide").gainprm[0] == pytest.approx(5.0 / 0.05**2)  # [N/m] of 5 N m/rad at 0.05 m
+    np.testing.assert_allclose(model.actuator("left_slide").forcerange, (-40.0, 40.0))  # [N] of 2 N m there
+    data = mujoco.MjData(model)
+    data.ctrl[:] = 0.03
+    for _ in range(1000):
+        mujoco.mj_step(model, data)
+    np.testing.assert_allclose(data.qpos[:2], (0.03, 0.03), atol=5e-4)  # the follower goes along
