@@ -231,7 +231,7 @@ def test_hands_that_cannot_be_used(dexnudge, refused, tmp_path, text, message):
 
 @pytest.mark.parametrize("command", [["sample", "phone", "--scene", "table"], ["hand", "shadow_lite"]])
 def test_an_output_folder_that_exists_or_cannot_be_written(dexnudge, tmp_path, command):
-    option = "--export" if command[0] == "hand" else "--out"
+    option = "--prepare" if command[0] == "hand" else "--out"
     (tmp_path / "out").mkdir()
     (tmp_path / "file").write_text("kept")
     for out, message in [

@@ -80,7 +80,7 @@ def test_of_two_evaluations_the_second_is_refused_and_goes_on_once_the_first_was
     ids=lambda command: command[0],
 )
 def test_every_command_that_writes_refuses_an_owned_folder(dexnudge, tmp_path, command):
-    flag = "--export" if command[0] == "hand" else "--out"
+    flag = "--prepare" if command[0] == "hand" else "--out"
     with new_folder(tmp_path / "out", marker="m"):
         outcome = dexnudge(*command, flag, tmp_path / "out")
     assert outcome.code == 2

@@ -391,8 +391,9 @@ def test_entities_in_a_mesh(write_hand):
 def test_without_yaml_the_message_says_what_to_write(write_hand):
     assert message(write_hand(config=None)) == (
         "DIR/small.urdf has no YAML beside it: expected small.yaml or hand.yaml with the palm, the fingertips and the "
-        "direction in which the palm faces; check these lines, write the direction in the palm's frame in place of x, y "
-        "and z, and save them there:\npalm: palm\nfingertips: {thumb: thumbtip, pad: pad}\npalm_normal: [x, y, z]"
+        "direction in which the palm faces; let `prepare` find them, or check these lines, write the direction in the "
+        "palm's frame in place of x, y and z, and save them there:\n"
+        "palm: palm\nfingertips: {thumb: thumbtip, pad: pad}\npalm_normal: [x, y, z]"
     )
 
 

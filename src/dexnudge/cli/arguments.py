@@ -74,11 +74,12 @@ def with_flags(message: str, kind: Any) -> str:
 
 
 def _flags(kind: Any) -> dict[str, str]:
-    """Return how the arguments that are options of a command are typed, by name."""
+    """Return how the arguments that are options of a command are typed, by name; a repeatable option also by its plural."""
     flags: dict[str, str] = {}
     for field in fields(kind):
         group, off = field.default_factory, "no-" if field.default is True else ""
-        flags |= _flags(group) if is_dataclass(group) else {field.name: f"--{off}{field.name.replace('_', '-')}"}
+        own = dict.fromkeys((field.name, f"{field.name}s"), f"--{off}{field.name.replace('_', '-')}")
+        flags |= _flags(group) if is_dataclass(group) else own
     return flags
 
 

@@ -1,32 +1,50 @@
-"""`dexnudge hand`: what a hand consists of, and its export."""
+"""`dexnudge hand`: what a hand consists of, what was assumed, and a prepared folder of it."""
 
 from __future__ import annotations
 
+import json
+from collections.abc import Sequence
 from dataclasses import dataclass
-from typing import TYPE_CHECKING, Annotated
+from pathlib import Path
+from typing import TYPE_CHECKING, Annotated, Literal
 
 import tyro
 
 from dexnudge.cli.arguments import Flag, OptionalCount, OptionalFolder, OptionalNumber, metavar, say, stdout, table
+from dexnudge.errors import InputError
 
 if TYPE_CHECKING:
+    from dexnudge.finding import Finding
     from dexnudge.hands.hand import Hand
+    from dexnudge.hands.preparation import PreparedHand
 
-MARKER = "hand.urdf"
+MARKER, FINDINGS, PICTURE = "hand.urdf", "findings.json", "hand.png"
 
 
 @dataclass(frozen=True)
 class HandCommand:
-    """Show the links, joints, limits, digits and collision pairs of a hand, and export it."""
+    """Show what a hand consists of and what was assumed about it, and write it as a prepared folder.
 
-    hand: tyro.conf.Positional[Annotated[str, metavar("NAME_OR_URDF")]]
-    """Built-in hand, or a URDF or MJCF file with its YAML beside it; an unknown name lists the built-in ones."""
-    export: OptionalFolder = None
-    """Folder to write URDF, meshes, YAML and MJCF to; must not exist."""
+    Any URDF or MJCF does: palm, fingertips and the direction in which the palm faces are found where no YAML beside it
+    states them; an arm above the palm is cut off. What is no hand is refused, with what is missing.
+    """
+
+    hand: tyro.conf.Positional[Annotated[str, metavar("NAME_OR_FILE")]]
+    """Built-in hand, URDF or MJCF file, or prepared folder; an unknown name lists the built-in ones."""
+    prepare: OptionalFolder = None
+    """Folder to write description, YAML, meshes, picture and findings to; --hand takes it everywhere."""
+    palm: Annotated[str | None, metavar("LINK")] = None
+    """Link from which the digits branch; found unless given. Of a robot with two hands, one's palm."""
+    palm_normal: Annotated[tuple[float, float, float] | None, metavar("X Y Z")] = None
+    """Direction in which the palm faces, in the palm's frame; found unless given."""
+    geometry: Annotated[Literal["collision", "visual"] | None, metavar("KIND")] = None
+    """Which geometry counts, collision or visual; collision unless a hand has none."""
+    package: tyro.conf.UseAppendAction[Annotated[tuple[str, ...], metavar("NAME=DIR")]] = ()
+    """Folder of a ROS package whose meshes the description names by package://NAME. Repeatable."""
     base: Flag = True
     """Leave the forearm out of the hand's geometry."""
     overwrite: Flag = False
-    """Replace an existing exported hand; other files in its folder stay."""
+    """Replace an existing prepared folder; other files in it stay."""
 
     learn: Flag = False
     """Learn the hand: data, training and evaluation in its prepared folder, or in --out; goes on where it was stopped."""
@@ -40,33 +58,86 @@ class HandCommand:
     """With --learn: of data, training and evaluation; 0 unless given."""
 
     def run(self) -> int:
-        """Write the folder if asked; print the tables."""
+        """Write the folder if asked, learn in it if asked; print the tables and the findings."""
         if self.learn:
             from dexnudge.cli.hand_learning import learn
 
-            return learn(
-                self.hand, out=self.out, base=self.base, minutes=self.minutes, workers=self.workers, seed=self.seed
-            )
-        from dexnudge.hands.registry import load_hand
-
-        if self.export is None:
-            _print(load_hand(self.hand, base=self.base))
-            return 0
-        from dexnudge.hands.export import HAND_FILES, export_hand
-        from dexnudge.jobs.folders import new_folder
-
-        with new_folder(
-            self.export, overwrite=self.overwrite, marker=MARKER, ours=HAND_FILES, argument="export"
-        ) as folder:
-            hand = load_hand(self.hand, base=self.base)
-            export_hand(hand, folder)
-        _print(hand)
-        say(f"written: {self.export}")
+            return learn(self._learning_folder(), minutes=self.minutes, workers=self.workers, seed=self.seed)
+        prepared = self._prepared() if self.prepare is None else self._write(self.prepare)
+        _print(prepared)
+        if self.prepare is not None:
+            say(f"written: {self.prepare}")
         return 0
 
+    def _write(self, out: str) -> PreparedHand:
+        from dexnudge.hands.export import HAND_FILES, export_hand
+        from dexnudge.jobs.folders import new_folder
+        from dexnudge.viewer.hand_picture import write_hand_picture
 
-def _print(hand: Hand) -> None:
+        ours = (*HAND_FILES, FINDINGS, PICTURE)
+        argument = "prepare" if self.prepare is not None else "out"
+        with new_folder(out, overwrite=self.overwrite, marker=MARKER, ours=ours, argument=argument) as folder:
+            prepared = self._prepared()
+            export_hand(prepared.hand, folder)
+            write_hand_picture(prepared.hand, folder / PICTURE)
+            _write_findings(prepared.findings, folder / FINDINGS)
+        return prepared
+
+    def _learning_folder(self) -> Path:
+        """Return the prepared folder to learn in, made if need be."""
+        from dexnudge.hands.registry import load_hand
+
+        out = self.prepare or self.out
+        if out is None and (Path(self.hand) / MARKER).is_file():
+            return Path(self.hand)
+        if out is None:
+            raise InputError(
+                f"{self.hand} is no prepared folder to learn in; expected one, or `out`, the folder to make"
+            )
+        if not (Path(out) / MARKER).is_file():
+            self._write(out)
+            return Path(out)
+        hand, there = self._prepared().hand, load_hand(out)
+        if (there.name, there.joint_names) != (hand.name, hand.joint_names):
+            raise InputError(f"{out} holds the hand '{there.name}', not '{hand.name}'; choose another `out`")
+        return Path(out)
+
+    def _prepared(self) -> PreparedHand:
+        from dexnudge.hands.preparation import prepare_hand
+
+        return prepare_hand(
+            self.hand,
+            palm=self.palm,
+            palm_normal=self.palm_normal,
+            geometry=self.geometry,
+            base=self.base,
+            packages=self._packages(),
+        )
+
+    def _packages(self) -> dict[str, str]:
+        pairs = [entry.partition("=") for entry in self.package]
+        wrong = [entry for entry, (name, _, folder) in zip(self.package, pairs, strict=True) if not name or not folder]
+        if wrong:
+            raise InputError(f"`package` got {wrong[0]!r}; expected NAME=DIR, such as my_hand=/home/me/my_hand")
+        return {name: folder for name, _, folder in pairs}
+
+
+def _write_findings(findings: Sequence[Finding], path: Path) -> None:
+    text = json.dumps({"findings": [finding.as_dict() for finding in findings]}, indent=2)
+    path.write_text(text + "\n", encoding="utf-8")
+
+
+def _print(prepared: PreparedHand) -> None:
+    from dexnudge.cli.scene_options import say_findings
+
+    _print_tables(prepared.hand)
+    say_findings(prepared.findings, HandCommand)
+
+
+def _print_tables(hand: Hand) -> None:
     import numpy as np
+
+    from dexnudge.hands.checks import direction_numbers
 
     console = stdout()
     console.print(f"{hand.name}: {len(hand.link_names)} links, {hand.num_joints} joints in the order of q")
@@ -88,7 +159,6 @@ def _print(hand: Hand) -> None:
         )
     console.print(links)
     couplings = ", ".join(f"{follower} <= {leader}" for follower, leader in hand.couplings)
-    for note in hand.notes:
-        say(f"note: {note}")
-    console.print(f"palm: {hand.link_names[0]}, facing ({', '.join(f'{x:g}' for x in hand.palm_normal)})")
-    say(f"couplings: {couplings or 'none'}", f"collision pairs: {len(hand.self_collision_pairs)}")
+    say(
+        f"palm: {hand.link_names[0]}, facing {direction_numbers(hand.palm_normal)}", f"couplings: {couplings or 'none'}"
+    )

@@ -12,7 +12,7 @@ from dexnudge.cli.arguments import Flag, OptionalFolder, out_folder, say
 from dexnudge.cli.scene_options import RUNS, SceneOptions, say_findings, stop_at_errors
 
 if TYPE_CHECKING:
-    from dexnudge.scenes.finding import Finding
+    from dexnudge.finding import Finding
 
 FINDINGS, PICTURE, PAGE = "findings.json", "scene.png", "scene.html"
 

@@ -24,8 +24,8 @@ from dexnudge.cli.arguments import (
 from dexnudge.errors import InputError, SceneError
 
 if TYPE_CHECKING:
+    from dexnudge.finding import Finding
     from dexnudge.hands.hand import Hand
-    from dexnudge.scenes.finding import Finding
     from dexnudge.scenes.scene import Scene
 
 RUNS = Path("runs")  # unless --out is given

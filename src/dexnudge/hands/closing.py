@@ -67,7 +67,7 @@ def closing(hand: Hand) -> Closing:
     closed = _until_touch(hand, start, met)
     moves = met - start
     turned = np.abs(moves) > 0.1 * (hand.upper - hand.lower)
-    opened = np.clip(start - HYPEREXTENSION * np.sign(moves) * turned, hand.lower, hand.upper)
+    opened = np.clip(start - HYPEREXTENSION * hand.joint_scales * np.sign(moves) * turned, hand.lower, hand.upper)
     normal, confidence = _palm_normal(hand, start, met)
     return Closing(opened, rest, closed, normal, confidence)
 
@@ -168,7 +168,7 @@ def _digits(hand: Hand, start: Float[np.ndarray, " d"], met: Float[np.ndarray, "
             if joint.index is not None:
                 move = joint.multiplier * (met[joint.index] - start[joint.index])
                 turn = move * (transforms[link, :3, :3] @ joint.axis)
-                if getattr(joint, "slides", False):
+                if joint.slides:
                     slide += turn
                 else:
                     turns.append((turn, transforms[link, :3, 3]))

@@ -84,6 +84,12 @@ def read_hand_config(path: Path) -> HandConfig:
     )
 
 
+def yaml_beside(path: Path) -> Path | None:
+    """Return the YAML beside a description file: `<stem>.yaml`, else `hand.yaml`; None without either."""
+    found = (file for file in (path.with_suffix(".yaml"), path.with_name("hand.yaml")) if file.is_file())
+    return next(found, None)
+
+
 def write_hand_config(config: HandConfig, path: Path) -> None:
     """Write what `read_hand_config` reads."""
     raw = {

@@ -365,7 +365,7 @@ class Hand:
         pairs = []
         for one in solid:
             for other in solid:
-                if one >= other or self._related(one, other):
+                if one >= other or self.related(one, other):
                     continue
                 overlap = max(
                     _depth(
@@ -377,7 +377,8 @@ class Hand:
                     pairs.append((one, other))
         return tuple(pairs)
 
-    def _related(self, one: int, other: int) -> bool:
+    def related(self, one: int, other: int) -> bool:
+        """Whether two links are parent and child, or grandparent and grandchild: their contact is no collision."""
         parent = self.link_parent
         return any(
             parent[a] == b or (parent[a] >= 0 and parent[parent[a]] == b) for a, b in ((one, other), (other, one))

@@ -50,22 +50,40 @@ def hand_from_mjcf(
         HandError: anything that cannot be used as given, with the place and the remedy.
     """
     path = Path(path)
-    _check_files(path, packages or {})
+    model = compiled_model(path, packages or {})
+    if not isinstance(config, HandConfig):
+        structure = tree_of_model(model, path.stem, None, lambda _: False)
+        config = read_hand_config(config_path(path, config, structure))
+    tree = model_tree(model, path.stem, config.palm, config.geometry)
+    tree, config = coupled(without_arm(tree, config), model, config)
+    return hand_from_tree(tree, config, base=base)
+
+
+def compiled_model(path: Path, packages: Mapping[str, Path | str]) -> mujoco.MjModel:
+    """Return MuJoCo's model of an MJCF file; HandError where that names files elsewhere, or MuJoCo cannot compile it."""
+    _check_files(path, packages)
     try:
-        model = mujoco.MjModel.from_xml_path(str(path))
+        return mujoco.MjModel.from_xml_path(str(path))
     except (ValueError, mujoco.FatalError) as error:
         raise HandError(
             f"{path}: MuJoCo cannot compile it: expected a valid MJCF model, got '{' '.join(str(error).split())}'; "
             "mend the file"
         ) from error
-    name = path.stem
-    if not isinstance(config, HandConfig):
-        config = read_hand_config(config_path(path, config, tree_of_model(model, name, None, lambda _: False)))
-    wanted = config.geometry == "collision"
+
+
+def mjcf_tree(path: Path, geometry: str, packages: Mapping[str, Path | str] | None = None) -> Tree:
+    """Return the tree of an MJCF file with its "collision" or "visual" geoms; of several trees the one of most joints."""
+    model = compiled_model(path, packages or {})
+    roots = [body for body in range(1, model.nbody) if model.body_parentid[body] == 0]
+    joints = {root: int((model.body_rootid[model.jnt_bodyid] == root).sum()) for root in roots}
+    largest = _name(model.body(max(roots, key=joints.__getitem__)).name, "body", 1) if len(roots) > 1 else None
+    return model_tree(model, path.stem, largest, geometry)
+
+
+def model_tree(model: mujoco.MjModel, name: str, palm: str | None, geometry: str) -> Tree:
+    """Return the tree in which the palm hangs with its "collision" or "visual" geoms: those that can collide, or not."""
     collides = (model.geom_contype | model.geom_conaffinity) != 0
-    tree = tree_of_model(model, name, config.palm, lambda geom: bool(collides[geom]) == wanted)
-    tree, config = coupled(without_arm(tree, config), model, config)
-    return hand_from_tree(tree, config, base=base)
+    return tree_of_model(model, name, palm, lambda geom: bool(collides[geom]) == (geometry == "collision"))
 
 
 def tree_of_model(model: mujoco.MjModel, name: str, palm: str | None, select: Callable[[int], bool]) -> Tree:

@@ -7,16 +7,41 @@ from pathlib import Path
 from typing import Any
 
 from dexnudge.errors import HandError, UnknownNameError, check_path, did_you_mean
+from dexnudge.hands.config import HandConfig
 from dexnudge.hands.hand import Hand
 from dexnudge.hands.named import HANDS
-from dexnudge.hands.urdf import hand_from_urdf
+from dexnudge.hands.tree import Tree
+from dexnudge.hands.urdf import hand_from_urdf, urdf_tree
 from dexnudge.plugins import call_plugin, plugin_names
 
 
-def _hand_from_mjcf(path: Path, **options: Any) -> Hand:
+def _hand_from_mjcf(path: Path, *facts: HandConfig, **options: Any) -> Hand:
     from dexnudge.hands.mjcf import hand_from_mjcf  # imports MuJoCo, which most commands can do without
 
-    return hand_from_mjcf(path, **options)
+    return hand_from_mjcf(path, *facts, **options)
+
+
+def is_description(path: Path) -> bool:
+    """Whether a path ends as descriptions do: .urdf, .xml, or .xacro."""
+    return _suffix(path) in READERS
+
+
+def _suffix(path: Path) -> str:
+    return path.suffix.lower().replace(".xacro", ".urdf")  # whose reader expands it, or says how to
+
+
+def read_hand(path: Path, config: HandConfig, **options: Any) -> Hand:
+    """Return the hand of a description file with these facts in place of a YAML's; `base` and `packages` as `load_hand`."""
+    return replace(READERS[_suffix(path)](path, config, **options), source=path)
+
+
+def read_tree(path: Path, geometry: str, *, packages: Mapping[str, Path | str] | None = None) -> Tree:
+    """Return the whole tree of a description with its "collision" or "visual" geometry; of a scene in MJCF the largest."""
+    if _suffix(path) == ".xml":
+        from dexnudge.hands.mjcf import mjcf_tree
+
+        return mjcf_tree(path, geometry, packages)
+    return urdf_tree(path, geometry, packages)
 
 
 PREPARED_NAME = "hand.urdf"  # the description in a prepared folder
@@ -44,9 +69,8 @@ def load_hand(name_or_urdf: str | Path, *, base: bool = True, packages: Mapping[
     path = Path(name_or_urdf)
     if os.path.isfile(path / PREPARED_NAME):  # noqa: PTH113 - as below
         path /= PREPARED_NAME
-    suffix = path.suffix.lower().replace(".xacro", ".urdf")  # whose reader says how to expand it
-    if suffix in READERS:
-        return replace(READERS[suffix](path, base=base, packages=packages), source=path)
+    if is_description(path):
+        return replace(READERS[_suffix(path)](path, base=base, packages=packages), source=path)
     if os.path.exists(path):  # noqa: PTH110 - a name of 300 letters does not exist, which is no error
         raise HandError(
             f"{path}: expected a description that ends in {' or '.join(READERS)}, got '{path.suffix}'; mend the path"

@@ -6,18 +6,17 @@ has no geometry. Several elements of one link are taken together. Read: mesh, bo
 
 from collections import Counter
 from collections.abc import Mapping
-from itertools import takewhile
+from dataclasses import replace
 from pathlib import Path
-from typing import Any
 from xml.etree.ElementTree import Element
 
 import numpy as np
 import trimesh
-import yaml
 
 from dexnudge.errors import HandError
+from dexnudge.hands.anatomy import template
 from dexnudge.hands.assembly import hand_from_tree
-from dexnudge.hands.config import HandConfig, read_hand_config
+from dexnudge.hands.config import HandConfig, read_hand_config, yaml_beside
 from dexnudge.hands.hand import Hand
 from dexnudge.hands.tree import MAX_LINKS, Mimic, Tree, TreeJoint, check_tree
 from dexnudge.hands.urdf_links import link_mesh, note_masses, numbers_of, origin
@@ -51,6 +50,23 @@ def hand_from_urdf(
     """
     path = Path(path)
     robot = read_xml(path, root_tag="robot", expand=lambda file: expand_xacro(file, packages))
+    structure = _structure(robot, path)
+    settings = config if isinstance(config, HandConfig) else read_hand_config(config_path(path, config, structure))
+    return hand_from_tree(_with_geometry(structure, robot, settings.geometry, path, packages), settings, base=base)
+
+
+def urdf_tree(path: Path, geometry: str, packages: Mapping[str, Path | str] | None = None) -> Tree:
+    """Return the tree of a URDF with its "collision" or "visual" geometry.
+
+    Raises:
+        HandError: what `hand_from_urdf` refuses, whatever the palm.
+    """
+    robot = read_xml(path, root_tag="robot", expand=lambda file: expand_xacro(file, packages))
+    return _with_geometry(_structure(robot, path), robot, geometry, path, packages)
+
+
+def _structure(robot: Element, path: Path) -> Tree:
+    """Return the links, without geometry, and the joints."""
     elements = robot.findall("link")
     if not 0 < len(elements) <= MAX_LINKS:
         found = f"{len(elements):,}" if elements else "none"
@@ -68,11 +84,16 @@ def hand_from_urdf(
     structure = Tree(robot.get("name") or path.stem, {name: trimesh.Trimesh() for name in names}, tuple(joints))
     check_tree(structure)
     note_masses(elements, path, notes)
-    settings = config if isinstance(config, HandConfig) else read_hand_config(config_path(path, config, structure))
-    links = dict(structure.links)
-    for name, link in zip(link_names, elements, strict=True):
-        links[name] = link_mesh(link, settings.geometry, path, packages, notes)
-    return hand_from_tree(Tree(structure.name, links, structure.joints, tuple(notes)), settings, base=base)
+    return replace(structure, notes=tuple(notes))
+
+
+def _with_geometry(
+    structure: Tree, robot: Element, geometry: str, path: Path, packages: Mapping[str, Path | str] | None
+) -> Tree:
+    links, notes = dict(structure.links), list(structure.notes)
+    for link in robot.findall("link"):
+        links[str(link.get("name"))] = link_mesh(link, geometry, path, packages, notes)
+    return replace(structure, links=links, notes=tuple(notes))
 
 
 def _missing_base(link_names: list[str], joints: list[TreeJoint]) -> str | None:
@@ -87,35 +108,15 @@ def config_path(path: Path, config: Path | str | None, tree: Tree) -> Path:
     """Return the YAML of a description file; without one, HandError says what to write, as far as the tree tells."""
     if config is not None:
         return Path(config)
-    for candidate in (path.with_suffix(".yaml"), path.with_name("hand.yaml")):
-        if candidate.is_file():
-            return candidate
+    beside = yaml_beside(path)
+    if beside is not None:
+        return beside
     names = " or ".join(dict.fromkeys([path.with_suffix(".yaml").name, "hand.yaml"]))
-    template = yaml.safe_dump(_proposal(tree), sort_keys=False, default_flow_style=None, width=1000)
     raise HandError(
-        f"{path} has no YAML beside it: expected {names} with the palm, "
-        "the fingertips and the direction in which the palm faces; check these lines, write the direction in the palm's "
-        f"frame in place of x, y and z, and save them there:\n{template}palm_normal: [x, y, z]"
+        f"{path} has no YAML beside it: expected {names} with the palm, the fingertips and the direction in which the palm "
+        "faces; let `prepare` find them, or check these lines, write the direction in the palm's frame in place of x, y and "
+        f"z, and save them there:\n{template(tree)}palm_normal: [x, y, z]"
     )
-
-
-def _proposal(tree: Tree) -> dict[str, Any]:
-    """Return what the tree tells of palm and fingertips: links by name, the digits named by what their links share."""
-    carriers = [joint.parent for joint in tree.joints]
-    moving = [joint.parent for joint in tree.joints if not (joint.fixed or joint.slides or joint.places)]
-    named = sorted((link for link in tree.links if "palm" in link.lower()), key=len)
-    branching = [link for link in tree.links if carriers.count(link) > 1]
-    palm = [*named, *branching, *moving, *tree.links][0]
-    parent = {joint.child: joint.parent for joint in tree.joints}
-    fingertips = {}
-    for tip in (link for link in tree.links if link not in carriers):
-        chain = [tip]
-        while chain[-1] in parent and parent[chain[-1]] not in (palm, *branching):
-            chain.append(parent[chain[-1]])
-        alike = takewhile(lambda letters: len(set(letters)) == 1, zip(*chain, strict=False))
-        shared = "".join(letters[0] for letters in alike).rstrip("_-. 0123456789")
-        fingertips[shared if shared and shared not in fingertips else tip] = tip
-    return {"palm": palm, "fingertips": fingertips}
 
 
 def _joints(robot: Element, path: Path) -> list[TreeJoint]:

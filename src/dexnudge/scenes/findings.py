@@ -7,10 +7,10 @@ from collections.abc import Iterator
 import numpy as np
 from jaxtyping import Float
 
+from dexnudge.finding import Finding, length_text, vector_text
 from dexnudge.geometry.meshes import centre_of_mass
 from dexnudge.geometry.near_faces import faces_near
 from dexnudge.hands.hand import Hand
-from dexnudge.scenes.finding import Finding, length_text, vector_text
 from dexnudge.scenes.free_way import TIPPING, carried_way, free_way, outside_of
 from dexnudge.scenes.plane_fit import EXACT
 from dexnudge.scenes.room import room_findings

@@ -11,12 +11,12 @@ from jaxtyping import Float
 from scipy.optimize import nnls
 from scipy.spatial import ConvexHull
 
+from dexnudge.finding import Finding, direction_text, length_text, vector_text
 from dexnudge.geometry.exact_distance import ExactDistance, ExactHit, Rays
 from dexnudge.geometry.near_faces import faces_near
 from dexnudge.geometry.overlap import deepest_overlap, way_to_surface
 from dexnudge.geometry.surface_lattice import surface_lattice
 from dexnudge.jobs.cached import cached_per_instance
-from dexnudge.scenes.finding import Finding, direction_text, length_text, vector_text
 from dexnudge.scenes.supports import facing_points
 
 INITIAL_PENETRATION_LIMIT = 1e-3  # [m] the limit that a configuration must keep, applied to the scene itself

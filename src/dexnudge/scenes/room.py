@@ -8,11 +8,11 @@ import numpy as np
 import trimesh
 from jaxtyping import Float
 
+from dexnudge.finding import Finding, Level
 from dexnudge.geometry.exact_distance import Rays
 from dexnudge.geometry.near_faces import faces_near
 from dexnudge.hands.hand import Hand
 from dexnudge.jobs.cached import cached_per_instance
-from dexnudge.scenes.finding import Finding, Level
 from dexnudge.scenes.scene import Scene
 
 REACH = 0.30  # [m] room beyond this is free: more than a hand is wide

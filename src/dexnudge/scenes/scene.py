@@ -14,6 +14,7 @@ import trimesh
 from jaxtyping import Float
 
 from dexnudge.errors import SceneError, check_path, quote
+from dexnudge.finding import Finding
 from dexnudge.geometry.far_surroundings import coarsened_far
 from dexnudge.geometry.mesh_repair import turned_toward
 from dexnudge.geometry.meshes import checked_environment, load_environment
@@ -21,7 +22,6 @@ from dexnudge.geometry.rigid import rigid_transform
 from dexnudge.objects.sets import object_mesh
 from dexnudge.perception.depth_view import DepthView
 from dexnudge.scenes.files import LARGEST_NUMBER, MARGINS, NUMBERS, read_scene, write_scene
-from dexnudge.scenes.finding import Finding
 from dexnudge.scenes.hole_below import without_hole_below
 from dexnudge.scenes.own_surroundings import check_margins, understood
 from dexnudge.scenes.placement import placement_findings

@@ -4,9 +4,9 @@ from __future__ import annotations
 
 import trimesh
 
+from dexnudge.finding import Finding, Level
 from dexnudge.geometry.meshes import LONGEST_ENVIRONMENT, LONGEST_OBJECT, SHORTEST_OBJECT
 from dexnudge.geometry.meshes import UNITS as METRES_PER_UNIT
-from dexnudge.scenes.finding import Finding, Level
 
 ROOM = 12.0  # [m] longest side of surroundings that a hand works in; more is a hall, or another unit
 SMALLEST_ENVIRONMENT = 0.1  # of the object's longest side: smaller surroundings are in another unit

@@ -10,7 +10,7 @@ import numpy as np
 import trimesh
 from jaxtyping import Float
 
-from dexnudge.scenes.finding import Finding
+from dexnudge.finding import Finding
 from dexnudge.scenes.free_way import FreeWay
 from dexnudge.scenes.scene import Scene
 from dexnudge.viewer.camera import Camera, choose_camera, framing_camera

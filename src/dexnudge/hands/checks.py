@@ -1,0 +1,163 @@
+"""What can be wrong with a hand as it was read: joints that move nothing, links that overlap, tips that never meet."""
+
+from itertools import combinations
+
+import numpy as np
+import torch
+import trimesh
+from jaxtyping import Float
+
+from dexnudge.finding import Finding, length_text
+from dexnudge.hands.closing import Closing, tip_distance
+from dexnudge.hands.hand import ROOT_COORDINATES, Hand
+
+LEAST_MOVE = 0.001  # [m] of some link while a joint goes through its range; less is a joint that moves nothing
+LEAST_RANGE = np.radians(1.0)  # [rad] of a joint; in metres, of a slide at a lever of 5 cm, about 1 mm
+MEETING = 0.005  # [m] between the tips of a closed hand, a contact's width
+APART = np.cos(np.radians(60.0))  # between the stated and the found direction of the palm: they contradict each other
+TRUSTED = 0.5  # confidence from which the found direction may contradict
+MOST_NAMED = 4  # links or pairs in one sentence
+
+
+def hand_findings(hand: Hand, way: Closing) -> list[Finding]:
+    """Return the checks of a hand: warnings with a remedy, and notes of what was measured."""
+    return [
+        *_joints(hand),
+        *_overlaps(hand),
+        *_opening(hand, way),
+        *_facing(hand, way),
+        _surfaces(hand),
+    ]
+
+
+def direction_numbers(direction: Float[np.ndarray, " 3"]) -> str:
+    """Return a direction as messages show it."""
+    return f"({', '.join(f'{value:.3g}' for value in np.round(direction, 3) + 0.0)})"
+
+
+def _placed(hand: Hand, angles: Float[np.ndarray, "n d"]) -> Float[np.ndarray, "n link 4 4"]:
+    q = torch.zeros(len(angles), ROOT_COORDINATES + hand.num_joints, dtype=torch.float64)
+    q[:, 3] = q[:, 7] = 1.0
+    q[:, ROOT_COORDINATES:] = torch.as_tensor(angles)
+    return hand.forward_kinematics(q).numpy()
+
+
+def _joints(hand: Hand) -> list[Finding]:
+    """Return joints that move no geometry, that cannot move, and digits that nothing moves."""
+    findings = []
+    rest = np.clip(0.0, hand.lower, hand.upper)
+    ends = np.concatenate([np.where(np.eye(hand.num_joints), limit, rest) for limit in (hand.lower, hand.upper)])
+    poses = _placed(hand, ends)
+    solid = [link for link, mesh in enumerate(hand.link_meshes) if len(mesh.faces)]
+    corners = {link: trimesh.bounds.corners(hand.link_meshes[link].bounds) for link in solid}
+    ways = np.stack(
+        [
+            [
+                np.linalg.norm(
+                    trimesh.transform_points(corners[link], low[link])
+                    - trimesh.transform_points(corners[link], high[link]),
+                    axis=1,
+                ).max()
+                for link in solid
+            ]
+            for low, high in zip(poses[: hand.num_joints], poses[hand.num_joints :], strict=True)
+        ]
+    )
+    narrow = (hand.upper - hand.lower) < LEAST_RANGE * hand.joint_scales
+    idle = [
+        name for name, way, stuck in zip(hand.joint_names, ways.max(axis=1), narrow, strict=True) if way < LEAST_MOVE
+    ]
+    if idle:
+        sentence = f"joint {_listed(idle)} moves no geometry by {length_text(LEAST_MOVE)} within its limits"
+        findings.append(Finding("warning", "joints", sentence, "fix it, mend its limits, or give its links geometry"))
+    still = [
+        digit
+        for digit, tip in zip(hand.fingertips, hand.fingertip_indices, strict=True)
+        if ways[:, solid.index(tip)].max() < LEAST_MOVE
+    ]
+    if still:
+        sentence = f"digit {_listed(still)} is moved by no joint"
+        findings.append(Finding("warning", "joints", sentence, "leave it out of 'fingertips' in the hand's YAML"))
+    wide = [
+        name
+        for name, lower, upper, slides in zip(hand.joint_names, hand.lower, hand.upper, hand.sliding, strict=True)
+        if not slides and upper - lower > np.pi * 1.5
+    ]
+    if wide:
+        sentence = f"joint {_listed(wide)} turns by more than 270 degrees"
+        findings.append(Finding("warning", "limits", sentence, "state its limits, if it has some, in the description"))
+    outside = [name for name, angle in zip(hand.joint_names, rest, strict=True) if angle != 0.0]
+    if outside:
+        findings.append(Finding("note", "limits", f"zero lies outside the limits of {_listed(outside)}"))
+    return findings
+
+
+def _overlaps(hand: Hand) -> list[Finding]:
+    """Return the pairs of links that are left out of self-collision because they overlap at zero joint angles."""
+    solid = [link for link, mesh in enumerate(hand.link_meshes) if len(mesh.faces)]
+    checked = set(hand.self_collision_pairs)
+    pairs = [pair for pair in combinations(solid, 2) if pair not in checked and not hand.related(*pair)]
+    if not pairs:
+        return [
+            Finding(
+                "note", "self_collision", f"no links overlap at zero joint angles; {len(checked)} pairs are checked"
+            )
+        ]
+    named = [f"{hand.link_names[one]} and {hand.link_names[other]}" for one, other in pairs]
+    sentence = (
+        f"links overlap by 1 mm or more at zero joint angles, which is taken as their normal state: {_listed(named)}; "
+        f"{len(checked)} other pairs are checked for self-collision"
+    )
+    remedy = "if they do not touch on the real hand, mend their geometry or try `geometry`"
+    return [Finding("warning", "self_collision", sentence, remedy)]
+
+
+def _opening(hand: Hand, way: Closing) -> list[Finding]:
+    opened, closed = tip_distance(hand, way.open), tip_distance(hand, way.closed)
+    sentence = (
+        f"tips come {length_text(closed)} near each other when the hand closes, from {length_text(opened)} when open"
+    )
+    if closed > MEETING:
+        return [Finding("warning", "closing", sentence, "mend the joints' limits, or 'fingertips' in the hand's YAML")]
+    findings = [Finding("note", "closing", sentence)]
+    poses = _placed(hand, np.stack([way.closed]))[0]
+    centres = np.stack(
+        [
+            trimesh.transform_points(hand.link_meshes[link].bounds.mean(axis=0)[None], poses[link])[0]
+            for link in (0 if len(hand.link_meshes[0].faces) else hand.fingertip_indices[0], *hand.fingertip_indices)
+        ]
+    )
+    heights = (centres[1:] - centres[0]) @ hand.palm_normal
+    behind = [digit for digit, height in zip(hand.fingertips, heights, strict=True) if height <= 0.0]
+    if behind and len(hand.link_meshes[0].faces):
+        sentence = f"digit {_listed(behind)} closes behind the palm's middle, away from where it faces"
+        findings.append(Finding("warning", "closing", sentence, "check `palm_normal` on the picture"))
+    return findings
+
+
+def _facing(hand: Hand, way: Closing) -> list[Finding]:
+    if way.confidence < TRUSTED or way.palm_normal @ hand.palm_normal > APART:
+        return []
+    sentence = (
+        f"the palm is said to face {direction_numbers(hand.palm_normal)}, but the fingers close towards "
+        f"{direction_numbers(way.palm_normal)} (confidence {way.confidence:.2f})"
+    )
+    return [
+        Finding("warning", "palm_normal", sentence, "check it on the picture, and mend 'palm_normal' or the limits")
+    ]
+
+
+def _surfaces(hand: Hand) -> Finding:
+    solid = sum(len(mesh.faces) > 0 for mesh in hand.link_meshes)
+    points = len(hand.dense_points.points)
+    return Finding(
+        "note",
+        "surfaces",
+        f"{solid} of {len(hand.link_names)} links have geometry, {points} points judge it; masses, efforts and velocities "
+        "in hand.urdf and hand.xml are nominal, and no verdict depends on them",
+    )
+
+
+def _listed(names: list[str]) -> str:
+    more = [f"{len(names) - MOST_NAMED} more"] if len(names) > MOST_NAMED else []
+    return ", ".join([*names[:MOST_NAMED], *more])
