@@ -27,7 +27,8 @@ def test_the_tables_name_joints_limits_digits_and_couplings(dexnudge, exported):
 
 
 def test_the_export_is_complete_and_another_reader_agrees(exported):
-    assert sorted(os.listdir(exported)) == ["findings.json", "hand.png", "hand.urdf", "hand.xml", "hand.yaml", "meshes"]
+    files = ["findings.json", "hand.html", "hand.png", "hand.urdf", "hand.xml", "hand.yaml", "meshes"]
+    assert sorted(os.listdir(exported)) == files
     robot = yourdfpy.URDF.load(str(exported / "hand.urdf"), load_meshes=False, load_collision_meshes=True)
     assert len(robot.actuated_joints) == 16
     assert robot.base_link == "palm"

@@ -18,7 +18,7 @@ if TYPE_CHECKING:
     from dexnudge.hands.hand import Hand
     from dexnudge.hands.preparation import PreparedHand
 
-MARKER, FINDINGS, PICTURE = "hand.urdf", "findings.json", "hand.png"
+MARKER, FINDINGS, PICTURE, PAGE = "hand.urdf", "findings.json", "hand.png", "hand.html"
 
 
 @dataclass(frozen=True)
@@ -72,14 +72,16 @@ class HandCommand:
     def _write(self, out: str) -> PreparedHand:
         from dexnudge.hands.export import HAND_FILES, export_hand
         from dexnudge.jobs.folders import new_folder
+        from dexnudge.viewer.hand_page import write_hand_page
         from dexnudge.viewer.hand_picture import write_hand_picture
 
-        ours = (*HAND_FILES, FINDINGS, PICTURE)
+        ours = (*HAND_FILES, FINDINGS, PICTURE, PAGE)
         argument = "prepare" if self.prepare is not None else "out"
         with new_folder(out, overwrite=self.overwrite, marker=MARKER, ours=ours, argument=argument) as folder:
             prepared = self._prepared()
             export_hand(prepared.hand, folder)
             write_hand_picture(prepared.hand, folder / PICTURE)
+            write_hand_page(prepared.hand, folder / PAGE)
             _write_findings(prepared.findings, folder / FINDINGS)
         return prepared
 

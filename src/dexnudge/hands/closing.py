@@ -13,6 +13,7 @@ from scipy.spatial import cKDTree
 from torch import Tensor
 
 from dexnudge.hands.hand import ROOT_COORDINATES, Hand
+from dexnudge.jobs.cached import cached_per_instance
 
 STARTS = 8  # random ones of the search for the pose in which the tips meet, beside rest and mid-range
 STEPS = 80  # of that search
@@ -50,6 +51,7 @@ class Closing:
     confidence: float
 
 
+@cached_per_instance
 def closing(hand: Hand) -> Closing:
     """Return how the hand closes.
 
