@@ -90,7 +90,7 @@ class Publish:
             if not self.only_write:
                 command = [*shlex.split(listed[name]["command"]), "--out", str(self.folder / name)]
                 subprocess.run([sys.executable, "-m", "dexnudge", *command], check=True)
-            collect(self.folder / name, name, self.root / "docs")
+            collect(self.folder / name, name, self.root / "docs", rates_only="hand" in listed[name])
         data = {file.stem: read(file) for file in sorted((self.root / "docs" / "data").glob("*.csv"))}
         (self.root / "docs" / "results.md").write_text(page(listed, data, self.root / "docs"), encoding="utf-8")
         readme = self.root / "README.md"
@@ -104,8 +104,11 @@ def replace_between(file: Path, begin: str, end: str, text: str) -> None:
     file.write_text(f"{before}{begin}\n{text}\n{end}{rest.split(end)[1]}", encoding="utf-8")
 
 
-def collect(run: Path, name: str, docs: Path) -> None:
-    """Copy the tables of a run's reports into docs/data, each row with what it was made with, and charts beside them."""
+def collect(run: Path, name: str, docs: Path, *, rates_only: bool = False) -> None:
+    """Copy the tables of a run's reports into docs/data, each row with what it was made with, and charts beside them.
+
+    rates_only: neither rates by group nor charts.
+    """
     for kind in KINDS:
         report = run / kind / "report.json"
         if not report.is_file():
@@ -125,6 +128,8 @@ def collect(run: Path, name: str, docs: Path) -> None:
         (docs / "images").mkdir(parents=True, exist_ok=True)
         rows = [{**row, **made} for row in read(run / kind / "report.csv")]
         (docs / "data" / f"{stem}.csv").write_text(csv_text(rows), encoding="utf-8")
+        if rates_only:
+            continue
         for title, groups in content.get("sections", {}).items():
             if isinstance(groups, dict):  # rates by group, of all scenes and of each
                 table = [
