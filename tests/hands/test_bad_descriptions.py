@@ -6,6 +6,7 @@ from dexnudge.errors import HandError, UnknownNameError
 from dexnudge.hands.registry import load_hand
 from dexnudge.hands.xml_text import MAX_DESCRIPTION_BYTES
 
+SMALL_YAML = "palm: palm\nfingertips: {F: pad, T: thumbtip}\npalm_normal: [0, -2, 0]\nbase_link: forearm\n"
 NAME_IT = ", or name the folder of 'small' in `packages`"
 LINKS = "['forearm', 'thumb', 'palm', 'finger', 'tip', 'thumbtip', 'pad']"
 
@@ -113,8 +114,8 @@ def message(path) -> str:
             '<mimic joint="near"',
             '<mimic joint="nearby"',
             (
-                "joint 'middle' mimics 'nearby': expected one of ['wrist', 'near', 'spin'], or a joint that mimics one; "
-                "mend the <mimic> element"
+                "joint 'middle' mimics 'nearby' (did you mean 'near'?): expected one of ['wrist', 'near', 'spin'], or a "
+                "joint that mimics one; mend the <mimic> element"
             ),
         ),
         (
@@ -529,3 +530,86 @@ def test_file_of_another_kind(tmp_path):
     file.write_text("")
     with pytest.raises(HandError, match=r"expected a description that ends in \.urdf or \.xml, got '\.sdf'"):
         load_hand(file)
+
+
+def test_a_leader_that_lacks_its_prefix_is_named(write_hand):
+    path = write_hand()
+    path.write_text(path.read_text().replace('name="near"', 'name="Right_near"'))
+    (path.parent / "hand.yaml").write_text("palm: palm\nfingertips: {F: pad}\npalm_normal: [0, -2, 0]")
+    assert message(path) == (
+        "joint 'middle' mimics 'near' (did you mean 'Right_near'?): expected one of ['wrist', 'Right_near', 'spin'], or a "
+        "joint that mimics one; mend the <mimic> element"
+    )
+
+
+@pytest.mark.parametrize(
+    ("inertial", "note"),
+    [
+        (
+            '<mass value="-1"/>',
+            "mass or moments of inertia of tip are not above zero: each link has that of its geometry",
+        ),
+        ('<mass value="1"/><inertia ixx="0" iyy="0" izz="0"/>', "mass or moments of inertia of tip are not above zero"),
+    ],
+)
+def test_masses_that_cannot_be_are_noted(write_hand, inertial, note):
+    path = write_hand()
+    path.write_text(path.read_text().replace('<link name="tip">', f'<link name="tip"><inertial>{inertial}</inertial>'))
+    assert load_hand(path).notes[0].startswith(note)
+    path.write_text(path.read_text().replace('<mass value="', '<mass value="nan'))
+    assert "link 'tip': expected 1 finite number(s) in 'value', got 'nan" in message(path)
+
+
+def test_a_base_that_only_has_a_name_is_empty(write_hand):
+    path = write_hand(config=SMALL_YAML.replace("base_link: forearm\n", ""))
+    text = path.read_text()
+    start, end = text.index('<link name="forearm">'), text.index("</link>") + len("</link>")
+    path.write_text(text[:start] + text[end:])
+    assert load_hand(path).notes == (
+        "link 'forearm', from which the others hang, does not exist: an empty one stands for it",
+    )
+
+
+def test_an_element_without_a_shape_is_left_out_where_others_are(write_hand):
+    path = write_hand()
+    path.write_text(path.read_text().replace('<link name="tip">', '<link name="tip"><collision/>'))
+    assert (
+        load_hand(path).notes[0].startswith("link 'tip': expected <collision> with one shape in <geometry>, found none")
+    )
+
+
+def test_a_given_package_holds_meshes_and_nothing_else_is_opened(write_hand, tmp_path):
+    path = write_hand()
+    other = tmp_path / "elsewhere" / "meshes"
+    other.mkdir(parents=True)
+    (path.parent / "wedge.stl").rename(other / "wedge.stl")
+    text = path.read_text().replace("package://small/wedge.stl", "package://brand/meshes/wedge.stl")
+    home = tmp_path / "home"
+    home.mkdir()
+    (path.parent / "hand.yaml").rename(home / "hand.yaml")
+    path = home / "small.urdf"
+    path.write_text(text)
+    assert "or name the folder of 'brand' in `packages`" in message(path)
+    assert load_hand(path, packages={"brand": other.parent}).num_joints == 3
+    path.write_text(text.replace("meshes/wedge.stl", "../../../etc/hostname"))
+    with pytest.raises(HandError, match="lies outside the hand's folder"):
+        load_hand(path, packages={"brand": other.parent})
+
+
+def test_a_wrong_handed_mesh_is_turned_outward(write_hand, small):
+    path = write_hand()
+    path.write_text(path.read_text().replace('scale="0.001 0.002 0.001"', 'scale="0.001 -0.002 0.001"'))
+    mesh = load_hand(path).link_meshes[5]
+    assert mesh.volume == pytest.approx(small.link_meshes[5].volume, rel=1e-6)
+    assert mesh.volume > 0.0
+
+
+def test_a_collada_bomb_without_a_mesh(write_hand):
+    path = write_hand()
+    twice = "".join(f'<node id="n{k}">' + f'<instance_node url="#n{k + 1}"/>' * 2 + "</node>" for k in range(30))
+    (path.parent / "wedge.dae").write_text(
+        f'<COLLADA><library_nodes>{twice}<node id="n30"/></library_nodes><library_visual_scenes><visual_scene id="s"><node>'
+        '<instance_node url="#n0"/></node></visual_scene></library_visual_scenes></COLLADA>'
+    )
+    path.write_text(path.read_text().replace("wedge.stl", "wedge.dae"))
+    assert "places 4,294,967,296 nodes; expected at most 200,000" in message(path)

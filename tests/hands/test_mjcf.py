@@ -190,3 +190,41 @@ def test_included_files_may_have_any_root_and_include_each_other(path):
 def test_without_yaml_the_message_says_what_to_write(path):
     (path.parent / "hand.yaml").unlink()
     assert message(path).endswith("save them there:\npalm: palm\nfingertips: {tip: tip}\npalm_normal: [x, y, z]")
+
+
+@pytest.mark.parametrize(
+    "inertial",
+    ['<inertial pos="0 0 0" mass="0" diaginertia="0 0 0"/>', '<inertial pos="0 0 0" mass="1" diaginertia="1 1 9"/>'],
+)
+def test_masses_that_mujoco_refuses_are_replaced(path, inertial):
+    path.write_text(MODEL.replace('<joint name="end"', f'{inertial}<joint name="end"'))
+    assert (
+        load_hand(path)
+        .notes[0]
+        .startswith("masses of the geometry take the place of the file's, which MuJoCo refuses:")
+    )
+
+
+@pytest.mark.parametrize(
+    ("old", "new", "expected"),
+    [
+        (
+            'size="0.02 0.05"',
+            'size="nan 0.05"',
+            "DIR/model.xml: <geom>: expected finite numbers in 'size', got 'nan 0.05'",
+        ),
+        (
+            "<worldbody>",
+            '<asset><model name="s" file="model.xml"/></asset><worldbody>',
+            "DIR/model.xml: <model> in a model that is itself attached: expected one level; copy it in",
+        ),
+        (
+            "<worldbody>",
+            "<worldbody>" + "<body/>" * 2000,
+            "DIR/model.xml: expected at most 1,000 bodies and 3,000 geoms, found 2,004 and 6",
+        ),
+    ],
+)
+def test_what_ends_mujoco_or_takes_long_is_refused_before(path, old, new, expected):
+    path.write_text(MODEL.replace(old, new, 1))
+    assert message(path).startswith(expected)

@@ -20,6 +20,7 @@ from dexnudge.errors import MeshError
 MAX_FACES = 200_000  # of an object or a link: a BVH over so many is built in under a second
 MAX_SURROUNDINGS_FACES = 2_000_000  # of a scanned room: read, repaired and prepared in some ten seconds
 MAX_PARTS = 10_000  # copies of meshes that a scene graph may place
+MAX_NODES = 200_000  # visited when every reference is followed, with or without a mesh
 MAX_DEPTH = 100  # nodes above one another in a scene graph
 STL_HEADER, STL_FACE = 84, 50  # bytes of a binary STL: comment and count; one triangle
 PLY_HEADER = 1_000_000  # bytes in which a PLY's header must end
@@ -195,18 +196,21 @@ def _dae(data: bytes, name: str) -> Announced:
 
 def _faces_of_graph(roots: list[Any], children: dict[Any, Any], name: str, kind: str) -> int:
     """Return the number of faces when every reference in a scene graph is followed; a leaf is its number of faces."""
-    sizes: dict[Any, tuple[int, int]] = {}
+    sizes: dict[Any, tuple[int, int, int]] = {}
 
-    def size(node: Any, depth: int) -> tuple[int, int]:
+    def size(node: Any, depth: int) -> tuple[int, int, int]:
         if depth > MAX_DEPTH:
             raise damaged(name, kind, f"nodes more than {MAX_DEPTH} deep, or below themselves")
         below = children.get(node, ())
         if node not in sizes:
-            parts = [(below, 1)] if isinstance(below, int) else [size(child, depth + 1) for child in below]
-            sizes[node] = sum(part[0] for part in parts), sum(part[1] for part in parts)
+            parts = [(below, 1, 1)] if isinstance(below, int) else [size(child, depth + 1) for child in below]
+            counts = [sum(part[k] for part in parts) for k in range(3)]
+            sizes[node] = counts[0], counts[1], counts[2] + 1
         return sizes[node]
 
-    faces, parts = (sum(values) for values in zip((0, 0), *(size(root, 0) for root in roots), strict=True))
+    faces, parts, nodes = (sum(values) for values in zip((0, 0, 0), *(size(root, 0) for root in roots), strict=True))
+    if nodes > MAX_NODES:
+        raise MeshError(f"{name}: the file places {nodes:,} nodes; expected at most {MAX_NODES:,}; join them")
     if parts > MAX_PARTS:
         raise MeshError(
             f"{name}: the file places {parts:,} copies of meshes; expected at most {MAX_PARTS:,}; join them"

@@ -4,7 +4,7 @@ import heapq
 
 import numpy as np
 
-from dexnudge.errors import HandError
+from dexnudge.errors import HandError, did_you_mean
 from dexnudge.hands.arm_cut import without_arm, without_base
 from dexnudge.hands.config import HandConfig
 from dexnudge.hands.hand import Hand, Joint
@@ -98,9 +98,15 @@ def _hand_joint(joint: TreeJoint, names: list[str], tree: Tree) -> Joint:
         multiplier, offset = multiplier * mimic.multiplier, multiplier * mimic.offset + offset
         if mimic.leader not in by_name or by_name[mimic.leader].fixed or mimic.leader in seen:
             raise HandError(
-                f"joint '{leader.name}' mimics '{mimic.leader}': expected one of {names}, or a joint that mimics one; "
-                "mend the <mimic> element"
+                f"joint '{leader.name}' mimics '{mimic.leader}'{_meant(mimic.leader, names)}: expected one of {names}, or a "
+                "joint that mimics one; mend the <mimic> element"
             )
         leader = by_name[mimic.leader]
         seen.add(leader.name)
     return Joint(joint.name, joint.origin, joint.axis, names.index(leader.name), multiplier, offset, joint.slides)
+
+
+def _meant(name: str, names: list[str]) -> str:
+    """Return a question for the joint that differs from `name` by a prefix or suffix, else for the one most like it."""
+    longer = [other for other in names if other.endswith(name) or other.startswith(name) or name.endswith(other)]
+    return f" (did you mean {longer[0]!r}?)" if len(longer) == 1 and longer[0] != name else did_you_mean(name, names)

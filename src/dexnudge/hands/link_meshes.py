@@ -49,6 +49,7 @@ def sphere(radius: float) -> trimesh.Trimesh:
 
 MESH_SUFFIXES = (".stl", ".obj", ".dae", ".ply", ".glb")
 MAX_LINK_FACES = 200_000  # MuJoCo reads no more from one STL file; a link needs some hundreds
+MAX_COORDINATE = 1e5  # [m] a link in micrometres; what is longer than a link is told with the link's name
 MAX_MESH_BYTES = 100_000_000
 PACKAGE_DEPTH = 4  # folders above a description in which its ROS package is looked for
 DESCRIPTION_FOLDERS = ("urdf", "robots", "robot", "xacro", "mjcf", "xml")  # stand beside `meshes` in a ROS package
@@ -127,6 +128,12 @@ def load_link_mesh(path: Path, scale: Float[np.ndarray, " 3"]) -> trimesh.Trimes
         raise HandError(
             f"{path}: expected at most {MAX_LINK_FACES} triangles, got {len(mesh.faces)}; simplify the mesh"
         )
+    longest = float(np.abs(mesh.vertices).max()) * float(np.abs(scale).max())
+    if longest > MAX_COORDINATE:
+        raise HandError(
+            f"{path}: a corner lies {longest:.3g} m from the origin: expected a link's mesh, within some metres; in "
+            'millimetres? give it scale="0.001 0.001 0.001"'
+        )
     if not (scale == 1.0).all():
         mesh.apply_scale(scale)
     wind_outward(mesh, surroundings=False)
@@ -146,7 +153,7 @@ def _parse(path: Path) -> trimesh.Trimesh:
         ) from error
     unit = mesh.metadata["unit"] or 1.0  # like ROS: a COLLADA's unit counts, the axis that it calls up does not
     mesh = trimesh.Trimesh(mesh.vertices * unit, mesh.faces, process=False)
-    if kind == "stl":
+    if kind == "stl" and np.isfinite(mesh.vertices).all():
         mesh.merge_vertices()
     return mesh
 

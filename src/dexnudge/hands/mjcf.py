@@ -5,8 +5,8 @@ Joints of the topmost body are left out: they place the hand in the world, and t
 """
 
 from collections.abc import Callable, Mapping
+from dataclasses import replace
 from pathlib import Path
-from xml.etree.ElementTree import Element
 
 import mujoco
 import numpy as np
@@ -18,16 +18,11 @@ from dexnudge.hands import link_meshes
 from dexnudge.hands.arm_cut import without_arm
 from dexnudge.hands.assembly import hand_from_tree
 from dexnudge.hands.config import HandConfig, read_hand_config
-from dexnudge.hands.couplings import coupled
 from dexnudge.hands.hand import Hand
+from dexnudge.hands.loops.couplings import coupled
+from dexnudge.hands.mjcf_files import compiled_model
 from dexnudge.hands.tree import Tree, TreeJoint
 from dexnudge.hands.urdf import CONTINUOUS_LIMIT, config_path
-from dexnudge.hands.xml_text import read_xml
-
-FOLDER_ATTRIBUTES = ("meshdir", "texturedir", "assetdir")
-NO_HAND_HAS = ("hfield", "flexcomp", "composite", "flex")  # and a few letters of them can ask for gigabytes
-MAX_COPIES = 100  # of a `replicate`
-MAX_PIXELS = 4096  # a side of a texture
 
 
 def hand_from_mjcf(
@@ -50,25 +45,14 @@ def hand_from_mjcf(
         HandError: anything that cannot be used as given, with the place and the remedy.
     """
     path = Path(path)
-    model = compiled_model(path, packages or {})
+    notes: list[str] = []
+    model = compiled_model(path, packages or {}, notes)
     if not isinstance(config, HandConfig):
         structure = tree_of_model(model, path.stem, None, lambda _: False)
         config = read_hand_config(config_path(path, config, structure))
     tree = model_tree(model, path.stem, config.palm, config.geometry)
-    tree, config = coupled(without_arm(tree, config), model, config)
+    tree, config = coupled(without_arm(replace(tree, notes=tuple(notes)), config), model, config)
     return hand_from_tree(tree, config, base=base)
-
-
-def compiled_model(path: Path, packages: Mapping[str, Path | str]) -> mujoco.MjModel:
-    """Return MuJoCo's model of an MJCF file; HandError where that names files elsewhere, or MuJoCo cannot compile it."""
-    _check_files(path, packages)
-    try:
-        return mujoco.MjModel.from_xml_path(str(path))
-    except (ValueError, mujoco.FatalError) as error:
-        raise HandError(
-            f"{path}: MuJoCo cannot compile it: expected a valid MJCF model, got '{' '.join(str(error).split())}'; "
-            "mend the file"
-        ) from error
 
 
 def mjcf_tree(path: Path, geometry: str, packages: Mapping[str, Path | str] | None = None) -> Tree:
@@ -110,59 +94,6 @@ def tree_of_model(model: mujoco.MjModel, name: str, palm: str | None, select: Ca
         ]
         links[link] = trimesh.util.concatenate(pieces) if pieces else trimesh.Trimesh()
     return Tree(name, links, tuple(joints))
-
-
-def _check_files(path: Path, packages: Mapping[str, Path | str]) -> None:
-    """Refuse entities, and files outside the main file's folders, in an MJCF file and all that it includes."""
-    home = path.parent.resolve()
-    roots = [*link_meshes.description_folders(home), *(Path(place).resolve() for place in packages.values())]
-    waiting, checked, folders = [path.resolve()], set(), {home}
-    while waiting:
-        file = waiting.pop()
-        checked.add(file)
-        root = read_xml(file, root_tag="mujoco" if file == path.resolve() else None)
-        for element in root.iter("compiler"):
-            folders |= {place / element.get(key, "") for key in FOLDER_ATTRIBUTES for place in (home, file.parent)}
-        folders.add(file.parent)
-        for element in root.iter():
-            _refuse_excess(element, file)
-            named = {key: value for key, value in element.attrib.items() if _names_a_file(key)}
-            for value in filter(None, named.values()):
-                places = [(folder / value).resolve() for folder in folders]
-                if not all(any(place.is_relative_to(allowed) for allowed in roots) for place in places):
-                    raise HandError(
-                        f"{file}: '{value}' lies outside the hand's folder: expected a file below {home}; "
-                        "copy the files beside the description and name them relative to it"
-                    )
-                if element.tag in ("include", "model") and (home / value).resolve() not in checked:
-                    waiting.append((home / value).resolve())
-
-
-def _names_a_file(attribute: str) -> bool:
-    return attribute.startswith("file") or attribute in FOLDER_ATTRIBUTES
-
-
-def _refuse_excess(element: Element, file: Path) -> None:
-    """Refuse what a hand does not have and what a few letters can make huge."""
-    too_much = element.tag in NO_HAND_HAS
-    if element.tag == "replicate":
-        too_much = element.find(".//replicate") is not None or _number(element.get("count")) > MAX_COPIES
-    elif element.tag in ("texture", "mesh"):
-        sides = (element.get(key) for key in ("width", "height", *(("params",) if element.tag == "mesh" else ())))
-        too_much = any(_number(word) > MAX_PIXELS for side in sides if side for word in side.split())
-    if too_much:
-        raise HandError(
-            f"{file}: <{element.tag} {' '.join(f'{key}={value!r}' for key, value in element.attrib.items())[:100]}>: "
-            f"expected what a hand consists of: no {', '.join(NO_HAND_HAS)}, no nested or more than {MAX_COPIES} copies, "
-            f"textures of at most {MAX_PIXELS} pixels a side; remove it"
-        )
-
-
-def _number(text: str | None) -> float:
-    try:
-        return float(text or 0)
-    except ValueError:
-        return 0.0  # MuJoCo refuses it
 
 
 def _bodies(model: mujoco.MjModel, palm: str | None) -> list[int]:

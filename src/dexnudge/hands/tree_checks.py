@@ -1,5 +1,7 @@
 """What of a tree cannot be a hand's: names in the YAML that do not exist, sizes in another unit, joints of another kind."""
 
+import math
+
 import numpy as np
 from scipy.spatial import ConvexHull, QhullError
 
@@ -41,7 +43,7 @@ def check_names(tree: Tree, config: HandConfig) -> None:
 def check_sizes(tree: Tree) -> None:
     """Refuse links that are too long for a hand or too far from each other, or flat."""
     for joint in tree.joints:
-        distance = float(np.linalg.norm(joint.origin[:3, 3]))
+        distance = math.hypot(*joint.origin[:3, 3])
         if distance > LONGEST_LINK:
             raise HandError(
                 f"joint '{joint.name}' lies {distance:.3g} m from the frame of '{joint.parent}': expected at most "

@@ -16,9 +16,9 @@ import trimesh
 from dexnudge.errors import HandError
 from dexnudge.hands.anatomy import template
 from dexnudge.hands.assembly import hand_from_tree
-from dexnudge.hands.config import HandConfig, read_hand_config, yaml_beside
+from dexnudge.hands.config import GEOMETRIES, HandConfig, read_hand_config, yaml_beside
 from dexnudge.hands.hand import Hand
-from dexnudge.hands.tree import MAX_LINKS, Mimic, Tree, TreeJoint, check_tree
+from dexnudge.hands.tree import MAX_LINKS, MAX_SHAPES, Mimic, Tree, TreeJoint, check_tree
 from dexnudge.hands.urdf_links import link_mesh, note_masses, numbers_of, origin
 from dexnudge.hands.xacro_expansion import expand_xacro
 from dexnudge.hands.xml_text import read_xml
@@ -72,6 +72,9 @@ def _structure(robot: Element, path: Path) -> Tree:
         found = f"{len(elements):,}" if elements else "none"
         at_most = f"at most {MAX_LINKS:,} " if elements else ""
         raise HandError(f"{path}: expected {at_most}<link> elements, found {found}; mend or re-export the URDF")
+    shapes = max(len(robot.findall(f"link/{kind}")) for kind in GEOMETRIES)
+    if shapes > MAX_SHAPES:
+        raise HandError(f"{path}: expected at most {MAX_SHAPES:,} shapes, found {shapes:,}; join them to meshes")
     notes: list[str] = []
     joints = _joints(robot, path)
     link_names = [_attribute(link, "name", path, "link") for link in elements]

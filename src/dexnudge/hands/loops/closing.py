@@ -8,7 +8,7 @@ import numpy as np
 from scipy.optimize import least_squares
 
 from dexnudge.errors import HandError
-from dexnudge.hands.equality_residuals import LEVER, Equalities, limits_of
+from dexnudge.hands.loops.residuals import LEVER, Equalities, limits_of
 
 CLOSED = 1e-4  # [m] residual of a closed loop
 HOLDS = 5e-4  # [m/rad] least singular value of a constraint; below, it holds nothing

@@ -11,8 +11,8 @@ import numpy as np
 from scipy.optimize import linprog
 
 from dexnudge.errors import HandError
-from dexnudge.hands.equality_residuals import Equalities
-from dexnudge.hands.loop_closing import Closing, Loop
+from dexnudge.hands.loops.closing import Closing, Loop
+from dexnudge.hands.loops.residuals import Equalities
 
 MAX_OFFSET = 0.001  # [m] at a loop's points, when its joints follow one another as straight lines
 MAX_ANGLE = np.radians(3.0)  # [rad] of a joint off its line

@@ -17,10 +17,7 @@ class Equalities:
     """Residuals of a model's active equalities, in metres: angles count at a lever of 5 cm."""
 
     def __init__(self, model: mujoco.MjModel) -> None:
-        self.model = copy.deepcopy(model)
-        off = mujoco.mjtDisableBit
-        self.model.opt.jacobian = mujoco.mjtJacobian.mjJAC_DENSE
-        self.model.opt.disableflags = off.mjDSBL_CONTACT | off.mjDSBL_LIMIT | off.mjDSBL_FRICTIONLOSS
+        self.model = _kinematics_only(model)
         turning = (model.eq_type == mujoco.mjtEq.mjEQ_WELD) & (model.eq_data[:, 10] != 0.0)
         self.model.eq_data[turning, 10] = 2 * LEVER  # `torquescale`, which multiplies sin(angle / 2)
         self.data = mujoco.MjData(self.model)
@@ -75,6 +72,7 @@ def dofs_above(model: mujoco.MjModel, body: int) -> Bool[np.ndarray, " nv"]:
 def motor_dofs(model: mujoco.MjModel) -> Bool[np.ndarray, "motor nv"]:
     """Return which degrees of freedom each actuator drives, directly or by a tendon."""
     kinds = [int(kind) for kind in DRIVES]
+    model = _kinematics_only(model)
     driven = np.zeros((model.nu, model.nv), dtype=bool)
     data = mujoco.MjData(model)
     for qpos in random_poses(model):
@@ -85,6 +83,14 @@ def motor_dofs(model: mujoco.MjModel) -> Bool[np.ndarray, "motor nv"]:
                 entries = slice(data.moment_rowadr[motor], data.moment_rowadr[motor] + data.moment_rownnz[motor])
                 driven[motor, data.moment_colind[entries]] |= np.abs(data.actuator_moment[entries]) > 1e-9
     return driven
+
+
+def _kinematics_only(model: mujoco.MjModel) -> mujoco.MjModel:
+    """Return a copy whose only constraints are its equalities."""
+    model, off = copy.deepcopy(model), mujoco.mjtDisableBit
+    model.opt.jacobian = mujoco.mjtJacobian.mjJAC_DENSE
+    model.opt.disableflags = off.mjDSBL_CONTACT | off.mjDSBL_LIMIT | off.mjDSBL_FRICTIONLOSS
+    return model
 
 
 def random_poses(model: mujoco.MjModel) -> list[Float[np.ndarray, " nq"]]:

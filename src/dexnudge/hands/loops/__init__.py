@@ -1,0 +1,1 @@
+"""Closed loops and other equalities of MJCF hands, as couplings of their joints."""

@@ -1,0 +1,133 @@
+"""An MJCF file compiled by MuJoCo, once nothing in it opens other files or asks for much."""
+
+from collections.abc import Mapping
+from pathlib import Path
+from xml.etree.ElementTree import Element
+
+import mujoco
+import numpy as np
+
+from dexnudge.errors import HandError
+from dexnudge.hands.link_meshes import description_folders
+from dexnudge.hands.tree import MAX_LINKS, MAX_SHAPES
+from dexnudge.hands.xml_text import read_xml
+
+FOLDER_ATTRIBUTES = ("meshdir", "texturedir", "assetdir")
+NO_HAND_HAS = ("hfield", "flexcomp", "composite", "flex")  # and a few letters of them can ask for gigabytes
+MAX_COPIES = 100  # of a `replicate`
+MAX_PIXELS = 4096  # a side of a texture
+MIN_MASS, MIN_INERTIA = 1e-3, 1e-8  # [kg], [kg m^2] of bodies that have none; only kinematics are read
+
+
+def compiled_model(path: Path, packages: Mapping[str, Path | str], notes: list[str] | None = None) -> mujoco.MjModel:
+    """Return MuJoCo's model of an MJCF file, with other masses and a note where it refuses those of the file.
+
+    Raises:
+        HandError: the file names files elsewhere, asks for too much, or MuJoCo cannot compile it.
+    """
+    _check_files(path, packages)
+    try:
+        return mujoco.MjModel.from_xml_path(str(path))
+    except (ValueError, mujoco.FatalError) as error:
+        fault = " ".join(str(error).split())
+    try:
+        if "inertia" in fault:
+            spec = mujoco.MjSpec.from_file(str(path))
+            spec.compiler.boundmass, spec.compiler.boundinertia = MIN_MASS, MIN_INERTIA
+            spec.compiler.balanceinertia = 1
+            spec.compiler.inertiafromgeom = int(mujoco.mjtInertiaFromGeom.mjINERTIAFROMGEOM_TRUE)
+            model = spec.compile()
+            if notes is not None:
+                notes.append(f"masses of the geometry take the place of the file's, which MuJoCo refuses: {fault}")
+            return model
+    except (ValueError, mujoco.FatalError) as error:
+        fault = " ".join(str(error).split())
+    raise HandError(f"{path}: MuJoCo cannot compile it: expected a valid MJCF model, got '{fault}'; mend the file")
+
+
+def _check_files(path: Path, packages: Mapping[str, Path | str]) -> None:
+    """Refuse entities, and files outside the main file's folders, in an MJCF file and all that it includes."""
+    home = path.parent.resolve()
+    roots = [*description_folders(home), *(Path(place).resolve() for place in packages.values())]
+    waiting, checked, folders = [path.resolve()], set(), {home}
+    attached: set[Path] = set()
+    bodies = shapes = 0
+    while waiting:
+        file = waiting.pop()
+        checked.add(file)
+        root = read_xml(file, root_tag="mujoco" if file == path.resolve() else None)
+        bodies, shapes = (bodies + _copies(root, "body"), shapes + _copies(root, "geom"))
+        if bodies > MAX_LINKS or shapes > MAX_SHAPES:
+            raise HandError(
+                f"{path}: expected at most {MAX_LINKS:,} bodies and {MAX_SHAPES:,} geoms, found {bodies:,} and {shapes:,}; "
+                "leave the hand alone in the file"
+            )
+        for element in root.iter("compiler"):
+            folders |= {place / element.get(key, "") for key in FOLDER_ATTRIBUTES for place in (home, file.parent)}
+        folders.add(file.parent)
+        for element in root.iter():
+            _refuse_excess(element, file)
+            if element.tag == "model" or (element.tag == "include" and file in attached):
+                attached.add((home / element.get("file", "")).resolve())
+            if (element.tag == "model" and file in attached) or path.resolve() in attached:
+                raise HandError(f"{file}: <model> in a model that is itself attached: expected one level; copy it in")
+            named = {key: value for key, value in element.attrib.items() if _names_a_file(key)}
+            for value in filter(None, named.values()):
+                places = [(folder / value).resolve() for folder in folders]
+                if not all(any(place.is_relative_to(allowed) for allowed in roots) for place in places):
+                    raise HandError(
+                        f"{file}: '{value}' lies outside the hand's folder: expected a file below {home}; "
+                        "copy the files beside the description and name them relative to it"
+                    )
+                if element.tag in ("include", "model") and (home / value).resolve() not in checked:
+                    waiting.append((home / value).resolve())
+
+
+def _copies(root: Element, tag: str) -> int:
+    """Return how many elements of this tag a file has, with the copies of each `replicate`."""
+    count = sum(1 for _ in root.iter(tag))
+    for element in root.iter("replicate"):
+        count += int(min(_number(element.get("count")), MAX_COPIES)) * sum(1 for _ in element.iter(tag))
+    return count
+
+
+def _names_a_file(attribute: str) -> bool:
+    return attribute.startswith("file") or attribute in FOLDER_ATTRIBUTES
+
+
+def _refuse_excess(element: Element, file: Path) -> None:
+    """Refuse what a hand does not have and what a few letters can make huge."""
+    too_much = element.tag in NO_HAND_HAS
+    if element.tag == "replicate":
+        too_much = element.find(".//replicate") is not None or _number(element.get("count")) > MAX_COPIES
+    elif element.tag == "worldbody":
+        too_much = len(element.findall(".//attach")) > MAX_COPIES
+    elif element.tag in ("texture", "mesh"):
+        sides = (element.get(key) for key in ("width", "height", *(("params",) if element.tag == "mesh" else ())))
+        too_much = any(_number(word) > MAX_PIXELS for side in sides if side for word in side.split())
+    odd = [key for key, value in element.attrib.items() if key not in ("name", "class") and _not_finite(value)]
+    if odd:
+        raise HandError(
+            f"{file}: <{element.tag}>: expected finite numbers in '{odd[0]}', got '{element.attrib[odd[0]][:100]}'; mend it"
+        )
+    if too_much:
+        raise HandError(
+            f"{file}: <{element.tag} {' '.join(f'{key}={value!r}' for key, value in element.attrib.items())[:100]}>: "
+            f"expected what a hand consists of: no {', '.join(NO_HAND_HAS)}, no nested or more than {MAX_COPIES} copies, "
+            f"textures of at most {MAX_PIXELS} pixels a side; remove it"
+        )
+
+
+def _not_finite(text: str) -> bool:
+    """Whether all words are numbers, and one of them NaN or infinite."""
+    try:
+        return not np.isfinite([float(word) for word in text.split()]).all()
+    except ValueError:
+        return False
+
+
+def _number(text: str | None) -> float:
+    try:
+        return float(text or 0)
+    except ValueError:
+        return 0.0  # MuJoCo refuses it
