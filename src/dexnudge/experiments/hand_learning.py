@@ -250,7 +250,8 @@ def _follow(file: Path, hand: str) -> None:
     """Let an experiment of this same hand know where the folder is now, if it was moved."""
     if file.is_file():
         content = read_json_object(file)
-        if content["config"]["hand"] != hand:
-            content["config"]["hand"] = hand
+        config = content.get("config")
+        if isinstance(config, dict) and config.get("hand") != hand:
+            config["hand"] = hand
             with replace_atomically(file) as temporary:
                 temporary.write_text(json.dumps(content, indent=2) + "\n", encoding="utf-8")
