@@ -97,7 +97,7 @@ class HandCommand:
                 f"{self.hand} is no prepared folder to learn in; expected one, or `out`, the folder to make"
             )
         if not (Path(out) / MARKER).is_file():
-            self._write(out)
+            _print(self._write(out))  # what was assumed is seen before an hour is spent on it
             return Path(out)
         hand, there = self._prepared().hand, load_hand(out)
         if (there.name, there.joint_names) != (hand.name, hand.joint_names):
