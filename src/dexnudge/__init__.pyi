@@ -17,7 +17,9 @@ from dexnudge.execution.episode import Episode as Episode, execute as execute
 from dexnudge.geometry.meshes import load_environment as load_environment, load_mesh as load_mesh
 from dexnudge.hands.batch import HandBatch as HandBatch
 from dexnudge.hands.export import export_hand as export_hand
+from dexnudge.hands.closing import Closing as Closing
 from dexnudge.hands.hand import Hand as Hand
+from dexnudge.hands.preparation import PreparedHand as PreparedHand, prepare_hand as prepare_hand
 from dexnudge.hands.registry import load_hand as load_hand
 from dexnudge.mechanics.contacts import HandContacts as HandContacts
 from dexnudge.objects.builtin import builtin_names as builtin_names, builtin_object as builtin_object

@@ -1,4 +1,4 @@
-"""What is found out about a scene before anything is sampled, in one form for people and programs."""
+"""What is found out about a scene or a hand before anything is sampled, in one form for people and programs."""
 
 from __future__ import annotations
 
@@ -19,9 +19,10 @@ class Finding:
         level: "error" where no configuration can be verified as the scene stands, "warning" where what was understood may
             not be what is meant, "note" for what was understood.
         what: what it is about: "size", "units", "pose", "motion", "supports", "carried", "clearance", "fingers",
-            "free_way", or "repaired".
+            "free_way", or "repaired"; of a hand "palm", "base_link", "geometry", "fingertips", "palm_normal", "description",
+            "joints", "limits", "self_collision", "closing" or "surfaces".
         sentence: what was found: what, where, expected, got.
-        remedy: what to do about it, naming arguments in backticks; "" for a note.
+        remedy: what to do about it, naming arguments in backticks; "" for a note, unless it is an assumption.
     """
 
     level: Level

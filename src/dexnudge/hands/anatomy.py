@@ -39,13 +39,13 @@ class HandPart:
     joints: tuple[str, ...]
 
 
-def hands_in(tree: Tree) -> list[HandPart]:
+def hands_in(tree: Tree, *, solid: bool = True) -> list[HandPart]:
     """Return the hands of a description, in its order.
 
     Links that fixed joints hold together are one body. A hand is the topmost body with at least two digits: branches that
-    joints move, with geometry, of at most 0.35 m, and no wheels. Of a tree without any geometry every link counts.
+    joints move, with geometry, of at most 0.35 m, and no wheels. Without `solid` no geometry is asked for.
     """
-    return _Bodies(tree).hands()
+    return _Bodies(tree, solid=solid).hands()
 
 
 def hand_at(tree: Tree, palm: str) -> HandPart:
@@ -91,8 +91,8 @@ def why_no_hand(tree: Tree) -> str:
 class _Bodies:
     """The links of a tree, those that fixed joints hold together as one body, named after its topmost link."""
 
-    def __init__(self, tree: Tree) -> None:
-        self.tree = tree
+    def __init__(self, tree: Tree, *, solid: bool = True) -> None:
+        self.tree, self.solid = tree, solid
         self.carrier = {joint.child: joint for joint in tree.joints}
         below: dict[str, list[TreeJoint]] = {link: [] for link in tree.links}
         for joint in tree.joints:
@@ -113,13 +113,12 @@ class _Bodies:
         for body in sorted(self.members, key=rank.__getitem__):
             if body in self.carrier:
                 self.children[self.body[self.carrier[body].parent]].append(body)
-        self.any_geometry = any(len(mesh.faces) for mesh in tree.links.values())
 
     def is_solid(self, body: str) -> bool:
         return any(self._solid(link) for below in self.below(body) for link in self.members[below])
 
     def _solid(self, link: str) -> bool:
-        return not self.any_geometry or len(self.tree.links[link].faces) > 0
+        return not self.solid or len(self.tree.links[link].faces) > 0
 
     def below(self, body: str) -> list[str]:
         """Return a body and all bodies below it."""
@@ -156,7 +155,7 @@ class _Bodies:
     def is_wheel(self, body: str) -> bool:
         """Whether a body, whose own joint is the last, has its middle on that joint's axis."""
         joint = self.carrier[body]
-        if self.children[body] or joint.slides or not self.any_geometry or not self.is_solid(body):
+        if self.children[body] or joint.slides or not self.solid or not self.is_solid(body):
             return False
         corners = np.concatenate([self._corners(link) for link in self.members[body]])
         middle = (corners.min(axis=0) + corners.max(axis=0)) / 2 - self.poses[body][:3, 3]
@@ -225,7 +224,7 @@ def digit_names(tree: Tree, tips: list[str], *, body: list[str]) -> dict[str, st
 
 def template(tree: Tree) -> str:
     """Return the lines of a YAML with the palm and the fingertips of a tree's first hand, as far as its links tell."""
-    hands = hands_in(replace(tree, links=dict.fromkeys(tree.links, trimesh.Trimesh())))
+    hands = hands_in(replace(tree, links=dict.fromkeys(tree.links, trimesh.Trimesh())), solid=False)
     if hands:
         palm, fingertips = hands[0].palm, hands[0].fingertips
     else:

@@ -13,7 +13,7 @@ from dexnudge.hands.hand import ROOT_COORDINATES, Hand
 
 LEAST_MOVE = 0.001  # [m] of some link while a joint goes through its range; less is a joint that moves nothing
 LEAST_RANGE = np.radians(1.0)  # [rad] of a joint; in metres, of a slide at a lever of 5 cm, about 1 mm
-MEETING = 0.005  # [m] between the tips of a closed hand, a contact's width
+MEETING = 0.03  # [m] between the tips of a closed hand: fingers that pass beside the thumb still pinch a thin object
 APART = np.cos(np.radians(60.0))  # between the stated and the found direction of the palm: they contradict each other
 TRUSTED = 0.5  # confidence from which the found direction may contradict
 MOST_NAMED = 4  # links or pairs in one sentence

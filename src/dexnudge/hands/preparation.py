@@ -5,6 +5,7 @@ What is found so is an assumption: a note that says what, why, and how to change
 
 from collections.abc import Mapping, Sequence
 from dataclasses import dataclass, replace
+from functools import cached_property
 from pathlib import Path
 
 import numpy as np
@@ -22,10 +23,13 @@ from dexnudge.hands.hand import ROOT_COORDINATES, Hand, Joint
 from dexnudge.hands.named import HANDS
 from dexnudge.hands.registry import PREPARED_NAME, is_description, load_hand, read_hand, read_tree
 from dexnudge.hands.tree import Tree
+from dexnudge.hands.tree_checks import check_sizes
 
 MOST_JOINTS = 40  # independent ones; the Shadow hand has 24, a human hand 27
 LEAST_CONFIDENCE = 0.5  # of where the palm faces; below, it is asked for
-FARTHEST_TIPS = 0.03  # [m] between tips when closed: farther apart they hold nothing that a hand pushes
+FARTHEST_TIPS = (
+    0.08  # [m] between tips when closed: a phone is 75 mm wide, and what stays farther apart opposes nothing
+)
 BAR_REACH = 0.9  # of another digit's: a chain on the same motor that ends on that one, and is shorter, is its linkage
 BAR_GAP = 0.002  # [m] between such a bar and what it drives
 UNKNOWN = (0.0, 0.0, 1.0)  # in place of a palm's direction while that is being found
@@ -38,19 +42,25 @@ class PreparedHand:
     Attributes:
         hand: the hand, palm as its root.
         closing: its open, rest and closed poses, and where its palm faces as far as its joints tell.
-        findings: assumptions, notes of the reader and checks. An assumption's remedy says how to change it.
+        assumptions: what nobody stated; the remedy says how to change it.
     """
 
     hand: Hand
     closing: Closing
-    findings: tuple[Finding, ...]
+    assumptions: tuple[Finding, ...]
+
+    @cached_property
+    def findings(self) -> tuple[Finding, ...]:
+        """The assumptions, the notes of the reader, and the checks."""
+        notes = [Finding("note", "description", note) for note in self.hand.notes]
+        return (*self.assumptions, *notes, *hand_findings(self.hand, self.closing))
 
 
 def prepare_hand(
     name_or_path: str | Path,
     *,
     palm: str | None = None,
-    palm_normal: tuple[float, float, float] | None = None,
+    palm_normal: Sequence[float] | None = None,
     geometry: str | None = None,
     base: bool = True,
     packages: Mapping[str, Path | str] | None = None,
@@ -97,7 +107,7 @@ def prepare_hand(
     if palm_normal is None:
         assumed.append(_assumed_direction(path, hand, way))
     facing = way.palm_normal if palm_normal is None else _unit(palm_normal)
-    return _prepared(replace(hand, palm_normal=facing), way, assumed)
+    return PreparedHand(replace(hand, palm_normal=facing), way, tuple(assumed))
 
 
 def _unit(direction: Sequence[float]) -> Float[np.ndarray, " 3"]:
@@ -110,20 +120,20 @@ def _unit(direction: Sequence[float]) -> Float[np.ndarray, " 3"]:
 def _stated(hand: Hand, palm_normal: Sequence[float] | None) -> PreparedHand:
     if palm_normal is not None:
         hand = replace(hand, palm_normal=_unit(palm_normal))
-    return _prepared(hand, closing(hand), [])
-
-
-def _prepared(hand: Hand, way: Closing, assumed: list[Finding]) -> PreparedHand:
-    told = [Finding("note", "description", note) for note in hand.notes]
-    return PreparedHand(hand, way, (*assumed, *told, *hand_findings(hand, way)))
+    return PreparedHand(hand, closing(hand), ())
 
 
 def _tree(
     path: Path, geometry: str | None, packages: Mapping[str, Path | str] | None, assumed: list[Finding]
 ) -> tuple[str, Tree]:
     """Return the kind of geometry that a hand can be found with, and the tree with that; collision first."""
-    trees = {kind: read_tree(path, kind, packages=packages) for kind in ((geometry,) if geometry else GEOMETRIES)}
-    kind = next((kind for kind, tree in trees.items() if hands_in(tree)), next(iter(trees)))
+    trees: dict[str, Tree] = {}
+    for kind in (geometry,) if geometry else GEOMETRIES:
+        trees[kind] = read_tree(path, kind, packages=packages)
+        if hands_in(trees[kind]):
+            break
+    else:
+        kind = next(iter(trees))
     if geometry is None and kind != GEOMETRIES[0]:
         sentence = f"{kind} geometry is judged: no hand has {GEOMETRIES[0]} geometry"
         assumed.append(Finding("note", "geometry", sentence, "`geometry` or 'geometry' in the hand's YAML choose"))
@@ -135,6 +145,7 @@ def _the_hand(path: Path, tree: Tree, palm: str | None, assumed: list[Finding]) 
         return hand_at(tree, palm)
     hands = hands_in(tree)
     if not hands:
+        check_sizes(tree)
         raise HandError(
             f"{path} holds no hand: expected a link from which at least {LEAST_DIGITS} digits branch that joints move, each "
             f"at most {LONGEST_DIGIT:g} m long, got {why_no_hand(tree)}; `palm` names the link if there is one"
