@@ -8,6 +8,7 @@ from pathlib import Path
 import pytest
 
 from dexnudge.diffusion.checkpoint import SHIPPED_WEIGHTS
+from dexnudge.hands.export import export_hand
 
 RESULTS = ("configurations.npz", "summary.json", "model", "report.md")
 SCENE = ["sample", "phone", "--scene", "table"]
@@ -42,10 +43,10 @@ def test_weights_of_another_hand(dexnudge, tmp_path, model):
     assert message.endswith("train a model for this hand with `dexnudge train`.\n")
 
 
-def test_a_hand_without_weights(dexnudge, tmp_path):
-    message = refusal(dexnudge, tmp_path, *SCENE, "--hand", "shadow_full")
-    assert "no weights for hand 'shadow_full': expected a model folder" in message
-    assert "train some with `dexnudge train` and pass them as --weights" in message
+def test_a_hand_without_weights(dexnudge, tmp_path, boxy_hand):
+    message = refusal(dexnudge, tmp_path, *SCENE, "--hand", export_hand(boxy_hand, tmp_path / "hand"))
+    assert "no weights for hand 'boxy': expected a model folder" in message
+    assert "learn some with `dexnudge hand`, or pass a model folder as --weights" in message
 
 
 @pytest.mark.parametrize(

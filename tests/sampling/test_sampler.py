@@ -51,7 +51,7 @@ def test_missing_weights(hand, tmp_path):
         Sampler.from_pretrained(hand, weights=folder)
     assert str(caught.value) == (
         f"no weights for hand 'shadow_lite': expected a model folder, got {folder}, which does not exist; "
-        "train some with `dexnudge train` and pass them as `weights`, or draw without any by the `method` "
+        "learn some with `dexnudge hand`, or pass a model folder as `weights`, or draw without any by the `method` "
         "random_start_projection"
     )
 

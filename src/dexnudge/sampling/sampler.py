@@ -132,7 +132,7 @@ class Sampler:
         if not folder.is_dir():
             raise CheckpointError(
                 f"no weights for hand '{self.hand.name}': expected a model folder, got {folder}, which does not exist; "
-                "train some with `dexnudge train` and pass them as `weights`, or draw without any by the `method` "
+                "learn some with `dexnudge hand`, or pass a model folder as `weights`, or draw without any by the `method` "
                 f"{WITHOUT_WEIGHTS}"
             )
         return DiffusionPrior.from_folder(folder, self.hand, device=self.device)
