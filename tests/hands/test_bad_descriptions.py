@@ -7,6 +7,7 @@ from dexnudge.hands.registry import load_hand
 from dexnudge.hands.xml_text import MAX_DESCRIPTION_BYTES
 
 SMALL_YAML = "palm: palm\nfingertips: {F: pad, T: thumbtip}\npalm_normal: [0, -2, 0]\nbase_link: forearm\n"
+HELD_IN = ", or name the folder that holds them in `packages`"
 NAME_IT = ", or name the folder of 'small' in `packages`"
 LINKS = "['forearm', 'thumb', 'palm', 'finger', 'tip', 'thumbtip', 'pad']"
 
@@ -164,7 +165,7 @@ def message(path) -> str:
                 (
                     f"mesh '{outside}' lies outside the hand's folder: expected a file below DIR; "
                     "copy the meshes beside the description and name them relative to it"
-                    f"{NAME_IT if outside.startswith('package') else ''}"
+                    f"{NAME_IT if outside.startswith('package') else '' if '://' in outside else HELD_IN}"
                 ),
             )
             for outside in (
@@ -208,7 +209,7 @@ def test_bad_urdf(write_hand, old, new, expected):
             'upper="1.2"',
             'upper="90"',
             (
-                "DIR/small.urdf: joint 'near': expected limits in radians, got 0 to 90, that is up to 5157 degrees; "
+                "joint 'near': expected limits in radians, got 0 to 90, that is up to 5157 degrees; "
                 "in degrees? write 0.0000 to 1.5708"
             ),
         ),
@@ -613,3 +614,13 @@ def test_a_collada_bomb_without_a_mesh(write_hand):
     )
     path.write_text(path.read_text().replace("wedge.stl", "wedge.dae"))
     assert "places 4,294,967,296 nodes; expected at most 200,000" in message(path)
+
+
+def test_limits_of_joints_that_only_place_the_hand_may_be_wide(write_hand, small):
+    path = write_hand()
+    above = """<link name="world"/><link name="cart"/>
+    <joint name="along" type="prismatic"><parent link="world"/><child link="cart"/><limit lower="-20" upper="20"/></joint>
+    <joint name="about" type="revolute"><parent link="cart"/><child link="forearm"/><limit lower="-20" upper="20"/></joint>
+    </robot>"""
+    path.write_text(path.read_text().replace("</robot>", above))
+    assert load_hand(path).joint_names == small.joint_names

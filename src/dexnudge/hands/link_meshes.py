@@ -87,7 +87,8 @@ def mesh_path(filename: str, folder: Path, packages: Mapping[str, Path | str] | 
     for path in inside:
         if os.path.isfile(path):  # noqa: PTH113 - a name of 300 letters is no file, and no error
             return path
-    naming = f", or name the folder of '{package}' in `packages`" if found and scheme != "file" and package else ""
+    naming = "" if found else ", or name the folder that holds them in `packages`"
+    naming += f", or name the folder of '{package}' in `packages`" if found and scheme != "file" and package else ""
     if not inside:
         raise HandError(
             f"mesh '{filename}' lies outside the hand's folder: expected a file below {folder}; "
@@ -95,7 +96,7 @@ def mesh_path(filename: str, folder: Path, packages: Mapping[str, Path | str] | 
         )
     raise HandError(
         f"mesh '{filename}' is missing: expected a file below {given.get(package, roots[-1])}, found none; "
-        f"copy it there or mend its name in the description{naming}"
+        f"copy it there or mend its name in the description{naming if found else ''}"
     )
 
 

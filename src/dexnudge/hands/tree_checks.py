@@ -10,6 +10,7 @@ from dexnudge.hands.config import HandConfig
 from dexnudge.hands.tree import Tree
 
 LONGEST_LINK = 2.0  # [m] a forearm or a stand; longer is in another unit
+LARGEST_LIMIT = 2 * np.pi + 0.1  # [rad] no joint of a hand turns farther: the number is in degrees
 LONGEST_SLIDE = 0.5  # [m] from zero; farther than any gripper opens
 FLATTEST_LINK = 1e-9  # volume of the hull / longest side cubed
 
@@ -77,9 +78,17 @@ def check_joints(tree: Tree, config: HandConfig) -> None:
                 f"joint '{joint.name}': expected type revolute, continuous, prismatic, fixed, got '{joint.places}'; "
                 "replace the joint or fix it"
             )
-        if not joint.slides or joint.mimic is not None:
+        if joint.mimic is not None:
             continue
         farthest = max(abs(joint.lower), abs(joint.upper))
+        if not joint.slides and farthest > LARGEST_LIMIT:
+            raise HandError(
+                f"joint '{joint.name}': expected limits in radians, got {joint.lower:g} to {joint.upper:g}, that is up to "
+                f"{np.degrees(farthest):.0f} degrees; in degrees? write {np.radians(joint.lower):.4f} to "
+                f"{np.radians(joint.upper):.4f}"
+            )
+        if not joint.slides:
+            continue
         if not np.isfinite(farthest):
             raise HandError(
                 f"joint '{joint.name}' slides without limits: expected a least and a greatest value [m], found none; "

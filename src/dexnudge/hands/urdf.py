@@ -25,7 +25,6 @@ from dexnudge.hands.xml_text import read_xml
 
 JOINT_TYPES = ("revolute", "continuous", "prismatic", "fixed")
 PLACING_TYPES = ("planar", "floating")  # read where they place the hand in the world, above the palm
-LARGEST_LIMIT = 2 * np.pi + 0.1  # [rad] no joint of a hand turns farther: the number is in degrees
 CONTINUOUS_LIMIT = np.pi  # [rad] either way: a joint without limits still needs a finite range to sample from
 
 
@@ -178,12 +177,6 @@ def _limits(joint: Element, kind: str, where: str) -> tuple[float, float]:
     lower, upper = (float(numbers_of(limit, key, (0.0,), where)[0]) for key in ("lower", "upper"))
     if lower > upper:
         raise HandError(f"{where}: expected lower limit <= upper limit, got {lower} > {upper}; swap or mend them")
-    if kind != "prismatic" and max(-lower, upper) > LARGEST_LIMIT:
-        raise HandError(
-            f"{where}: expected limits in radians, got {lower:g} to {upper:g}, that is up to "
-            f"{np.degrees(max(-lower, upper)):.0f} degrees; in degrees? write {np.radians(lower):.4f} to "
-            f"{np.radians(upper):.4f}"
-        )
     return lower, upper
 
 
