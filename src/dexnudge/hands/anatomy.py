@@ -43,7 +43,7 @@ def hands_in(tree: Tree, *, solid: bool = True) -> list[HandPart]:
     """Return the hands of a description, in its order.
 
     Links that fixed joints hold together are one body. A hand is the topmost body with at least two digits: branches that
-    joints move, with geometry, of at most 0.35 m, and no wheels. Without `solid` no geometry is asked for.
+    joints move, with geometry, of at most 0.3 m, and no wheels. Without `solid` no geometry is asked for.
     """
     return _Bodies(tree, solid=solid).hands()
 
