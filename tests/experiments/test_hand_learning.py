@@ -10,9 +10,9 @@ import pytest
 from dexnudge.diffusion.training_run import TrainingRun
 from dexnudge.errors import CheckpointError, InputError, OutputError
 from dexnudge.experiments import hand_learning
-from dexnudge.experiments.hand_learning import hand_digest, learn_hand, training_config, write_plan
+from dexnudge.experiments.hand_learning import hand_digest, learn_hand, write_plan
 from dexnudge.experiments.learning_clock import StageClock
-from dexnudge.experiments.learning_plan import BATCH, LearningPlan, LearningRates, plan_learning
+from dexnudge.experiments.learning_plan import BATCH, LearningPlan, LearningRates, plan_learning, training_config
 from dexnudge.experiments.records import RecordWriter
 from dexnudge.hands.export import export_hand
 from dexnudge.hands.registry import load_hand

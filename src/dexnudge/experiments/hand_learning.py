@@ -14,13 +14,12 @@ from typing import Any
 
 from dexnudge.dataset.manifest import MANIFEST_NAME
 from dexnudge.diffusion.checkpoint import CONFIG_NAME, MODEL_FOLDER, WEIGHTS_NAME
-from dexnudge.diffusion.config import Architecture, TrainingConfig
 from dexnudge.diffusion.model_card import CARD_NAME
 from dexnudge.diffusion.training import train
 from dexnudge.errors import InputError, check_integer, check_seed
 from dexnudge.experiments.config import ExperimentConfig
 from dexnudge.experiments.learning_clock import StageClock
-from dexnudge.experiments.learning_plan import METHODS, LearningPlan, LearningRates, plan_learning
+from dexnudge.experiments.learning_plan import METHODS, LearningPlan, LearningRates, plan_learning, training_config
 from dexnudge.experiments.learning_rates import measure_rates
 from dexnudge.experiments.learning_report import write_learning_report
 from dexnudge.experiments.report import write_report
@@ -42,12 +41,7 @@ FOLDER, PLAN, CLOCK = "learning", "plan.json", "clock.json"
 DATA, TRAINING, EVALUATION = "data", "training", "evaluation"
 DEFAULT_MINUTES = 60.0
 MINUTES_OF_GRASPS = 30.0  # budgets below this never reach grasps, so that these are not timed
-START_FROM = "shadow_lite"  # whose weights ship
 LEAST_TRAINING = 0.25  # share of its planned time that training gets, also where the data took too long
-SAVED_EVERY = 30.0  # [s] of training that a kill may cost
-VALIDATIONS = 8
-AVERAGED_SHARE = 0.05  # of the steps that the averaged weights remember
-LONGEST_AVERAGE = 0.999  # decay: some 1000 steps
 
 
 @dataclass(frozen=True)
@@ -81,6 +75,8 @@ def learn_hand(
     hand = load_hand(folder / PREPARED_NAME)
     _check(minutes, workers, seed)
     with owned_folder(folder / FOLDER) as learning:
+        if not (learning / PLAN).is_file():
+            (learning / CLOCK).unlink(missing_ok=True)  # of a start that was refused or killed before it had a plan
         clock = StageClock(learning / CLOCK)
         with clock.stage("measuring"):
             plan = _plan(folder, hand, clock, minutes=minutes, workers=workers, seed=seed)
@@ -96,25 +92,6 @@ def learn_hand(
             scenes = _evaluate(folder, plan, clock)
         with clock.stage("report"):
             return Learned(*write_learning_report(folder, hand, plan, clock.seconds, scenes))
-
-
-def training_config(plan_steps: int, *, grasps: bool, threads: int, step: float = 0.0, seed: int = 0) -> TrainingConfig:
-    """Return the recipe for so many steps; step: seconds of one, which decides how often the state is saved."""
-    return TrainingConfig(
-        steps=plan_steps,
-        groups=32,
-        rows_per_group=16,
-        warmup_steps=min(500, max(1, plan_steps // 10)),
-        ema_decay=min(LONGEST_AVERAGE, 1.0 - 1.0 / max(2.0, AVERAGED_SHARE * plan_steps)),
-        grasp_fraction=0.2 if grasps else 0.0,
-        min_direction_margin=1.5,
-        validate_every=max(1, math.ceil(plan_steps / VALIDATIONS)),
-        checkpoint_every=max(1, round(SAVED_EVERY / step)) if step else plan_steps,
-        start_from=START_FROM,
-        num_threads=threads,
-        seed=seed,
-        architecture=Architecture(token_layout="single"),  # noqa: S106 - a transformer's tokens, no secret
-    )
 
 
 def _check(minutes: float | None, workers: int | None, seed: int | None) -> None:

@@ -3,6 +3,7 @@
 import math
 from dataclasses import dataclass, fields
 
+from dexnudge.diffusion.config import Architecture, TrainingConfig
 from dexnudge.errors import InputError, quote
 
 SCENES = ("table", "layers", "shelf")  # in the order in which they are evaluated
@@ -21,6 +22,11 @@ FEWEST_STEPS = 100
 DATA_SHARE = 0.3  # of the time beyond the least that every stage needs
 EVALUATION_SHARE = 0.1
 RESERVE = 0.03  # share of the minutes that is left for reports, pictures, and a machine that slows down
+START_FROM = "shadow_lite"  # whose weights ship
+SAVED_EVERY = 30.0  # [s] of training that a kill may cost
+VALIDATIONS = 8
+AVERAGED_SHARE = 0.05  # of the steps that the averaged weights remember
+LONGEST_AVERAGE = 0.999  # decay: some 1000 steps
 
 
 @dataclass(frozen=True, kw_only=True)
@@ -157,6 +163,25 @@ def plan_learning(
         training=steps * rates.step,
         evaluation=evaluation,
         rates=rates,
+    )
+
+
+def training_config(plan_steps: int, *, grasps: bool, threads: int, step: float = 0.0, seed: int = 0) -> TrainingConfig:
+    """Return the recipe for so many steps; step: seconds of one, which decides how often the state is saved."""
+    return TrainingConfig(
+        steps=plan_steps,
+        groups=32,
+        rows_per_group=16,
+        warmup_steps=min(500, max(1, plan_steps // 10)),
+        ema_decay=min(LONGEST_AVERAGE, 1.0 - 1.0 / max(2.0, AVERAGED_SHARE * plan_steps)),
+        grasp_fraction=0.2 if grasps else 0.0,
+        min_direction_margin=1.5,
+        validate_every=max(1, math.ceil(plan_steps / VALIDATIONS)),
+        checkpoint_every=max(1, round(SAVED_EVERY / step)) if step else plan_steps,
+        start_from=START_FROM,
+        num_threads=threads,
+        seed=seed,
+        architecture=Architecture(token_layout="single"),  # noqa: S106 - a transformer's tokens, no secret
     )
 
 
