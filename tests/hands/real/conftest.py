@@ -7,9 +7,9 @@ import pytest
 
 from dexnudge.hands.hand import Hand
 
-from .catalogue import HANDS
+from .catalogue import HANDS, LOOPS
 
 
 @pytest.fixture(scope="session")
 def real_hand() -> Callable[[str], Hand]:
-    return cache(lambda name: HANDS[name].load())
+    return cache(lambda name: (HANDS | LOOPS)[name].load())
