@@ -14,7 +14,7 @@ from dexnudge.hands.arm_cut import WRIST_JOINTS
 from dexnudge.hands.tree import Tree, TreeJoint
 
 LONGEST_DIGIT = (
-    0.35  # [m] from its first joint; the Shadow hand's reach 0.13, Barrett's 0.20, a small quadruped's legs 0.4
+    0.3  # [m] stretched out, from its first joint; Barrett's 0.20, a claw's 0.23, legs of a small quadruped 0.32
 )
 LEAST_DIGITS = 2  # less has nothing to oppose
 ON_THE_AXIS = 0.1  # of its size: a body whose middle is that near its only joint's axis is a wheel, an eye or a rotor
