@@ -45,8 +45,8 @@ def test_weights_of_another_hand(dexnudge, tmp_path, model):
 
 def test_a_hand_without_weights(dexnudge, tmp_path, boxy_hand):
     message = refusal(dexnudge, tmp_path, *SCENE, "--hand", export_hand(boxy_hand, tmp_path / "hand"))
-    assert "no weights for hand 'boxy': expected a model folder" in message
-    assert "learn some with `dexnudge hand`, or pass a model folder as --weights" in message
+    assert "no weights for hand 'boxy': expected a model folder, got none beside it and none that ship" in message
+    assert "learn some with `dexnudge hand HAND --learn`, pass a model folder as --weights" in message
 
 
 @pytest.mark.parametrize(

@@ -130,9 +130,12 @@ class Sampler:
             return self._weights
         folder = self.weights_folder
         if not folder.is_dir():
+            got = (
+                "none beside it and none that ship" if folder.parent == SHIPPED_WEIGHTS else f"{folder}, which is none"
+            )
             raise CheckpointError(
-                f"no weights for hand '{self.hand.name}': expected a model folder, got {folder}, which does not exist; "
-                "learn some with `dexnudge hand`, or pass a model folder as `weights`, or draw without any by the `method` "
+                f"no weights for hand '{self.hand.name}': expected a model folder, got {got}; learn some with "
+                "`dexnudge hand HAND --learn`, pass a model folder as `weights`, or draw without any, with `method` "
                 f"{WITHOUT_WEIGHTS}"
             )
         return DiffusionPrior.from_folder(folder, self.hand, device=self.device)
