@@ -179,6 +179,11 @@ def test_a_joint_that_moves_nothing_and_links_that_overlap_are_told(write):
     assert "index_2 and wall" in warnings["self_collision"]
 
 
+def test_a_joint_without_limits_moves_what_it_turns(write):
+    endless = [part.replace('type="revolute"', 'type="continuous"') for part in gripper()]
+    assert not [finding for finding in prepare_hand(write(endless)).findings if finding.what == "joints"]
+
+
 def limbs(count: int, length: float, size: str = "0.4 0.2 0.1") -> list[str]:
     """Return a body with legs of three links each."""
     parts = [link("body", size)]

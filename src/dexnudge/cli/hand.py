@@ -11,14 +11,15 @@ from typing import TYPE_CHECKING, Annotated, Literal
 import tyro
 
 from dexnudge.cli.arguments import Flag, OptionalCount, OptionalFolder, OptionalNumber, metavar, say, stdout, table
-from dexnudge.errors import InputError
+from dexnudge.errors import InputError, OutputError, check_path
 
 if TYPE_CHECKING:
     from dexnudge.finding import Finding
     from dexnudge.hands.hand import Hand
     from dexnudge.hands.preparation import PreparedHand
 
-MARKER, FINDINGS, PICTURE, PAGE = "hand.urdf", "findings.json", "hand.png", "hand.html"
+DESCRIPTION, FINDINGS, PICTURE, PAGE = "hand.urdf", "findings.json", "hand.png", "hand.html"
+FORMAT = "dexnudge prepared hand 1"  # of findings.json, which nothing else writes so: the mark of a prepared folder
 
 
 @dataclass(frozen=True)
@@ -44,7 +45,7 @@ class HandCommand:
     base: Flag = True
     """Leave the forearm out of the hand's geometry."""
     overwrite: Flag = False
-    """Replace an existing prepared folder; other files in it stay."""
+    """Replace the files that this command wrote to an existing prepared folder; other files in it stay."""
 
     learn: Flag = False
     """Learn the hand: data, training and evaluation in its prepared folder, or in --out; goes on where it was stopped."""
@@ -70,33 +71,53 @@ class HandCommand:
         return 0
 
     def _write(self, out: str) -> PreparedHand:
-        from dexnudge.hands.export import HAND_FILES, export_hand
+        from dexnudge.hands.export import export_hand
         from dexnudge.jobs.folders import new_folder
         from dexnudge.viewer.hand_page import write_hand_page
         from dexnudge.viewer.hand_picture import write_hand_picture
 
-        ours = (*HAND_FILES, FINDINGS, PICTURE, PAGE)
         argument = "prepare" if self.prepare is not None else "out"
-        with new_folder(out, overwrite=self.overwrite, marker=MARKER, ours=ours, argument=argument) as folder:
+        former = self._replaceable(out, argument) if self.overwrite else ()
+        with new_folder(out, overwrite=self.overwrite, marker=FINDINGS, ours=former, argument=argument) as folder:
             prepared = self._prepared()
             export_hand(prepared.hand, folder)
             write_hand_picture(prepared.hand, folder / PICTURE)
             write_hand_page(prepared.hand, folder / PAGE)
-            _write_findings(prepared.findings, folder / FINDINGS)
+            _write_findings(prepared.findings, folder)
         return prepared
+
+    def _replaceable(self, out: str, argument: str) -> Sequence[str]:
+        """Return the files of the folder `out` that this command wrote; refuse others' folders and the hand's own."""
+        check_path("hand", self.hand)
+        check_path(argument, out)
+        folder, source = Path(out).resolve(), Path(self.hand).resolve()
+        if source.exists() and folder in (source, *source.parents):
+            raise OutputError(
+                f"the output folder {out} holds the description {self.hand}; expected another folder, as what is read is "
+                f"never replaced; choose another `{argument}`"
+            )
+        if not out or not folder.is_dir() or not any(folder.iterdir()):
+            return ()
+        former = _files_written(folder / FINDINGS)
+        if not former:
+            raise OutputError(
+                f"the output folder {out} exists and was not written by this command: expected {FINDINGS} with the format "
+                f"'{FORMAT}'; `overwrite` replaces only such folders; choose another `{argument}`"
+            )
+        return former
 
     def _learning_folder(self) -> Path:
         """Return the prepared folder to learn in, made if need be."""
         from dexnudge.hands.registry import load_hand
 
-        out = self.prepare or self.out
-        if out is None and (Path(self.hand) / MARKER).is_file():
+        out = self.out if self.prepare is None else self.prepare
+        if out is None and (Path(self.hand) / DESCRIPTION).is_file():
             return Path(self.hand)
         if out is None:
             raise InputError(
                 f"{self.hand} is no prepared folder to learn in; expected one, or `out`, the folder to make"
             )
-        if not (Path(out) / MARKER).is_file():
+        if not (Path(out) / DESCRIPTION).is_file():
             _print(self._write(out))  # what was assumed is seen before an hour is spent on it
             return Path(out)
         hand, there = self._prepared().hand, load_hand(out)
@@ -124,9 +145,21 @@ class HandCommand:
         return {name: folder for name, _, folder in pairs}
 
 
-def _write_findings(findings: Sequence[Finding], path: Path) -> None:
-    text = json.dumps({"findings": [finding.as_dict() for finding in findings]}, indent=2)
-    path.write_text(text + "\n", encoding="utf-8")
+def _write_findings(findings: Sequence[Finding], folder: Path) -> None:
+    files = sorted(path.relative_to(folder).as_posix() for path in folder.rglob("*") if path.is_file())
+    content = {"format": FORMAT, "files": files, "findings": [finding.as_dict() for finding in findings]}
+    (folder / FINDINGS).write_text(json.dumps(content, indent=2) + "\n", encoding="utf-8")
+
+
+def _files_written(path: Path) -> tuple[str, ...]:
+    """Return the files beside this findings.json that were written with it; none if it is not this command's."""
+    try:
+        content = json.loads(path.read_text(encoding="utf-8"))
+    except (OSError, ValueError, RecursionError):
+        return ()
+    if not isinstance(content, dict) or content.get("format") != FORMAT or not isinstance(content.get("files"), list):
+        return ()
+    return tuple(file for file in content["files"] if isinstance(file, str) and file)
 
 
 def _print(prepared: PreparedHand) -> None:

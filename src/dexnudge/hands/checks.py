@@ -12,10 +12,10 @@ from dexnudge.hands.closing import Closing, tip_distance
 from dexnudge.hands.hand import ROOT_COORDINATES, Hand
 
 LEAST_MOVE = 0.001  # [m] of some link while a joint goes through its range; less is a joint that moves nothing
-LEAST_RANGE = np.radians(1.0)  # [rad] of a joint; in metres, of a slide at a lever of 5 cm, about 1 mm
 MEETING = 0.03  # [m] between the tips of a closed hand: fingers that pass beside the thumb still pinch a thin object
 APART = np.cos(np.radians(60.0))  # between the stated and the found direction of the palm: they contradict each other
 TRUSTED = 0.5  # confidence from which the found direction may contradict
+SHARES = (0.0, 0.13, 0.38, 0.71, 1.0)  # of a joint's range; uneven, as what turns in full circles comes back
 MOST_NAMED = 4  # links or pairs in one sentence
 
 
@@ -46,27 +46,20 @@ def _joints(hand: Hand) -> list[Finding]:
     """Return joints that move no geometry, that cannot move, and digits that nothing moves."""
     findings = []
     rest = np.clip(0.0, hand.lower, hand.upper)
-    ends = np.concatenate([np.where(np.eye(hand.num_joints), limit, rest) for limit in (hand.lower, hand.upper)])
-    poses = _placed(hand, ends)
+    shares = np.asarray(SHARES)[:, None] * (hand.upper - hand.lower) + hand.lower
+    samples = np.concatenate([np.where(np.eye(hand.num_joints), share, rest) for share in shares])
+    poses = _placed(hand, samples).reshape(len(SHARES), hand.num_joints, len(hand.link_names), 4, 4)
     solid = [link for link, mesh in enumerate(hand.link_meshes) if len(mesh.faces)]
     corners = {link: trimesh.bounds.corners(hand.link_meshes[link].bounds) for link in solid}
-    ways = np.stack(
-        [
-            [
-                np.linalg.norm(
-                    trimesh.transform_points(corners[link], low[link])
-                    - trimesh.transform_points(corners[link], high[link]),
-                    axis=1,
-                ).max()
-                for link in solid
-            ]
-            for low, high in zip(poses[: hand.num_joints], poses[hand.num_joints :], strict=True)
-        ]
-    )
-    narrow = (hand.upper - hand.lower) < LEAST_RANGE * hand.joint_scales
-    idle = [
-        name for name, way, stuck in zip(hand.joint_names, ways.max(axis=1), narrow, strict=True) if way < LEAST_MOVE
-    ]
+
+    def way(link: int) -> Float[np.ndarray, " d"]:
+        """Return the farthest that a link's corners come from where they are at each joint's lower limit [m]."""
+        pose = poses[:, :, link]
+        places = np.einsum("sdij,cj->sdci", pose[..., :3, :3], corners[link]) + pose[..., None, :3, 3]
+        return np.asarray(np.linalg.norm(places - places[0], axis=-1).max(axis=(0, 2)))
+
+    ways = np.stack([way(link) for link in solid], axis=1)
+    idle = [name for name, far in zip(hand.joint_names, ways.max(axis=1), strict=True) if far < LEAST_MOVE]
     if idle:
         sentence = f"joint {_listed(idle)} moves no geometry by {length_text(LEAST_MOVE)} within its limits"
         findings.append(Finding("warning", "joints", sentence, "fix it, mend its limits, or give its links geometry"))

@@ -17,7 +17,7 @@ from datetime import datetime
 from pathlib import Path
 from typing import Any
 
-from dexnudge.errors import DexnudgeError, InputError, OutputError, what_failed
+from dexnudge.errors import DexnudgeError, InputError, OutputError, check_path, what_failed
 from dexnudge.jobs.provenance import machine, versions
 
 TEMPORARY_PREFIX = ".writing-"
@@ -101,6 +101,9 @@ def new_folder(
     Raises:
         OutputError: another process owns `out`; it exists, is no folder of ours, or cannot be written.
     """
+    check_path(argument, out, OutputError)
+    if not str(out):
+        raise OutputError(f"`{argument}` is ''; expected the path of a folder to make; name one")
     target = Path(out).absolute()
     made = [path for path in target.parents if not path.exists()]
     partial = target.with_name(f".{target.name}.partial")
