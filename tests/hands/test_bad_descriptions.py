@@ -521,7 +521,7 @@ def test_unknown_name_lists_the_known_ones():
     with pytest.raises(UnknownNameError) as caught:
         load_hand("robonaut")
     assert str(caught.value) == (
-        "unknown hand 'robonaut': expected one of allegro, dex3, leap, shadow_full, shadow_lite, "
+        "unknown hand 'robonaut': expected one of allegro, dex3, leap, panda_gripper, shadow_full, shadow_lite, "
         "or the path of a .urdf or .xml file; mend the name"
     )
 

@@ -6,6 +6,7 @@ from dexnudge.hands.hand import Hand
 from dexnudge.hands.named.allegro import allegro
 from dexnudge.hands.named.dex3 import dex3
 from dexnudge.hands.named.leap import leap
+from dexnudge.hands.named.panda_gripper import panda_gripper
 from dexnudge.hands.named.shadow_lite import shadow_lite
 
 
@@ -19,6 +20,7 @@ HANDS: dict[str, Callable[..., Hand]] = {
     "allegro": allegro,
     "dex3": dex3,
     "leap": leap,
+    "panda_gripper": panda_gripper,
     "shadow_full": _shadow_full,
     "shadow_lite": shadow_lite,
 }
