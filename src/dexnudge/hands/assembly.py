@@ -8,6 +8,7 @@ from dexnudge.errors import HandError, did_you_mean
 from dexnudge.hands.arm_cut import without_arm, without_base
 from dexnudge.hands.config import HandConfig
 from dexnudge.hands.hand import Hand, Joint
+from dexnudge.hands.joint_ranges import with_ranges
 from dexnudge.hands.tree import Tree, TreeJoint, rerooted
 from dexnudge.hands.tree_checks import check_joints, check_sizes
 
@@ -21,9 +22,10 @@ def hand_from_tree(tree: Tree, config: HandConfig, *, base: bool = True) -> Hand
         HandError: a structure that is no tree, names that do not exist, or no joint to move.
     """
     tree = without_arm(tree, config)
-    notes = list(tree.notes)
     check_sizes(tree)
+    tree = with_ranges(tree)
     check_joints(tree, config)
+    notes = list(tree.notes)
     tree = rerooted(tree, config.palm)
     if not base and config.base_link is not None:
         tree = without_base(tree, config)

@@ -9,6 +9,7 @@ from jaxtyping import Float
 from dexnudge.errors import HandError
 
 MAX_LINKS = 1000  # of a hand, or an arm and a hand
+CONTINUOUS_LIMIT = np.pi  # [rad] either way: a joint without limits still needs a finite range to sample from
 MAX_SHAPES = 3000  # of all links together; a sphere has 1,280 triangles
 
 

@@ -10,8 +10,6 @@ from dexnudge.hands.config import HandConfig
 from dexnudge.hands.tree import Tree
 
 LONGEST_LINK = 2.0  # [m] a forearm or a stand; longer is in another unit
-LARGEST_LIMIT = 2 * np.pi + 0.1  # [rad] no joint of a hand turns farther: the number is in degrees
-LONGEST_SLIDE = 0.5  # [m] from zero; farther than any gripper opens
 FLATTEST_LINK = 1e-9  # volume of the hull / longest side cubed
 
 
@@ -71,33 +69,12 @@ def check_sizes(tree: Tree) -> None:
 
 
 def check_joints(tree: Tree, config: HandConfig) -> None:
-    """Refuse joints that neither turn nor slide, and slides without an end or as long as in another unit."""
+    """Refuse joints that neither turn nor slide, and couplings of a slide with an angle."""
     for joint in tree.joints:
         if joint.places is not None:
             raise HandError(
                 f"joint '{joint.name}': expected type revolute, continuous, prismatic, fixed, got '{joint.places}'; "
                 "replace the joint or fix it"
-            )
-        if joint.mimic is not None:
-            continue
-        farthest = max(abs(joint.lower), abs(joint.upper))
-        if not joint.slides and farthest > LARGEST_LIMIT:
-            raise HandError(
-                f"joint '{joint.name}': expected limits in radians, got {joint.lower:g} to {joint.upper:g}, that is up to "
-                f"{np.degrees(farthest):.0f} degrees; in degrees? write {np.radians(joint.lower):.4f} to "
-                f"{np.radians(joint.upper):.4f}"
-            )
-        if not joint.slides:
-            continue
-        if not np.isfinite(farthest):
-            raise HandError(
-                f"joint '{joint.name}' slides without limits: expected a least and a greatest value [m], found none; "
-                "add them"
-            )
-        if farthest > LONGEST_SLIDE:
-            raise HandError(
-                f"joint '{joint.name}': expected limits in metres, at most {LONGEST_SLIDE:g} from zero, got "
-                f"{joint.lower:g} to {joint.upper:g}; in millimetres? write {joint.lower / 1e3:g} to {joint.upper / 1e3:g}"
             )
     slides = {joint.name: joint.slides for joint in tree.joints}
     for follower, leader in config.couplings:

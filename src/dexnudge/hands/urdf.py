@@ -18,14 +18,13 @@ from dexnudge.hands.anatomy import template
 from dexnudge.hands.assembly import hand_from_tree
 from dexnudge.hands.config import GEOMETRIES, HandConfig, read_hand_config, yaml_beside
 from dexnudge.hands.hand import Hand
-from dexnudge.hands.tree import MAX_LINKS, MAX_SHAPES, Mimic, Tree, TreeJoint, check_tree
+from dexnudge.hands.tree import CONTINUOUS_LIMIT, MAX_LINKS, MAX_SHAPES, Mimic, Tree, TreeJoint, check_tree
 from dexnudge.hands.urdf_links import link_mesh, note_masses, numbers_of, origin
 from dexnudge.hands.xacro_expansion import expand_xacro
 from dexnudge.hands.xml_text import read_xml
 
 JOINT_TYPES = ("revolute", "continuous", "prismatic", "fixed")
 PLACING_TYPES = ("planar", "floating")  # read where they place the hand in the world, above the palm
-CONTINUOUS_LIMIT = np.pi  # [rad] either way: a joint without limits still needs a finite range to sample from
 
 
 def hand_from_urdf(
@@ -146,7 +145,7 @@ def _joints(robot: Element, path: Path) -> list[TreeJoint]:
         parent, child = ends
         moves = kind in JOINT_TYPES and kind != "fixed"
         mimic = _mimic(element.find("mimic"), where) if moves else None
-        lower, upper = _limits(element, kind, where) if moves and mimic is None else (0.0, 0.0)
+        lower, upper = _limits(element, kind, where, follows=mimic is not None) if moves else (0.0, 0.0)
         joints.append(
             TreeJoint(
                 name,
@@ -165,16 +164,17 @@ def _joints(robot: Element, path: Path) -> list[TreeJoint]:
     return joints
 
 
-def _limits(joint: Element, kind: str, where: str) -> tuple[float, float]:
+def _limits(joint: Element, kind: str, where: str, *, follows: bool) -> tuple[float, float]:
+    """Return a joint's limits; infinite ones of a follower that states none."""
     if kind == "continuous":
-        return -CONTINUOUS_LIMIT, CONTINUOUS_LIMIT
+        return (-np.inf, np.inf) if follows else (-CONTINUOUS_LIMIT, CONTINUOUS_LIMIT)
     limit = joint.find("limit")
     missing = [key for key in ("lower", "upper") if limit is None or limit.get(key) is None]
-    if missing and kind == "prismatic":  # one that places the hand in the world needs none
+    if missing and (follows or kind == "prismatic"):  # one that places the hand in the world needs none
         return -np.inf, np.inf
     if missing:
         raise HandError(f"{where}: expected <limit lower=... upper=...> in radians, missing {missing}; add them")
-    lower, upper = (float(numbers_of(limit, key, (0.0,), where)[0]) for key in ("lower", "upper"))
+    lower, upper = (float(numbers_of(limit, key, (0.0,), where, finite=False)[0]) for key in ("lower", "upper"))
     if lower > upper:
         raise HandError(f"{where}: expected lower limit <= upper limit, got {lower} > {upper}; swap or mend them")
     return lower, upper

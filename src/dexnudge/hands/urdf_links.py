@@ -92,7 +92,9 @@ def origin(element: Element, where: str) -> Float[np.ndarray, "4 4"]:
     return transform
 
 
-def numbers_of(element: Element | None, key: str, default: tuple[float, ...], where: str) -> np.ndarray:
+def numbers_of(
+    element: Element | None, key: str, default: tuple[float, ...], where: str, *, finite: bool = True
+) -> np.ndarray:
     """Return the numbers in an attribute, as many as the default has; the default where there is no such attribute."""
     text = None if element is None else element.get(key)
     if text is None:
@@ -101,6 +103,6 @@ def numbers_of(element: Element | None, key: str, default: tuple[float, ...], wh
         values = np.asarray([float(word) for word in text.split()])
     except ValueError:
         values = np.zeros(0)
-    if len(values) != len(default) or not np.isfinite(values).all():
+    if len(values) != len(default) or np.isnan(values).any() or (finite and np.isinf(values).any()):
         raise HandError(f"{where}: expected {len(default)} finite number(s) in '{key}', got '{text}'; mend it")
     return values

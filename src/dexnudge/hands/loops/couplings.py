@@ -186,14 +186,21 @@ class _Change:
                 f"joint '{name}' follows '{leads}' along a curve, read as {_line_text(slope, offset)}, off by at most "
                 f"{size_text(self.model, follower, line.error)}"
             )
-        self.joints[name] = replace(self.joints[name], mimic=Mimic(leads, slope, offset))
+        self._follow(follower, Mimic(leads, slope, offset))
+
+    def _follow(self, follower: int, mimic: Mimic) -> None:
+        """Make a follower of a joint, which keeps the limits that the model states, if it states some."""
+        joint = self.joints[joint_name(self.model, follower)]
+        if not self.model.jnt_limited[follower]:
+            joint = replace(joint, lower=-np.inf, upper=np.inf)
+        self.joints[joint.name] = replace(joint, mimic=mimic)
 
     def follow_loop(self, solved: SolvedLoop) -> None:
         """Make followers of a loop's joints, and narrow its leaders to the range in which it closes."""
         lines = []
         for follower, line in solved.followers.items():
             name, leads = joint_name(self.model, follower), joint_name(self.model, line.leader)
-            self.joints[name] = replace(self.joints[name], mimic=Mimic(leads, line.multiplier, line.offset))
+            self._follow(follower, Mimic(leads, line.multiplier, line.offset))
             lines.append(f"{name} follows {leads} as {_line_text(line.multiplier, line.offset)}")
         angles = [line.error for joint, line in solved.followers.items() if not self._slides(joint)]
         error = f" / {np.degrees(max(angles)):.2g} deg" if angles else ""
