@@ -59,18 +59,24 @@ def test_followers_of_followers_and_those_that_run_backwards_count(write_hand):
     [
         (
             follower('lower="2" upper="3"'),
-            "joint 'middle' follows 'near' as 0.8 x + -0.2 and leaves it no range: expected values within its own limits, "
-            "2 to 3, while 'near' goes from 0 to 1.2; mend multiplier, offset or limits",
+            (
+                "joint 'middle' follows 'near' as 0.8 x + -0.2 and leaves it no range: expected values within its own "
+                "limits, 2 to 3, while 'near' goes from 0 to 1.2; mend multiplier, offset or limits"
+            ),
         ),
         (
             follower('lower="-0.5" upper="-0.2"'),
-            "joint 'middle' follows 'near' as 0.8 x + -0.2 and leaves it no range: expected values within its own limits, "
-            "-0.5 to -0.2, while 'near' goes from 0 to 1.2; mend multiplier, offset or limits",
+            (
+                "joint 'middle' follows 'near' as 0.8 x + -0.2 and leaves it no range: expected values within its own "
+                "limits, -0.5 to -0.2, while 'near' goes from 0 to 1.2; mend multiplier, offset or limits"
+            ),
         ),
         (
             follower('lower="0" upper="90"'),
-            "joint 'middle': expected limits in radians, got 0 to 90, that is up to 5157 degrees; in degrees? write 0.0000 "
-            "to 1.5708",
+            (
+                "joint 'middle': expected limits in radians, got 0 to 90, that is up to 5157 degrees; in degrees? write "
+                "0.0000 to 1.5708"
+            ),
         ),
         (
             follower('lower="1" upper="0"'),
@@ -78,13 +84,17 @@ def test_followers_of_followers_and_those_that_run_backwards_count(write_hand):
         ),
         (
             follower("", 50, 100),
-            "joint 'middle' follows 'near' as 50 x + 100: expected at most 6.38 rad from zero, got 100 to 160; mend "
-            "multiplier, offset or its limits",
+            (
+                "joint 'middle' follows 'near' as 50 x + 100: expected at most 6.38 rad from zero, got 100 to 160; mend "
+                "multiplier, offset or its limits"
+            ),
         ),
         (
             follower("", 1e300, 1e300),
-            "joint 'middle' follows 'near' as 1e+300 x + 1e+300: expected at most 6.38 rad from zero, got 1e+300 to "
-            "2.2e+300; mend multiplier, offset or its limits",
+            (
+                "joint 'middle' follows 'near' as 1e+300 x + 1e+300: expected at most 6.38 rad from zero, got 1e+300 to "
+                "2.2e+300; mend multiplier, offset or its limits"
+            ),
         ),
     ],
 )

@@ -5,7 +5,7 @@ from dataclasses import replace
 import numpy as np
 
 from dexnudge.errors import HandError
-from dexnudge.hands.tree import CONTINUOUS_LIMIT, Tree, TreeJoint
+from dexnudge.hands.tree import CONTINUOUS_LIMIT, Mimic, Tree, TreeJoint
 
 NO_LIMIT = 1e3  # [rad] a limit from here on stands for none, as 1e16 does
 LARGEST_LIMIT = 2 * np.pi + 0.1  # [rad] no joint of a hand turns farther: the number is in degrees
@@ -30,10 +30,10 @@ def with_ranges(tree: Tree) -> Tree:
         if joint.lower - stated[leader].lower > SAID or stated[leader].upper - joint.upper > SAID:
             names = ", ".join(name for name, line in followers.items() if line[0] == leader)
             notes.append(
-                f"joint '{leader}' ranges from {joint.lower:.4g} to {joint.upper:.4g}, not from {stated[leader].lower:.4g} to "
+                f"joint '{leader}' ranges from {joint.lower:.4g} to {joint.upper:.4g}, not {stated[leader].lower:.4g} to "
                 f"{stated[leader].upper:.4g}: its followers keep their own limits ({names})"
             )
-    direct = sorted(followers, key=lambda name: str(getattr(joints[name].mimic, "leader", "")) != followers[name][0])
+    direct = sorted(followers, key=lambda name: joints[name].mimic != Mimic(*followers[name]))
     for name in direct:  # before those that follow followers
         leader, multiplier, offset = followers[name]
         _refuse_far(joints[name], joints[leader], multiplier, offset)

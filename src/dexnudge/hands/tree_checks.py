@@ -2,7 +2,6 @@
 
 import math
 
-import numpy as np
 from scipy.spatial import ConvexHull, QhullError
 
 from dexnudge.errors import HandError
