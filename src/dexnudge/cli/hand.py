@@ -67,7 +67,13 @@ class HandCommand:
         prepared = self._prepared() if self.prepare is None else self._write(self.prepare)
         _print(prepared)
         if self.prepare is not None:
-            say(f"written: {self.prepare}")
+            say(
+                f"written: {self.prepare}",
+                f"look at it: {Path(self.prepare) / PICTURE}, or turn it in {Path(self.prepare) / PAGE}",
+                f"change what was assumed: edit {Path(self.prepare) / 'hand.yaml'}, then dexnudge hand {self.prepare}",
+                f"use it: dexnudge hand {self.prepare} --learn, then dexnudge sample phone --hand {self.prepare}; "
+                "without learning, sample --method random_start_projection",
+            )
         return 0
 
     def _write(self, out: str) -> PreparedHand:

@@ -31,7 +31,7 @@ COMMANDS = {
     "dataset check": ("dataset", "CheckDataset", "read a dataset again, and verify it from the meshes"),
     "train": ("train", "Train", "train the diffusion model on a dataset"),
     "plugins": ("plugins", "Plugins", "list what is built in and what installed packages bring"),
-    "hand": ("hand", "HandCommand", "show what a hand consists of, and export it"),
+    "hand": ("hand", "HandCommand", "understand, prepare and learn a hand"),
 }
 WHAT = "Hand configurations that push, press or hook thin objects that a robot hand cannot grasp."
 VECTORS = {"--motion": "DX DY DZ"}

@@ -77,6 +77,7 @@ def learn_hand(
     with owned_folder(folder / FOLDER) as learning:
         if not (learning / PLAN).is_file():
             (learning / CLOCK).unlink(missing_ok=True)  # of a start that was refused or killed before it had a plan
+            say("measuring how fast this machine is")
         clock = StageClock(learning / CLOCK)
         with clock.stage("measuring"):
             plan = _plan(folder, hand, clock, minutes=minutes, workers=workers, seed=seed)
