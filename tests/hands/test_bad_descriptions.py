@@ -1,9 +1,12 @@
 """Every description that cannot be used is refused with one message: what, expected, got, how to mend it."""
 
+import mujoco
 import pytest
+import torch
 
 from dexnudge.errors import HandError, UnknownNameError
-from dexnudge.hands.registry import load_hand
+from dexnudge.hands.export import export_hand
+from dexnudge.hands.registry import check_packages, load_hand
 from dexnudge.hands.xml_text import MAX_DESCRIPTION_BYTES
 
 SMALL_YAML = "palm: palm\nfingertips: {F: pad, T: thumbtip}\npalm_normal: [0, -2, 0]\nbase_link: forearm\n"
@@ -624,3 +627,101 @@ def test_limits_of_joints_that_only_place_the_hand_may_be_wide(write_hand, small
     </robot>"""
     path.write_text(path.read_text().replace("</robot>", above))
     assert load_hand(path).joint_names == small.joint_names
+
+
+@pytest.mark.parametrize(
+    ("old", "new", "expected"),
+    [
+        (
+            "[0, -2, 0]",
+            f"[0, 0, 1{'0' * 400}]",
+            "key 'palm_normal': expected three numbers [x, y, z], not all zero, got [0, 0, 1",
+        ),
+        ("[[spin, near]]", "[[near, near]]", "coupling near <= near holds a joint to itself: expected pairs"),
+        (
+            "[[spin, near]]",
+            "[[spin, near], [near, spin]]",
+            "coupling spin <= near holds a joint to itself: expected pairs",
+        ),
+        (
+            "base_link: forearm",
+            "base_link: finger",
+            "the hand's YAML names 'finger' as 'base_link', which is part of digit 'F': expected a link behind the palm",
+        ),
+    ],
+)
+@pytest.mark.filterwarnings("error")
+def test_bad_facts(write_hand, old, new, expected):
+    path = write_hand()
+    config = path.parent / "hand.yaml"
+    assert old in config.read_text()
+    config.write_text(config.read_text().replace(old, new, 1))
+    assert expected in message(path)
+
+
+@pytest.mark.filterwarnings("error")
+def test_a_direction_of_any_length_is_one(write_hand):
+    path = write_hand(config=SMALL_YAML.replace("[0, -2, 0]", "[1.0e+300, 1.0e+300, 0]"))
+    assert load_hand(path).palm_normal.tolist() == pytest.approx([0.5**0.5, 0.5**0.5, 0.0])
+
+
+@pytest.mark.parametrize("packages", [["x"], {"x": None}, {3: "x"}, "x"])
+def test_packages_are_names_and_folders(packages):
+    with pytest.raises(HandError, match=r"`packages` is .*; expected names of packages and their folders"):
+        check_packages(packages)
+
+
+@pytest.mark.parametrize("link", ["root", "finger"])
+def test_a_link_called_world_is_exported_so_that_mujoco_reads_it(write_hand, small, link):
+    path = write_hand()
+    if link == "root":
+        mount = '<link name="world"/><joint name="m" type="fixed"><parent link="world"/><child link="forearm"/></joint>'
+        path.write_text(path.read_text().replace("</robot>", f"{mount}</robot>"))
+    else:
+        path.write_text(path.read_text().replace('"finger"', '"world"'))
+    hand = load_hand(path)
+    model = mujoco.MjModel.from_xml_path(str(export_hand(hand, path.parent / "out").with_name("hand.xml")))
+    names = [name.replace("world_link", "finger") for name in hand.link_names]
+    assert names == list(small.link_names)
+    assert sorted(model.body(name).id for name in hand.link_names) == list(range(1, len(names) + 1))
+    q = torch.tensor([[0.0, 0, 0, 1, 0, 0, 0, 1, 0, 0.3, 0.5, -0.4]], dtype=torch.float64)
+    assert torch.equal(hand.forward_kinematics(q), small.forward_kinematics(q))
+
+
+def test_a_link_with_a_long_name_is_exported(write_hand):
+    path = write_hand(config=SMALL_YAML)
+    path.write_text(path.read_text().replace('"finger"', f'"{"f" * 300}"'))
+    hand = load_hand(path)
+    assert load_hand(export_hand(hand, path.parent / "out")).link_names == hand.link_names
+
+
+PAIR = """<mujoco><compiler angle="radian"/>{top}<worldbody><body name="palm"><geom size="0.02"/>
+<body name="a" pos="0.05 0 0"><joint name="a_j" axis="1 0 0" range="{range}"/><geom size="0.01"/></body></body></worldbody>
+{end}</mujoco>"""
+
+
+@pytest.mark.parametrize(
+    ("part", "expected"),
+    [
+        (
+            {"range": "1.2 0"},
+            "joint 'a_j': expected lower limit <= upper limit in 'range', got '1.2 0'; swap or mend them",
+        ),
+        ({"top": '<size nuser_jnt="100000000"/>'}, "<size nuser_jnt='100000000'>: expected what a hand consists of"),
+        ({"top": '<size nuserdata="2000000000"/>'}, "<size nuserdata='2000000000'>: expected what a hand consists of"),
+        ({"top": '<size memory="100000G"/>'}, "<size memory='100000G'>: expected what a hand consists of"),
+        ({"end": '<keyframe><key qpos="nan"/></keyframe>'}, "<key>: expected finite numbers in 'qpos', got 'nan'"),
+        (
+            {"end": '<keyframe><key qpos="nan(1)"/></keyframe>'},
+            "<key>: expected finite numbers in 'qpos', got 'nan(1)'",
+        ),
+    ],
+)
+def test_bad_mjcf(tmp_path, monkeypatch, capfd, part, expected):
+    monkeypatch.chdir(tmp_path)
+    path = tmp_path / "pair.xml"
+    path.with_suffix(".yaml").write_text("palm: palm\nfingertips: {a: a}\npalm_normal: [0, 0, 1]")
+    path.write_text(PAIR.format(**{"top": "", "range": "0 1.2", "end": "", **part}))
+    assert expected in message(path)
+    assert capfd.readouterr().err == ""
+    assert not (tmp_path / "MUJOCO_LOG.TXT").exists()

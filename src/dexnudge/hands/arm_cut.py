@@ -6,6 +6,7 @@ from dexnudge.hands.config import HandConfig
 from dexnudge.hands.tree import Tree, TreeJoint, check_tree
 from dexnudge.hands.tree_checks import check_names
 
+WORLD = "world"  # MuJoCo's name for what does not move
 WRIST_JOINTS = 3  # above the palm; more are an arm's
 
 
@@ -20,7 +21,37 @@ def without_arm(tree: Tree, config: HandConfig) -> Tree:
     notes: list[str] = []
     cut = _without_placing_joints(tree, config, notes)
     cut = _without_slides_above(_without_long_chain(cut, config, notes), config, notes)
-    return replace(cut, notes=(*tree.notes, *notes))
+    return replace(_without_empty_world(cut, config), notes=(*tree.notes, *notes))
+
+
+def _without_empty_world(tree: Tree, config: HandConfig) -> Tree:
+    """Return the tree without an empty root called "world" to which the hand is fixed."""
+    mounts = [joint for joint in tree.joints if joint.parent == WORLD]
+    named = {config.palm, config.base_link, *config.fingertips.values()}
+    root = WORLD in tree.links and WORLD not in named and all(joint.child != WORLD for joint in tree.joints)
+    if not root or len(mounts) != 1 or not mounts[0].fixed or len(tree.links[WORLD].faces):
+        return tree
+    return _below(tree, mounts[0].child)
+
+
+def renamed_world(tree: Tree, config: HandConfig) -> tuple[Tree, HandConfig]:
+    """Return tree and facts with another name for a link called "world", which is MuJoCo's own; see `notes`."""
+    if WORLD not in tree.links:
+        return tree, config
+    name = f"{WORLD}_link"
+    while name in tree.links:
+        name += "_"
+    new = {link: name if link == WORLD else link for link in tree.links}
+    joints = tuple(replace(joint, parent=new[joint.parent], child=new[joint.child]) for joint in tree.joints)
+    config = replace(
+        config,
+        palm=new[config.palm],
+        fingertips={digit: new[link] for digit, link in config.fingertips.items()},
+        base_link=None if config.base_link is None else new[config.base_link],
+    )
+    note = f"link '{WORLD}' is called '{name}' here: MuJoCo keeps that name for what does not move"
+    links = {new[link]: mesh for link, mesh in tree.links.items()}
+    return replace(tree, links=links, joints=joints, notes=(*tree.notes, note)), config
 
 
 def _without_placing_joints(tree: Tree, config: HandConfig, notes: list[str]) -> Tree:

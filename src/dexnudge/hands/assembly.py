@@ -5,8 +5,8 @@ import heapq
 import numpy as np
 
 from dexnudge.errors import HandError, did_you_mean
-from dexnudge.hands.arm_cut import without_arm, without_base
-from dexnudge.hands.config import HandConfig
+from dexnudge.hands.arm_cut import renamed_world, without_arm, without_base
+from dexnudge.hands.config import HandConfig, unit_direction
 from dexnudge.hands.hand import Hand, Joint
 from dexnudge.hands.joint_ranges import with_ranges
 from dexnudge.hands.tree import Tree, TreeJoint, rerooted
@@ -21,7 +21,7 @@ def hand_from_tree(tree: Tree, config: HandConfig, *, base: bool = True) -> Hand
     Raises:
         HandError: a structure that is no tree, names that do not exist, or no joint to move.
     """
-    tree = without_arm(tree, config)
+    tree, config = renamed_world(without_arm(tree, config), config)
     check_sizes(tree)
     tree = with_ranges(tree)
     check_joints(tree, config)
@@ -55,7 +55,7 @@ def hand_from_tree(tree: Tree, config: HandConfig, *, base: bool = True) -> Hand
         link_meshes=tuple(tree.links[link] for link in links),
         fingertips=fingertips,
         couplings=config.couplings,
-        palm_normal=np.asarray(config.palm_normal) / np.linalg.norm(config.palm_normal),
+        palm_normal=np.zeros(3) if (facing := unit_direction(config.palm_normal)) is None else facing,
         base_link=config.base_link if config.base_link in links else None,
         notes=tuple(notes),
     )

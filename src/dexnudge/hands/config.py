@@ -6,6 +6,7 @@ from typing import Any
 
 import numpy as np
 import yaml
+from jaxtyping import Float
 
 from dexnudge.errors import HandError
 
@@ -132,10 +133,21 @@ def _direction(value: Any, path: Path) -> tuple[float, float, float]:
     expected = "three numbers [x, y, z], not all zero"
     if not isinstance(value, list) or len(value) != 3 or not all(type(v) in (int, float) for v in value):
         raise _wrong(path, "palm_normal", expected, value)
-    length = float(np.linalg.norm(value))
-    if not np.isfinite(length) or length == 0.0:
+    if unit_direction(value) is None:
         raise _wrong(path, "palm_normal", expected, value)
     return (float(value[0]), float(value[1]), float(value[2]))
+
+
+def unit_direction(value: Any) -> Float[np.ndarray, " 3"] | None:
+    """Return three numbers as a unit vector; None where they are none, not finite, or all zero."""
+    try:
+        vector = np.asarray(value, dtype=float)
+    except (TypeError, ValueError, OverflowError):
+        return None
+    if vector.shape != (3,) or not np.isfinite(vector).all() or not vector.any():
+        return None
+    vector = vector / np.abs(vector).max()  # the squares of large and small numbers leave the range of numbers
+    return np.asarray(vector / np.linalg.norm(vector))
 
 
 def _couplings(value: Any, path: Path) -> tuple[tuple[str, str], ...]:

@@ -136,6 +136,7 @@ def _add_motors(model: Element, hand: Hand) -> None:
 
 
 MESH_FOLDER = "meshes"
+LONGEST_NAME = 100  # characters of a link in the name of its file
 HAND_FILES = ("hand.urdf", "hand.yaml", "hand.xml", f"{MESH_FOLDER}/*.obj")
 """What `export_hand` writes, as patterns of paths."""
 
@@ -175,7 +176,10 @@ def export_hand(hand: Hand, folder: Path | str) -> Path:
 def mesh_files(hand: Hand) -> list[str | None]:
     """Return a file name for each link with geometry, safe on every file system whatever the link is called."""
     safe = [re.sub(r"[^A-Za-z0-9_-]", "_", name) for name in hand.link_names]
-    return [f"{link:02d}_{safe[link]}.obj" if len(mesh.faces) else None for link, mesh in enumerate(hand.link_meshes)]
+    return [
+        f"{link:02d}_{safe[link][:LONGEST_NAME]}.obj" if len(mesh.faces) else None
+        for link, mesh in enumerate(hand.link_meshes)
+    ]
 
 
 def obj_text(mesh: trimesh.Trimesh) -> str:

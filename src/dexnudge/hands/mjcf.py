@@ -149,6 +149,11 @@ def _geom_mesh(model: mujoco.MjModel, geom: int) -> trimesh.Trimesh:
         vertices = model.mesh_vert[model.mesh_vertadr[data] :][: model.mesh_vertnum[data]]
         faces = model.mesh_face[model.mesh_faceadr[data] :][: model.mesh_facenum[data]]
         mesh = trimesh.Trimesh(vertices.astype(float), faces, process=False)
+        if not np.abs(mesh.vertices).max(initial=0.0) <= link_meshes.MAX_COORDINATE:  # also where some are no numbers
+            raise HandError(
+                f"mesh '{model.mesh(data).name}': expected corners within {link_meshes.MAX_COORDINATE:g} m, got "
+                f"{np.abs(mesh.vertices).max():.3g} m; mend the mesh or its scale"
+            )
         wind_outward(mesh, surroundings=False)
     elif kind == mujoco.mjtGeom.mjGEOM_BOX:
         mesh = link_meshes.box(2 * size)

@@ -1,6 +1,8 @@
 """An MJCF file compiled by MuJoCo, once nothing in it opens other files or asks for much."""
 
-from collections.abc import Mapping
+import re
+from collections.abc import Iterator, Mapping
+from contextlib import contextmanager
 from pathlib import Path
 from xml.etree.ElementTree import Element
 
@@ -15,6 +17,8 @@ from dexnudge.hands.xml_text import read_xml
 FOLDER_ATTRIBUTES = ("meshdir", "texturedir", "assetdir")
 NO_HAND_HAS = ("hfield", "flexcomp", "composite", "flex")  # and a few letters of them can ask for gigabytes
 MAX_COPIES = 100  # of a `replicate`
+MAX_SIZE = 10_000  # of what <size> sets aside for each joint, body or state
+MAX_SIZES = {"memory": 2.0**30, "nstack": 1e8, "njmax": 1e6, "nconmax": 1e6}  # [bytes], and counts
 MAX_PIXELS = 4096  # a side of a texture
 MIN_MASS, MIN_INERTIA = 1e-3, 1e-8  # [kg], [kg m^2] of bodies that have none; only kinematics are read
 
@@ -26,6 +30,22 @@ def compiled_model(path: Path, packages: Mapping[str, Path | str], notes: list[s
         HandError: the file names files elsewhere, asks for too much, or MuJoCo cannot compile it.
     """
     _check_files(path, packages)
+    with _quiet():
+        return _compiled(path, notes)
+
+
+@contextmanager
+def _quiet() -> Iterator[None]:
+    """Keep MuJoCo from writing warnings to stderr and to MUJOCO_LOG.TXT in the current folder."""
+    before = mujoco.get_mju_user_warning()
+    mujoco.set_mju_user_warning(lambda _: None)
+    try:
+        yield
+    finally:
+        mujoco.set_mju_user_warning(before)
+
+
+def _compiled(path: Path, notes: list[str] | None) -> mujoco.MjModel:
     try:
         return mujoco.MjModel.from_xml_path(str(path))
     except (ValueError, mujoco.FatalError) as error:
@@ -105,6 +125,14 @@ def _refuse_excess(element: Element, file: Path) -> None:
     elif element.tag in ("texture", "mesh"):
         sides = (element.get(key) for key in ("width", "height", *(("params",) if element.tag == "mesh" else ())))
         too_much = any(_number(word) > MAX_PIXELS for side in sides if side for word in side.split())
+    elif element.tag == "size":
+        too_much = any(_size(value) > MAX_SIZES.get(key, MAX_SIZE) for key, value in element.attrib.items())
+    limits = element.get("range", "").split()
+    if element.tag == "joint" and len(limits) == 2 and _number(limits[0]) > _number(limits[1]):
+        raise HandError(
+            f"{file}: joint '{element.get('name', element.tag)}': expected lower limit <= upper limit in 'range', got "
+            f"'{element.get('range')}'; swap or mend them"
+        )
     odd = [key for key, value in element.attrib.items() if key not in ("name", "class") and _not_finite(value)]
     if odd:
         raise HandError(
@@ -114,16 +142,24 @@ def _refuse_excess(element: Element, file: Path) -> None:
         raise HandError(
             f"{file}: <{element.tag} {' '.join(f'{key}={value!r}' for key, value in element.attrib.items())[:100]}>: "
             f"expected what a hand consists of: no {', '.join(NO_HAND_HAS)}, no nested or more than {MAX_COPIES} copies, "
-            f"textures of at most {MAX_PIXELS} pixels a side; remove it"
+            f"textures of at most {MAX_PIXELS} pixels a side, sizes of at most {MAX_SIZE:,}; remove it"
         )
 
 
 def _not_finite(text: str) -> bool:
     """Whether all words are numbers, and one of them NaN or infinite."""
     try:
-        return not np.isfinite([float(word) for word in text.split()]).all()
+        return not np.isfinite([float(word) for word in re.sub(r"(?i)nan\([^)]*\)", "nan", text).split()]).all()
     except ValueError:
         return False
+
+
+def _size(text: str) -> float:
+    """Return a number that may end in K, M, G, T, P or E, as bytes do."""
+    word = text.strip().upper()
+    return _number(word.rstrip("KMGTPE")) * 1024.0 ** (
+        1 + "KMGTPE".find(word[-1:]) if word[-1:] in "KMGTPE" and word else 0
+    )
 
 
 def _number(text: str | None) -> float:

@@ -18,10 +18,10 @@ from dexnudge.finding import Finding, length_text
 from dexnudge.hands.anatomy import LEAST_DIGITS, LONGEST_DIGIT, HandPart, hand_at, hands_in, why_no_hand
 from dexnudge.hands.checks import direction_numbers, hand_findings
 from dexnudge.hands.closing import Closing, closing, tip_distance
-from dexnudge.hands.config import GEOMETRIES, HandConfig, read_hand_config, yaml_beside
+from dexnudge.hands.config import GEOMETRIES, LONGEST_QUOTE, HandConfig, read_hand_config, unit_direction, yaml_beside
 from dexnudge.hands.hand import ROOT_COORDINATES, Hand, Joint
 from dexnudge.hands.named import HANDS
-from dexnudge.hands.registry import PREPARED_NAME, is_description, load_hand, read_hand, read_tree
+from dexnudge.hands.registry import PREPARED_NAME, check_packages, is_description, load_hand, read_hand, read_tree
 from dexnudge.hands.tree import Tree
 from dexnudge.hands.tree_checks import check_sizes
 
@@ -81,6 +81,7 @@ def prepare_hand(
             face either way: the message says what to state.
     """
     check_path("name_or_path", name_or_path, HandError)
+    check_packages(packages)
     if geometry not in (None, *GEOMETRIES):
         raise HandError(f"`geometry` is {geometry!r}; expected one of {', '.join(GEOMETRIES)}")
     path = Path(name_or_path)
@@ -111,10 +112,12 @@ def prepare_hand(
 
 
 def _unit(direction: Sequence[float]) -> Float[np.ndarray, " 3"]:
-    vector = np.asarray(direction, dtype=float)
-    if vector.shape != (3,) or not np.isfinite(vector).all() or not vector.any():
-        raise HandError(f"`palm_normal` is {tuple(direction)}; expected three finite numbers, not all zero")
-    return vector / np.linalg.norm(vector)
+    vector = unit_direction(direction)
+    if vector is None:
+        raise HandError(
+            f"`palm_normal` is {str(direction)[:LONGEST_QUOTE]}; expected three finite numbers, not all zero"
+        )
+    return vector
 
 
 def _stated(hand: Hand, palm_normal: Sequence[float] | None) -> PreparedHand:

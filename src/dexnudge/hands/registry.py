@@ -7,7 +7,7 @@ from pathlib import Path
 from typing import Any
 
 from dexnudge.errors import HandError, UnknownNameError, check_path, did_you_mean
-from dexnudge.hands.config import HandConfig
+from dexnudge.hands.config import LONGEST_QUOTE, HandConfig
 from dexnudge.hands.hand import Hand
 from dexnudge.hands.named import HANDS
 from dexnudge.hands.tree import Tree
@@ -28,6 +28,17 @@ def is_description(path: Path) -> bool:
 
 def _suffix(path: Path) -> str:
     return path.suffix.lower().replace(".xacro", ".urdf")  # whose reader expands it, or says how to
+
+
+def check_packages(packages: object) -> None:
+    """Raise HandError unless `packages` maps names to folders."""
+    if packages is None:
+        return
+    valid = isinstance(packages, Mapping) and all(
+        isinstance(name, str) and isinstance(folder, str | Path) for name, folder in packages.items()
+    )
+    if not valid:
+        raise HandError(f"`packages` is {repr(packages)[:LONGEST_QUOTE]}; expected names of packages and their folders")
 
 
 def read_hand(path: Path, config: HandConfig, **options: Any) -> Hand:
@@ -63,6 +74,7 @@ def load_hand(name_or_urdf: str | Path, *, base: bool = True, packages: Mapping[
         HandError: a description that cannot be used as given.
     """
     check_path("name_or_urdf", name_or_urdf, HandError)
+    check_packages(packages)
     name = str(name_or_urdf)
     if name in HANDS:
         return HANDS[name](base=base)

@@ -22,6 +22,16 @@ def check_names(tree: Tree, config: HandConfig) -> None:
                 f"the hand's YAML names an unknown link: key '{key}': "
                 f"expected one of {list(tree.links)}, got '{link}'; mend it"
             )
+    above = {joint.child: joint.parent for joint in tree.joints}
+    for digit, link in config.fingertips.items():
+        chain = [link]
+        while chain[-1] in above and chain[-1] != config.palm:
+            chain.append(above[chain[-1]])
+        if config.base_link in chain[:-1] and chain[-1] == config.palm:
+            raise HandError(
+                f"the hand's YAML names '{config.base_link}' as 'base_link', which is part of digit '{digit}': expected a "
+                "link behind the palm; mend it"
+            )
     movable = [joint.name for joint in tree.joints if not joint.fixed and joint.mimic is None]
     for follower, leader in config.couplings:
         for name in (follower, leader):
@@ -30,6 +40,11 @@ def check_names(tree: Tree, config: HandConfig) -> None:
                     "the hand's YAML couples an unknown joint: key 'couplings': "
                     f"expected some of {movable}, got '{name}'; mend it"
                 )
+        if follower == leader or (leader, follower) in config.couplings:
+            raise HandError(
+                f"coupling {follower} <= {leader} holds a joint to itself: expected pairs [follower, leader] without a "
+                "circle; remove one"
+            )
         limits = {joint.name: joint for joint in tree.joints}
         if limits[follower].lower > limits[leader].upper:
             raise HandError(
