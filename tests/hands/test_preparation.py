@@ -5,14 +5,17 @@ from pathlib import Path
 
 import numpy as np
 import pytest
+import trimesh
 
 from dexnudge.errors import HandError
 from dexnudge.finding import Finding
 from dexnudge.hands import preparation
+from dexnudge.hands.anatomy import digit_names
 from dexnudge.hands.export import export_hand
 from dexnudge.hands.package_files import package_file
 from dexnudge.hands.preparation import PreparedHand, prepare_hand
 from dexnudge.hands.registry import load_hand
+from dexnudge.hands.tree import Tree
 
 HALF_TURN = 3.141592653589793
 
@@ -132,7 +135,7 @@ def test_of_two_hands_one_is_chosen(write):
     ):
         prepare_hand(path)
     chosen = prepare_hand(path, palm="right_palm").hand
-    assert set(chosen.fingertips) == {"right_index", "right_middle", "right_thumb"}
+    assert set(chosen.fingertips) == {"index", "middle", "thumb"}
     with pytest.raises(HandError, match="`palm` is 'left_index_2', which carries 0 digits"):
         prepare_hand(path, palm="left_index_2")
     with pytest.raises(HandError, match="`palm` is 'palm'; expected one of"):
@@ -182,6 +185,99 @@ def test_a_joint_that_moves_nothing_and_links_that_overlap_are_told(write):
 def test_a_joint_without_limits_moves_what_it_turns(write):
     endless = [part.replace('type="revolute"', 'type="continuous"') for part in gripper()]
     assert not [finding for finding in prepare_hand(write(endless)).findings if finding.what == "joints"]
+
+
+def parallel(limits: str, palm: str = "0.09 0.08 0.03") -> list[str]:
+    """Return a palm and three fingers side by side along y that flex about x, and oppose nothing but the palm."""
+    parts = [link("palm", palm)]
+    for name, x in (("a", -0.03), ("b", 0.0), ("c", 0.03)):
+        parts += finger("palm", name, f"{x} 0.045 0", f"-{HALF_TURN / 2} 0 0", limits=limits)
+    return parts
+
+
+@pytest.mark.parametrize(("limits", "z"), [("-0.2 1.6", 1.0), ("-1.6 0.2", -1.0)])
+def test_fingers_that_close_side_by_side_onto_the_palm_are_told_and_face_where_they_close(write, limits, z):
+    prepared = prepare_hand(write(parallel(limits)))
+    np.testing.assert_allclose(prepared.hand.palm_normal, (0, 0, z), atol=1e-9)
+    warnings = [finding.sentence for finding in prepared.findings if finding.level == "warning"]
+    assert any("no digit opposes another: all close side by side, towards only the palm" in each for each in warnings)
+
+
+def test_where_limits_do_not_tell_to_which_side_fingers_close_the_direction_is_asked_for(write):
+    with pytest.raises(HandError, match=r"confidence 0\..*the digits come no nearer .*state it with `palm_normal`"):
+        prepare_hand(write(parallel("-1.4 1.4")))
+
+
+def test_two_rows_of_legs_are_no_palm_with_a_face(write):
+    parts = [link("body", "0.12 0.06 0.03")]
+    for number in range(6):
+        x, y = 0.05 * (number // 2 - 1), 0.05 if number % 2 else -0.05
+        parts.append(link(f"leg{number}", "0.015 0.015 0.08", "0 0 -0.04"))
+        parts.append(joint("body", f"leg{number}", f"{x} {y} 0", limits="-0.9 0.9"))
+    with pytest.raises(HandError, match=r"is not clear: .*two rows across .* as a walker's legs do; state it"):
+        prepare_hand(write(parts))
+
+
+@pytest.mark.parametrize("kind", ["collision", "visual"])
+def test_what_is_wrong_is_told_of_the_geometry_that_there_is(write, kind):
+    parts = [link("palm", "0.09 0.08 0.03", kind=kind)]
+    parts += [link("long", "20 20 80", "0 0 40", kind), joint("palm", "long")]
+    path = write([*parts, link("other", "0.01 0.01 0.05", kind=kind), joint("palm", "other")])
+    with pytest.raises(HandError, match=r"link 'long' is 80 m long: .*in millimetres"):
+        prepare_hand(path)
+    missing = "visual" if kind == "collision" else "collision"
+    with pytest.raises(HandError, match=f"has no {missing} geometry, which `geometry` asks for; expected {kind}"):
+        prepare_hand(path, geometry=missing)
+
+
+@pytest.mark.parametrize("direction", [(0.0, 0.0, 0.0), (0.0, 0.0, float("nan")), (1.0, 2.0)])
+def test_a_direction_is_three_finite_numbers(write, direction):
+    with pytest.raises(HandError, match=r"`palm_normal` is .*; expected three finite numbers, not all zero"):
+        prepare_hand(write(gripper()), palm_normal=direction)
+
+
+def test_one_link_is_the_tip_of_one_digit(write):
+    path = write(gripper())
+    path.with_suffix(".yaml").write_text("palm: palm\nfingertips: {a: index_2, b: index_2}\npalm_normal: [0, 0, 1]\n")
+    with pytest.raises(HandError, match="names 'index_2' as the fingertip of a and b; expected a link of its own"):
+        prepare_hand(path)
+
+
+def test_one_digit_alone_is_told_to_oppose_nothing_and_no_distance(write):
+    path = write(gripper())
+    path.with_suffix(".yaml").write_text("palm: palm\nfingertips: {a: index_2}\npalm_normal: [0, 0, 1]\n")
+    sentences = [finding.sentence for finding in prepare_hand(path).findings]
+    assert any("no digit opposes another" in each for each in sentences)
+    assert not any("inf" in each.split() for each in sentences)
+
+
+def test_what_two_digits_hang_from_belongs_to_neither(write):
+    shared = [link("metacarpal", "0.05 0.02 0.04", "0 0 0.02"), joint("palm", "metacarpal", "0 0.035 0.02")]
+    fork = [
+        *finger("metacarpal", "ring", "-0.015 0 0.04", "0 0 0"),
+        *finger("metacarpal", "little", "0.015 0 0.04", "0 0 0"),
+    ]
+    thumb = finger("palm", "thumb", "0 -0.035 0.02", f"0 0 {HALF_TURN}")
+    digits = prepare_hand(
+        write([link("palm", "0.09 0.08 0.03"), *shared, *fork, *thumb]), palm_normal=(0.0, 0.0, 1.0)
+    ).hand.digit_of_link
+    assert digits["metacarpal"] is None
+    assert (digits["ring_1"], digits["little_2"], digits["thumb_1"]) == ("ring_2", "little_2", "thumb")
+
+
+@pytest.mark.parametrize(
+    ("links", "names"),
+    [
+        (["thumb_L", "index_L"], ["thumb", "index"]),
+        (["left_hand_thumb", "left_hand_index"], ["thumb", "index"]),
+        (["rh_ff", "rh_th"], ["ff", "th"]),
+        (["thumb_L", "index_R"], ["thumb_L", "index_R"]),
+        (["right_hand_q", "right_hand_r"], ["right_hand_q", "right_hand_r"]),
+    ],
+)
+def test_digits_lose_the_side_that_all_their_names_share(links, names):
+    tree = Tree("t", dict.fromkeys(["palm", *links], trimesh.Trimesh()), ())
+    assert list(digit_names(tree, links, body=["palm"])) == names
 
 
 def limbs(count: int, length: float, size: str = "0.4 0.2 0.1") -> list[str]:

@@ -1,5 +1,6 @@
 """Where a robot description has a hand: the palm from which digits branch, their tips, and what lies behind the palm."""
 
+import re
 from collections import Counter
 from dataclasses import dataclass, replace
 from itertools import takewhile
@@ -17,6 +18,7 @@ LONGEST_DIGIT = (
     0.3  # [m] stretched out, from its first joint; Barrett's 0.20, a claw's 0.23, legs of a small quadruped 0.32
 )
 LEAST_DIGITS = 2  # less has nothing to oppose
+SIDES = r"(?:(?:left|right|[lr]h?)[_.-]|[_.-](?:left|right|[lr]h?))(?:hand[_.-]|[_.-]hand)?"  # in names of links
 ON_THE_AXIS = 0.1  # of its size: a body whose middle is that near its only joint's axis is a wheel, an eye or a rotor
 
 
@@ -219,7 +221,18 @@ def digit_names(tree: Tree, tips: list[str], *, body: list[str]) -> dict[str, st
         alike = takewhile(lambda letters: len(set(letters)) == 1, zip(*chain, strict=False))
         shared.append("".join(letters[0] for letters in alike).rstrip("_-. 0123456789"))
     count = Counter(shared)
-    return {name if name and count[name] == 1 else tip: tip for name, tip in zip(shared, tips, strict=True)}
+    names = [name if name and count[name] == 1 else tip for name, tip in zip(shared, tips, strict=True)]
+    return dict(zip(_without_side(names), tips, strict=True))
+
+
+def _without_side(names: list[str]) -> list[str]:
+    """Return names without the side of the body that all of them begin or end with, such as "left_" or "_L"."""
+    for start, end in ((SIDES, ""), ("", SIDES)):
+        found = [re.fullmatch(f"({start})((?!hand[_.-]).{{2,}}?)({end})", name, re.IGNORECASE) for name in names]
+        sides = {(match[1], match[3]) for match in found if match}
+        if all(found) and len(sides) == 1:
+            names = [match[2] for match in found if match]
+    return names
 
 
 def template(tree: Tree) -> str:

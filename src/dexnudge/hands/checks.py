@@ -25,6 +25,7 @@ def hand_findings(hand: Hand, way: Closing) -> list[Finding]:
         *_joints(hand),
         *_overlaps(hand),
         *_opening(hand, way),
+        *_opposing(way),
         *_facing(hand, way),
         _surfaces(hand),
     ]
@@ -105,7 +106,16 @@ def _overlaps(hand: Hand) -> list[Finding]:
     return [Finding("warning", "self_collision", sentence, remedy)]
 
 
+def _opposing(way: Closing) -> list[Finding]:
+    if not way.doubt:
+        return []
+    sentence = f"{way.doubt}: it can push and press; nothing says that it can hold"
+    return [Finding("warning", "closing", sentence, "look at the closed hand on the picture, and check `palm_normal`")]
+
+
 def _opening(hand: Hand, way: Closing) -> list[Finding]:
+    if len(hand.fingertips) == 1:
+        return []
     opened, closed = tip_distance(hand, way.open), tip_distance(hand, way.closed)
     sentence = (
         f"tips come {length_text(closed)} near each other when the hand closes, from {length_text(opened)} when open"

@@ -26,6 +26,10 @@ HALVINGS = 4  # of the step in which they first touch
 TOUCH = 0.003  # [m] between points 2 mm apart on surfaces that meet
 SAME_WAY = np.cos(np.radians(35.0))  # between the pads of fingers that lie side by side
 PARALLEL = np.cos(np.radians(20.0))  # axes of the joints that flex one finger
+BALANCED = 0.2  # of a joint's range that one side of rest is longer; less does not tell which side closes
+NEAR_PALM = 0.03  # [m] between a tip and the palm that it closes onto
+DOUBT = 0.45  # the most confidence in a palm of digits that oppose nothing, or that stand as legs do
+ROW = 0.5  # of a digit's length: the least length of a row of digits that stand side by side
 AHEAD = np.cos(np.radians(30.0))  # of where the tips meet, seen from the digits' first joints
 FACE = np.cos(np.radians(54.7))  # to the nearest of a box's axes at most
 CLEAR = 0.15  # lead in the cues' agreement over any other direction that leaves no doubt
@@ -42,6 +46,7 @@ class Closing:
         closed: joint angles at which the tips meet, or come nearest to each other (d,) [rad].
         palm_normal: unit direction in which the palm faces, palm frame.
         confidence: 0 to 1, from how well independent cues agree on the palm's direction; below 0.5 it is a guess.
+        doubt: what speaks against a hand that holds something between its digits; empty where nothing does.
     """
 
     open: Float[np.ndarray, " d"]
@@ -49,6 +54,7 @@ class Closing:
     closed: Float[np.ndarray, " d"]
     palm_normal: Float[np.ndarray, " 3"]
     confidence: float
+    doubt: str = ""
 
 
 @cached_per_instance
@@ -66,12 +72,52 @@ def closing(hand: Hand) -> Closing:
     start = rest
     if _spread(hand, rest[None])[0] < CLOSED_AT_REST * _spread(hand, met[None])[0]:
         start = np.where(met - hand.lower > hand.upper - met, hand.lower, hand.upper)
-    closed = _until_touch(hand, start, met)
+    apart = _spread(hand, start[None])[0] <= CLOSED_AT_REST * _spread(hand, met[None])[0]
+    onto_palm = _onto_palm(hand, rest) if apart else None
+    if onto_palm is not None:
+        start, met = rest, onto_palm
+        near = _palm_distance(hand, met) < NEAR_PALM
+        onto = "only the palm" if near else "neither another nor the palm"
+        doubt = f"no digit opposes another: all close side by side, towards {onto}"
+    else:
+        doubt = "the digits come no nearer to each other when they close" if apart else ""
+    closed = met if onto_palm is not None else _until_touch(hand, start, met)
     moves = met - start
     turned = np.abs(moves) > 0.1 * (hand.upper - hand.lower)
     opened = np.clip(start - HYPEREXTENSION * hand.joint_scales * np.sign(moves) * turned, hand.lower, hand.upper)
-    normal, confidence = _palm_normal(hand, start, met)
-    return Closing(opened, rest, closed, normal, confidence)
+    digits = _digits(hand, start, met)
+    normal, confidence = _palm_normal(hand, digits, met)
+    if not doubt and _two_rows(digits, normal):
+        doubt = "the digits stand in two rows across the palm from each other, as a walker's legs do"
+    if doubt and not (onto_palm is not None and near):
+        confidence = min(confidence, DOUBT)
+    return Closing(opened, rest, closed, normal, confidence, doubt)
+
+
+def _onto_palm(hand: Hand, rest: Float[np.ndarray, " d"]) -> Float[np.ndarray, " d"] | None:
+    """Return the pose in which digits that all close side by side come nearest to the palm; None where they do not.
+
+    A joint closes towards the end of its range that is farther from rest.
+    """
+    above, below = hand.upper - rest, rest - hand.lower
+    told = np.abs(above - below) > BALANCED * (hand.upper - hand.lower)
+    ends = np.where(told, np.where(above > below, hand.upper, hand.lower), rest)
+    pads = _digits(hand, rest, ends).pad
+    if not (pads @ pads.T > SAME_WAY).all():
+        return None
+    poses = [rest + share * (ends - rest) for share in np.linspace(0.0, 1.0, PATH_POSES)[1:]]
+    distances = np.array([_palm_distance(hand, pose) for pose in poses])
+    touching = np.flatnonzero(distances < TOUCH)
+    return poses[int(touching[0]) if len(touching) else int(distances.argmin())]
+
+
+def _palm_distance(hand: Hand, angles: Float[np.ndarray, " d"]) -> float:
+    """Return the least distance between surface points of any tip and of the palm [m]."""
+    placed = _placed_points(hand, angles)
+    if not len(placed[0]):
+        return float("inf")
+    tips = np.concatenate([placed[link] for link in hand.fingertip_indices])
+    return float(cKDTree(placed[0]).query(tips)[0].min())
 
 
 def _poses(hand: Hand, angles: Float[np.ndarray, "n d"]) -> Float[Tensor, "n coordinates"]:
@@ -137,31 +183,43 @@ def _until_touch(hand: Hand, start: Float[np.ndarray, " d"], met: Float[np.ndarr
 
 def tip_distance(hand: Hand, angles: Float[np.ndarray, " d"]) -> float:
     """Return the least distance between surface points of the thumb's tip and of any other tip [m]."""
-    transforms = hand.forward_kinematics(_poses(hand, angles[None]))[0].numpy()
-    dense = hand.dense_points
-    tips = []
-    for link in hand.fingertip_indices:
-        points = dense.points[dense.link == link]
-        tips.append(points @ transforms[link, :3, :3].T + transforms[link, :3, 3])
+    placed = _placed_points(hand, angles)
+    tips = [placed[link] for link in hand.fingertip_indices]
     others = [points for digit, points in enumerate(tips) if digit != hand.thumb]
     if not others or not len(tips[hand.thumb]):
         return float("inf")
     return float(cKDTree(np.concatenate(others)).query(tips[hand.thumb])[0].min())
 
 
+def _placed_points(hand: Hand, angles: Float[np.ndarray, " d"]) -> list[Float[np.ndarray, "p 3"]]:
+    """Return the surface points of the palm and of the tips in the palm's frame [m], by link; none of the other links."""
+    transforms = hand.forward_kinematics(_poses(hand, angles[None]))[0].numpy()
+    dense, asked = hand.dense_points, {0, *hand.fingertip_indices}
+    return [
+        trimesh.transform_points(dense.points[dense.link == link], transforms[link])
+        if link in asked
+        else np.zeros((0, 3))
+        for link in range(len(hand.link_names))
+    ]
+
+
 @dataclass(frozen=True)
 class _Digits:
-    """Of each digit, palm frame: its first joint, its direction to the tip, the side of its pad (0 where unknown)."""
+    """Of each digit, palm frame: its first joint, its direction to the tip and how far that is [m], the side of its pad.
+
+    The pad's side is 0 where it is unknown.
+    """
 
     base: Float[np.ndarray, "digit 3"]
     way: Float[np.ndarray, "digit 3"]
+    length: Float[np.ndarray, " digit"]
     pad: Float[np.ndarray, "digit 3"]
 
 
 def _digits(hand: Hand, start: Float[np.ndarray, " d"], met: Float[np.ndarray, " d"]) -> _Digits:
     q = _poses(hand, np.stack([start, met]))
     transforms = hand.forward_kinematics(q)[0].numpy()
-    base, way, pad = [], [], []
+    base, way, length, pad = [], [], [], []
     for end in hand.fingertip_indices:
         turns, slide, first, link = [], np.zeros(3), end, end
         while link > 0:
@@ -179,9 +237,11 @@ def _digits(hand: Hand, start: Float[np.ndarray, " d"], met: Float[np.ndarray, "
         axis, place = _flexion(turns)
         base.append(transforms[first, :3, 3] if place is None else place)
         tip = hand.link_meshes[end].bounds.mean(axis=0)
-        way.append(_unit(trimesh.transform_points(tip[None], transforms[end])[0] - base[-1]))
+        reach = trimesh.transform_points(tip[None], transforms[end])[0] - base[-1]
+        way.append(_unit(reach))
+        length.append(np.linalg.norm(reach))
         pad.append(_unit(slide) if np.linalg.norm(slide) > 0 else _unit(np.cross(axis, way[-1])))
-    return _Digits(np.asarray(base), np.asarray(way), np.asarray(pad))
+    return _Digits(np.asarray(base), np.asarray(way), np.asarray(length), np.asarray(pad))
 
 
 Turn = tuple[Float[np.ndarray, " 3"], Float[np.ndarray, " 3"]]
@@ -204,11 +264,22 @@ def _unit(vector: Float[np.ndarray, " 3"]) -> Float[np.ndarray, " 3"]:
     return vector / length if length > 1e-9 else np.zeros(3)
 
 
-def _palm_normal(
-    hand: Hand, start: Float[np.ndarray, " d"], met: Float[np.ndarray, " d"]
-) -> tuple[Float[np.ndarray, " 3"], float]:
+def _two_rows(digits: _Digits, normal: Float[np.ndarray, " 3"]) -> bool:
+    """Whether all digits stand in two rows of at least two, side by side in each, that close towards each other."""
+    inwards = digits.pad - digits.way
+    inwards = np.array([_unit(each - (each @ normal) * normal) for each in inwards])
+    alike = inwards @ inwards.T
+    one = alike[0] > SAME_WAY
+    if min(one.sum(), (~one).sum()) < 2 or not (alike[one][:, one] > SAME_WAY).all():
+        return False
+    if not (alike[~one][:, ~one] > SAME_WAY).all() or not (alike[one][:, ~one] < -SAME_WAY).all():
+        return False
+    places = digits.base @ np.cross(normal, inwards[0])
+    return all(bool(np.ptp(places[row]) > ROW * digits.length[row].mean()) for row in (one, ~one))
+
+
+def _palm_normal(hand: Hand, digits: _Digits, met: Float[np.ndarray, " d"]) -> tuple[Float[np.ndarray, " 3"], float]:
     """Return the candidate direction for which most cues speak, and its confidence."""
-    digits = _digits(hand, start, met)
     centre = hand.keypoints(_poses(hand, met[None]))[0].numpy().mean(axis=0) - digits.base.mean(axis=0)
     axes = _palm_axes(hand)
     beside = [digits.pad[digits.pad @ pad > SAME_WAY].mean(axis=0) for pad in digits.pad if pad.any()]

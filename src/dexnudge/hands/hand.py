@@ -1,5 +1,6 @@
 """A robot hand: its kinematic tree, its limits and couplings, and the geometry that is judged."""
 
+from collections import Counter
 from dataclasses import dataclass, field
 from functools import cached_property
 from pathlib import Path
@@ -104,6 +105,13 @@ class Hand:
                 f"hand '{self.name}' names fingertip links that it does not have: {missing}; "
                 f"expected some of {list(self.link_names)}; mend 'fingertips' in the hand's YAML"
             )
+        doubles = [link for link, count in Counter(self.fingertips.values()).items() if count > 1]
+        if doubles:
+            digits = [digit for digit, link in self.fingertips.items() if link == doubles[0]]
+            raise HandError(
+                f"hand '{self.name}' names '{doubles[0]}' as the fingertip of {' and '.join(digits)}; expected a link "
+                "of its own for each digit; mend 'fingertips' in the hand's YAML"
+            )
         unknown = [name for pair in self.couplings for name in pair if name not in self.joint_names]
         if unknown:
             raise HandError(
@@ -148,12 +156,15 @@ class Hand:
 
     @cached_property
     def digit_of_link(self) -> dict[str, str | None]:
-        """The digit that each link belongs to; None for the palm, the base and what else lies between digits."""
+        """The digit that each link belongs to; None for the palm, the base and what several digits hang from."""
         digits: dict[str, str | None] = dict.fromkeys(self.link_names)
+        seen: set[str] = set()
         for digit, tip in self.fingertips.items():
             link = self.link_names.index(tip)
             while link > 0 and self.link_names[link] != self.base_link:
-                digits[self.link_names[link]] = digit
+                name = self.link_names[link]
+                digits[name] = None if name in seen else digit
+                seen.add(name)
                 link = int(self.link_parent[link])
         return digits
 

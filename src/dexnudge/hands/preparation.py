@@ -135,12 +135,21 @@ def _tree(
         trees[kind] = read_tree(path, kind, packages=packages)
         if hands_in(trees[kind]):
             break
-    else:
-        kind = next(iter(trees))
-    if geometry is None and kind != GEOMETRIES[0]:
+    else:  # what is wrong is told of the kind that most links have
+        kind = max(trees, key=lambda each: _solid_links(trees[each]))
+    if geometry and not _solid_links(trees[kind]):
+        other = next(each for each in GEOMETRIES if each != geometry)
+        raise HandError(
+            f"{path} has no {geometry} geometry, which `geometry` asks for; expected {other}, or leave it out"
+        )
+    if geometry is None and kind != GEOMETRIES[0] and hands_in(trees[kind]):
         sentence = f"{kind} geometry is judged: no hand has {GEOMETRIES[0]} geometry"
         assumed.append(Finding("note", "geometry", sentence, "`geometry` or 'geometry' in the hand's YAML choose"))
     return kind, trees[kind]
+
+
+def _solid_links(tree: Tree) -> int:
+    return sum(len(mesh.faces) > 0 for mesh in tree.links.values())
 
 
 def _the_hand(path: Path, tree: Tree, palm: str | None, assumed: list[Finding]) -> HandPart:
@@ -188,9 +197,11 @@ def _refuse_far_tips(path: Path, hand: Hand, way: Closing) -> None:
 def _assumed_direction(path: Path, hand: Hand, way: Closing) -> Finding:
     text = direction_numbers(way.palm_normal)
     if way.confidence < LEAST_CONFIDENCE:
+        why = f"; {way.doubt}" if way.doubt else ""
         raise HandError(
             f"{path}: where the palm '{hand.link_names[0]}' faces is not clear: confidence {way.confidence:.2f} for {text}, "
-            f"expected at least {LEAST_CONFIDENCE}; state it with `palm_normal` X Y Z in the frame of '{hand.link_names[0]}'"
+            f"expected at least {LEAST_CONFIDENCE}{why}; state it with `palm_normal` X Y Z in the frame of "
+            f"'{hand.link_names[0]}'"
         )
     sentence = (
         f"the palm faces {text} in the frame of '{hand.link_names[0]}', with confidence {way.confidence:.2f}: there the "
