@@ -58,7 +58,7 @@ def test_they_are_listed_and_a_broken_one_is_named(dexnudge):
     outcome = dexnudge("plugins")
     assert outcome.code == 0
     lines = outcome.out.splitlines()
-    assert lines[lines.index("hand:") + 1 :][:2] == ["  shadow_full", "  shadow_lite"]
+    assert lines[lines.index("hand:") + 1 :][:2] == ["  allegro", "  dex3"]
     assert "  above_floor, from house-plugin 1.2" in lines
     assert "  high_palm, from house-plugin 1.2" in lines
     (lost,) = (line for line in lines if line.startswith("  lost, from house-plugin 1.2; broken: "))

@@ -21,7 +21,7 @@ from dexnudge.experiments.sampling_trial import SamplingTrial
 from dexnudge.jobs.folders import claim_folder
 
 SCRIPT = Path(__file__).parents[2] / "benchmarks" / "publish.py"
-README = "before\n<!-- results:begin -->\nold\n<!-- results:end -->\nafter\n"
+README = "before\n<!-- results:begin -->\nold\n<!-- results:end -->\n<!-- hands:begin -->\n<!-- hands:end -->\nafter\n"
 
 
 @pytest.fixture(scope="module")
@@ -76,7 +76,7 @@ def test_tables_say_what_they_were_made_with_and_pages_are_made_from_them(publis
     assert float(rows[0]["single"]) == report["metrics"][0]["single"]["value"]
     readme = (root / "README.md").read_text()
     assert readme.startswith("before\n<!-- results:begin -->\n| scene |")
-    assert readme.endswith("<!-- results:end -->\nafter\n")
+    assert readme.endswith("<!-- results:end -->\n<!-- hands:begin -->\nNone.\n<!-- hands:end -->\nafter\n")
     assert "| table | random start + projection | 25.0 (" in readme
     assert "4 objects of `some.txt`, 4 draws each, seed 0, dexnudge " in readme
     results = (root / "docs" / "results.md").read_text()

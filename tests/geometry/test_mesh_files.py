@@ -226,7 +226,11 @@ def test_a_gltf_has_y_up(tmp_path):
         ({"extensionsRequired": ["EXT_meshopt_compression"]}, "export it without meshopt"),
         ({"accessors": [{"componentType": 5126, "count": 10**9, "type": "VEC3"}]}, "announces 1,000,000,000 values"),
         ({"nodes": [{"mesh": 0}] * 20_000, "scenes": [{"nodes": list(range(20_000))}]}, "20,000 copies"),
-        ({"nodes": [{"children": [k + 1, k + 1]} for k in range(40)] + [{"mesh": 0}]}, "copies of meshes"),
+        ({"nodes": [{"children": [k + 1, k + 1]} for k in range(15)] + [{"mesh": 0}]}, "32,768 copies of meshes"),
+        (
+            {"nodes": [{"children": [k + 1, k + 1]} for k in range(40)] + [{"mesh": 0}]},
+            "nodes; expected at most 200,000",
+        ),
         ({"nodes": [{"children": [0]}]}, "below themselves"),
     ],
 )
@@ -263,16 +267,19 @@ def test_a_collada_says_which_way_is_up_and_what_its_unit_is(tmp_path):
     assert mesh.metadata == {"notes": ["the file says y up: turned so that z is up"], "unit": 0.01}
 
 
-def test_a_small_collada_cannot_ask_for_much(tmp_path):
+@pytest.mark.parametrize(
+    ("doublings", "expected"),
+    [(14, "16,384 copies of meshes; expected at most 10,000"), (24, "100,663,296 nodes; expected at most 200,000")],
+)
+def test_a_small_collada_cannot_ask_for_much(doublings, expected, tmp_path):
     nodes = '<node id="n0"><instance_geometry url="#g"/></node>' + "".join(
-        f'<node id="n{k}"><instance_node url="#n{k - 1}"/><instance_node url="#n{k - 1}"/></node>' for k in range(1, 25)
+        f'<node id="n{k}"><instance_node url="#n{k - 1}"/><instance_node url="#n{k - 1}"/></node>'
+        for k in range(1, doublings + 1)
     )
-    text = collada('<instance_node url="#n24"/>', library=f"<library_nodes>{nodes}</library_nodes>")
+    text = collada(f'<instance_node url="#n{doublings}"/>', library=f"<library_nodes>{nodes}</library_nodes>")
     path = written(tmp_path / "bomb.dae", text.encode())
     start = time.process_time()
-    assert message_of(path) == (
-        "bomb.dae: the file places 16,777,216 copies of meshes; expected at most 10,000; join them"
-    )
+    assert message_of(path) == f"bomb.dae: the file places {expected}; join them"
     assert time.process_time() - start < 5.0
 
 

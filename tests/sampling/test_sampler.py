@@ -50,7 +50,7 @@ def test_missing_weights(hand, tmp_path):
     with pytest.raises(CheckpointError) as caught:
         Sampler.from_pretrained(hand, weights=folder)
     assert str(caught.value) == (
-        f"no weights for hand 'shadow_lite': expected a model folder, got {folder}, which is none; learn some with "
+        f"no weights for hand 'shadow_lite': expected a model folder, got {folder}, which does not exist; learn some with "
         "`dexnudge hand HAND --learn`, pass a model folder as `weights`, or draw without any, with `method` "
         "random_start_projection"
     )

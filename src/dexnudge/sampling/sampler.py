@@ -131,7 +131,9 @@ class Sampler:
         folder = self.weights_folder
         if not folder.is_dir():
             got = (
-                "none beside it and none that ship" if folder.parent == SHIPPED_WEIGHTS else f"{folder}, which is none"
+                "none beside it and none that ship"
+                if folder.parent == SHIPPED_WEIGHTS
+                else f"{folder}, which does not exist"
             )
             raise CheckpointError(
                 f"no weights for hand '{self.hand.name}': expected a model folder, got {got}; learn some with "
