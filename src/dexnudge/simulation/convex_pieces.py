@@ -99,8 +99,10 @@ def bodies_of(mesh: trimesh.Trimesh) -> list[trimesh.Trimesh]:
     return bodies if all(body.is_watertight and body.volume > 0 for body in bodies) else [mesh]
 
 
-def decomposed(mesh: trimesh.Trimesh, settings: dict[str, Any], *, limit: float = LONGEST_SEARCH) -> list[Vertices]:
-    """Return the vertices [m, mesh frame] of CoACD's pieces.
+def decomposed(
+    mesh: trimesh.Trimesh, settings: dict[str, Any], *, limit: float = LONGEST_SEARCH, what: str = "the object"
+) -> list[Vertices]:
+    """Return the vertices [m, mesh frame] of CoACD's pieces; `what` is cut, for messages.
 
     Raises:
         MeshError: there are none, or none after `limit` [s].
@@ -120,20 +122,20 @@ def decomposed(mesh: trimesh.Trimesh, settings: dict[str, Any], *, limit: float 
         )
     except TimeoutError as error:
         raise MeshError(
-            f"the object with {len(mesh.faces):,} triangles was not cut into convex pieces within {limit:g} s; expected a "
+            f"{what} with {len(mesh.faces):,} triangles was not cut into convex pieces within {limit:g} s; expected a "
             "closed body of few triangles; close its holes, or decimate it to some thousands of triangles "
             "(in MeshLab: Simplification: Quadric Edge Collapse Decimation)"
         ) from error
     except ValueError as error:
         raise MeshError(
-            f"the object with {len(mesh.faces):,} triangles could not be cut into convex pieces ({error}); expected a "
+            f"{what} with {len(mesh.faces):,} triangles could not be cut into convex pieces ({error}); expected a "
             "closed body; close its holes or remesh it"
         ) from error
     thinnest = THINNEST_PIECE * float(mesh.extents.max()) ** 3
     pieces = [vertices for vertices in found if _hull_volume(vertices) > thinnest]
     if not pieces:
         raise MeshError(
-            f"the object with {len(mesh.faces)} triangles could not be cut into convex pieces: CoACD returned "
+            f"{what} with {len(mesh.faces)} triangles could not be cut into convex pieces: CoACD returned "
             f"{len(found)}, none of them with a volume; expected a body with a thickness; close its holes or remesh it"
         )
     return pieces
@@ -150,7 +152,7 @@ def _hull_volume(vertices: Vertices) -> float:
 def link_pieces(hand: Hand) -> list[list[Vertices]]:
     """Return the convex pieces of every link [m, link frame]; remembered per hand, since a hollow palm takes seconds."""
     pieces: list[list[Vertices]] = []
-    for mesh in hand.link_meshes:
+    for name, mesh in zip(hand.link_names, hand.link_meshes, strict=True):
         found: list[Vertices] = []
         if len(mesh.faces):
             hull = mesh.convex_hull
@@ -158,7 +160,9 @@ def link_pieces(hand: Hand) -> list[list[Vertices]]:
             if mesh.volume < HOLLOW * hull.volume and bodies:
                 for body in bodies:
                     full = body.volume > HOLLOW * body.convex_hull.volume
-                    found.extend([np.asarray(body.vertices)] if full else decomposed(body, DECOMPOSE_LINK))
+                    found.extend(
+                        [np.asarray(body.vertices)] if full else decomposed(body, DECOMPOSE_LINK, what=f"link '{name}'")
+                    )
             else:
                 found.append(np.asarray(hull.vertices))
         pieces.append([simple_hull(vertices, tolerance=LINK_TOLERANCE) for vertices in found])
