@@ -11,7 +11,7 @@ def learn(folder: Path, *, minutes: float | None, workers: int | None, seed: int
     """Learn the hand of a prepared folder in that folder, and print what came of it."""
     check_at_least(1, workers=workers)
     check_at_least(0, seed=seed)
-    from dexnudge.experiments.hand_learning import learn_hand
+    from dexnudge.experiments.learning.learn import learn_hand
 
     learned = learn_hand(folder, minutes=minutes, workers=workers, seed=seed, say=say)
     say(learned.report, f"written: {folder}")

@@ -13,6 +13,7 @@ from scipy.spatial import cKDTree
 from torch import Tensor
 
 from dexnudge.hands.hand import ROOT_COORDINATES, Hand
+from dexnudge.hands.palm_direction import SAME_WAY, at_origin, closing_digits, palm_direction, stand_in_two_rows
 from dexnudge.jobs.cached import cached_per_instance
 
 STARTS = 8  # random ones of the search for the pose in which the tips meet, beside rest and mid-range
@@ -24,16 +25,9 @@ CLOSED_AT_REST = 2.0  # the spread of the tips at rest over that when closed, be
 PATH_POSES = 13  # from rest to where the tips meet, looked through for the first touch
 HALVINGS = 4  # of the step in which they first touch
 TOUCH = 0.003  # [m] between points 2 mm apart on surfaces that meet
-SAME_WAY = np.cos(np.radians(35.0))  # between the pads of fingers that lie side by side
-PARALLEL = np.cos(np.radians(20.0))  # axes of the joints that flex one finger
 BALANCED = 0.2  # of a joint's range that one side of rest is longer; less does not tell which side closes
 NEAR_PALM = 0.03  # [m] between a tip and the palm that it closes onto
 DOUBT = 0.45  # the most confidence in a palm of digits that oppose nothing, or that stand as legs do
-ROW = 0.5  # of a digit's length: the least length of a row of digits that stand side by side
-AHEAD = np.cos(np.radians(30.0))  # of where the tips meet, seen from the digits' first joints
-FACE = np.cos(np.radians(54.7))  # to the nearest of a box's axes at most
-CLEAR = 0.15  # lead in the cues' agreement over any other direction that leaves no doubt
-SNAP = np.cos(np.radians(15.0))  # a direction that near an axis of the palm's frame is meant to be that axis
 
 
 @dataclass(frozen=True)
@@ -85,9 +79,9 @@ def closing(hand: Hand) -> Closing:
     moves = met - start
     turned = np.abs(moves) > 0.1 * (hand.upper - hand.lower)
     opened = np.clip(start - HYPEREXTENSION * hand.joint_scales * np.sign(moves) * turned, hand.lower, hand.upper)
-    digits = _digits(hand, start, met)
-    normal, confidence = _palm_normal(hand, digits, met)
-    if not doubt and _two_rows(digits, normal):
+    digits = closing_digits(hand, start, met)
+    normal, confidence = palm_direction(hand, digits, met)
+    if not doubt and stand_in_two_rows(digits, normal):
         doubt = "the digits stand in two rows across the palm from each other, as a walker's legs do"
     if doubt and not (onto_palm is not None and near):
         confidence = min(confidence, DOUBT)
@@ -102,7 +96,7 @@ def _onto_palm(hand: Hand, rest: Float[np.ndarray, " d"]) -> Float[np.ndarray, "
     above, below = hand.upper - rest, rest - hand.lower
     told = np.abs(above - below) > BALANCED * (hand.upper - hand.lower)
     ends = np.where(told, np.where(above > below, hand.upper, hand.lower), rest)
-    pads = _digits(hand, rest, ends).pad
+    pads = closing_digits(hand, rest, ends).pad
     if not (pads @ pads.T > SAME_WAY).all():
         return None
     poses = [rest + share * (ends - rest) for share in np.linspace(0.0, 1.0, PATH_POSES)[1:]]
@@ -120,16 +114,9 @@ def _palm_distance(hand: Hand, angles: Float[np.ndarray, " d"]) -> float:
     return float(cKDTree(placed[0]).query(tips)[0].min())
 
 
-def _poses(hand: Hand, angles: Float[np.ndarray, "n d"]) -> Float[Tensor, "n coordinates"]:
-    q = torch.zeros(len(angles), ROOT_COORDINATES + hand.num_joints, dtype=torch.float64)
-    q[:, 3], q[:, 7] = 1.0, 1.0
-    q[:, ROOT_COORDINATES:] = torch.as_tensor(angles)
-    return q
-
-
 def _spread(hand: Hand, angles: Float[np.ndarray, "n d"]) -> Float[np.ndarray, " n"]:
     """Return the mean squared distance of the tips from their mean [m^2]."""
-    return _tip_spread(hand.keypoints(_poses(hand, angles))).numpy()
+    return _tip_spread(hand.keypoints(at_origin(hand, angles))).numpy()
 
 
 def _tip_spread(tips: Float[Tensor, "n digit 3"]) -> Float[Tensor, " n"]:
@@ -142,13 +129,13 @@ def _tips_together(hand: Hand, rest: Float[np.ndarray, " d"]) -> Float[np.ndarra
     starts = np.random.default_rng(0).uniform(hand.lower, hand.upper, (STARTS, hand.num_joints))
     starts = np.concatenate([rest[None], (hand.lower + hand.upper)[None] / 2, starts])
     scale, home = torch.as_tensor(ranges), torch.as_tensor(rest)
-    size = float(np.square(hand.keypoints(_poses(hand, rest[None]))[0].numpy()).sum(axis=1).max())
+    size = float(np.square(hand.keypoints(at_origin(hand, rest[None]))[0].numpy()).sum(axis=1).max())
 
     def energy(q: Tensor) -> Tensor:
         turning = ((q[:, ROOT_COORDINATES:] - home) / scale).square().mean(dim=1)
         return _tip_spread(hand.keypoints(q)) / size + REST_WEIGHT * turning
 
-    q = _poses(hand, starts)
+    q = at_origin(hand, starts)
     mean, square = torch.zeros_like(q), torch.zeros_like(q)
     for step in range(1, STEPS + 1):
         q = q.detach().requires_grad_()
@@ -193,7 +180,7 @@ def tip_distance(hand: Hand, angles: Float[np.ndarray, " d"]) -> float:
 
 def _placed_points(hand: Hand, angles: Float[np.ndarray, " d"]) -> list[Float[np.ndarray, "p 3"]]:
     """Return the surface points of the palm and of the tips in the palm's frame [m], by link; none of the other links."""
-    transforms = hand.forward_kinematics(_poses(hand, angles[None]))[0].numpy()
+    transforms = hand.forward_kinematics(at_origin(hand, angles[None]))[0].numpy()
     dense, asked = hand.dense_points, {0, *hand.fingertip_indices}
     return [
         trimesh.transform_points(dense.points[dense.link == link], transforms[link])
@@ -201,125 +188,3 @@ def _placed_points(hand: Hand, angles: Float[np.ndarray, " d"]) -> list[Float[np
         else np.zeros((0, 3))
         for link in range(len(hand.link_names))
     ]
-
-
-@dataclass(frozen=True)
-class _Digits:
-    """Of each digit, palm frame: its first joint, its direction to the tip and how far that is [m], the side of its pad.
-
-    The pad's side is 0 where it is unknown.
-    """
-
-    base: Float[np.ndarray, "digit 3"]
-    way: Float[np.ndarray, "digit 3"]
-    length: Float[np.ndarray, " digit"]
-    pad: Float[np.ndarray, "digit 3"]
-
-
-def _digits(hand: Hand, start: Float[np.ndarray, " d"], met: Float[np.ndarray, " d"]) -> _Digits:
-    q = _poses(hand, np.stack([start, met]))
-    transforms = hand.forward_kinematics(q)[0].numpy()
-    base, way, length, pad = [], [], [], []
-    for end in hand.fingertip_indices:
-        turns, slide, first, link = [], np.zeros(3), end, end
-        while link > 0:
-            joint = hand.joints[link]
-            assert joint is not None
-            if joint.index is not None:
-                move = joint.multiplier * (met[joint.index] - start[joint.index])
-                turn = move * (transforms[link, :3, :3] @ joint.axis)
-                if joint.slides:
-                    slide += turn
-                else:
-                    turns.append((turn, transforms[link, :3, 3]))
-                first = link
-            link = int(hand.link_parent[link])
-        axis, place = _flexion(turns)
-        base.append(transforms[first, :3, 3] if place is None else place)
-        tip = hand.link_meshes[end].bounds.mean(axis=0)
-        reach = trimesh.transform_points(tip[None], transforms[end])[0] - base[-1]
-        way.append(_unit(reach))
-        length.append(np.linalg.norm(reach))
-        pad.append(_unit(slide) if np.linalg.norm(slide) > 0 else _unit(np.cross(axis, way[-1])))
-    return _Digits(np.asarray(base), np.asarray(way), np.asarray(length), np.asarray(pad))
-
-
-Turn = tuple[Float[np.ndarray, " 3"], Float[np.ndarray, " 3"]]
-
-
-def _flexion(turns: list[Turn]) -> tuple[Float[np.ndarray, " 3"], Float[np.ndarray, " 3"] | None]:
-    """Return the unit axis about which a digit turns most, and the place of its first joint about that axis.
-
-    `turns`: of each joint, from the tip inwards, its move times its axis [rad] and its place.
-    """
-    groups = [[each for each in turns if abs(_unit(each[0]) @ _unit(turn)) > PARALLEL] for turn, _ in turns]
-    group = max(groups, key=lambda each: sum(float(np.linalg.norm(turn)) for turn, _ in each), default=[])
-    if not group:
-        return np.zeros(3), None
-    return _unit(np.sum([turn for turn, _ in group], axis=0)), group[-1][1]
-
-
-def _unit(vector: Float[np.ndarray, " 3"]) -> Float[np.ndarray, " 3"]:
-    length = np.linalg.norm(vector)
-    return vector / length if length > 1e-9 else np.zeros(3)
-
-
-def _two_rows(digits: _Digits, normal: Float[np.ndarray, " 3"]) -> bool:
-    """Whether all digits stand in two rows of at least two, side by side in each, that close towards each other."""
-    inwards = digits.pad - digits.way
-    inwards = np.array([_unit(each - (each @ normal) * normal) for each in inwards])
-    alike = inwards @ inwards.T
-    one = alike[0] > SAME_WAY
-    if min(one.sum(), (~one).sum()) < 2 or not (alike[one][:, one] > SAME_WAY).all():
-        return False
-    if not (alike[~one][:, ~one] > SAME_WAY).all() or not (alike[one][:, ~one] < -SAME_WAY).all():
-        return False
-    places = digits.base @ np.cross(normal, inwards[0])
-    return all(bool(np.ptp(places[row]) > ROW * digits.length[row].mean()) for row in (one, ~one))
-
-
-def _palm_normal(hand: Hand, digits: _Digits, met: Float[np.ndarray, " d"]) -> tuple[Float[np.ndarray, " 3"], float]:
-    """Return the candidate direction for which most cues speak, and its confidence."""
-    centre = hand.keypoints(_poses(hand, met[None]))[0].numpy().mean(axis=0) - digits.base.mean(axis=0)
-    axes = _palm_axes(hand)
-    beside = [digits.pad[digits.pad @ pad > SAME_WAY].mean(axis=0) for pad in digits.pad if pad.any()]
-    candidates = [_snapped(_unit(way)) for way in (*beside, digits.pad.mean(axis=0), digits.way.mean(axis=0))]
-    candidates = [way for way in candidates if way.any()]
-    if not candidates:  # nothing moves the tips
-        return np.array([0.0, 0.0, 1.0]), 0.0
-    agreement = np.array([_cues(digits, centre, axes, way).mean() for way in candidates])
-    best = candidates[int(agreement.argmax())]
-    rivals = [each for way, each in zip(candidates, agreement, strict=True) if way @ best < SAME_WAY]
-    clear = min(1.0, (agreement.max() - max(rivals, default=0.0)) / CLEAR)
-    return best, float(np.clip(agreement.max() * clear, 0.0, 1.0))
-
-
-def _snapped(direction: Float[np.ndarray, " 3"]) -> Float[np.ndarray, " 3"]:
-    axis = np.zeros(3)
-    longest = int(np.abs(direction).argmax())
-    axis[longest] = np.sign(direction[longest])
-    return axis if direction @ axis > SNAP else direction
-
-
-def _palm_axes(hand: Hand) -> Float[np.ndarray, "axis 3"]:
-    """Return the axes of the palm's frame and those of the smallest box around its geometry."""
-    mesh = hand.link_meshes[0]
-    own = np.eye(3)
-    return np.concatenate([own, mesh.bounding_box_oriented.transform[:3, :3].T]) if len(mesh.faces) else own
-
-
-def _cues(
-    digits: _Digits, centre: Float[np.ndarray, " 3"], axes: Float[np.ndarray, "axis 3"], normal: Float[np.ndarray, " 3"]
-) -> Float[np.ndarray, " cue"]:
-    """Return what speaks for a direction, -1 to 1 each.
-
-    The share of the digits whose pads face it, or that point along it as far as the pads face each other; the plane of
-    their first joints is square to it; the tips meet on that side of the plane; the palm has a face on that side.
-    """
-    pads, ways = (float((each @ normal > SAME_WAY).mean()) for each in (digits.pad, digits.way))
-    share = max(pads, ways * (1.0 - float(np.linalg.norm(digits.pad.mean(axis=0)))))
-    bases = digits.base - digits.base.mean(axis=0)
-    tilt = np.linalg.norm(bases @ normal) / max(float(np.linalg.norm(bases)), 1e-9)
-    ahead = centre @ normal / max(float(np.linalg.norm(centre)), 1e-9)
-    face = np.abs(axes @ normal).max()
-    return np.array([share, 1.0 - tilt**2, np.clip(ahead / AHEAD, -1.0, 1.0), (face - FACE) / (1.0 - FACE)])

@@ -18,10 +18,10 @@ from dexnudge.diffusion.model_card import CARD_NAME
 from dexnudge.diffusion.training import train
 from dexnudge.errors import InputError, check_integer, check_seed
 from dexnudge.experiments.config import ExperimentConfig
-from dexnudge.experiments.learning_clock import StageClock
-from dexnudge.experiments.learning_plan import METHODS, LearningPlan, LearningRates, plan_learning, training_config
-from dexnudge.experiments.learning_rates import measure_rates
-from dexnudge.experiments.learning_report import write_learning_report
+from dexnudge.experiments.learning.clock import StageClock
+from dexnudge.experiments.learning.plan import METHODS, LearningPlan, LearningRates, plan_learning, training_config
+from dexnudge.experiments.learning.rates import measure_rates
+from dexnudge.experiments.learning.report import write_learning_report
 from dexnudge.experiments.report import write_report
 from dexnudge.experiments.run import FILE, TrialRunner
 from dexnudge.experiments.sampling_trial import SamplingTrial

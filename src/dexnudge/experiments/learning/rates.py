@@ -14,7 +14,7 @@ from dexnudge.diffusion.network import ConditionalDenoiser
 from dexnudge.diffusion.prior import DiffusionPrior
 from dexnudge.diffusion.training_run import TrainingRun
 from dexnudge.errors import DatasetError
-from dexnudge.experiments.learning_plan import BATCH, DRAWS, GRASPS, METHODS, LearningRates
+from dexnudge.experiments.learning.plan import BATCH, DRAWS, GRASPS, METHODS, LearningRates
 from dexnudge.hands.hand import Hand
 from dexnudge.objects.builtin import builtin_object
 from dexnudge.sampling.problem import prepare

@@ -8,7 +8,7 @@ from typing import Any
 from dexnudge.dataset.manifest import read_manifest
 from dexnudge.diffusion.checkpoint import read_state_header
 from dexnudge.diffusion.model_card import CARD_NAME
-from dexnudge.experiments.learning_plan import METHODS, LearningPlan
+from dexnudge.experiments.learning.plan import METHODS, LearningPlan
 from dexnudge.experiments.metrics import Measured, measure, named
 from dexnudge.experiments.report import FEW, FEWEST, REPORT, made_with, write_files
 from dexnudge.experiments.run import read_run

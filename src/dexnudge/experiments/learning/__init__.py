@@ -1,0 +1,1 @@
+"""Learning a hand: objects, data, training and evaluation in so many minutes."""
