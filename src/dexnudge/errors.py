@@ -85,6 +85,10 @@ class HandError(InputError):
     """A hand description that is malformed or inconsistent."""
 
 
+class ArmError(InputError):
+    """An arm description that is malformed or inconsistent, or an arm that cannot stand or carry a hand as asked."""
+
+
 class SceneError(InputError):
     """A scene that is physically or geometrically impossible."""
 

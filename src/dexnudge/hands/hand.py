@@ -20,6 +20,7 @@ DENSE_SPACING = 0.002  # [m] between the points that judge
 FINGERTIP_SPACING = 0.004  # [m] between the points that guide, where contact is made
 DIGIT_SPACING = 0.006  # [m] on the other links of a digit
 PALM_SPACING = 0.010  # [m] on the palm and the base, which are large and smooth
+COARSE_SPACING = 0.008  # [m] on an arm's links, of all points
 ALWAYS_OVERLAPPING = 0.001  # [m] links that overlap by this at zero joint angles are no collision pair
 LEAST_SPREAD = 1e-4  # [m] of the fingertips that a sliding joint must change to open or close the hand
 LEAST_TILT = 0.3  # sine of the fingers' angle to the palm normal; less says nothing of where they point along the palm
@@ -81,6 +82,7 @@ class Hand:
         base_link: the forearm or adapter behind the palm, if it is part of the geometry.
         notes: what was assumed when the description was read, a sentence each.
         source: the description file that it was read from; None for a hand that is no file's.
+        coarse_links: those of an arm that carries the hand; their points are farther apart.
     """
 
     name: str
@@ -97,6 +99,7 @@ class Hand:
     base_link: str | None = None
     notes: tuple[str, ...] = ()
     source: Path | None = field(default=None, compare=False)
+    coarse_links: frozenset[str] = frozenset()
 
     def __post_init__(self) -> None:
         missing = [link for link in self.fingertips.values() if link not in self.link_names]
@@ -219,6 +222,8 @@ class Hand:
 
     def link_spacing(self, link: int, *, dense: bool) -> float:
         """Return the distance between neighbouring surface points of a link [m]."""
+        if self.link_names[link] in self.coarse_links:
+            return COARSE_SPACING
         if dense:
             return DENSE_SPACING
         if self.link_names[link] in self.fingertip_links:

@@ -1,0 +1,1 @@
+"""Robot arms: their kinematics and limits, and the hand at their flange."""

@@ -1,0 +1,191 @@
+"""An arm with a hand at its flange: one kinematic tree, whose joints are the arm's and then the hand's."""
+
+from dataclasses import dataclass, replace
+from functools import cached_property
+
+import numpy as np
+import torch
+from jaxtyping import Float
+
+from dexnudge.arms.arm import Arm, JointLimits
+from dexnudge.hands.export import JOINT_EFFORT, JOINT_VELOCITY
+from dexnudge.hands.hand import ROOT_COORDINATES, Hand, Joint
+from dexnudge.hands.tree import Mimic, Tree, TreeJoint, rerooted
+
+FINGER_ACCELERATION = 20.0  # [rad/s^2] ten times Shadow's published velocity limit: it is reached in 0.1 s
+FINGER_JERK = 400.0  # [rad/s^3] the acceleration is reached in 50 ms
+
+
+@dataclass(frozen=True, eq=False, repr=False)
+class Robot:
+    """An arm that carries a hand.
+
+    A position holds the joint angles of arm and hand, n + d numbers [rad], [m] of joints that slide.
+
+    Attributes:
+        arm: the arm, where it stands.
+        hand: the hand.
+        T_flange_mount: pose of the hand's mount, its base or else its palm, in the flange's frame.
+    """
+
+    arm: Arm
+    hand: Hand
+    T_flange_mount: Float[np.ndarray, "4 4"]
+
+    @property
+    def mount(self) -> str:
+        """The hand's link that is fixed to the flange."""
+        return self.hand.base_link or self.hand.link_names[0]
+
+    @property
+    def joint_names(self) -> tuple[str, ...]:
+        """The arm's joints, then the hand's."""
+        return self.body.joint_names
+
+    @cached_property
+    def limits(self) -> JointLimits:
+        """Limits of arm and hand; of the hand nominal ones, for joints with a tendon's gear."""
+        scales = self.hand.joint_scales
+        fingers = JointLimits(
+            lower=np.asarray(self.hand.lower, dtype=float),
+            upper=np.asarray(self.hand.upper, dtype=float),
+            velocity=JOINT_VELOCITY * scales,
+            acceleration=FINGER_ACCELERATION * scales,
+            jerk=FINGER_JERK * scales,
+            effort=JOINT_EFFORT / scales,
+        )
+        return self.arm.limits + fingers
+
+    @cached_property
+    def body(self) -> Hand:
+        """Arm and hand as one tree of links whose root is the arm's base; the arm's links and joints stand first."""
+        return _body(self)
+
+    @cached_property
+    def palm(self) -> int:
+        """Index of the palm in the links of `body`."""
+        return self.body.link_names.index(self.hand.link_names[0])
+
+    def coordinates(self, positions: Float[np.ndarray, "k joint"]) -> Float[np.ndarray, "k coordinates"]:
+        """Return q of `body`: the pose of the arm's base, then the positions."""
+        root = np.concatenate([self.arm.T_world_base[:3, 3], *self.arm.T_world_base[:3, :2].T])
+        return np.concatenate([np.tile(root, (len(positions), 1)), positions], axis=1)
+
+    def palm_poses(self, positions: Float[np.ndarray, "k joint"]) -> Float[np.ndarray, "k 4 4"]:
+        """Return T_world_palm at positions."""
+        found = self.body.forward_kinematics(torch.as_tensor(self.coordinates(positions)))[:, self.palm].numpy()
+        return np.asarray(found @ self._T_link_palm)
+
+    def configurations(self, positions: Float[np.ndarray, "k joint"]) -> Float[np.ndarray, "k coordinates"]:
+        """Return q of the hand at positions."""
+        poses = self.palm_poses(positions)
+        fingers = positions[:, self.arm.num_joints :]
+        return np.concatenate([poses[:, :3, 3], poses[:, :3, 0], poses[:, :3, 1], fingers], axis=1)
+
+    def flange_poses(self, q: Float[np.ndarray, "k coordinates"]) -> Float[np.ndarray, "k 4 4"]:
+        """Return where the flange must be, T_world_flange, for the hand to stand at q."""
+        mount = self.hand.link_names.index(self.mount)
+        T_world_mount = self.hand.forward_kinematics(torch.as_tensor(np.asarray(q, dtype=np.float64)))[:, mount].numpy()
+        return np.asarray(T_world_mount @ np.linalg.inv(self.T_flange_mount))
+
+    @cached_property
+    def _T_link_palm(self) -> Float[np.ndarray, "4 4"]:
+        """Pose of the palm's frame, as q has it, in the frame that the palm has in `body`, which may hang from its base."""
+        zero = np.zeros((1, self.arm.num_joints + self.hand.num_joints))
+        T_world_link = self.body.forward_kinematics(torch.as_tensor(self.coordinates(zero)))[0].numpy()
+        flange = self.body.link_names.index(_unique(self.arm.flange, self.hand.link_names, self.arm.name))
+        q = np.zeros((1, ROOT_COORDINATES + self.hand.num_joints))
+        q[0, 3], q[0, 7] = 1.0, 1.0
+        T_palm_mount = self.hand.forward_kinematics(torch.as_tensor(q))[
+            0, self.hand.link_names.index(self.mount)
+        ].numpy()
+        T_world_palm = T_world_link[flange] @ self.T_flange_mount @ np.linalg.inv(T_palm_mount)
+        return np.asarray(np.linalg.inv(T_world_link[self.palm]) @ T_world_palm)
+
+    def __repr__(self) -> str:
+        return f"Robot: {self.hand.name} on {self.arm.name}, {len(self.joint_names)} joints"
+
+
+def _unique(name: str, taken: tuple[str, ...], prefix: str) -> str:
+    """Return a name of the arm's that none of the hand's has."""
+    return f"{prefix}_{name}" if name in taken else name
+
+
+def _body(robot: Robot) -> Hand:
+    arm, hand = robot.arm, robot.hand
+    rename = {name: _unique(name, hand.link_names, arm.name) for name in arm.tree.links}
+    own = tuple(joint.name for joint in hand.joints if joint is not None)
+    carrier = {rename[joint.child]: joint for joint in arm.tree.joints}
+    arm_links = list(rename.values())
+    hanging = rerooted(_tree_of(hand), robot.mount)
+    hand_links = _from_root(hanging, robot.mount)
+    links = arm_links + hand_links
+    arm_names = tuple(_unique(name, own, arm.name) for name in arm.joint_names)
+    names = arm_names + hand.joint_names
+    fixed = Joint(f"{arm.name} mount", robot.T_flange_mount, np.array([0.0, 0.0, 1.0]), None)
+    parents, joints = [], []
+    for link in arm_links:
+        joint = carrier.get(link)
+        parents.append(-1 if joint is None else links.index(rename[joint.parent]))
+        index = arm.joint_names.index(joint.name) if joint is not None and not joint.fixed else None
+        joints.append(
+            None
+            if joint is None
+            else Joint(_unique(joint.name, own, arm.name), joint.origin, joint.axis, index, slides=joint.slides)
+        )
+    below = {joint.child: joint for joint in hanging.joints}
+    of_hand = {joint.name: joint for joint in hand.joints if joint is not None}
+    for link in hand_links:
+        if link == robot.mount:
+            parents.append(links.index(rename[arm.flange]))
+            joints.append(fixed)
+            continue
+        joint = below[link]
+        index = of_hand[joint.name].index
+        parents.append(links.index(joint.parent))
+        joints.append(
+            replace(
+                of_hand[joint.name],
+                origin=joint.origin,
+                axis=joint.axis,
+                index=None if index is None else arm.num_joints + index,
+            )
+        )
+    meshes = {rename[name]: mesh for name, mesh in arm.tree.links.items()} | hanging.links
+    return Hand(
+        name=f"{arm.name}_{hand.name}",
+        joint_names=names,
+        lower=robot.limits.lower,
+        upper=robot.limits.upper,
+        link_names=tuple(links),
+        link_parent=np.array(parents),
+        joints=tuple(joints),
+        link_meshes=tuple(meshes[link] for link in links),
+        fingertips=hand.fingertips,
+        couplings=hand.couplings,
+        palm_normal=hand.palm_normal,
+        coarse_links=frozenset(arm_links),
+    )
+
+
+def _tree_of(hand: Hand) -> Tree:
+    """Return a hand as a tree."""
+    joints = []
+    for link, joint in enumerate(hand.joints):
+        if joint is not None:
+            mimic = (
+                None if joint.index is None else Mimic(hand.joint_names[joint.index], joint.multiplier, joint.offset)
+            )
+            parent, child = hand.link_names[hand.link_parent[link]], hand.link_names[link]
+            joints.append(
+                TreeJoint(joint.name, parent, child, joint.origin, joint.axis, joint.index is None, mimic=mimic)
+            )
+    return Tree(hand.name, dict(zip(hand.link_names, hand.link_meshes, strict=True)), tuple(joints))
+
+
+def _from_root(tree: Tree, root: str) -> list[str]:
+    """Return the links, parents before children."""
+    order = [root]
+    for link in order:
+        order += [joint.child for joint in tree.joints if joint.parent == link]
+    return order

@@ -1,0 +1,74 @@
+"""A plan: one trajectory of arm and hand from home to the push and back, in phases."""
+
+from dataclasses import dataclass, field
+
+import numpy as np
+from jaxtyping import Float
+
+from dexnudge.arms.robot import Robot
+from dexnudge.scenes.scene import Scene
+
+PHASES = ("pre-contact", "contact", "squeeze", "push", "retreat", "regrasp", "lift")
+"""Names in order; each phase is called after where it leads. The last two only with `then_grasp`."""
+
+
+@dataclass(frozen=True)
+class JointTrajectory:
+    """Samples of n joints at increasing times; between two samples the quintic through their values.
+
+    time: [s], from 0. position [rad], velocity [rad/s], acceleration [rad/s^2]: of joints that slide in metres. effort: what
+    the joints' controllers add to what keeps them on their way [N m]: the forces with which the hand presses.
+    """
+
+    time: Float[np.ndarray, " k"]
+    position: Float[np.ndarray, "k n"]
+    velocity: Float[np.ndarray, "k n"]
+    acceleration: Float[np.ndarray, "k n"]
+    effort: Float[np.ndarray, "k n"]
+
+    @property
+    def duration(self) -> float:
+        """From the first to the last sample [s]."""
+        return float(self.time[-1] - self.time[0])
+
+
+@dataclass(frozen=True)
+class Phase:
+    """A part of a plan.
+
+    name: one of PHASES. start, end: [s]. configuration: place among the samples that were planned for. link_force: normal
+    force with which each of the hand's links presses on the object [N]; empty where none does. T_world_object: where the
+    object is at the end.
+    """
+
+    name: str
+    start: float
+    end: float
+    configuration: int
+    T_world_object: Float[np.ndarray, "4 4"]
+    link_force: dict[str, float] = field(default_factory=dict)
+
+
+@dataclass(frozen=True, eq=False, repr=False)
+class Plan:
+    """A trajectory of arm and hand that pushes the object of a scene.
+
+    Attributes:
+        robot: arm and hand.
+        scene: the scene, with the object where it lies at the start.
+        trajectory: of the robot's joints, in the order of `robot.joint_names`; it starts at rest and ends at rest.
+        phases: one after another, without gaps.
+        length: of the push [m].
+        seconds: wall time of planning by stage.
+    """
+
+    robot: Robot
+    scene: Scene
+    trajectory: JointTrajectory
+    phases: tuple[Phase, ...]
+    length: float
+    seconds: dict[str, float] = field(default_factory=dict)
+
+    def __repr__(self) -> str:
+        names = ", ".join(phase.name for phase in self.phases)
+        return f"Plan of {self.robot!r} in '{self.scene.name}': {self.trajectory.duration:.1f} s, {names}"
