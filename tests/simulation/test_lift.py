@@ -5,7 +5,7 @@ from dataclasses import replace
 import numpy as np
 import pytest
 
-from dexnudge.hands.export import JOINT_EFFORT
+from dexnudge.hands.motors import JOINT_EFFORT
 from dexnudge.mechanics.sliding_task import GRAVITY
 from dexnudge.planning.outcomes import Outcome
 from dexnudge.simulation.hand_path import along_line, waiting

@@ -8,8 +8,8 @@ import torch
 from jaxtyping import Float
 
 from dexnudge.arms.arm import Arm, JointLimits
-from dexnudge.hands.export import JOINT_EFFORT, JOINT_VELOCITY
 from dexnudge.hands.hand import ROOT_COORDINATES, Hand, Joint
+from dexnudge.hands.motors import JOINT_EFFORT, JOINT_VELOCITY
 from dexnudge.hands.tree import Mimic, Tree, TreeJoint, rerooted
 
 FINGER_ACCELERATION = 20.0  # [rad/s^2] ten times Shadow's published velocity limit: it is reached in 0.1 s

@@ -4,7 +4,6 @@ Meshes are OBJ with every digit, so that points drawn on them after reading are 
 """
 
 import re
-from dataclasses import dataclass
 from pathlib import Path
 from xml.etree import ElementTree
 from xml.etree.ElementTree import Element, SubElement
@@ -15,125 +14,10 @@ from jaxtyping import Float
 
 from dexnudge.errors import check_path
 from dexnudge.hands.config import HandConfig, write_hand_config
-from dexnudge.hands.hand import Hand, Joint
+from dexnudge.hands.hand import Hand
+from dexnudge.hands.mjcf_export import body_inertia, mjcf_of_hand
+from dexnudge.hands.motors import JointDrives, nominal_drives
 from dexnudge.hands.xml_text import numbers
-
-DENSITY = 1000.0  # [kg/m^3] plastic housing with motors; gives the Shadow Hand's fingers their published 10-20 g
-MIN_MASS = 0.002  # [kg] of links without geometry, as the Shadow model in gymnasium-robotics has it
-MIN_INERTIA = 1.0e-6  # [kg m^2] keeps small links stable at time steps of some milliseconds
-JOINT_EFFORT = 2.0  # [N m] Shadow Robot's published URDF
-JOINT_VELOCITY = 2.0  # [rad/s] Shadow Robot's published URDF
-JOINT_DAMPING = 0.1  # [N m s/rad] the Shadow model in gymnasium-robotics
-JOINT_ARMATURE = 0.001  # [kg m^2] the Shadow model in gymnasium-robotics
-POSITION_GAIN = 5.0  # [N m/rad] 5 N at a fingertip 0.1 m away for an error of 0.1 rad
-# Of a sliding joint all of these are those of a lever as long as its scale s: effort / s, velocity * s, the others / s^2.
-
-
-@dataclass(frozen=True)
-class BodyInertia:
-    """Mass [kg], centre of mass [m, link frame], moments of inertia about it along the link's axes [kg m^2]."""
-
-    mass: float
-    centre: Float[np.ndarray, " 3"]
-    diagonal: Float[np.ndarray, " 3"]
-
-
-def body_inertia(mesh: trimesh.Trimesh) -> BodyInertia:
-    """Return the inertia of a box as large as the mesh's bounding box, with the mass of its convex hull."""
-    if len(mesh.faces) == 0:
-        return BodyInertia(MIN_MASS, np.zeros(3), np.full(3, MIN_INERTIA))
-    mass = max(MIN_MASS, DENSITY * mesh.convex_hull.volume)
-    squares = np.asarray(mesh.extents) ** 2
-    return BodyInertia(mass, mesh.bounds.mean(axis=0), np.maximum(MIN_INERTIA, mass / 12 * (squares.sum() - squares)))
-
-
-NO_LOWER_LIMIT = -100.0  # [rad] farther than any joint turns
-
-
-def mjcf_of_hand(hand: Hand, files: list[str | None], mesh_folder: str) -> Element:
-    """Return the MJCF's root element; `files` names each link's mesh in `mesh_folder`."""
-    model = Element("mujoco", model=hand.name)
-    SubElement(model, "compiler", angle="radian", meshdir=mesh_folder, autolimits="true")
-    default = SubElement(model, "default")
-    SubElement(default, "joint", damping=numbers([JOINT_DAMPING]), armature=numbers([JOINT_ARMATURE]))
-    asset = SubElement(model, "asset")
-    for name, file in zip(hand.link_names, files, strict=True):
-        if file is not None:
-            SubElement(asset, "mesh", name=name, file=file)
-    parents = [SubElement(model, "worldbody")]
-    for link, name in enumerate(hand.link_names):
-        parent = parents[0] if link == 0 else parents[hand.link_parent[link] + 1]
-        body = SubElement(parent, "body", {"name": name, **_placement(hand, link)})
-        parents.append(body)
-        _fill_body(body, hand, link)
-        if files[link] is not None:
-            SubElement(body, "geom", type="mesh", mesh=name)
-    _add_exclusions(model, hand)
-    _add_equalities(model, hand)
-    _add_motors(model, hand)
-    return model
-
-
-def _placement(hand: Hand, link: int) -> dict[str, str]:
-    joint = hand.joints[link]
-    if joint is None:
-        return {}
-    quaternion = trimesh.transformations.quaternion_from_matrix(joint.origin)
-    return {"pos": numbers(joint.origin[:3, 3]), "quat": numbers(quaternion)}
-
-
-def _fill_body(body: Element, hand: Hand, link: int) -> None:
-    inertia = body_inertia(hand.link_meshes[link])
-    diagonal = numbers(inertia.diagonal)
-    SubElement(body, "inertial", pos=numbers(inertia.centre), mass=numbers([inertia.mass]), diaginertia=diagonal)
-    joint = hand.joints[link]
-    if joint is not None and joint.index is not None:
-        ends = joint.multiplier * np.array([hand.lower[joint.index], hand.upper[joint.index]]) + joint.offset
-        element = SubElement(body, "joint", name=joint.name, axis=numbers(joint.axis), range=numbers(np.sort(ends)))
-        if joint.slides:
-            damping, armature = (numbers([value / joint.scale**2]) for value in (JOINT_DAMPING, JOINT_ARMATURE))
-            element.attrib.update(type="slide", damping=damping, armature=armature)
-
-
-def _add_exclusions(model: Element, hand: Hand) -> None:
-    contact = SubElement(model, "contact")
-    solid = [link for link, mesh in enumerate(hand.link_meshes) if len(mesh.faces)]
-    allowed = set(hand.self_collision_pairs)
-    for one in solid:
-        for other in solid:
-            if one < other and (one, other) not in allowed:
-                SubElement(contact, "exclude", body1=hand.link_names[one], body2=hand.link_names[other])
-
-
-def _add_equalities(model: Element, hand: Hand) -> None:
-    equality = SubElement(model, "equality")
-    for joint in hand.joints:
-        if joint is not None and joint.index is not None and joint.name != hand.joint_names[joint.index]:
-            polynomial = numbers([joint.offset, joint.multiplier, 0.0, 0.0, 0.0])
-            SubElement(equality, "joint", joint1=joint.name, joint2=hand.joint_names[joint.index], polycoef=polynomial)
-
-
-def _add_motors(model: Element, hand: Hand) -> None:
-    tendon, actuator = SubElement(model, "tendon"), SubElement(model, "actuator")
-
-    def gains(scale: float) -> dict[str, str]:
-        effort = JOINT_EFFORT / scale
-        return {"kp": numbers([POSITION_GAIN / scale**2]), "forcerange": numbers([-effort, effort])}
-
-    coupled = {name for pair in hand.couplings for name in pair}
-    for index, name in enumerate(hand.joint_names):
-        if name not in coupled:
-            limits = numbers([hand.lower[index], hand.upper[index]])
-            SubElement(actuator, "position", gains(hand.joint_scales[index]), name=name, joint=name, ctrlrange=limits)
-    for (follower, leader), pair in zip(hand.couplings, hand.coupled_indices, strict=True):
-        order = SubElement(tendon, "fixed", name=f"{follower}<={leader}", range=numbers([NO_LOWER_LIMIT, 0.0]))
-        shared = SubElement(tendon, "fixed", name=f"{follower}+{leader}")
-        for element, sign in ((order, -1.0), (shared, 1.0)):
-            SubElement(element, "joint", joint=follower, coef="1")
-            SubElement(element, "joint", joint=leader, coef=numbers([sign]))
-        limits, name = numbers([hand.lower[pair].sum(), hand.upper[pair].sum()]), f"{follower}+{leader}"
-        SubElement(actuator, "position", gains(hand.joint_scales[pair[0]]), name=name, tendon=name, ctrlrange=limits)
-
 
 MESH_FOLDER = "meshes"
 LONGEST_NAME = 100  # characters of a link in the name of its file
@@ -152,11 +36,8 @@ def export_hand(hand: Hand, folder: Path | str) -> Path:
     """
     check_path("folder", folder)
     folder = Path(folder)
-    (folder / MESH_FOLDER).mkdir(parents=True, exist_ok=True)
     files = mesh_files(hand)
-    for file, mesh in zip(files, hand.link_meshes, strict=True):
-        if file is not None:
-            (folder / MESH_FOLDER / file).write_text(obj_text(mesh), encoding="ascii")
+    write_meshes(hand, files, folder)
     write_hand_config(
         HandConfig(
             palm=hand.link_names[0],
@@ -168,8 +49,8 @@ def export_hand(hand: Hand, folder: Path | str) -> Path:
         ),
         folder / "hand.yaml",
     )
-    _write(mjcf_of_hand(hand, files, MESH_FOLDER), folder / "hand.xml")
-    _write(urdf_of_hand(hand, files), folder / "hand.urdf")
+    write_xml(mjcf_of_hand(hand, files, MESH_FOLDER), folder / "hand.xml")
+    write_xml(urdf_of_hand(hand, files), folder / "hand.urdf")
     return folder / "hand.urdf"
 
 
@@ -182,6 +63,14 @@ def mesh_files(hand: Hand) -> list[str | None]:
     ]
 
 
+def write_meshes(hand: Hand, files: list[str | None], folder: Path) -> None:
+    """Write the links' meshes into `folder`/meshes, made if need be."""
+    (folder / MESH_FOLDER).mkdir(parents=True, exist_ok=True)
+    for file, mesh in zip(files, hand.link_meshes, strict=True):
+        if file is not None:
+            (folder / MESH_FOLDER / file).write_text(obj_text(mesh), encoding="ascii")
+
+
 def obj_text(mesh: trimesh.Trimesh) -> str:
     """Wavefront OBJ with vertices and faces in the mesh's order, every coordinate in as many digits as make it exact."""
     vertices = "\n".join(f"v {x!r} {y!r} {z!r}" for x, y, z in mesh.vertices.tolist())
@@ -189,8 +78,9 @@ def obj_text(mesh: trimesh.Trimesh) -> str:
     return f"{vertices}\n{faces}\n"
 
 
-def urdf_of_hand(hand: Hand, files: list[str | None]) -> Element:
+def urdf_of_hand(hand: Hand, files: list[str | None], drives: JointDrives | None = None) -> Element:
     """Return the URDF's root element; independent joints stand first, in the order of q."""
+    drives = drives or nominal_drives(hand)
     robot = Element("robot", name=hand.name)
     # MuJoCo's own defaults would drop the folder of the meshes and merge fixed links into their parents.
     compiler = {"strippath": "false", "discardvisual": "true", "fusestatic": "false", "balanceinertia": "true"}
@@ -203,9 +93,7 @@ def urdf_of_hand(hand: Hand, files: list[str | None]) -> Element:
                 geometry = SubElement(SubElement(element, kind), "geometry")
                 SubElement(geometry, "mesh", filename=f"{MESH_FOLDER}/{files[link]}")
     for link in sorted(range(1, len(hand.link_names)), key=lambda link: _rank(hand, link)):
-        joint = hand.joints[link]
-        assert joint is not None
-        _add_joint(robot, hand, joint, hand.link_names[hand.link_parent[link]], hand.link_names[link])
+        _add_joint(robot, hand, drives, link)
     return robot
 
 
@@ -226,23 +114,31 @@ def _rank(hand: Hand, link: int) -> tuple[int, int]:
     return (hand.joint_names.index(joint.name) if joint.name in hand.joint_names else hand.num_joints, link)
 
 
-def _add_joint(robot: Element, hand: Hand, joint: Joint, parent: str, child: str) -> None:
+def _add_joint(robot: Element, hand: Hand, drives: JointDrives, link: int) -> None:
+    joint = hand.joints[link]
+    assert joint is not None
     kind = "fixed" if joint.index is None else "prismatic" if joint.slides else "revolute"
     element = SubElement(robot, "joint", name=joint.name, type=kind)
-    SubElement(element, "parent", link=parent)
-    SubElement(element, "child", link=child)
-    SubElement(element, "origin", xyz=numbers(joint.origin[:3, 3]), rpy=numbers(euler_angles(joint.origin[:3, :3])))
+    SubElement(element, "parent", link=hand.link_names[hand.link_parent[link]])
+    SubElement(element, "child", link=hand.link_names[link])
+    add_place(element, joint.origin)
     if joint.index is None:
         return
     SubElement(element, "axis", xyz=numbers(joint.axis))
     leader = hand.joint_names[joint.index]
     ends = joint.multiplier * np.array([hand.lower[joint.index], hand.upper[joint.index]]) + joint.offset
     limits = {"lower": numbers([ends.min()]), "upper": numbers([ends.max()])}
-    effort, velocity = numbers([JOINT_EFFORT / joint.scale]), numbers([JOINT_VELOCITY * joint.scale])
+    ratio = joint.scale / hand.joint_scales[joint.index]
+    effort, velocity = numbers([drives.effort[joint.index] / ratio]), numbers([drives.velocity[joint.index] * ratio])
     SubElement(element, "limit", limits, effort=effort, velocity=velocity)
     if joint.name != leader:
         multiplier, offset = numbers([joint.multiplier]), numbers([joint.offset])
         SubElement(element, "mimic", joint=leader, multiplier=multiplier, offset=offset)
+
+
+def add_place(element: Element, pose: Float[np.ndarray, "4 4"]) -> None:
+    """Give an element of a URDF an <origin>."""
+    SubElement(element, "origin", xyz=numbers(pose[:3, 3]), rpy=numbers(euler_angles(pose[:3, :3])))
 
 
 def _add_inertial(link: Element, mesh: trimesh.Trimesh) -> None:
@@ -254,6 +150,7 @@ def _add_inertial(link: Element, mesh: trimesh.Trimesh) -> None:
     SubElement(inertial, "inertia", diagonal, ixy="0", ixz="0", iyz="0")
 
 
-def _write(root: Element, path: Path) -> None:
+def write_xml(root: Element, path: Path) -> None:
+    """Write an element and what is in it, indented."""
     ElementTree.indent(root)
     ElementTree.ElementTree(root).write(path, encoding="utf-8", xml_declaration=True)
