@@ -151,6 +151,28 @@ def boxy_hand():
     )
 
 
+@pytest.fixture(scope="session")
+def planar_arm():
+    """Three links of 0.4, 0.3 and 0.1 m that turn about the base's z: the flange's origin and its x-axis stay in a plane.
+
+    Its wrist, 0.1 m behind the flange along x, reaches the annulus from 0.1 to 0.7 m about the base and nothing else."""
+    from dexnudge.arms.arm import Arm, JointLimits
+    from dexnudge.hands.tree import Tree, TreeJoint
+
+    def joint(number: int, length: float, *, fixed: bool = False) -> TreeJoint:
+        origin = np.eye(4)
+        origin[0, 3] = length
+        ends = (f"link{number}", f"link{number + 1}")
+        return TreeJoint(f"turn{number}", *ends, origin, np.array([0.0, 0.0, 1.0]), fixed, lower=-3.1, upper=3.1)
+
+    joints = (joint(0, 0.0), joint(1, 0.4), joint(2, 0.3), joint(3, 0.1, fixed=True))
+    links = {f"link{number}": trimesh.Trimesh() for number in range(5)}
+    names = tuple(each.name for each in joints[:3])
+    ones = np.ones(3)
+    limits = JointLimits(-3.1 * ones, 3.1 * ones, 2 * ones, 10 * ones, 100 * ones, 50 * ones)
+    return Arm("planar", Tree("planar", links, joints), names, limits, np.array([0.5, 0.8, 0.5]), "link4")
+
+
 LEVER = 0.5  # [m] so long that a pad moves straight for the millimetres that matter
 HALF_WIDTH = 0.02  # [m] of the block between the pads
 PAD = (0.016, 0.01, 0.016)  # [m]
