@@ -11,6 +11,7 @@ from dexnudge.arms.arm import Arm, JointLimits
 from dexnudge.hands.hand import ROOT_COORDINATES, Hand, Joint
 from dexnudge.hands.motors import JOINT_EFFORT, JOINT_VELOCITY
 from dexnudge.hands.tree import Mimic, Tree, TreeJoint, rerooted
+from dexnudge.jobs.cached import cached_per_instance
 
 FINGER_ACCELERATION = 20.0  # [rad/s^2] ten times Shadow's published velocity limit: it is reached in 0.1 s
 FINGER_JERK = 400.0  # [rad/s^3] the acceleration is reached in 50 ms
@@ -117,7 +118,7 @@ def _body(robot: Robot) -> Hand:
     own = tuple(joint.name for joint in hand.joints if joint is not None)
     carrier = {rename[joint.child]: joint for joint in arm.tree.joints}
     arm_links = list(rename.values())
-    hanging = rerooted(_tree_of(hand), robot.mount)
+    hanging = _hanging(hand, robot.mount)
     hand_links = _from_root(hanging, robot.mount)
     links = arm_links + hand_links
     arm_names = tuple(_unique(name, own, arm.name) for name in arm.joint_names)
@@ -166,6 +167,12 @@ def _body(robot: Robot) -> Hand:
         palm_normal=hand.palm_normal,
         coarse_links=frozenset(arm_links),
     )
+
+
+@cached_per_instance
+def _hanging(hand: Hand, mount: str) -> Tree:
+    """Return the hand as a tree from its mount; remembered, so that meshes are the same for every robot with this hand."""
+    return rerooted(_tree_of(hand), mount)
 
 
 def _tree_of(hand: Hand) -> Tree:

@@ -148,28 +148,32 @@ def _hull_volume(vertices: Vertices) -> float:
         return 0.0
 
 
-@cached_per_instance
 def link_pieces(hand: Hand) -> list[list[Vertices]]:
-    """Return the convex pieces of every link [m, link frame]; remembered per hand, since a hollow palm takes seconds."""
-    pieces: list[list[Vertices]] = []
-    for name, mesh in zip(hand.link_names, hand.link_meshes, strict=True):
-        found: list[Vertices] = []
-        if len(mesh.faces):
-            hull = mesh.convex_hull
-            bodies = [body for body in bodies_of(mesh) if body.is_watertight]
-            if mesh.volume < HOLLOW * hull.volume and bodies:
-                for body in bodies:
-                    full = body.volume > HOLLOW * body.convex_hull.volume
-                    found.extend(
-                        [np.asarray(body.vertices)] if full else decomposed(body, DECOMPOSE_LINK, what=f"link '{name}'")
-                    )
-            else:
-                found.append(np.asarray(hull.vertices))
-        pieces.append([simple_hull(vertices, tolerance=LINK_TOLERANCE) for vertices in found])
-    return pieces
+    """Return the convex pieces of every link [m, link frame]; remembered per mesh, since a hollow palm takes seconds."""
+    return [_pieces_of_link(mesh, name) for name, mesh in zip(hand.link_names, hand.link_meshes, strict=True)]
 
 
-def environment_pieces(mesh: trimesh.Trimesh, way: Float[np.ndarray, "2 3"]) -> list[Vertices]:
+@cached_per_instance
+def _pieces_of_link(mesh: trimesh.Trimesh, name: str) -> list[Vertices]:
+    if len(mesh.faces) == 0:
+        return []
+    found: list[Vertices] = []
+    hull = mesh.convex_hull
+    bodies = [body for body in bodies_of(mesh) if body.is_watertight]
+    if mesh.volume < HOLLOW * hull.volume and bodies:
+        for body in bodies:
+            full = body.volume > HOLLOW * body.convex_hull.volume
+            found.extend(
+                [np.asarray(body.vertices)] if full else decomposed(body, DECOMPOSE_LINK, what=f"link '{name}'")
+            )
+    else:
+        found.append(np.asarray(hull.vertices))
+    return [simple_hull(vertices, tolerance=LINK_TOLERANCE) for vertices in found]
+
+
+def environment_pieces(
+    mesh: trimesh.Trimesh, way: Float[np.ndarray, "2 3"], *, within: Float[np.ndarray, "2 3"] | None = None
+) -> list[Vertices]:
     """Return the vertices [m, world] of convex pieces that together are the surroundings.
 
     Convex parts are taken as they are, other closed ones of few triangles are cut by CoACD. Sheets, scans and what convex
@@ -178,6 +182,7 @@ def environment_pieces(mesh: trimesh.Trimesh, way: Float[np.ndarray, "2 3"]) -> 
     Args:
         mesh: surroundings [m, world].
         way: corners of the box that holds the object all along its way [m, world].
+        within: corners of the box outside of which surfaces are left out [m, world]; None: as far as a hand reaches.
     """
     parts = list(mesh.split(only_watertight=False)) if len(mesh.faces) <= MOST_FACES_SPLIT else [mesh]
     pieces: list[Vertices] = []
@@ -192,7 +197,9 @@ def environment_pieces(mesh: trimesh.Trimesh, way: Float[np.ndarray, "2 3"]) -> 
         pieces.extend(piece for found in cut for piece in found)
         others = [part for part, found in zip(others, cut, strict=True) if not found]
     if others:
-        surface = surface_pieces(trimesh.util.concatenate(others), way, most=max(MOST_PIECES - len(pieces), 1))
+        surface = surface_pieces(
+            trimesh.util.concatenate(others), way, most=max(MOST_PIECES - len(pieces), 1), within=within
+        )
         pieces.extend(surface.pieces)
         if surface.error > TOLERANCE_OF_SURFACE:
             logging.getLogger(__name__).warning(

@@ -1,7 +1,8 @@
 """Hand, object and surroundings as one MuJoCo model: the scene in which pushes, grasps and lifts are played.
 
-Two variants come from the same builder: `scene_model`, a hand on a compliant arm in a whole scene, and
-`grasp_model`, a hand whose palm is fixed and one free object, with DexGraspBench's settings.
+Variants come from the same builder: `scene_model`, a hand on a compliant arm in a whole scene, `grasp_model`, a hand whose
+palm is fixed and one free object, with DexGraspBench's settings, and `robot_model` (in a file of its own), a hand that a
+real arm carries.
 """
 
 import copy
@@ -147,9 +148,10 @@ class SimulationModel:
         model, data, palm = self.model, self.data, self.palm_position
         mujoco.mj_resetData(model, data)
         root = self.hand.forward_kinematics(torch.as_tensor(q, dtype=torch.float64)[None])[0, 0].numpy()
-        data.mocap_pos[0], data.mocap_quat[0] = root[:3, 3], _quaternion(root)
+        if model.nmocap:
+            data.mocap_pos[0], data.mocap_quat[0] = root[:3, 3], _quaternion(root)
         if palm >= 0:
-            data.qpos[palm : palm + 3], data.qpos[palm + 3 : palm + 7] = data.mocap_pos[0], data.mocap_quat[0]
+            data.qpos[palm : palm + 3], data.qpos[palm + 3 : palm + 7] = root[:3, 3], _quaternion(root)
         joint_angles = q[ROOT_COORDINATES:]
         for link, joint in enumerate(self.hand.joints):
             if joint is not None and joint.index is not None:
@@ -167,11 +169,12 @@ class SimulationModel:
             ) from error
 
     def configurations(self, qpos: Float[np.ndarray, "n nq"]) -> Float[np.ndarray, "n coordinates"]:
-        """Return the hand's q for MuJoCo's coordinates; the palm must not be fixed."""
-        palm = self.palm_position
-        rotation = Rotation.from_quat(qpos[:, palm + 3 : palm + 7], scalar_first=True).as_matrix()
+        """Return the hand's q for MuJoCo's coordinates."""
+        palm, root = self.palm_position, self.model.body(int(self.link_body[0]))
+        poses = qpos[:, palm : palm + 7] if palm >= 0 else np.tile([*root.pos, *root.quat], (len(qpos), 1))
+        rotation = Rotation.from_quat(poses[:, 3:], scalar_first=True).as_matrix()
         q = np.zeros((len(qpos), ROOT_COORDINATES + self.hand.num_joints))
-        q[:, :3], q[:, 3:6], q[:, 6:9] = qpos[:, palm : palm + 3], rotation[:, :, 0], rotation[:, :, 1]
+        q[:, :3], q[:, 3:6], q[:, 6:9] = poses[:, :3], rotation[:, :, 0], rotation[:, :, 1]
         for index, name in enumerate(self.hand.joint_names):
             q[:, ROOT_COORDINATES + index] = qpos[:, self.model.joint(name).qposadr[0]]
         return q
@@ -207,8 +210,18 @@ def scene_model(hand: Hand, scene: Scene) -> SimulationModel:
     Raises:
         MeshError: object or surroundings cannot be cut into convex pieces.
     """
+    spec = _hand_spec(hand, link_surface(scene))
+    _drive_base(spec, hand)
+    for name in hand.link_names:
+        spec.body(name).gravcomp = 1.0
+    add_scene(spec, scene, environment_pieces(scene.environment_mesh, scene.way_bounds()))
+    return load_scene_model(str(spec.to_xml()), hand, scene)
+
+
+def link_surface(scene: Scene) -> ContactSurface:
+    """Return what the links of hand and arm are like in a scene."""
     torsion = 2.0 / 3.0 * scene.friction_hand * PAD_RADIUS
-    link_surface = ContactSurface(
+    return ContactSurface(
         HAND_SIDE,
         touches=OBJECT_SIDE | ENVIRONMENT_SIDE,
         friction=(scene.friction_hand, torsion),
@@ -216,6 +229,14 @@ def scene_model(hand: Hand, scene: Scene) -> SimulationModel:
         priority=1,
         colour=(0.75, 0.75, 0.80, 1.0),
     )
+
+
+def add_scene(spec: Any, scene: Scene, surroundings: list[Vertices]) -> None:
+    """Add object, surroundings in convex pieces, and MuJoCo's options, to a spec; then compile it.
+
+    Raises:
+        MeshError: the object cannot be cut into convex pieces.
+    """
     environment_surface = ContactSurface(
         ENVIRONMENT_SIDE,
         touches=HAND_SIDE | OBJECT_SIDE,
@@ -225,27 +246,20 @@ def scene_model(hand: Hand, scene: Scene) -> SimulationModel:
         solimp=SLIDING_IMPEDANCE,
         colour=(0.70, 0.62, 0.50, 0.35),
     )
-    spec = _hand_spec(hand, link_surface)
     _set_options(spec.option, timestep=TIMESTEP, noslip_iterations=NOSLIP_ITERATIONS, gravity=GRAVITY)
-    _drive_base(spec, hand)
-    for name in hand.link_names:
-        spec.body(name).gravcomp = 1.0
     body = _add_object(spec, scene.object_mesh, scene.mass)
     body.pos, body.quat = scene.T_world_object[:3, 3], _quaternion(scene.T_world_object)
     object_surface = ContactSurface(OBJECT_SIDE, touches=HAND_SIDE | ENVIRONMENT_SIDE)
-    _add_pieces(spec, body, object_pieces(scene.object_mesh), object_surface)
-    surroundings = spec.worldbody.add_body(name=SURROUNDINGS)
-    pieces = environment_pieces(scene.environment_mesh, scene.way_bounds())
-    _add_pieces(spec, surroundings, pieces, environment_surface)
-    if len(pieces) > MANY_PIECES:
+    add_pieces(spec, body, object_pieces(scene.object_mesh), object_surface)
+    add_pieces(spec, spec.worldbody.add_body(name=SURROUNDINGS), surroundings, environment_surface)
+    if len(surroundings) > MANY_PIECES:
         spec.memory = MEMORY
     spec.compile()
-    return load_scene_model(str(spec.to_xml()), hand, scene)
 
 
 def load_scene_model(xml: str, hand: Hand, scene: Scene) -> SimulationModel:
     """Compile the `xml` of the model of the same hand and scene, without cutting anything into pieces again."""
-    return _indexed(hand, mujoco.MjModel.from_xml_string(xml), xml, scene.T_world_object)
+    return indexed(hand, mujoco.MjModel.from_xml_string(xml), xml, scene.T_world_object)
 
 
 def grasp_model(hand: Hand, object_mesh: trimesh.Trimesh) -> SimulationModel:
@@ -269,8 +283,8 @@ def grasp_model(hand: Hand, object_mesh: trimesh.Trimesh) -> SimulationModel:
     spec.option.disableflags |= int(getattr(mujoco.mjtDisableBit, "mjDSBL_MULTICCD", 0))
     spec.body(hand.link_names[0]).mocap = True
     body = _add_object(spec, object_mesh, GRASP_MASS)
-    _add_pieces(spec, body, object_pieces(object_mesh), thing)
-    return _indexed(hand, spec.compile(), "", np.eye(4))
+    add_pieces(spec, body, object_pieces(object_mesh), thing)
+    return indexed(hand, spec.compile(), "", np.eye(4))
 
 
 SIDES = {"friction_hand": HAND_SIDE, "friction_environment": ENVIRONMENT_SIDE}
@@ -312,10 +326,14 @@ def _hand_spec(hand: Hand, surface: ContactSurface) -> Any:
 @cached_per_instance
 def _pieces_spec(hand: Hand) -> Any:
     no_files: list[str | None] = [None] * len(hand.link_names)
-    spec = mujoco.MjSpec.from_string(ElementTree.tostring(mjcf_of_hand(hand, no_files, ""), encoding="unicode"))
-    surface = ContactSurface(HAND_SIDE, OBJECT_SIDE)
+    return spec_of_links(mjcf_of_hand(hand, no_files, ""), hand, ContactSurface(HAND_SIDE, OBJECT_SIDE))
+
+
+def spec_of_links(mjcf: ElementTree.Element, hand: Hand, surface: ContactSurface) -> Any:
+    """Return the spec of MJCF without geometry, its links filled with the convex pieces of the hand's."""
+    spec = mujoco.MjSpec.from_string(ElementTree.tostring(mjcf, encoding="unicode"))
     for name, pieces in zip(hand.link_names, link_pieces(hand), strict=True):
-        _add_pieces(spec, spec.body(name), pieces, surface)
+        add_pieces(spec, spec.body(name), pieces, surface)
     return spec
 
 
@@ -359,14 +377,16 @@ def _add_object(spec: Any, mesh: trimesh.Trimesh, mass: float) -> Any:
     return body
 
 
-def _add_pieces(spec: Any, body: Any, pieces: list[Vertices], surface: ContactSurface) -> None:
+def add_pieces(spec: Any, body: Any, pieces: list[Vertices], surface: ContactSurface) -> None:
+    """Add convex pieces [m, body's frame] to a body of a spec."""
     for index, vertices in enumerate(pieces):
         name = f"{body.name} {index}"
         spec.add_mesh(name=name, uservert=np.asarray(vertices, dtype=np.float64).reshape(-1))
         surface.apply(body.add_geom(name=name, type=mujoco.mjtGeom.mjGEOM_MESH, meshname=name))
 
 
-def _indexed(hand: Hand, model: Any, xml: str, T_world_object: Float[np.ndarray, "4 4"]) -> SimulationModel:
+def indexed(hand: Hand, model: Any, xml: str, T_world_object: Float[np.ndarray, "4 4"]) -> SimulationModel:
+    """Return a compiled model with the places of hand and object in it; its base is driven where it has springs."""
     joint_position = np.full(len(hand.link_names), -1)
     dof_of_angle = np.zeros((model.nv, hand.num_joints))
     for link, joint in enumerate(hand.joints):
@@ -382,7 +402,7 @@ def _indexed(hand: Hand, model: Any, xml: str, T_world_object: Float[np.ndarray,
         motor_of_angle[model.actuator(f"{follower}+{leader}").id, pair] = 1.0
     motor_scale = np.ones(model.nu)
     np.copyto(motor_scale, (motor_of_angle * hand.joint_scales).max(axis=1), where=motor_of_angle.any(axis=1))
-    sprung = bool(xml)
+    sprung = mujoco.mj_name2id(model, mujoco.mjtObj.mjOBJ_JOINT, DRIVER) >= 0
     base_motor = np.array([model.actuator(name).id for name in BASE_MOTORS if sprung], dtype=np.int64)
     return SimulationModel(
         hand=hand,

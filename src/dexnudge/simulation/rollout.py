@@ -51,7 +51,8 @@ class Trace:
         time: [s].
         phase: name of what the hand was doing.
         attempt: number of the attempt, from 1.
-        qpos, ctrl, mocap: MuJoCo's coordinates, motor targets, and target of the base (position, quaternion wxyz).
+        qpos, ctrl, mocap: MuJoCo's coordinates, motor targets, and target of the base (position, quaternion wxyz), empty
+            where an arm carries the hand.
         object_pose: centre of mass [m, world], quaternion wxyz of the object's frame.
         hand_object_force: sums of the normal and of the tangential forces of hand on object [N].
         hand_environment_clearance: [m] between convex pieces, at most 50 mm, negative where they penetrate.
@@ -64,7 +65,7 @@ class Trace:
     attempt: Int[np.ndarray, " record"]
     qpos: Float[np.ndarray, "record nq"]
     ctrl: Float[np.ndarray, "record nu"]
-    mocap: Float[np.ndarray, "record 7"]
+    mocap: Float[np.ndarray, "record target"]
     object_pose: Float[np.ndarray, "record 7"]
     hand_object_force: Float[np.ndarray, "record 2"]
     hand_environment_clearance: Float[np.ndarray, " record"]
@@ -183,7 +184,8 @@ class Rollout:
         simulation, model, data = self.simulation, self.simulation.model, self.simulation.data
         deepest, done, command = 0.0, 0, None
         for command in commands:
-            data.mocap_pos[0], data.mocap_quat[0] = command.q[:3], command.quaternion
+            if model.nmocap:
+                data.mocap_pos[0], data.mocap_quat[0] = command.q[:3], command.quaternion
             data.ctrl[:] = command.ctrl
             try:
                 mujoco.mj_step(model, data)
@@ -267,7 +269,7 @@ class Rollout:
             "attempt": self.attempt,
             "qpos": np.array(data.qpos),
             "ctrl": np.array(data.ctrl),
-            "mocap": np.concatenate([data.mocap_pos[0], data.mocap_quat[0]]),
+            "mocap": np.concatenate([data.mocap_pos, data.mocap_quat], axis=1).ravel(),
             "object_pose": np.concatenate([data.xipos[simulation.object_body], data.qpos[free + 3 : free + 7]]),
             "hand_object_force": contact_force_sums(simulation, HAND_SIDE, OBJECT_SIDE),
             "hand_environment_clearance": hand_clearance(simulation),

@@ -55,15 +55,22 @@ class SurfacePieces:
     error: float
 
 
-def surface_pieces(mesh: trimesh.Trimesh, way: Float[np.ndarray, "2 3"], *, most: int = MOST_PIECES) -> SurfacePieces:
-    """Return prisms below the surface of `mesh` within 0.5 m of a box; they equal it on its free side.
+def surface_pieces(
+    mesh: trimesh.Trimesh,
+    way: Float[np.ndarray, "2 3"],
+    *,
+    most: int = MOST_PIECES,
+    within: Float[np.ndarray, "2 3"] | None = None,
+) -> SurfacePieces:
+    """Return prisms below the surface of `mesh` near a box; they equal it on its free side.
 
     Args:
         mesh: surroundings [m]; outward normals are on the free side.
         way: corners of the box that holds the object all along its way [m], in the mesh's frame.
         most: pieces at most.
+        within: corners of the box of which the surface is taken; None: 0.5 m around the way.
     """
-    near = _near(mesh, way + np.array([[-REACH], [REACH]]))
+    near = _near(mesh, way + np.array([[-REACH], [REACH]]) if within is None else within)
     if len(near.faces) == 0:
         return SurfacePieces([], 0.0)
     polygons: list[Polygon] = []

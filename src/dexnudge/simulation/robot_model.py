@@ -1,0 +1,63 @@
+"""Arm, hand, object and surroundings as one MuJoCo model: the arm stands fixed at its base and moves by its own motors."""
+
+from dataclasses import dataclass
+
+import mujoco
+import numpy as np
+from jaxtyping import Float
+
+from dexnudge.arms.export import mjcf_of_robot
+from dexnudge.arms.robot import Robot
+from dexnudge.scenes.scene import Scene
+from dexnudge.simulation.convex_pieces import environment_pieces
+from dexnudge.simulation.model import SimulationModel, add_scene, indexed, link_surface, spec_of_links
+from dexnudge.simulation.surface_pieces import REACH
+
+
+@dataclass(frozen=True)
+class RobotModel:
+    """The model of a robot in a scene; `simulation.hand` is the robot's body, links of the arm count as the hand's.
+
+    The motors are those of `arms.servos`, in the same order.
+    """
+
+    robot: Robot
+    simulation: SimulationModel
+
+    def place(self, position: Float[np.ndarray, " n"]) -> None:
+        """Reset everything: arm and hand at `position` [rad], at rest, the object where the scene has it."""
+        self.simulation.place(self.robot.coordinates(position[None])[0])
+
+    def positions(self, qpos: Float[np.ndarray, "k nq"]) -> Float[np.ndarray, "k n"]:
+        """Return the joint angles of arm and hand for MuJoCo's coordinates."""
+        return np.asarray(self.simulation.configurations(qpos)[:, -len(self.robot.joint_names) :])
+
+
+def robot_model(robot: Robot, scene: Scene) -> RobotModel:
+    """Return the model of a robot in a scene: contacts, frictions and options are those of `scene_model`.
+
+    Arm and hand touch the object and the surroundings; links of the robot do not touch each other.
+
+    Raises:
+        MeshError: object, surroundings or a link cannot be cut into convex pieces.
+    """
+    body = robot.body
+    no_files: list[str | None] = [None] * len(body.link_names)
+    spec = spec_of_links(mjcf_of_robot(robot, no_files, ""), body, link_surface(scene))
+    add_scene(
+        spec, scene, environment_pieces(scene.environment_mesh, scene.way_bounds(), within=_reached(robot, scene))
+    )
+    return load_robot_model(str(spec.to_xml()), robot, scene)
+
+
+def load_robot_model(xml: str, robot: Robot, scene: Scene) -> RobotModel:
+    """Compile the `xml` of the model of the same robot and scene, without cutting anything into pieces again."""
+    model = mujoco.MjModel.from_xml_string(xml)
+    return RobotModel(robot, indexed(robot.body, model, xml, scene.T_world_object))
+
+
+def _reached(robot: Robot, scene: Scene) -> Float[np.ndarray, "2 3"]:
+    """Return the corners of the box around what a stretched arm, or the hand on the object's way, can reach [m, world]."""
+    reach = REACH + sum(float(np.linalg.norm(joint.origin[:3, 3])) for joint in robot.arm.tree.joints)
+    way, base = scene.way_bounds(), robot.arm.T_world_base[:3, 3]
+    return np.stack([np.minimum(way[0] - REACH, base - reach), np.maximum(way[1] + REACH, base + reach)])

@@ -1,0 +1,152 @@
+"""A plan played in MuJoCo by the motors of arm and hand alone: every joint is told where to be and what to add."""
+
+from collections.abc import Iterator, Sequence
+from dataclasses import dataclass
+
+import mujoco
+import numpy as np
+from jaxtyping import Float
+
+from dexnudge.arms.export import robot_actuators
+from dexnudge.hands.motors import Actuator
+from dexnudge.simulation.model import HAND_SIDE, OBJECT_SIDE, TIMESTEP
+from dexnudge.simulation.robot_model import RobotModel, robot_model
+from dexnudge.simulation.rollout import Command, Divergence, Rollout, Trace
+from dexnudge.trajectories.interpolation import at
+from dexnudge.trajectories.plan import JointTrajectory, Plan
+
+
+@dataclass(frozen=True, kw_only=True)
+class PlanTrace(Trace):
+    """Records of arm, hand and object, 20 ms apart; what is said of the hand holds for arm and hand.
+
+    Attributes:
+        planned: position of every joint in the plan at that time [rad].
+        tracking_error: by how much the joints are ahead of it [rad]; the delay of the motors is part of it.
+        palm_error: of the palm's place [m] and orientation [rad] against the plan's.
+        velocity: of every joint [rad/s].
+        torque_share: greatest force of every motor since the record before, as a share of its limit.
+        link_force: normal force of every link of the robot's body on the object [N].
+    """
+
+    planned: Float[np.ndarray, "record n"]
+    tracking_error: Float[np.ndarray, "record n"]
+    palm_error: Float[np.ndarray, "record 2"]
+    velocity: Float[np.ndarray, "record n"]
+    torque_share: Float[np.ndarray, "record motor"]
+    link_force: Float[np.ndarray, "record link"]
+
+
+def set_points(
+    motors: Sequence[Actuator],
+    names: Sequence[str],
+    position: Float[np.ndarray, "k n"],
+    velocity: Float[np.ndarray, "k n"],
+    effort: Float[np.ndarray, "k n"],
+) -> Float[np.ndarray, "k motor"]:
+    """Return ctrl of every motor [rad] for position [rad], velocity [rad/s] and effort [N m] of the joints `names`.
+
+    ctrl = position + (kv velocity + effort) / kp. Two joints on one tendon share a motor: its position and velocity are
+    their sum, and its force, which turns both alike, the mean of their efforts.
+    """
+    motor_of_joint = np.array([[motor.joints.get(name, 0.0) for name in names] for motor in motors])
+    kp, kv = (np.array([getattr(motor, gain) for motor in motors]) for gain in ("kp", "kv"))
+    share = motor_of_joint / (motor_of_joint**2).sum(axis=1, keepdims=True)
+    return np.asarray(position @ motor_of_joint.T + (kv * (velocity @ motor_of_joint.T) + effort @ share.T) / kp)
+
+
+def play(plan: Plan, model: RobotModel | None = None) -> tuple[PlanTrace, Divergence | None]:
+    """Play a plan from its first sample; nothing but the motors moves arm and hand.
+
+    At every step of 2 ms the motors get the set points of the time before it. `model` is that of the plan's robot and
+    scene, made here if it is left out. Returned beside the records is where the simulation diverged, None if it did not.
+
+    Raises:
+        MeshError: MuJoCo cannot take the object or the surroundings.
+    """
+    model = model or robot_model(plan.robot, plan.scene)
+    rollout = PlanRollout(model, plan.trajectory.position[0])
+    rollout.follow_plan(plan)
+    return rollout.plan_trace, rollout.divergence
+
+
+class PlanRollout(Rollout):
+    """A simulation of a robot that plays plans one after another."""
+
+    def __init__(self, model: RobotModel, position: Float[np.ndarray, " n"]) -> None:
+        super().__init__(model.simulation, model.robot.coordinates(position[None])[0])
+        self._model, self._motors = model, robot_actuators(model.robot)
+        self._more: dict[str, list] = {name: [] for name in ("planned", "velocity", "torque_share", "link_force")}
+        self._planned = np.array(position)
+        self._greatest = np.zeros(model.simulation.model.nu)
+
+    def follow_plan(self, plan: Plan) -> None:
+        """Play a plan from where the robot is, which should be where the plan begins."""
+        if not self._columns["time"]:
+            self._record(plan.phases[0].name, 0.0)
+        self.play(self._plan_commands(plan))
+
+    def _plan_commands(self, plan: Plan) -> Iterator[Command]:
+        trajectory, names = plan.trajectory, plan.robot.joint_names
+        steps = round(trajectory.duration / TIMESTEP)
+        time = trajectory.time[0] + TIMESTEP * np.arange(steps + 1)
+        joints = at(trajectory, time)
+        ctrl = set_points(self._motors, names, joints.position, joints.velocity, efforts_at(trajectory, time))
+        q = plan.robot.coordinates(joints.position)
+        ends = np.array([phase.end for phase in plan.phases[:-1]])
+        phase = np.searchsorted(ends, time[1:] - TIMESTEP / 2)
+        base = self.simulation.model.body(int(self.simulation.link_body[0])).quat
+        limits = self.simulation.model.actuator_forcerange[:, 1]
+        for step in range(steps):
+            self._planned = joints.position[step + 1]
+            yield Command(q[step], base, ctrl[step], plan.phases[phase[step]].name)
+            share = np.abs(self.simulation.data.actuator_force) / limits
+            self._greatest = np.maximum(self._greatest, share)
+
+    @property
+    def plan_trace(self) -> PlanTrace:
+        """All records so far."""
+        whole = self.trace
+        more = {name: np.array(values) for name, values in self._more.items()}
+        positions = self._model.positions(whole.qpos)
+        poses, planned = (self._model.robot.palm_poses(each) for each in (positions, more["planned"]))
+        off = np.linalg.norm(poses[:, :3, 3] - planned[:, :3, 3], axis=1)
+        cosine = (np.einsum("kxy,kxy->k", poses[:, :3, :3], planned[:, :3, :3]) - 1) / 2
+        return PlanTrace(
+            **vars(whole),
+            **more,
+            tracking_error=positions - more["planned"],
+            palm_error=np.stack([off, np.arccos(np.clip(cosine, -1.0, 1.0))], axis=1),
+        )
+
+    def _record(self, phase: str, deepest: float) -> None:
+        super()._record(phase, deepest)
+        model, data = self.simulation.model, self.simulation.data
+        velocity = data.qvel[[model.joint(name).dofadr[0] for name in self._model.robot.joint_names]]
+        record = {
+            "planned": self._planned,
+            "velocity": velocity,
+            "torque_share": self._greatest,
+            "link_force": self._link_forces(),
+        }
+        for name, value in record.items():
+            self._more[name].append(np.array(value))
+        self._greatest = np.zeros(model.nu)
+
+    def _link_forces(self) -> Float[np.ndarray, " link"]:
+        """Return the normal force of each link on the object [N]."""
+        simulation, force = self.simulation, np.zeros(6)
+        model, data = simulation.model, simulation.data
+        found = np.zeros(len(simulation.link_body))
+        for index in range(data.ncon):
+            geoms = data.contact.geom[index]
+            if simulation.side[geoms].sum() == HAND_SIDE + OBJECT_SIDE:
+                mine = geoms[simulation.side[geoms] == HAND_SIDE][0]
+                mujoco.mj_contactForce(model, data, index, force)
+                found[simulation.link_body == model.geom_bodyid[mine]] += force[0]
+        return found
+
+
+def efforts_at(trajectory: JointTrajectory, time: Float[np.ndarray, " t"]) -> Float[np.ndarray, "t n"]:
+    """Return the efforts at times [s]: linear between samples."""
+    return np.stack([np.interp(time, trajectory.time, column) for column in trajectory.effort.T], axis=1)
