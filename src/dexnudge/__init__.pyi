@@ -1,8 +1,14 @@
 # The public names. `__init__.py` imports them from where they are said to be here, on first use.
 
+from dexnudge.arms.arm import Arm as Arm, JointLimits as JointLimits
+from dexnudge.arms.mounting import default_mount as default_mount, mount as mount
+from dexnudge.arms.registry import load_arm as load_arm
+from dexnudge.arms.robot import Robot as Robot
+from dexnudge.arms.standing import default_base as default_base
 from dexnudge.dataset.loading import Dataset as Dataset, load_dataset as load_dataset
 from dexnudge.energies.terms import EnergyTerm as EnergyTerm, find_term as find_term
 from dexnudge.errors import (
+    ArmError as ArmError,
     CheckpointError as CheckpointError,
     DatasetError as DatasetError,
     DexnudgeError as DexnudgeError,

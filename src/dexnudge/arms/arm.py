@@ -1,13 +1,20 @@
 """A robot arm: the chain from its base to its flange, and what its joints may do."""
 
 from dataclasses import dataclass, field, replace
+from functools import cached_property
 from pathlib import Path
+from typing import Any
 
 import numpy as np
 from jaxtyping import Float
+from scipy.optimize import minimize
+from scipy.spatial.transform import Rotation
 
+from dexnudge.errors import ArmError, SceneError
 from dexnudge.geometry.rigid import rigid_transform
-from dexnudge.hands.tree import Tree
+from dexnudge.hands.tree import Tree, TreeJoint
+
+REACH_STARTS, REACH_CLIMBS = 2000, 4  # random joint angles, and how many of the farthest are improved
 
 
 @dataclass(frozen=True)
@@ -64,10 +71,68 @@ class Arm:
         """Return the same arm with its base elsewhere.
 
         Raises:
-            SceneError: no rigid pose.
+            ArmError: no rigid pose.
         """
-        return replace(self, T_world_base=rigid_transform(T_world_base, "T_world_base", unscaled="check the numbers"))
+        return replace(self, T_world_base=rigid_pose(T_world_base, "T_world_base"))
+
+    @cached_property
+    def chain(self) -> tuple[TreeJoint, ...]:
+        """The joints from the base to the flange, fixed ones among them."""
+        carrier = {joint.child: joint for joint in self.tree.joints}
+        found, link = [], self.flange
+        while link in carrier:
+            found.append(carrier[link])
+            link = carrier[link].parent
+        return tuple(reversed(found))
+
+    @property
+    def base(self) -> str:
+        """The link that stands on the ground."""
+        return self.chain[0].parent
+
+    def flange_poses(self, positions: Float[np.ndarray, "k n"]) -> Float[np.ndarray, "k 4 4"]:
+        """Return T_world_flange at joint angles."""
+        pose = np.tile(self.T_world_base, (len(positions), 1, 1))
+        for joint in self.chain:
+            pose = pose @ joint.origin
+            if not joint.fixed:
+                pose = pose @ _motions(joint, self._values(joint, positions))
+        return np.asarray(pose)
+
+    def _values(self, joint: TreeJoint, positions: Float[np.ndarray, "k n"]) -> Float[np.ndarray, " k"]:
+        return np.asarray(positions[:, self.joint_names.index(joint.name)])
+
+    @cached_property
+    def reach(self) -> float:
+        """Greatest distance of the flange's origin from the base's [m], searched for among random joint angles."""
+        low, high = self.limits.lower, self.limits.upper
+        starts = np.random.default_rng(0).uniform(low, high, (REACH_STARTS, self.num_joints))
+        at_origin = replace(self, T_world_base=np.eye(4))
+
+        def nearness(position: Float[np.ndarray, " n"]) -> float:
+            return -float(np.linalg.norm(at_origin.flange_poses(position[None])[0, :3, 3]))
+
+        far = np.linalg.norm(at_origin.flange_poses(starts)[:, :3, 3], axis=1).argsort()[-REACH_CLIMBS:]
+        climbs = [minimize(nearness, starts[row], bounds=list(zip(low, high, strict=True))).fun for row in far]
+        return -float(min(climbs))
 
     def __repr__(self) -> str:
         place = ", ".join(f"{value:.2f}" for value in self.T_world_base[:3, 3])
         return f"Arm '{self.name}': {self.num_joints} joints, flange '{self.flange}', base at ({place})"
+
+
+def rigid_pose(value: Any, name: str) -> Float[np.ndarray, "4 4"]:
+    """Return `value` as a rigid transform; ArmError where it is none."""
+    try:
+        return rigid_transform(value, name, unscaled="check the numbers")
+    except SceneError as error:
+        raise ArmError(str(error)) from error
+
+
+def _motions(joint: TreeJoint, values: Float[np.ndarray, " k"]) -> Float[np.ndarray, "k 4 4"]:
+    poses = np.tile(np.eye(4), (len(values), 1, 1))
+    if joint.slides:
+        poses[:, :3, 3] = values[:, None] * joint.axis
+    else:
+        poses[:, :3, :3] = Rotation.from_rotvec(values[:, None] * joint.axis).as_matrix()
+    return poses

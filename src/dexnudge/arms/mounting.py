@@ -1,0 +1,139 @@
+"""How a hand is mounted on an arm's flange, and which mounts cannot be."""
+
+from collections.abc import Iterator
+from typing import Any
+
+import numpy as np
+import torch
+import trimesh
+from jaxtyping import Float
+from scipy.spatial.transform import Rotation
+
+from dexnudge.arms.arm import Arm, rigid_pose
+from dexnudge.arms.robot import Robot
+from dexnudge.errors import ArmError, check_kind
+from dexnudge.geometry.overlap import deepest_overlap
+from dexnudge.hands.hand import ROOT_COORDINATES, Hand
+
+# Of named pairs: (turn of the palm about the flange's z-axis, tilt of the fingers from that axis to where the palm faces)
+# [deg]. A wedge between flange and hand makes the tilt.
+WEDGES: dict[tuple[str, str], tuple[float, float]] = {
+    ("panda", "shadow_lite"): (45.0, 45.0),
+    ("panda", "allegro"): (45.0, -45.0),
+}
+# Of pairs of one maker the pose itself; there, the hand's housing encloses the flange.
+MAKERS = {("panda", "panda_gripper"): trimesh.transformations.rotation_matrix(np.radians(-45.0), (0.0, 0.0, 1.0))}
+GAP = 0.002  # [m] between the flange's plane and the hand: an adapter plate, and no overlap by rounding
+REAR = 0.02  # [m] behind which a hand's geometry is its rear end, whose middle lies on the flange's axis
+SNAP = np.cos(np.radians(15.0))  # a mount whose axis is that near the fingers' is screwed on along it; a base always is
+DEEPEST = 0.001  # [m] by which hand and arm may overlap: meshes of two makers that bolt together
+
+
+def mount(arm: Arm, hand: Hand, T_flange_mount: Any = None) -> Robot:
+    """Return the robot of an arm that carries a hand.
+
+    Args:
+        arm: the arm, where it stands.
+        hand: the hand.
+        T_flange_mount: (4, 4) pose of the hand's base, or of its palm where it has none, in the flange's frame;
+            `default_mount` unless given.
+
+    Raises:
+        ArmError: no rigid pose, or one that turns the hand into the arm: they overlap by more than 1 mm at the arm's home.
+    """
+    check_kind("arm", arm, Arm, 'load_arm("panda")')
+    check_kind("hand", hand, Hand, 'load_hand("shadow_lite")')
+    given = T_flange_mount is not None
+    robot = Robot(arm, hand, rigid_pose(T_flange_mount, "T_flange_mount") if given else default_mount(arm, hand))
+    met = sorted(_overlaps(robot), reverse=True)
+    if met:
+        links = ", ".join(f"'{of_hand}' {1e3 * depth:.0f} mm into '{of_arm}'" for depth, of_hand, of_arm in met[:3])
+        rigid = _rigid(arm)
+        everywhere = any(of_arm in rigid for _, _, of_arm in met)
+        raise ArmError(
+            f"this mount turns the hand into the arm: {links}, {'whatever the joint angles' if everywhere else 'at home'}; "
+            f"expected an overlap of at most {1e3 * DEEPEST:g} mm; mend `mount`{'' if everywhere else ' or the home'}: "
+            "z of the flange points out of the arm"
+        )
+    return robot
+
+
+def default_mount(arm: Arm, hand: Hand) -> Float[np.ndarray, "4 4"]:
+    """Return T_flange_mount: the hand's fingers continue the flange's z-axis, its palm faces the flange's x-axis.
+
+    A hand with a base, such as a forearm, stands on the flange by the axis of the base that is nearest the fingers. Of
+    the named pairs it is turned and tilted by `WEDGES`. The rear of the hand lies 2 mm in front of the flange's plane,
+    its middle on the flange's axis; the room behind a tilted hand is that of a wedge.
+    """
+    if (arm.name, hand.name) in MAKERS:
+        return MAKERS[arm.name, hand.name].copy()
+    turn, tilt = WEDGES.get((arm.name, hand.name), (0.0, 0.0))
+    poses, axis, normal = _at_rest(hand)
+    points = _hand_points(hand, poses)
+    upright = np.stack([normal, np.cross(axis, normal), axis])  # rows: the flange's axes in the mount's frame
+    rear = points[points @ axis < (points @ axis).min() + REAR] @ upright.T
+    wedge = Rotation.from_euler("ZY", [turn, tilt], degrees=True).as_matrix()
+    T_flange_mount = np.eye(4)
+    T_flange_mount[:3, :3] = wedge @ upright
+    middle = np.append((rear.min(axis=0) + rear.max(axis=0))[:2] / 2, rear[:, 2].min())
+    T_flange_mount[:3, 3] = -wedge @ middle
+    lowest = (points @ T_flange_mount[:3, :3].T + T_flange_mount[:3, 3])[:, 2].min()
+    T_flange_mount[2, 3] += GAP - lowest
+    return T_flange_mount
+
+
+def _at_rest(
+    hand: Hand,
+) -> tuple[Float[np.ndarray, "link 4 4"], Float[np.ndarray, " 3"], Float[np.ndarray, " 3"]]:
+    """Return T_mount_link of the open hand, where its fingers point, and where its palm faces, in the mount's frame."""
+    q = np.zeros((1, ROOT_COORDINATES + hand.num_joints))
+    q[0, 3] = q[0, 7] = 1.0
+    q[0, ROOT_COORDINATES:] = hand.apart
+    poses = hand.forward_kinematics(torch.as_tensor(q))[0].numpy()
+    T_mount_palm = np.linalg.inv(poses[hand.link_names.index(hand.base_link or hand.link_names[0])])
+    normal = hand.palm_normal / np.linalg.norm(hand.palm_normal)
+    axis, normal = (normal, hand.finger_axis) if hand.fingers_face else (hand.finger_axis, normal)
+    axis, normal = T_mount_palm[:3, :3] @ axis, T_mount_palm[:3, :3] @ normal
+    own = np.eye(3)[np.abs(axis).argmax()] * np.sign(axis[np.abs(axis).argmax()])
+    if hand.base_link or axis @ own > SNAP:
+        axis = own
+    normal = normal - (normal @ axis) * axis
+    return T_mount_palm @ poses, axis, normal / np.linalg.norm(normal)
+
+
+def _hand_points(hand: Hand, poses: Float[np.ndarray, "link 4 4"]) -> Float[np.ndarray, "n 3"]:
+    return np.concatenate(
+        [trimesh.transform_points(mesh.vertices, pose) for mesh, pose in zip(hand.link_meshes, poses, strict=True)]
+    )
+
+
+def _rigid(arm: Arm) -> set[str]:
+    """Return the links that never move against the flange."""
+    found = {arm.flange}
+    fixed = [joint for joint in arm.tree.joints if joint.fixed]
+    for _ in fixed:
+        found |= {end for joint in fixed for end in (joint.parent, joint.child) if {joint.parent, joint.child} & found}
+    return found
+
+
+def _overlaps(robot: Robot) -> Iterator[tuple[float, str, str]]:
+    """Yield (depth [m], link of the hand, link of the arm) of those that overlap too deep with the arm at home."""
+    body, arm, hand = robot.body, robot.arm, robot.hand
+    makers = MAKERS.get((arm.name, hand.name))
+    bolted = makers is not None and np.allclose(makers, robot.T_flange_mount, atol=DEEPEST)
+    housed = {(link, robot.mount) for link in _rigid(arm)} if bolted else set()
+    position = np.concatenate([arm.home, np.clip(hand.apart, hand.lower, hand.upper)])[None]
+    poses = body.forward_kinematics(torch.as_tensor(robot.coordinates(position)))[0].numpy()
+    placed = [mesh.copy() for mesh in body.link_meshes]
+    for mesh, pose in zip(placed, poses, strict=True):
+        mesh.apply_transform(pose)
+    solid = [index for index, mesh in enumerate(placed) if len(mesh.faces)]
+    links = len(arm.tree.links)
+    for mine in (index for index in solid if index < links):
+        for other in (index for index in solid if index >= links):
+            one, two = placed[mine].bounds, placed[other].bounds
+            near = (one[0] < two[1]).all() and (two[0] < one[1]).all()
+            if near and (body.link_names[mine], body.link_names[other]) not in housed:
+                depth = deepest_overlap(placed[other], placed[mine])[0]
+                if depth > DEEPEST:
+                    yield depth, body.link_names[other], body.link_names[mine]

@@ -1,0 +1,106 @@
+"""Where an arm stands in a scene: a sensible place, and what is wrong with a given one."""
+
+import numpy as np
+import torch
+import trimesh
+from jaxtyping import Float
+
+from dexnudge.arms.arm import Arm
+from dexnudge.arms.robot import Robot
+from dexnudge.errors import ArmError, check_kind
+from dexnudge.geometry.overlap import deepest_overlap
+from dexnudge.scenes.placement import surroundings_distance
+from dexnudge.scenes.scene import Scene
+
+DISTANCE = 0.6  # [m] from the object: there, 80 to 95 % of the verified configurations can be reached by a Panda
+STEP, MOST_STEPS = 0.02, 30  # [m] by which the base moves outward while it touches the surroundings
+DEEPEST = 0.001  # [m] by which it may stand in them: meshes that touch, after rounding
+
+
+def default_base(arm: Arm, scene: Scene) -> Float[np.ndarray, "4 4"]:
+    """Return T_world_base of an arm that looks at the object from where it goes, at the height of its underside.
+
+    0.6 m away, or as much farther as the base needs to be clear of the surroundings; z up, x towards the object.
+
+    Raises:
+        ArmError: the surroundings leave no place within 1.2 m.
+    """
+    check_kind("arm", arm, Arm, 'load_arm("panda")')
+    check_kind("scene", scene, Scene, 'build_scene("table", "phone", seed=0)')
+    bounds = scene.object_in_world().bounds
+    way = np.array([*scene.motion[:2], 0.0])
+    way = way / np.linalg.norm(way) if np.linalg.norm(way) > 1e-3 else np.array([1.0, 0.0, 0.0])
+    T_world_base = np.eye(4)
+    T_world_base[:3, :3] = np.stack([-way, np.cross([0.0, 0.0, 1.0], -way), [0.0, 0.0, 1.0]], axis=1)
+    for step in range(MOST_STEPS + 1):
+        T_world_base[:3, 3] = bounds.mean(axis=0) + (DISTANCE + step * STEP) * way
+        T_world_base[2, 3] = bounds[0, 2]
+        depth, where = _standing_depth(arm.standing_at(T_world_base), scene)
+        if depth <= DEEPEST:
+            return T_world_base
+    raise ArmError(
+        f"'{arm.name}' finds no place: expected room for its base {DISTANCE:g} to {DISTANCE + MOST_STEPS * STEP:g} m from "
+        f"the object along its motion, but the surroundings are {1e3 * depth:.0f} mm deep in it at {_point(where)}; "
+        "give `arm_base`"
+    )
+
+
+def check_base(robot: Robot, scene: Scene) -> None:
+    """Refuse a place that is taken by the surroundings or the object, or from which the object is out of reach; ArmError."""
+    depth, where = _standing_depth(robot.arm, scene)
+    if depth > DEEPEST:
+        raise ArmError(
+            f"the base of '{robot.arm.name}' stands in what is around it: {1e3 * depth:.0f} mm deep at {_point(where)}; "
+            f"expected at most {1e3 * DEEPEST:g} mm; move `arm_base`"
+        )
+    place, reach = robot.arm.T_world_base[:3, 3], robot.arm.reach + _length(robot)
+    away = float(np.linalg.norm(trimesh.bounds.corners(scene.object_in_world().bounds) - place, axis=1).min())
+    if away > reach:
+        raise ArmError(
+            f"the object is out of reach: {away:.2f} m from the base of '{robot.arm.name}', expected at most {reach:.2f} m, "
+            f"{robot.arm.reach:.2f} m to the flange and {_length(robot):.2f} m of the hand; move `arm_base` nearer"
+        )
+
+
+def _standing_depth(arm: Arm, scene: Scene) -> tuple[float, Float[np.ndarray, " 3"]]:
+    """Return how deep the links that never move stand in surroundings or object [m], and where."""
+    base = standing_mesh(arm)
+    if not len(base.faces):
+        return 0.0, np.zeros(3)
+    found = []
+    for body in (surroundings_distance(scene.environment_mesh), scene.object_in_world()):
+        bounds = (body if isinstance(body, trimesh.Trimesh) else body.mesh).bounds
+        if (base.bounds[0] < bounds[1]).all() and (bounds[0] < base.bounds[1]).all():
+            found.append(deepest_overlap(base, body)[:2])
+    return max(found, key=lambda pair: pair[0], default=(0.0, np.zeros(3)))
+
+
+def standing_mesh(arm: Arm) -> trimesh.Trimesh:
+    """Return the links that never move as one mesh where the arm stands [m]; it may be empty."""
+    poses = {arm.base: arm.T_world_base}
+    for _ in arm.tree.joints:
+        for joint in arm.tree.joints:
+            if joint.fixed and joint.parent in poses:
+                poses[joint.child] = poses[joint.parent] @ joint.origin
+    placed = []
+    for link, pose in poses.items():
+        if len(arm.tree.links[link].faces):
+            placed.append(arm.tree.links[link].copy().apply_transform(pose))
+    return trimesh.util.concatenate(placed) if placed else trimesh.Trimesh()
+
+
+def _length(robot: Robot) -> float:
+    """Return the greatest distance of the open hand's geometry from the flange [m]."""
+    body, links = robot.body, len(robot.arm.tree.links)
+    position = np.concatenate([robot.arm.home, robot.hand.apart])[None]
+    poses = body.forward_kinematics(torch.as_tensor(robot.coordinates(position)))[0].numpy()
+    flange = robot.arm.flange_poses(robot.arm.home[None])[0, :3, 3]
+    distances = [
+        np.linalg.norm(trimesh.transform_points(mesh.vertices, pose) - flange, axis=1).max(initial=0.0)
+        for mesh, pose in zip(body.link_meshes[links:], poses[links:], strict=True)
+    ]
+    return float(max(distances))
+
+
+def _point(where: Float[np.ndarray, " 3"]) -> str:
+    return f"({', '.join(f'{value:.2f}' for value in where)})"

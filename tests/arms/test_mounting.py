@@ -1,0 +1,113 @@
+"""How a hand sits on a flange: against geometry measured here, and mounts that cannot be."""
+
+import numpy as np
+import pytest
+import torch
+import trimesh
+from scipy.spatial.transform import Rotation
+
+import dexnudge as dn
+from dexnudge.arms.mounting import DEEPEST, GAP, MAKERS, WEDGES
+
+HANDS = ("shadow_lite", "allegro", "panda_gripper")
+OVER = np.diag([1.0, -1.0, -1.0, 1.0])  # the hand's head over heels
+
+
+@pytest.fixture(scope="module")
+def panda():
+    return dn.load_arm("panda")
+
+
+@pytest.fixture(scope="module", params=HANDS)
+def robot(panda, request):
+    return dn.mount(panda, dn.load_hand(request.param))
+
+
+def hand_points(robot, position):
+    """Points of the hand in the flange's frame."""
+    body, links = robot.body, len(robot.arm.tree.links)
+    poses = body.forward_kinematics(torch.as_tensor(robot.coordinates(position[None])))[0].numpy()
+    T_flange_world = np.linalg.inv(robot.arm.flange_poses(position[None, : robot.arm.num_joints])[0])
+    placed = zip(body.link_meshes[links:], T_flange_world @ poses[links:], strict=True)
+    return np.concatenate([trimesh.transform_points(mesh.vertices, pose) for mesh, pose in placed])
+
+
+def test_the_hand_continues_the_flange_and_does_not_reach_behind_it(robot):
+    rest = np.concatenate([robot.arm.home, robot.hand.apart])
+    points = hand_points(robot, rest)
+    pair = (robot.arm.name, robot.hand.name)
+    if pair in MAKERS:
+        return
+    assert points[:, 2].min() == pytest.approx(GAP, abs=1e-6)
+    tips = robot.hand.fingertip_links
+    poses = robot.body.forward_kinematics(torch.as_tensor(robot.coordinates(rest[None])))[0].numpy()
+    middle = np.mean([poses[robot.body.link_names.index(tip), :3, 3] for tip in tips], axis=0)
+    flange = robot.arm.flange_poses(robot.arm.home[None])[0]
+    way = flange[:3, :3].T @ (middle - flange[:3, 3])
+    turn, tilt = np.radians(WEDGES.get(pair, (0.0, 0.0)))
+    axis = np.array([np.sin(tilt) * np.cos(turn), np.sin(tilt) * np.sin(turn), np.cos(tilt)])
+    assert way @ axis / np.linalg.norm(way) > np.cos(np.radians(40.0))  # the Lite's palm is tilted by 40 deg itself
+
+
+def test_a_mount_of_ones_own_is_kept(panda):
+    hand = dn.load_hand("allegro")
+    T = dn.default_mount(panda, hand)
+    T[:3, 3] += [0.0, 0.0, 0.1]
+    np.testing.assert_allclose(dn.mount(panda, hand, T.tolist()).T_flange_mount, T)
+
+
+@pytest.mark.parametrize("name", ["shadow_lite", "allegro"])
+def test_a_mount_that_turns_the_hand_into_the_arm_is_refused_with_the_links(panda, name):
+    hand = dn.load_hand(name)
+    with pytest.raises(
+        dn.ArmError, match=r"turns the hand into the arm: '.*' \d+ mm into 'panda_link\d'.* mend `mount`"
+    ):
+        dn.mount(panda, hand, OVER @ dn.default_mount(panda, hand))
+
+
+def test_the_makers_gripper_fits_as_the_maker_mounts_it_and_nowhere_deeper(panda):
+    gripper = dn.load_hand("panda_gripper")
+    assert dn.mount(panda, gripper, MAKERS["panda", "panda_gripper"]).T_flange_mount[2, 3] == 0.0
+    deeper = MAKERS["panda", "panda_gripper"] @ trimesh.transformations.translation_matrix([0, 0, -2 * DEEPEST])
+    with pytest.raises(dn.ArmError, match=r"'panda_hand' .* mm into 'panda_link7'"):
+        dn.mount(panda, gripper, deeper)
+
+
+@pytest.mark.parametrize(
+    ("given", "message"),
+    [
+        (np.eye(3), r"T_flange_mount has shape \(3, 3\)"),
+        (2 * np.eye(4), "T_flange_mount is not a rigid transform"),
+        (np.full((4, 4), np.nan), "NaN"),
+        ("palm", "T_flange_mount is not a matrix of numbers"),
+        (np.diag([1.0, 1.0, -1.0, 1.0]), "mirrors"),
+    ],
+)
+def test_what_is_no_rigid_pose_is_refused(panda, given, message):
+    with pytest.raises(dn.ArmError, match=message):
+        dn.mount(panda, dn.load_hand("allegro"), given)
+
+
+def test_the_body_carries_the_hand_where_the_hand_says(robot):
+    generator = np.random.default_rng(0)
+    position = generator.uniform(robot.limits.lower, robot.limits.upper, (5, len(robot.joint_names)))
+    body = robot.body.forward_kinematics(torch.as_tensor(robot.coordinates(position))).numpy()
+    q = robot.configurations(position)
+    hand = robot.hand.forward_kinematics(torch.as_tensor(q)).numpy()
+    tips = robot.hand.fingertip_links
+    ours = body[:, [robot.body.link_names.index(tip) for tip in tips]]
+    np.testing.assert_allclose(ours, hand[:, [robot.hand.link_names.index(tip) for tip in tips]], atol=1e-9)
+    np.testing.assert_allclose(
+        robot.flange_poses(q), robot.arm.flange_poses(position[:, : robot.arm.num_joints]), atol=1e-9
+    )
+
+
+def test_a_base_stands_where_it_is_put(panda):
+    T = np.eye(4)
+    T[:3, :3] = Rotation.from_euler("xyz", [0.3, -0.2, 0.9]).as_matrix()
+    T[:3, 3] = [0.4, -0.1, 0.8]
+    there = dn.load_arm("panda", base=T)
+    at_home = panda.flange_poses(panda.home[None])[0]
+    np.testing.assert_allclose(there.flange_poses(there.home[None])[0], T @ at_home, atol=1e-12)
+    with pytest.raises(dn.ArmError, match="T_world_base"):
+        dn.load_arm("panda", base=np.ones((4, 4)))
