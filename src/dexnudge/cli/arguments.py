@@ -220,6 +220,15 @@ class Losses:
         return {name.removeprefix("weight_"): value for name, value in vars(self).items() if value is not None}
 
 
+def is_number(text: str) -> bool:
+    """Whether a word is a number, NaN and infinity among them."""
+    try:
+        float(text)
+    except ValueError:
+        return False
+    return True
+
+
 def stdout() -> Console:
     """Return the console for results."""
     from rich.console import Console

@@ -131,21 +131,15 @@ def parse(name: str, kind: Any, options: Sequence[str]) -> Any:
 
 
 def _check_vectors(options: Sequence[str]) -> None:
+    from dexnudge.cli.arguments import is_number
+
     for place, option in enumerate(options):
         flag, _, value = option.partition("=")
         if flag in VECTORS:
             given = [value] if value else list(options[place + 1 : place + 4])
-            if len(given) < 3 or not all(map(_is_number, given)):
+            if len(given) < 3 or not all(map(is_number, given)):
                 got = " ".join(itertools.takewhile(lambda text: not text.startswith("--"), given)) or "nothing"
                 raise InputError(f"{flag} got {got}; expected three numbers: {flag} {VECTORS[flag]}")
-
-
-def _is_number(text: str) -> bool:
-    try:
-        float(text)
-    except ValueError:
-        return False
-    return True
 
 
 def run() -> None:

@@ -37,31 +37,31 @@ def unit_motion(value: Any) -> Float[np.ndarray, "3"]:
     return motion / float(np.linalg.norm(motion))
 
 
-def load_pose(path: str | Path) -> Float[np.ndarray, "4 4"]:
-    """Read T_world_object from a JSON file: the 4 x 4 list, alone or named, or "position" [m] and "quaternion_wxyz".
+def load_pose(path: str | Path, key: str = POSE_KEY, argument: str = "object_pose") -> Float[np.ndarray, "4 4"]:
+    """Read a pose from a JSON file: the 4 x 4 list, alone or named `key`, or "position" [m] and "quaternion_wxyz".
 
     Raises:
         SceneError: missing, malformed, or not a rigid pose.
     """
-    check_path("object_pose", path, SceneError)
+    check_path(argument, path, SceneError)
     path = Path(path)
     content = read_json(path)
     if (
         isinstance(content, list) and all(isinstance(row, list) for row in content) and len(content) > 1
     ):  # the bare matrix
-        content = {POSE_KEY: content}
+        content = {key: content}
     if not isinstance(content, dict):
         raise SceneError(f"{path}: holds a JSON {type(content).__name__}; expected an object with named values")
-    if POSE_KEY in content and (POSITION_KEY in content or QUATERNION_KEY in content):
+    if key in content and (POSITION_KEY in content or QUATERNION_KEY in content):
         raise SceneError(
-            f"{path}: holds the pose twice, as {POSE_KEY!r} and as {POSITION_KEY!r} or {QUATERNION_KEY!r}; expected one "
+            f"{path}: holds the pose twice, as {key!r} and as {POSITION_KEY!r} or {QUATERNION_KEY!r}; expected one "
             "of them; remove the other"
         )
-    if POSE_KEY in content:
-        return rigid_transform(content[POSE_KEY], f"{path}: {POSE_KEY}")
+    if key in content:
+        return rigid_transform(content[key], f"{path}: {key}")
     if POSITION_KEY not in content or QUATERNION_KEY not in content:
         raise SceneError(
-            f"{path}: holds {', '.join(map(repr, content)) or 'nothing'}; expected {POSE_KEY!r} (4 x 4), or "
+            f"{path}: holds {', '.join(map(repr, content)) or 'nothing'}; expected {key!r} (4 x 4), or "
             f"{POSITION_KEY!r} (x, y, z in metres) and {QUATERNION_KEY!r}"
         )
     position = _vector(content[POSITION_KEY], 3, POSITION_KEY, path)
@@ -72,7 +72,7 @@ def load_pose(path: str | Path) -> Float[np.ndarray, "4 4"]:
     pose = np.eye(4)
     pose[:3, :3] = trimesh.transformations.quaternion_matrix(quaternion / norm)[:3, :3]
     pose[:3, 3] = position
-    return rigid_transform(pose)
+    return rigid_transform(pose, key)
 
 
 def _vector(value: Any, size: int, key: str, path: Path) -> np.ndarray:

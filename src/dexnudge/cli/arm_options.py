@@ -1,0 +1,99 @@
+"""The arm that `arm`, `sample`, `plan` and `find-base` are about: its options, and poses typed by hand."""
+
+from __future__ import annotations
+
+from dataclasses import dataclass
+from pathlib import Path
+from typing import TYPE_CHECKING, Annotated, Any
+
+from dexnudge.cli.arguments import is_number, metavar
+from dexnudge.errors import ArmError, SceneError
+
+if TYPE_CHECKING:
+    import numpy as np
+
+    from dexnudge.arms.robot import Robot
+    from dexnudge.hands.hand import Hand
+    from dexnudge.scenes.scene import Scene
+
+Pose = Annotated[tuple[str, ...], metavar("JSON|X Y Z [ROLL PITCH YAW]")]
+
+
+@dataclass(frozen=True, kw_only=True)
+class MountOptions:
+    """How the hand is mounted."""
+
+    mount: Pose = ()
+    """Pose of the hand's base, or of its palm where it has none, in the flange's frame: a JSON file with T_flange_mount, or
+    metres and degrees; one that fits hand and arm unless given."""
+
+    def T_flange_mount(self) -> np.ndarray | None:
+        """Return the pose that the user gave; None without one."""
+        return typed_pose("mount", self.mount, "T_flange_mount")
+
+
+@dataclass(frozen=True, kw_only=True)
+class ArmOptions(MountOptions):
+    """The arm that carries the hand, and where it stands."""
+
+    arm: Annotated[str | None, metavar("NAME_OR_FILE")] = None
+    """Built-in arm, or a URDF or MJCF file; an unknown name lists them."""
+    arm_base: Pose = ()
+    """Where it stands: a JSON file with T_world_base, or metres and degrees; 0.6 m from the object in the direction of its
+    motion unless given."""
+
+    def robot(self, hand: Hand, scene: Scene) -> Robot | None:
+        """Return the arm with the hand where it stands in a scene; None without an arm.
+
+        Raises:
+            ArmError, UnknownNameError: no such arm, or it cannot stand or carry the hand so.
+        """
+        from dexnudge.arms.mounting import mount
+        from dexnudge.arms.registry import load_arm
+        from dexnudge.arms.standing import check_base, default_base
+
+        if self.arm is None:
+            given = [f"`{name}`" for name in ("arm_base", "mount") if getattr(self, name)]
+            if given:
+                raise ArmError(f"{' and '.join(given)} given without `arm`; name the arm, or leave it out")
+            return None
+        base, arm = typed_pose("arm_base", self.arm_base, "T_world_base"), load_arm(self.arm)
+        robot = mount(arm.standing_at(default_base(arm, scene) if base is None else base), hand, self.T_flange_mount())
+        check_base(robot, scene)
+        return robot
+
+
+def typed_pose(argument: str, words: tuple[str, ...], key: str) -> Any:
+    """Return the (4, 4) pose that the words of an option mean; None without any.
+
+    words: a JSON file; or x, y, z [m], and roll, pitch and yaw [deg], as URDF has them: about the fixed axes x, y, z.
+
+    Raises:
+        ArmError: neither, or no rigid pose.
+    """
+    if not words:
+        return None
+    if len(words) == 1 and not is_number(words[0]):
+        from dexnudge.scenes.poses import load_pose
+
+        try:
+            return load_pose(Path(words[0]), key, argument)
+        except SceneError as error:
+            raise ArmError(f"`{argument}`: {error}") from error
+    if len(words) not in (3, 6) or not all(map(is_number, words)):
+        raise ArmError(
+            f"`{argument}` got {' '.join(words)}; expected a JSON file, or X Y Z [m] and, for a turn, ROLL PITCH YAW [deg]"
+        )
+    import numpy as np
+    from scipy.spatial.transform import Rotation
+
+    from dexnudge.arms.arm import rigid_pose
+
+    numbers = np.array([float(word) for word in words])
+    pose = np.eye(4)
+    pose[:3, 3] = numbers[:3]
+    if len(numbers) == 6 and np.isfinite(numbers).all():
+        pose[:3, :3] = Rotation.from_euler("xyz", numbers[3:], degrees=True).as_matrix()
+    elif not np.isfinite(numbers).all():
+        raise ArmError(f"`{argument}` got {' '.join(words)}; expected finite numbers")
+    return rigid_pose(pose, f"`{argument}`")
