@@ -9,7 +9,7 @@ import torch
 import yourdfpy
 from scipy.spatial.transform import Rotation
 
-from dexnudge.arms.export import SERVO_DELAY, export_robot, robot_actuators, robot_drives
+from dexnudge.arms.export import ARM_DAMPING_TIME, export_robot, robot_actuators, robot_drives
 from dexnudge.arms.named.panda import panda
 from dexnudge.arms.robot import Robot
 from dexnudge.hands.registry import load_hand
@@ -84,15 +84,18 @@ def test_pinocchio_puts_every_link_where_it_is(robot, urdf, position, links):
         np.testing.assert_allclose(data.oMf[model.getFrameId(name)].homogeneous, pose, atol=1e-9)
 
 
-def test_every_motor_of_the_mjcf_is_a_servo_with_the_same_delay(robot, urdf):
+def test_every_motor_of_the_mjcf_is_a_servo_whose_damping_the_plan_knows(robot, urdf):
     model = mujoco.MjModel.from_xml_path(str(urdf.with_name("robot.xml")))
     motors = robot_actuators(robot)
     assert [model.actuator(index).name for index in range(model.nu)] == [motor.name for motor in motors]
     assert {name for motor in motors for name in motor.joints} == set(robot.joint_names)
     for index, motor in enumerate(motors):
         assert model.actuator_gainprm[index, 0] == motor.kp
-        assert model.actuator_biasprm[index, 1:3] == pytest.approx((-motor.kp, -motor.kv))
-        assert motor.kv / motor.kp == pytest.approx(SERVO_DELAY)
+        assert model.actuator_biasprm[index, 1:3] == pytest.approx((-motor.kp, -motor.own_kv))
+        damping = [model.dof_damping[model.joint(name).dofadr[0]] for name in motor.joints]
+        assert motor.kv == pytest.approx(motor.own_kv + np.mean(damping) / len(damping))
+        if index < robot.arm.num_joints:
+            assert motor.kv / motor.kp == pytest.approx(ARM_DAMPING_TIME)
         assert model.actuator_forcerange[index] == pytest.approx((-motor.effort, motor.effort))
     assert not model.actuator_ctrllimited.any()
     assert not model.dof_damping[: robot.arm.num_joints].any()

@@ -30,7 +30,7 @@ WORLD, STAND = "world", "world_base"  # the URDF's root and the joint below it
 URDF, MJCF, HAND_FOLDER = "robot.urdf", "robot.xml", "hand"
 ROBOT_FILES = (URDF, MJCF, f"{MESH_FOLDER}/*.obj", *(f"{HAND_FOLDER}/{file}" for file in HAND_FILES))
 """What `export_robot` writes, as patterns of paths."""
-SERVO_DELAY = 0.05  # [s] kv / kp of every motor: all joints lag alike, so that what lags stays on its path
+ARM_DAMPING_TIME = 0.05  # [s] kv / kp of an arm's motor: critical where 2 kg m^2 turn, as at a stretched arm's shoulder
 ARM_STIFFNESS = 40.0  # [1/rad] kp per effort limit: at the limit an arm's joint gives way by 1.4 degrees
 ARM_ARMATURE = 0.1  # [kg m^2] of an arm's geared motors, as MuJoCo Menagerie has it for the Panda
 
@@ -38,18 +38,18 @@ ARM_ARMATURE = 0.1  # [kg m^2] of an arm's geared motors, as MuJoCo Menagerie ha
 def robot_drives(robot: Robot) -> JointDrives:
     """Return what drives arm and hand: the arm's published effort and velocity, the hand's nominal ones.
 
-    The motors alone damp the joints, by the same time constant kv / kp = 0.05 s. The arm's stiffness is in proportion to
-    its effort.
+    The arm's stiffness is in proportion to its effort, and its motors damp it. The hand's joints are damped as when it is
+    alone: a tendon's motor could not keep its two joints from swinging against each other.
     """
     limits, nominal, arm = robot.limits, nominal_drives(robot.body), robot.arm.num_joints
     scale = robot.body.joint_scales[:arm]
-    kp = np.concatenate([ARM_STIFFNESS * limits.effort[:arm] / scale, nominal.kp[arm:]])
+    kp = ARM_STIFFNESS * limits.effort[:arm] / scale
     return JointDrives(
         effort=limits.effort,
         velocity=limits.velocity,
-        kp=kp,
-        kv=SERVO_DELAY * kp,
-        damping=np.zeros(len(kp)),
+        kp=np.concatenate([kp, nominal.kp[arm:]]),
+        kv=np.concatenate([ARM_DAMPING_TIME * kp, nominal.kv[arm:]]),
+        damping=np.concatenate([np.zeros(arm), nominal.damping[arm:]]),
         armature=np.concatenate([ARM_ARMATURE / scale**2, nominal.armature[arm:]]),
     )
 

@@ -117,8 +117,8 @@ def _add_motors(model: Element, hand: Hand, drives: JointDrives) -> None:
             SubElement(element, "joint", joint=leader, coef=numbers([sign]))
     for motor in actuators(hand, drives):
         values = {"kp": [motor.kp], "forcerange": [-motor.effort, motor.effort]}
-        if motor.kv:
-            values["kv"] = [motor.kv]
+        if motor.own_kv:
+            values["kv"] = [motor.own_kv]
         values["ctrlrange"] = [motor.lower, motor.upper]
         moved = "joint" if motor.name in hand.joint_names else "tendon"
         attributes = {key: numbers(value) for key, value in values.items()}

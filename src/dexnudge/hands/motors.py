@@ -52,7 +52,8 @@ class Actuator:
     """A motor.
 
     name: the joint's, or "FOLLOWER+LEADER" of two joints on one tendon. joints: joint -> how far the motor moves for a unit
-    of the joint; its position is the sum over them. lower, upper: of its position. kp, kv, effort: see `JointDrives`.
+    of the joint; its position is the sum over them. lower, upper: of its position. kp, effort: see `JointDrives`. kv: force
+    for unit velocity, by which motor and joints are damped; own_kv: the motor's part of it.
     """
 
     name: str
@@ -61,6 +62,7 @@ class Actuator:
     upper: float
     kp: float
     kv: float
+    own_kv: float
     effort: float
 
 
@@ -76,7 +78,8 @@ def actuators(hand: Hand, drives: JointDrives) -> list[Actuator]:
             lower=float(hand.lower[indices].sum()),
             upper=float(hand.upper[indices].sum()),
             kp=float(drives.kp[indices[0]]),
-            kv=float(drives.kv[indices[0]]),
+            kv=float((drives.kv + drives.damping / len(indices))[indices[0]]),  # joints on a tendon share the velocity
+            own_kv=float(drives.kv[indices[0]]),
             effort=float(drives.effort[indices[0]]),
         )
         for names, indices in [*own, *shared]
