@@ -10,8 +10,18 @@ from jaxtyping import Float
 
 from dexnudge.trajectories.plan import JointTrajectory
 
-# Hermite's quintic on [0, 1]: coefficients of x^3, x^4, x^5 by p1 - p0 - v0 - a0/2, v1 - v0 - a0, a1 - a0.
-HERMITE = np.array([[10.0, -4.0, 0.5], [-15.0, 7.0, -1.0], [6.0, -3.0, 0.5]])
+# Powers 0 to 5 of x on [0, 1] by p0, v0, a0, p1, v1, a1, where velocities are by x and accelerations by x twice.
+QUINTIC = np.array(
+    [
+        [1.0, 0.0, 0.0, 0.0, 0.0, 0.0],
+        [0.0, 1.0, 0.0, 0.0, 0.0, 0.0],
+        [0.0, 0.0, 0.5, 0.0, 0.0, 0.0],
+        [-10.0, -6.0, -1.5, 10.0, -4.0, 0.5],
+        [15.0, 8.0, 1.5, -15.0, 7.0, -1.0],
+        [-6.0, -3.0, -0.5, 6.0, -3.0, 0.5],
+    ]
+)
+DERIVATIVE = np.diag(np.arange(1.0, 6.0), 1)  # of a polynomial's coefficients, lowest power first
 
 
 class JointState(NamedTuple):
@@ -26,33 +36,49 @@ class JointState(NamedTuple):
 def at(trajectory: JointTrajectory, time: Float[np.ndarray, " t"]) -> JointState:
     """Return where the joints are and how they move at times [s].
 
-    Before the first and after the last sample the joints rest there. The jerk jumps at samples: there it is the
-    jerk of the piece that begins, and at the end of the trajectory of the last one.
+    Before the first sample and after the last the joints rest where these are. At a sample, where the jerk jumps, it is
+    that of the piece which begins there; at the last, of the piece which ends there.
     """
     knots = trajectory.time
-    if len(knots) == 1:
-        still = np.zeros((len(time), trajectory.position.shape[1]))
-        return JointState(trajectory.position[0] + still, still, still, still)
-    piece = np.clip(np.searchsorted(knots, time, side="right") - 1, 0, len(knots) - 2)
+    inside = time.clip(knots[0], knots[-1])
+    piece = np.clip(np.searchsorted(knots, inside, side="right") - 1, 0, len(knots) - 2)
     length = np.diff(knots)[piece]
-    share = (time - knots[piece]) / length
-    inside = at_shares(trajectory, piece, np.clip(share, 0.0, 1.0))
-    outside = ((time < knots[0]) | (time > knots[-1]))[:, None]
-    return JointState(inside.position, *(np.where(outside, 0.0, values) for values in inside[1:]))
+    powers = ((inside - knots[piece]) / length)[:, None] ** np.arange(6)
+    coefficients = _coefficients(trajectory)
+    moving = (inside == time)[:, None]
+    states = []
+    for order in range(4):
+        values = np.einsum("tp,tpn->tn", powers, coefficients[piece]) / length[:, None] ** order
+        states.append(values if order == 0 else np.where(moving, values, 0.0))
+        coefficients = DERIVATIVE @ coefficients
+    return JointState(*states)
 
 
-def at_shares(trajectory: JointTrajectory, piece: np.ndarray, share: Float[np.ndarray, " t"]) -> JointState:
-    """Return the state in pieces between samples, at shares of their durations, 0 to 1; sides of a sample differ."""
-    h = np.diff(trajectory.time)[piece][:, None]
-    x = share[:, None]
-    p0, p1 = trajectory.position[piece], trajectory.position[piece + 1]
-    v0, v1 = trajectory.velocity[piece] * h, trajectory.velocity[piece + 1] * h
-    a0, a1 = trajectory.acceleration[piece] * h**2, trajectory.acceleration[piece + 1] * h**2
-    ends = np.stack([p1 - p0 - v0 - a0 / 2, v1 - v0 - a0, a1 - a0])
-    c3, c4, c5 = np.einsum("cd,dtn->ctn", HERMITE, ends)
-    return JointState(
-        p0 + x * (v0 + x * (a0 / 2 + x * (c3 + x * (c4 + x * c5)))),
-        (v0 + x * (a0 + x * (3 * c3 + x * (4 * c4 + x * 5 * c5)))) / h,
-        (a0 + x * (6 * c3 + x * (12 * c4 + x * 20 * c5))) / h**2,
-        (6 * c3 + x * (24 * c4 + x * 60 * c5)) / h**3,
-    )
+def densely(trajectory: JointTrajectory, interval: float) -> tuple[Float[np.ndarray, " t"], JointState]:
+    """Return times [s] at most an interval apart, and the states there; at inner samples on both sides of the jump."""
+    pieces = np.diff(trajectory.time)
+    steps = np.maximum(np.ceil(pieces / interval - 1e-6), 1).astype(int)
+    coefficients = _coefficients(trajectory)
+    times, states = [], []
+    for number in np.unique(steps):
+        chosen = steps == number
+        share = np.linspace(0.0, 1.0, number + 1)
+        length = pieces[chosen][:, None]
+        times.append((trajectory.time[:-1][chosen][:, None] + share * length).ravel())
+        powers, derived = share[:, None] ** np.arange(6), np.eye(6)
+        for_orders = []
+        for order in range(4):
+            values = (powers @ derived) @ coefficients[chosen] / length[..., None] ** order
+            for_orders.append(values.reshape(-1, values.shape[-1]))
+            derived = DERIVATIVE @ derived
+        states.append(for_orders)
+    return np.concatenate(times), JointState(*(np.concatenate(parts) for parts in zip(*states, strict=True)))
+
+
+def _coefficients(trajectory: JointTrajectory) -> Float[np.ndarray, "piece 6 n"]:
+    """Return each piece's polynomial in the share of its duration, lowest power first."""
+    h = np.diff(trajectory.time)[:, None]
+    position, velocity, acceleration = trajectory.position, trajectory.velocity, trajectory.acceleration
+    starts = [position[:-1], velocity[:-1] * h, acceleration[:-1] * h**2]
+    ends = [position[1:], velocity[1:] * h, acceleration[1:] * h**2]
+    return np.asarray(QUINTIC @ np.stack([*starts, *ends], axis=1))

@@ -7,7 +7,7 @@ import numpy as np
 from jaxtyping import Float
 
 from dexnudge.arms.arm import JointLimits
-from dexnudge.trajectories.interpolation import at_shares
+from dexnudge.trajectories.interpolation import densely
 from dexnudge.trajectories.plan import JointTrajectory
 
 CHECK_INTERVAL = 0.001  # [s] controllers of arms run at 1 kHz
@@ -56,18 +56,9 @@ def limits_used(
     """
     joints = trajectory.position.shape[1]
     names = joint_names or [str(number + 1) for number in range(joints)]
-    pieces = np.diff(trajectory.time)
-    steps = np.maximum(np.ceil(pieces / CHECK_INTERVAL - TOLERANCE), 1).astype(int) + 1
-    piece = np.repeat(np.arange(len(pieces)), steps)
-    step = np.arange(len(piece)) - np.repeat(np.cumsum(steps) - steps, steps)
-    share = step / np.repeat(steps - 1, steps)  # both ends of each piece: the jerk jumps at samples
-    state = at_shares(trajectory, piece, share)
-    time = trajectory.time[piece] + share * pieces[piece]
-    middle, half = (limits.lower + limits.upper) / 2, (limits.upper - limits.lower) / 2
-    unlimited = ~np.isfinite(half)
-    offset = np.where(unlimited, 0.0, np.abs(state.position - np.where(unlimited, 0.0, middle)))
+    time, state = densely(trajectory, CHECK_INTERVAL)
     used = {
-        "position": offset / np.where(half > 0, half, TOLERANCE),
+        "position": _share_of_range(state.position, limits),
         "velocity": np.abs(state.velocity) / limits.velocity,
         "acceleration": np.abs(state.acceleration) / limits.acceleration,
         "jerk": np.abs(state.jerk) / limits.jerk,
@@ -79,3 +70,11 @@ def limits_used(
             if shares[row, joint] > 1 + TOLERANCE:
                 exceeded.append(Exceeded(names[joint], limit, float(shares[row, joint]), float(time[row])))
     return LimitsUsed(**{limit: shares.max(axis=0) for limit, shares in used.items()}, exceeded=tuple(exceeded))
+
+
+def _share_of_range(position: Float[np.ndarray, "t n"], limits: JointLimits) -> Float[np.ndarray, "t n"]:
+    """Return 0 in the middle of each joint's range, 1 at its ends; 0 for joints that turn without end."""
+    limited = np.isfinite(limits.lower) & np.isfinite(limits.upper)
+    lower, upper = np.where(limited, limits.lower, 0.0), np.where(limited, limits.upper, 0.0)
+    offset = np.abs(position - (lower + upper) / 2)
+    return np.where(limited, offset / np.maximum((upper - lower) / 2, TOLERANCE), 0.0)

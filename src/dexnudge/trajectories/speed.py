@@ -1,91 +1,62 @@
-"""How fast a way is passed: stretches with limits of their own on speed, its change and its jerk, each by ruckig."""
-
-from dataclasses import dataclass
-from itertools import pairwise
+"""How fast a way q(s) is passed: s(t), from rest to rest."""
 
 import numpy as np
+from jaxtyping import Float
 from ruckig import InputParameter, Result, Ruckig, Trajectory
-from scipy.interpolate import PPoly
+from scipy.interpolate import BSpline, PPoly
+
+from dexnudge.arms.arm import JointLimits
+
+GRID = 100  # places at least along a way at which limits are kept exactly
+GRID_OF_PIECE = 12  # and at least along each polynomial: with 6, accelerations exceed limits by 5 % between them
+STILL = 1e-12  # [rad/s] of a joint that does not move, in place of zero
 
 
-@dataclass(frozen=True)
-class Stretch:
-    """A part of a way, `length` long, and what ds/dt and its first and second derivatives may be on it.
-
-    The acceleration is zero at its ends. With acceleration 0 it is passed at constant speed.
-    """
-
-    length: float
-    speed: float
-    acceleration: float
-    jerk: float
-
-
-def speed_profile(stretches: list[Stretch]) -> PPoly:
-    """Return s(t) from rest to rest over all stretches: pieces of constant jerk, the fastest with these limits."""
-    speeds = _boundary_speeds(stretches)
-    start = [0.0]
-    coefficients = []
-    t, s = 0.0, 0.0
-    for stretch, v0, v1 in zip(stretches, speeds[:-1], speeds[1:], strict=True):
-        for duration, jerk, acceleration, speed, place in _pieces(stretch, v0, v1):
-            if duration <= 0:
-                continue
-            coefficients.append([jerk / 6, acceleration / 2, speed, s + place])
-            t += duration
-            start.append(t)
-        s += stretch.length
-    return PPoly(np.array(coefficients).T, np.array(start))
-
-
-def _pieces(stretch: Stretch, v0: float, v1: float) -> list[tuple[float, ...]]:
-    """Return duration, jerk, and acceleration, speed and place at the start, of each piece of constant jerk."""
-    if stretch.length == 0:
-        return []
-    if stretch.acceleration == 0:
-        return [(stretch.length / v0, 0.0, 0.0, v0, 0.0)]
+def straight_profile(tangent: Float[np.ndarray, " n"], length: float, limits: JointLimits) -> PPoly:
+    """Return the fastest s(t) along q = tangent s, to s = length, with all limits, the jerk's too."""
+    size = np.maximum(np.abs(tangent), STILL)
     wanted, found = InputParameter(1), Trajectory(1)
-    wanted.current_velocity, wanted.target_velocity = [v0], [v1]
-    wanted.target_position = [stretch.length]
-    wanted.max_velocity = [max(stretch.speed, v0, v1)]
-    wanted.max_acceleration, wanted.max_jerk = [stretch.acceleration], [stretch.jerk]
+    wanted.target_position = [length]
+    wanted.max_velocity = [float((limits.velocity / size).min())]
+    wanted.max_acceleration = [float((limits.acceleration / size).min())]
+    wanted.max_jerk = [float((limits.jerk / size).min())]
     result = Ruckig(1).calculate(wanted, found)
     if result != Result.Working:
-        raise ArithmeticError(f"ruckig found no profile for {stretch} from {v0} to {v1}: {result}")
+        raise ArithmeticError(f"ruckig finds no profile for {length} along {tangent}: {result}")
     profile = found.profiles[0][0]
-    last = slice(len(profile.t))  # of these three also the end is given
-    return list(zip(profile.t, profile.j, profile.a[last], profile.v[last], profile.p[last], strict=True))
+    duration = np.array(profile.t)
+    rows = np.array([np.array(profile.j) / 6, np.array(profile.a[:7]) / 2, profile.v[:7], profile.p[:7]])
+    kept = duration > 0
+    return PPoly(rows[:, kept], np.r_[0.0, np.cumsum(duration[kept])])
 
 
-def _boundary_speeds(stretches: list[Stretch]) -> list[float]:
-    """Return the greatest speeds between stretches that can be reached from rest and come to rest."""
-    speeds = [0.0, *(min(one.speed, other.speed) for one, other in pairwise(stretches)), 0.0]
-    for number, stretch in enumerate(stretches):
-        speeds[number + 1] = min(speeds[number + 1], _reachable(stretch, speeds[number]))
-    for number, stretch in reversed(list(enumerate(stretches))):
-        speeds[number] = min(speeds[number], _reachable(stretch, speeds[number + 1]))
-    return speeds
+def fastest_profile(way: PPoly | BSpline, breaks: Float[np.ndarray, " knot"], limits: JointLimits) -> PPoly | None:
+    """Return the fastest s(t) along a way within velocity and acceleration limits, by TOPP-RA; None if that fails.
 
+    breaks: of s, between which the way is a polynomial; s(t) is quadratic between places that hold them.
+    """
+    from toppra import constraint  # here: it brings matplotlib
+    from toppra.algorithm import TOPPRA
+    from toppra.interpolator import AbstractGeometricPath
 
-def _reachable(stretch: Stretch, speed: float) -> float:
-    """Return the greatest speed to which `speed` can change over a stretch, without acceleration at its ends."""
-    if stretch.acceleration == 0:
-        return speed
-    low, high = speed, max(stretch.speed, speed)
-    if _distance(stretch, speed, high) <= stretch.length:
-        return high
-    for _ in range(50):
-        middle = (low + high) / 2
-        low, high = (middle, high) if _distance(stretch, speed, middle) <= stretch.length else (low, middle)
-    return low
+    class Path(AbstractGeometricPath):
+        dof = len(limits.velocity)
+        path_interval = breaks[[0, -1]]
+        waypoints = None
 
+        def __call__(self, path_positions: np.ndarray, order: int = 0) -> np.ndarray:
+            return np.asarray(way(path_positions, order))
 
-def _distance(stretch: Stretch, slow: float, fast: float) -> float:
-    """Return how far one comes while the speed changes: S-shaped, and so at the mean of both."""
-    change, ramp = fast - slow, stretch.acceleration / stretch.jerk
-    duration = (
-        change / stretch.acceleration + ramp
-        if change >= stretch.acceleration * ramp
-        else 2 * (change / stretch.jerk) ** 0.5
-    )
-    return duration * (slow + fast) / 2
+    lengths = np.diff(breaks)
+    parts = np.maximum(GRID_OF_PIECE, np.ceil(lengths * (GRID / lengths.sum()))).astype(int)
+    starts = zip(breaks[:-1], lengths, parts, strict=True)
+    pieces = [start + length * np.arange(part) / part for start, length, part in starts]
+    grid = np.r_[np.concatenate(pieces), breaks[-1]]
+    bounds = [np.stack([-values, values], axis=1) for values in (limits.velocity, limits.acceleration)]
+    constraints = [constraint.JointVelocityConstraint(bounds[0]), constraint.JointAccelerationConstraint(bounds[1])]
+    speed = TOPPRA(constraints, Path(), gridpoints=grid).compute_parameterization(0.0, 0.0)[1]
+    if speed is None or not np.isfinite(speed).all() or (speed[1:-1] <= 0).any():
+        return None
+    duration = 2 * np.diff(grid) / (speed[1:] + speed[:-1])
+    rows = np.array([np.diff(speed) / duration / 2, speed[:-1], grid[:-1]])
+    return PPoly(rows, np.r_[0.0, np.cumsum(duration)])

@@ -1,28 +1,34 @@
 """From ways in joint space to trajectories within velocity, acceleration and jerk limits, sampled on one grid.
 
-A way q(s) is passed with a speed ds/dt that ruckig plans stretch by stretch; q(s(t)) is then smoothed by a moving
-average over one interval of the grid, which keeps every limit, since it averages admissible trajectories.
+A straight motion is timed by ruckig, with its limits of jerk. Another way q(s) is passed as fast as velocities and
+accelerations allow (TOPP-RA); a moving average over q(s(t)) then bounds the jerk, for the time of its window, once.
 """
 
 from dataclasses import replace
+from itertools import pairwise
 
 import numpy as np
 from jaxtyping import Float
-from scipy.interpolate import BSpline, PPoly
+from scipy.interpolate import PPoly
 
 from dexnudge.arms.arm import JointLimits
+from dexnudge.trajectories.averaging import Motion
 from dexnudge.trajectories.corners import rounded_polyline
-from dexnudge.trajectories.limits import limits_used
+from dexnudge.trajectories.limits import TOLERANCE, limits_used
 from dexnudge.trajectories.plan import JointTrajectory
-from dexnudge.trajectories.speed import speed_profile
-from dexnudge.trajectories.ways import smooth_way, way_stretches
+from dexnudge.trajectories.speed import fastest_profile, straight_profile
+from dexnudge.trajectories.ways import smooth_way
 
 SAMPLE_INTERVAL = 0.01  # [s] between the samples of every trajectory, which all lie on multiples of it
 SHARE = 0.95  # of velocity, acceleration and jerk limits that plans use: what is left is the controller's
 CORNER = 0.03  # [rad] how far a joint may leave the polyline where it turns
-RAMP = 0.2  # [s] an object is brought to the 0.05 m/s of a push with a fortieth of gravity's acceleration
-WINDOW = 10  # parts of SAMPLE_INTERVAL over which the moving average goes
+WAY_DEVIATION = 0.001  # [rad] how far the moving average may take a joint from a way
+RAMP = 0.2  # [s] an object is brought to the 0.05 m/s of a push with a twentieth of gravity's acceleration
+TRIES = 50  # three are usual
+HEADROOM = 1e-4  # what is slowed down is slowed down by so much more, or it would take several tries
 DISTINCT = 1e-9  # [rad] waypoints nearer than this are one
+LARGEST_JUMP = 1e-6  # [rad], [rad/s], [rad/s^2] between trajectories that are joined: rounding
+UNHURRIED = 100.0  # times the mean speed that the joints allow: it bounds nothing
 
 
 def time_optimal(
@@ -30,17 +36,20 @@ def time_optimal(
 ) -> JointTrajectory:
     """Return the fastest passage of a polyline in joint space, from rest to rest, efforts zero.
 
-    Corners are rounded: no joint leaves the polyline by more than `corner` [rad] (plus 0.1 mrad). With 0 the joints
-    stop at each waypoint and stay on the straight lines. share: of the limits that may be used.
+    Corners are rounded: no joint leaves the polyline by more than about `corner` [rad]. With 0 the joints stop at each
+    waypoint and stay on the straight lines. share: of the limits that may be used.
     """
     path = np.asarray(path, dtype=float)
-    keep = np.r_[True, np.abs(np.diff(path, axis=0)).max(axis=1, initial=0.0) > DISTINCT]
-    path = path[keep]
+    path = path[np.r_[True, np.abs(np.diff(path, axis=0)).max(axis=1, initial=0.0) > DISTINCT]]
+    used = _shared(limits, share)
     if len(path) == 1:
         return hold(path[0], SAMPLE_INTERVAL)
-    used = shared(limits, share)
-    way, stretches = rounded_polyline(path, used, corner)
-    return _sampled(way, speed_profile(stretches), used, path[-1])
+    if len(path) > 2 and corner > 0:
+        way = rounded_polyline(path, used.velocity, corner / 2)
+        profile = fastest_profile(way, way.x, _near(used, corner / 2))
+        if profile is not None:
+            return _sampled(Motion(way, profile), used, path[-1])
+    return concatenated(*(_straight(start, goal, used) for start, goal in pairwise(path)))
 
 
 def timed_way(
@@ -54,17 +63,28 @@ def timed_way(
 ) -> JointTrajectory:
     """Return a passage at constant speed of a way given by dense stations, from rest to rest, efforts zero.
 
-    progress: increasing, [m] or another unit. speed: of progress [unit/s]; None: as fast as the limits allow, which
-    it is too where they do not allow `speed`. ramp: in which `speed` is reached at the earliest [s]. The way is
-    smoothed: positions may carry 0.01 mrad of noise.
+    progress: increasing, [m] or another unit. speed: of progress [unit/s]; less where the limits demand it; None: as
+    fast as they allow. ramp: in which `speed` is reached and left [s]. The way is smoothed: positions may carry
+    0.01 mrad of noise.
     """
-    path = np.asarray(path, dtype=float)
-    if len(path) == 1 or np.abs(path - path[0]).max() <= DISTINCT:
-        seconds = 0.0 if speed is None or len(path) == 1 else (progress[-1] - progress[0]) / speed
-        return hold(path[0], max(seconds, SAMPLE_INTERVAL))
-    used = shared(limits, share)
-    way = smooth_way(path, np.asarray(progress, dtype=float) - progress[0])
-    return _sampled(way, speed_profile(way_stretches(way, used, speed, ramp)), used, path[-1])
+    path, progress = np.asarray(path, dtype=float), np.asarray(progress, dtype=float)
+    progress = progress - progress[0]
+    used = _shared(limits, share)
+    fastest = (np.abs(np.diff(path, axis=0)) / used.velocity).max(axis=1, initial=0.0).sum()
+    if len(path) == 1 or (speed is None and fastest == 0):
+        return hold(path[0], SAMPLE_INTERVAL)
+    s = progress / speed if speed is not None else progress * (fastest / progress[-1])
+    stations = np.column_stack([path, s])
+    progress_limits = _of_progress(speed, ramp)
+    lower, upper = (np.r_[bound, edge] for bound, edge in ((used.lower, 0.0), (used.upper, s[-1])))
+    way = smooth_way(stations, s, np.minimum(lower, stations.min(axis=0)), np.maximum(upper, stations.max(axis=0)))
+    profile = fastest_profile(way, np.unique(way.t), _near(used, WAY_DEVIATION) + progress_limits)
+    if profile is None:
+        raise ArithmeticError("TOPP-RA finds no passage of the way")
+    found = _sampled(Motion(way, profile), used + progress_limits, np.r_[path[-1], s[-1]])
+    return JointTrajectory(
+        found.time, *(values[:, :-1] for values in (found.position, found.velocity, found.acceleration, found.effort))
+    )
 
 
 def hold(position: Float[np.ndarray, " n"], seconds: float) -> JointTrajectory:
@@ -75,74 +95,93 @@ def hold(position: Float[np.ndarray, " n"], seconds: float) -> JointTrajectory:
 
 
 def concatenated(*trajectories: JointTrajectory) -> JointTrajectory:
-    """Return trajectories one after another; a sample at a joint stands once, with the effort of what follows.
+    """Return trajectories one after another; the sample at a joint stands once, as the one that follows has it.
 
     Raises:
         ValueError: one does not start where and as the one before ends.
     """
-    first, *others = trajectories
-    parts = {name: [getattr(first, name)] for name in ("time", "position", "velocity", "acceleration", "effort")}
-    end = first
-    for number, other in enumerate(others, start=2):
+    for number, (one, other) in enumerate(pairwise(trajectories), start=2):
         for name in ("position", "velocity", "acceleration"):
-            gap = np.abs(getattr(other, name)[0] - getattr(end, name)[-1]).max()
-            if gap > 1e-6:
+            jump = np.abs(getattr(other, name)[0] - getattr(one, name)[-1]).max()
+            if jump > LARGEST_JUMP:
                 raise ValueError(
-                    f"trajectory {number} does not start where the one before ends: {name} jumps by {gap:.3g}"
+                    f"trajectory {number} does not start as the one before ends: {name} jumps by {jump:.3g}"
                 )
-        start = parts["time"][-1][-1] - other.time[0]
-        parts = {name: [*values[:-1], values[-1][:-1], getattr(other, name)] for name, values in parts.items()}
-        parts["time"][-1] = other.time + start
-        end = other
-    joined = JointTrajectory(**{name: np.concatenate(values) for name, values in parts.items()})
-    steps = np.rint(joined.time / SAMPLE_INTERVAL)
-    on_grid = np.abs(joined.time - steps * SAMPLE_INTERVAL).max() < 1e-9
-    return replace(joined, time=steps * SAMPLE_INTERVAL) if on_grid else joined
+    starts = np.cumsum([0.0, *(each.duration for each in trajectories[:-1])])
+    times = [each.time - each.time[0] + start for each, start in zip(trajectories, starts, strict=True)]
+    time = _joined(times)
+    steps = np.rint(time / SAMPLE_INTERVAL)
+    on_grid = np.abs(time / SAMPLE_INTERVAL - steps).max() < DISTINCT * len(time)
+    return JointTrajectory(
+        time=steps * SAMPLE_INTERVAL if on_grid else time,
+        position=_joined([each.position for each in trajectories]),
+        velocity=_joined([each.velocity for each in trajectories]),
+        acceleration=_joined([each.acceleration for each in trajectories]),
+        effort=_joined([each.effort for each in trajectories]),
+    )
 
 
-def shared(limits: JointLimits, share: float) -> JointLimits:
+def _joined(parts: list[np.ndarray]) -> np.ndarray:
+    return np.concatenate([*(part[:-1] for part in parts[:-1]), parts[-1]])
+
+
+def _of_progress(speed: float | None, ramp: float) -> JointLimits:
+    """Return limits of progress as of one more joint, in units of the speed: a ramp of two equal parts of jerk."""
+    if speed is None:
+        values = (UNHURRIED, UNHURRIED / SAMPLE_INTERVAL, UNHURRIED / SAMPLE_INTERVAL**2)
+    else:
+        values = (1.0, 2 / ramp, 4 / ramp**2)
+    return JointLimits(*(np.array([value]) for value in (-np.inf, np.inf, *values, np.inf)))
+
+
+def _shared(limits: JointLimits, share: float) -> JointLimits:
     """Return limits of which velocity, acceleration and jerk are a share."""
     return replace(
         limits, velocity=limits.velocity * share, acceleration=limits.acceleration * share, jerk=limits.jerk * share
     )
 
 
+def _near(limits: JointLimits, deviation: float) -> JointLimits:
+    """Return limits with accelerations a at which the moving average moves no joint by more than a deviation [rad].
+
+    A window w moves it by at most a w^2 / 24; w is the longest 2 a / jerk of all joints, and what the grid adds.
+    """
+    acceleration = np.minimum(limits.acceleration, np.cbrt(6 * deviation * limits.jerk**2))
+    window = (2 * acceleration / limits.jerk).max() + 2 * SAMPLE_INTERVAL
+    return replace(limits, acceleration=np.minimum(acceleration, 24 * deviation / window**2))
+
+
+def _straight(start: Float[np.ndarray, " n"], goal: Float[np.ndarray, " n"], limits: JointLimits) -> JointTrajectory:
+    way = PPoly(np.stack([goal - start, start])[:, None], np.array([0.0, 1.0]))
+    return _sampled(Motion(way, straight_profile(goal - start, 1.0, limits)), limits, goal, smooth=True)
+
+
 def _intervals(seconds: float) -> int:
-    return int(np.ceil(seconds / SAMPLE_INTERVAL - 1e-9))
+    return int(np.ceil(seconds / SAMPLE_INTERVAL - DISTINCT))
 
 
 def _sampled(
-    way: PPoly | BSpline, profile: PPoly, limits: JointLimits, goal: Float[np.ndarray, " n"]
+    motion: Motion, limits: JointLimits, goal: Float[np.ndarray, " n"], *, smooth: bool = False
 ) -> JointTrajectory:
-    """Return the samples of way(profile(t)), slowed down where the quintics between them exceed limits."""
-    fastest = profile.x[-1]
-    intervals = _intervals(fastest) + 1
-    while True:
-        trajectory = _averaged(way, profile, intervals, goal)
-        stretch = limits_used(trajectory, limits).stretch
-        if stretch <= 1 + 1e-9:
+    """Return samples whose quintics keep limits: averaged for as long as the jerk demands, slower where all else does.
+
+    smooth: the motion keeps the jerk limits by itself, and a longer window would not lower its jerk.
+    """
+    slower, needed = 1.0, SAMPLE_INTERVAL * (1 if smooth else 2)
+    for _ in range(TRIES):
+        intervals = _intervals(motion.duration * slower + needed)
+        window = intervals * SAMPLE_INTERVAL - motion.duration * slower
+        time = np.arange(intervals + 1) * SAMPLE_INTERVAL
+        position, velocity, acceleration = motion.averaged(time, window, slower)
+        position[-1] = goal
+        velocity[-1] = acceleration[-1] = 0.0
+        trajectory = JointTrajectory(time, position, velocity, acceleration, np.zeros_like(position))
+        used = limits_used(trajectory, limits)
+        stretch, jerk = max(used.velocity.max(), used.acceleration.max() ** (1 / 2)), used.jerk.max()
+        if max(stretch, jerk) <= 1 + TOLERANCE:
             return trajectory
-        intervals = max(_intervals(trajectory.duration * stretch), intervals + 1)
-
-
-def _averaged(way: PPoly | BSpline, profile: PPoly, intervals: int, goal: Float[np.ndarray, " n"]) -> JointTrajectory:
-    """Return samples of the moving average over one interval, in `intervals` intervals."""
-    duration = (intervals - 1) * SAMPLE_INTERVAL
-    slower = duration / profile.x[-1]
-    fine = (np.arange(-WINDOW, intervals * WINDOW + 1) * (SAMPLE_INTERVAL / WINDOW)).clip(0.0, duration) / slower
-    s, speed, change = (profile(fine, order) for order in range(3))
-    s = s.clip(0.0, profile(profile.x[-1]))
-    tangent = way(s, 1)
-    values = np.stack(
-        [
-            way(s),
-            tangent * speed[:, None] / slower,
-            (way(s, 2) * speed[:, None] ** 2 + tangent * change[:, None]) / slower**2,
-        ]
-    )
-    windows = np.lib.stride_tricks.sliding_window_view(values, WINDOW + 1, axis=1)[:, ::WINDOW]
-    position, velocity, acceleration = windows.mean(axis=-1)
-    position[-1] = goal
-    velocity[[0, -1]] = acceleration[[0, -1]] = 0.0
-    time = np.arange(intervals + 1) * SAMPLE_INTERVAL
-    return JointTrajectory(time, position, velocity, acceleration, np.zeros_like(position))
+        if smooth or jerk <= 1 + TOLERANCE:
+            slower *= max(stretch, jerk ** (1 / 3)) * (1 + HEADROOM)
+        else:
+            needed = window * jerk
+    raise ArithmeticError(f"no motion within the limits is found; the last one uses {used}")
