@@ -57,6 +57,7 @@ MISTAKEN = {  # expression -> beginning of the message
     "dn.load_samples(None)": "`folder` is None",
     "dn.check(None)": "`folder` is None",
     "dn.load_scene(None)": "`folder` is None",
+    "dn.load_plan(None)": "`path` is None",
     "dn.export_hand(hand, None)": "`folder` is None",
     "dn.verify(scene, hand, samples.q, 3)": "`criteria` is a int; expected a sequence",
     "dn.verify(scene, hand, samples.q, dn.default_criteria()[0])": "`criteria` is a BuiltinCriterion; expected a sequence",

@@ -41,6 +41,8 @@ from dexnudge.scenes.families import build_scene as build_scene, scene_families 
 from dexnudge.finding import Finding as Finding
 from dexnudge.scenes.scene import Scene as Scene, load_scene as load_scene
 from dexnudge.simulation.depth_camera import DepthCamera as DepthCamera, depth_views as depth_views
+from dexnudge.trajectories.plan import JointTrajectory as JointTrajectory, Phase as Phase, Plan as Plan
+from dexnudge.trajectories.plan_folder import load_plan as load_plan
 from dexnudge.verification.criteria import (
     Criterion as Criterion,
     CriterionResult as CriterionResult,

@@ -1,6 +1,7 @@
 """A plan: one trajectory of arm and hand from home to the push and back, in phases."""
 
 from dataclasses import dataclass, field
+from pathlib import Path
 
 import numpy as np
 from jaxtyping import Float
@@ -68,6 +69,21 @@ class Plan:
     phases: tuple[Phase, ...]
     length: float
     seconds: dict[str, float] = field(default_factory=dict)
+
+    def save(self, path: Path | str, *, overwrite: bool = False) -> None:
+        """Write a folder for controllers, simulators and readers (docs/plan_format.md); what `load_plan` reads.
+
+        Args:
+            path: the folder to make; or a file that ends in .json: plan.json alone, for controllers.
+            overwrite: replace a plan that stands there.
+
+        Raises:
+            InputError: numbers that no controller may be given: not finite, or outside the joints' limits.
+            OutputError: `path` exists without `overwrite`, is no plan, or cannot be written.
+        """
+        from dexnudge.trajectories.plan_folder import save_plan
+
+        save_plan(self, path, overwrite=overwrite)
 
     def __repr__(self) -> str:
         names = ", ".join(phase.name for phase in self.phases)

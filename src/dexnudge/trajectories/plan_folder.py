@@ -1,0 +1,129 @@
+"""The folder of a plan: what a controller, a simulator and a reader need of it, and nothing outside it.
+
+plan.json    trajectory, phases, limits, frames (docs/plan_format.md)     plan.csv    time and positions
+plan.mcap    the same for ROS 2                                           README.md   how to play it
+robot/       arm and hand as robot.urdf and robot.xml, with meshes        scene/      as in a result folder
+"""
+
+import csv
+import io
+from pathlib import Path
+from string import Template
+
+from dexnudge.arms.export import ROBOT_FILES, URDF, export_robot
+from dexnudge.errors import OutputError, check_kind, check_path
+from dexnudge.jobs.folders import new_folder, replace_atomically
+from dexnudge.jobs.json_files import path_inside
+from dexnudge.scenes.files import SCENE_FILES
+from dexnudge.scenes.scene import Scene
+from dexnudge.trajectories.mcap import write_mcap
+from dexnudge.trajectories.plan import JointTrajectory, Plan
+from dexnudge.trajectories.plan_json import plan_text, rounded
+from dexnudge.trajectories.plan_reader import (
+    check_links,
+    compare_limits,
+    read_limits,
+    read_phases,
+    read_plan_json,
+    read_trajectory,
+)
+from dexnudge.trajectories.robot_files import read_robot
+
+PLAN, CSV, MCAP, README = "plan.json", "plan.csv", "plan.mcap", "README.md"
+ROBOT, SCENE = "robot", "scene"  # folders
+PAGE, FILM, WORLD_XML = "plan.html", "plan.gif", "world.xml"
+PLAN_FILES = (
+    *(CSV, MCAP, README, PAGE, FILM, f"{ROBOT}/{WORLD_XML}"),
+    *(f"{ROBOT}/{file}" for file in ROBOT_FILES),
+    *(f"{SCENE}/{file}" for file in SCENE_FILES),
+)
+"""What a plan's folder consists of beside plan.json, as patterns of paths."""
+TEMPLATE = Path(__file__).with_name("plan_readme.md")
+
+
+def save_plan(plan: Plan, path: Path | str, *, overwrite: bool = False) -> None:
+    """Write a plan's folder, or plan.json alone where `path` ends in .json; see `Plan.save`.
+
+    Raises:
+        InputError: numbers that no controller may be given: not finite, or outside the joints' limits.
+        OutputError: `path` exists without `overwrite`, is no plan, or cannot be written.
+    """
+    check_kind("plan", plan, Plan, "that of dn.load_plan")
+    check_path("path", path, OutputError)
+    path = Path(path)
+    trajectory = rounded(plan)
+    if path.suffix == ".json":
+        if path.exists() and not overwrite:
+            raise OutputError(
+                f"{path} exists; expected a new file; choose another `path`, or replace it with `overwrite`"
+            )
+        with replace_atomically(path) as file:
+            file.write_text(plan_text(plan, trajectory, scene=None), encoding="utf-8")
+            _check(file, plan)
+        return
+    with new_folder(path, overwrite=overwrite, marker=PLAN, ours=PLAN_FILES, argument="path") as folder:
+        (folder / PLAN).write_text(plan_text(plan, trajectory, scene=SCENE), encoding="utf-8")
+        _check(folder / PLAN, plan)
+        plan.scene.save(folder / SCENE)
+        export_robot(plan.robot, folder / ROBOT)
+        (folder / CSV).write_text(csv_text(plan.robot.joint_names, trajectory), encoding="utf-8")
+        write_mcap(plan, trajectory, folder / MCAP)
+        (folder / README).write_text(_readme(plan), encoding="utf-8")
+
+
+def _check(file: Path, plan: Plan) -> None:
+    """Refuse what `load_plan` would refuse."""
+    content = read_plan_json(file)
+    limits = read_limits(content, file)
+    trajectory = read_trajectory(content, limits, file)
+    check_links(read_phases(content, trajectory.time, file), plan.robot.hand.link_names, file)
+
+
+def load_plan(path: Path | str) -> Plan:
+    """Read a plan's folder, given itself or by its plan.json, trusting nothing in it.
+
+    Raises:
+        InputError: a file is missing, damaged, of another plan or a later version, or holds what no plan can; the message
+            says where.
+    """
+    check_path("path", path)
+    file = Path(path)
+    file = file / PLAN if file.is_dir() else file
+    content = read_plan_json(file)
+    limits = read_limits(content, file)
+    trajectory = read_trajectory(content, limits, file)
+    phases = read_phases(content, trajectory.time, file)
+    robot = read_robot(file.parent / ROBOT, content, limits, file)
+    compare_limits(limits, robot.limits, file, Path(ROBOT, URDF))
+    check_links(phases, robot.hand.link_names, file)
+    scene = Scene.load(path_inside(file.parent, content["scene"], "scene", file=PLAN, what="scene"))
+    return Plan(robot, scene, trajectory, phases, content["length"], content["seconds"])
+
+
+def csv_text(joint_names: tuple[str, ...], trajectory: JointTrajectory) -> str:
+    """Return the text of plan.csv: time [s] and the joints' positions [rad], [m] of those that slide."""
+    text = io.StringIO()
+    writer = csv.writer(text, lineterminator="\n")
+    writer.writerow(["time", *joint_names])
+    writer.writerows(
+        [time, *row] for time, row in zip(trajectory.time.tolist(), trajectory.position.tolist(), strict=True)
+    )
+    return text.getvalue()
+
+
+def _readme(plan: Plan) -> str:
+    robot, arm = plan.robot, plan.robot.arm
+    phases = [f"| {phase.name} | {phase.start:.2f} | {phase.end:.2f} |" for phase in plan.phases]
+    return Template(TEMPLATE.read_text(encoding="utf-8")).substitute(
+        arm=arm.name,
+        hand=robot.hand.name,
+        scene=plan.scene.name,
+        length=f"{1e3 * plan.length:.0f}",
+        duration=f"{plan.trajectory.duration:.1f}",
+        samples=len(plan.trajectory.time),
+        joints=len(robot.joint_names),
+        arm_joints=", ".join(arm.joint_names),
+        hand_joints=", ".join(robot.joint_names[arm.num_joints :]),
+        base=", ".join(f"{value:.3f}" for value in arm.T_world_base[:3, 3]),
+        phases="\n".join(phases),
+    )

@@ -1,0 +1,258 @@
+"""plan.json read without trust: every key of its kind, every number finite, joints and limits those of the robot."""
+
+import json
+import math
+from pathlib import Path
+from typing import Any
+
+import numpy as np
+from jaxtyping import Float
+
+from dexnudge.arms.arm import JointLimits
+from dexnudge.errors import InputError, quote
+from dexnudge.geometry.rigid import rigid_transform
+from dexnudge.trajectories.plan import PHASES, JointTrajectory, Phase
+from dexnudge.trajectories.plan_json import ARRAYS, FORMAT_VERSION, LIMITS
+
+LARGEST_FILE = 2**26  # [bytes] 9 minutes of 23 joints every 10 ms
+BEYOND = 1e-6  # [rad], [m] that a position may lie outside its limits, and in proportion that limits may differ
+AT_ONCE = 1e-9  # [s] between the end of a phase and the start of the next
+AGAIN = "plan again, or take the file as it was written"
+
+
+def read_plan_json(path: Path) -> dict[str, Any]:
+    """Return what a plan.json holds, every key of the right kind and the numbers finite.
+
+    Raises:
+        InputError: missing, too large, truncated, foreign, of a later version, or a value that no plan can have.
+    """
+    content = _read(path)
+    version = content.get("format_version")
+    if type(version) is not int or version < 1 or "joint_names" not in content:
+        raise InputError(
+            f"{path}: format_version is {quote(version)}; expected the plan.json that Plan.save or `dexnudge plan` wrote"
+        )
+    if version > FORMAT_VERSION:
+        raise InputError(
+            f"{path} has format version {version}, from a later dexnudge; expected at most {FORMAT_VERSION}; update "
+            "dexnudge, or plan again"
+        )
+    required = ("arm", "hand", "unit", "length", "T_world_base", "flange", "mount", "T_flange_mount", "home", "limits")
+    missing = [key for key in (*required, "scene", "phases", *ARRAYS) if key not in content]
+    if missing:
+        raise InputError(f"{path} lacks {', '.join(missing)}; expected all keys of a plan; {AGAIN}")
+    names = content["joint_names"]
+    if not isinstance(names, list) or not names or not all(isinstance(name, str) for name in names):
+        raise InputError(f"{path}: joint_names is {quote(names)}; expected a list of names; {AGAIN}")
+    doubles = sorted({name for name in names if names.count(name) > 1})
+    if doubles:
+        raise InputError(f"{path}: joint_names has {', '.join(doubles)} twice; expected each joint once; {AGAIN}")
+    for key in ("arm", "hand", "flange", "mount"):
+        if not isinstance(content[key], str):
+            raise InputError(f"{path}: {key} is {quote(content[key])}; expected a name; {AGAIN}")
+    if content["unit"] != "rad":
+        raise InputError(f"{path}: unit is {quote(content['unit'])}; expected 'rad'; {AGAIN}")
+    for key in ("T_world_base", "T_flange_mount"):
+        content[key] = rigid_transform(content[key], f"{path}: {key}", unscaled="check the numbers")
+    content["length"] = _number(content["length"], f"{path}: length", "at least 0")
+    seconds = content.get("seconds", {})
+    if not isinstance(seconds, dict):
+        raise InputError(f"{path}: seconds is {quote(seconds)}; expected an object; {AGAIN}")
+    content["seconds"] = {key: _number(value, f"{path}: seconds of {key!r}") for key, value in seconds.items()}
+    content["home"] = _row(content["home"], None, f"{path}: home")
+    return content
+
+
+def _read(path: Path) -> dict[str, Any]:
+    try:
+        size = path.stat().st_size
+        if size > LARGEST_FILE:
+            raise InputError(f"{path} has {size >> 20} MiB; expected at most {LARGEST_FILE >> 20} MiB; {AGAIN}")
+        content = json.loads(path.read_text(encoding="utf-8"))
+    except (FileNotFoundError, IsADirectoryError, NotADirectoryError) as error:
+        raise InputError(
+            f"{path}: no such file; expected the folder that Plan.save or `dexnudge plan` wrote, or its plan.json"
+        ) from error
+    except (OSError, ValueError, RecursionError, MemoryError) as error:
+        if isinstance(error, InputError):
+            raise
+        raise InputError(f"{path} is truncated or damaged ({error}); expected JSON; {AGAIN}") from error
+    if not isinstance(content, dict):
+        raise InputError(f"{path} holds a JSON {type(content).__name__}; expected an object; {AGAIN}")
+    return content
+
+
+def read_limits(content: dict[str, Any], path: Path) -> dict[str, Float[np.ndarray, " 5"]]:
+    """Return lower, upper, velocity, acceleration and jerk of each joint.
+
+    Raises:
+        InputError: of a joint they are missing, not finite, reversed or not positive, or a joint is not the plan's.
+    """
+    limits, names = content["limits"], content["joint_names"]
+    if not isinstance(limits, dict):
+        raise InputError(f"{path}: limits is {quote(limits)}; expected an object; {AGAIN}")
+    for kind, wrong in (
+        ("are missing", [name for name in names if name not in limits]),
+        ("are there, of no joint of the plan", [name for name in limits if name not in names]),
+    ):
+        if wrong:
+            raise InputError(f"{path}: limits of {', '.join(wrong)} {kind}; expected those of joint_names; {AGAIN}")
+    found = {}
+    for name in names:
+        where = f"{path}: limits of '{name}'"
+        lower, upper, *rates = found[name] = _row(limits[name], len(LIMITS), where)
+        if lower > upper:
+            raise InputError(f"{where}: lower {lower:g} > upper {upper:g}; expected lower <= upper; {AGAIN}")
+        for kind, rate in zip(LIMITS[2:], rates, strict=True):
+            if rate <= 0:
+                raise InputError(f"{where}: {kind} is {rate:g}; expected more than 0; {AGAIN}")
+    return found
+
+
+def read_trajectory(content: dict[str, Any], limits: dict[str, Float[np.ndarray, " 5"]], path: Path) -> JointTrajectory:
+    """Return the trajectory.
+
+    Raises:
+        InputError: arrays of other lengths, what is no finite number, times that do not increase from 0, or a position
+            outside its limits; with the place.
+    """
+    names = content["joint_names"]
+    time = _row(content["time"], None, f"{path}: time")
+    if len(time) < 2 or time[0] != 0:
+        raise InputError(f"{path}: time begins with {quote(time[:2].tolist())}; expected two samples or more from 0 s")
+    late = np.flatnonzero(np.diff(time) <= 0)
+    if len(late):
+        raise InputError(
+            f"{path}: time[{late[0] + 1}] is {time[late[0] + 1]} s, after {time[late[0]]} s; expected increasing times; "
+            f"{AGAIN}"
+        )
+    arrays = {name: _rows(content[name], len(time), names, f"{path}: {name}") for name in ARRAYS[1:]}
+    table = np.stack([limits[name] for name in names])
+    position = arrays["position"]
+    outside = np.argwhere((position < table[:, 0] - BEYOND) | (position > table[:, 1] + BEYOND))
+    if len(outside):
+        sample, joint = outside[0]
+        raise InputError(
+            f"{path}: position of '{names[joint]}' at {time[sample]:g} s is {position[sample, joint]:g}; expected it within "
+            f"its limits {table[joint, 0]:g} to {table[joint, 1]:g}; {AGAIN}"
+        )
+    return JointTrajectory(time=time, **arrays)
+
+
+def read_phases(content: dict[str, Any], time: Float[np.ndarray, " k"], path: Path) -> tuple[Phase, ...]:
+    """Return the phases.
+
+    Raises:
+        InputError: an unknown name, a gap, a time outside the trajectory's, or a force below 0.
+    """
+    entries = content["phases"]
+    if not isinstance(entries, list) or not entries or not all(isinstance(each, dict) for each in entries):
+        raise InputError(f"{path}: phases is {quote(entries)}; expected a list of objects; {AGAIN}")
+    phases = [_phase(each, f"{path}: phases[{index}]") for index, each in enumerate(entries)]
+    ends = [float(time[0]), *(phase.end for phase in phases)]
+    for phase, before in zip(phases, ends, strict=False):
+        if abs(phase.start - before) > AT_ONCE or phase.end < phase.start:
+            raise InputError(
+                f"{path}: phase '{phase.name}' is from {phase.start:g} to {phase.end:g} s; expected it to start at "
+                f"{before:g} s, where what is before it ends, and to end later; {AGAIN}"
+            )
+    if abs(ends[-1] - time[-1]) > AT_ONCE:
+        raise InputError(
+            f"{path}: the phases end at {ends[-1]:g} s, the trajectory at {time[-1]:g} s; expected the same; {AGAIN}"
+        )
+    return tuple(phases)
+
+
+def _phase(entry: dict[str, Any], where: str) -> Phase:
+    missing = [key for key in Phase.__dataclass_fields__ if key not in entry]
+    if missing:
+        raise InputError(f"{where} lacks {', '.join(missing)}; expected {', '.join(Phase.__dataclass_fields__)}")
+    if entry["name"] not in PHASES:
+        raise InputError(f"{where} is called {quote(entry['name'])}; expected one of {', '.join(PHASES)}")
+    if type(entry["configuration"]) is not int or entry["configuration"] < 0:
+        raise InputError(
+            f"{where}: configuration is {quote(entry['configuration'])}; expected an integer of at least 0"
+        )
+    forces = entry["link_force"]
+    if not isinstance(forces, dict):
+        raise InputError(f"{where}: link_force is {quote(forces)}; expected an object of links and newtons")
+    return Phase(
+        name=entry["name"],
+        start=_number(entry["start"], f"{where}: start"),
+        end=_number(entry["end"], f"{where}: end"),
+        configuration=entry["configuration"],
+        T_world_object=rigid_transform(entry["T_world_object"], f"{where}: T_world_object"),
+        link_force={name: _number(force, f"{where}: link_force of '{name}'") for name, force in forces.items()},
+    )
+
+
+def check_links(phases: tuple[Phase, ...], links: tuple[str, ...], path: Path) -> None:
+    """Refuse a force of a link that the hand has not; InputError."""
+    for phase in phases:
+        unknown = [name for name in phase.link_force if name not in links]
+        if unknown:
+            raise InputError(
+                f"{path}: link_force of phase '{phase.name}' names {quote(unknown[0])}; expected links of the hand: "
+                f"{', '.join(links)}"
+            )
+
+
+def check_joints(names: list[str], expected: tuple[str, ...], path: Path, file: Path) -> None:
+    """Refuse a plan whose joints are not those of `file`, in their order; InputError."""
+    if tuple(names) == expected:
+        return
+    missing = [name for name in expected if name not in names]
+    unknown = [name for name in names if name not in expected]
+    if missing or unknown:
+        parts = [f"lacks {', '.join(missing)}"] if missing else []
+        parts += [f"has {', '.join(unknown)}, which {file.name} has not"] if unknown else []
+        what, hint = " and ".join(parts), "is it a plan of another arm or hand?"
+    else:
+        place = next(index for index, pair in enumerate(zip(names, expected, strict=True)) if pair[0] != pair[1])
+        what = f"has other joints first: '{names[place]}' stands where {file.name} has '{expected[place]}'"
+        hint = "were the joints reordered?"
+    raise InputError(f"{path}: joint_names {what}; expected the joints of {file} in their order; {hint} {AGAIN}")
+
+
+def compare_limits(given: dict[str, Float[np.ndarray, " 5"]], own: JointLimits, path: Path, file: Path) -> None:
+    """Refuse limits that are not those of the robot in `file`; InputError."""
+    for index, (name, row) in enumerate(given.items()):
+        for kind, value in zip(LIMITS, row, strict=True):
+            expected = float(getattr(own, kind)[index])
+            if not math.isclose(value, expected, rel_tol=BEYOND, abs_tol=BEYOND):
+                raise InputError(
+                    f"{path}: limits of '{name}': {kind} is {value:g}; expected {expected:g}, as {file} has it; is it "
+                    f"a plan of another arm or hand? {AGAIN}"
+                )
+
+
+def _number(value: Any, where: str, expected: str = "at least 0") -> float:
+    """Return a number of 0 or more."""
+    number = _row([value], 1, where)[0]
+    if number < 0:
+        raise InputError(f"{where} is {number:g}; expected {expected}; {AGAIN}")
+    return float(number)
+
+
+def _row(value: Any, length: int | None, where: str) -> Float[np.ndarray, " n"]:
+    """Return a list of finite numbers."""
+    if type(value) is not list or any(type(each) not in (int, float) for each in value):
+        raise InputError(f"{where} is {quote(value)}; expected {'numbers' if length is None else f'{length} numbers'}")
+    if length is not None and len(value) != length:
+        raise InputError(f"{where} has {len(value)} numbers; expected {length}; {AGAIN}")
+    try:
+        row = np.array(value, dtype=float)
+    except OverflowError as error:
+        raise InputError(f"{where} holds an integer of too many digits; expected numbers; {AGAIN}") from error
+    if not np.isfinite(row).all():
+        raise InputError(f"{where} holds NaN or infinity; expected finite numbers; {AGAIN}")
+    return row
+
+
+def _rows(value: Any, samples: int, names: list[str], where: str) -> Float[np.ndarray, "k n"]:
+    """Return a number for each sample and joint."""
+    if type(value) is not list or len(value) != samples:
+        got = f"{len(value)} rows" if isinstance(value, list) else quote(value)
+        raise InputError(f"{where} is {got}; expected {samples} rows, one for each time; {AGAIN}")
+    rows = [_row(row, len(names), f"{where}[{index}]") for index, row in enumerate(value)]
+    return np.stack(rows)

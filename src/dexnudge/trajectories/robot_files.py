@@ -1,0 +1,148 @@
+"""The robot of a plan, read back from the folder that `export_robot` wrote."""
+
+import math
+from dataclasses import replace
+from pathlib import Path
+from typing import Any
+
+import numpy as np
+from jaxtyping import Float
+
+from dexnudge.arms.arm import Arm, JointLimits
+from dexnudge.arms.export import HAND_FOLDER, STAND, URDF, WORLD
+from dexnudge.arms.robot import Robot
+from dexnudge.errors import InputError
+from dexnudge.hands.hand import Hand, Joint
+from dexnudge.hands.registry import load_hand
+from dexnudge.hands.tree import Mimic, Tree, TreeJoint
+from dexnudge.hands.urdf import urdf_tree
+from dexnudge.hands.urdf_links import numbers_of
+from dexnudge.hands.xml_text import read_xml
+from dexnudge.trajectories.plan_reader import AGAIN, check_joints
+
+SAME_PLACE = 1e-6  # [m], and of rotations' entries: frames that two files state
+
+
+def read_robot(folder: Path, content: dict[str, Any], limits: dict[str, Float[np.ndarray, " 5"]], plan: Path) -> Robot:
+    """Return arm and hand.
+
+    Args:
+        folder: with robot.urdf and hand/.
+        content: of plan.json: joint_names, arm, home, mount, flange, T_flange_mount, T_world_base.
+        limits: of plan.json, whose accelerations and jerks no URDF states.
+        plan: the path of plan.json, for messages.
+
+    Raises:
+        InputError: a file is missing or damaged, or they do not belong together.
+    """
+    path = folder / URDF
+    if not path.is_file():
+        raise InputError(
+            f"{path} is missing; expected the robot of {plan} beside it; give the whole folder that Plan.save or "
+            "`dexnudge plan` wrote; a plan.json of its own is for controllers only"
+        )
+    tree = urdf_tree(path, "collision")
+    names = tuple(joint.name for joint in tree.joints if not joint.fixed and joint.mimic is None)
+    check_joints(content["joint_names"], names, plan, path)
+    hand = load_hand(folder / HAND_FOLDER)
+    arm = _arm(tree, hand, content, limits, path)
+    robot = Robot(arm, hand, content["T_flange_mount"])
+    if robot.mount != content["mount"]:
+        raise InputError(
+            f"{plan}: mount is '{content['mount']}'; expected '{robot.mount}', by which the hand in {folder / HAND_FOLDER} "
+            f"is held; {AGAIN}"
+        )
+    _check_links(robot, {joint.child: joint for joint in tree.joints}, path, plan)
+    return robot
+
+
+def _arm(
+    tree: Tree, hand: Hand, content: dict[str, Any], limits: dict[str, Float[np.ndarray, " 5"]], path: Path
+) -> Arm:
+    """Return the links of the URDF that are not the hand's, with the limits that it and the plan state."""
+    links = {name: mesh for name, mesh in tree.links.items() if name not in (WORLD, *hand.link_names)}
+    if content["flange"] not in links:
+        raise InputError(
+            f"{path} has no link '{content['flange']}' beside the hand's; expected the arm's flange; {AGAIN}"
+        )
+    joints = tuple(joint for joint in tree.joints if joint.child in links and joint.parent in links)
+    moving = tuple(joint for joint in joints if not joint.fixed and joint.mimic is None)
+    if len(content["home"]) != len(moving):
+        raise InputError(
+            f"{path.parent}: the arm has {len(moving)} joints, home {len(content['home'])} numbers; expected a number a "
+            f"joint; {AGAIN}"
+        )
+    stated = {str(joint.get("name")): joint.find("limit") for joint in read_xml(path, root_tag="robot").iter("joint")}
+
+    def of_urdf(key: str) -> Float[np.ndarray, " n"]:
+        rows = [numbers_of(stated[joint.name], key, (0.0,), f"{path}: joint '{joint.name}'") for joint in moving]
+        return np.array(rows, dtype=float).reshape(-1)
+
+    table = np.array([limits[joint.name] for joint in moving]).reshape(-1, 5)
+    return Arm(
+        name=content["arm"],
+        tree=Tree(content["arm"], links, joints),
+        joint_names=tuple(joint.name for joint in moving),
+        limits=JointLimits(
+            lower=np.array([joint.lower for joint in moving]),
+            upper=np.array([joint.upper for joint in moving]),
+            velocity=of_urdf("velocity"),
+            acceleration=table[:, 3],
+            jerk=table[:, 4],
+            effort=of_urdf("effort"),
+        ),
+        home=content["home"],
+        flange=content["flange"],
+        T_world_base=content["T_world_base"],
+    )
+
+
+def _check_links(robot: Robot, carrier: dict[str, TreeJoint], path: Path, plan: Path) -> None:
+    """Raise InputError unless each link of the robot hangs in the URDF as in plan.json and hand/."""
+    body, limits = robot.body, robot.limits
+    base = Joint(STAND, robot.arm.T_world_base, np.array([0.0, 0.0, 1.0]), None)
+    if len(carrier) != len(body.link_names):
+        raise InputError(
+            f"{path} has {len(carrier)} joints; expected {len(body.link_names)}, one for each link of arm and hand; {AGAIN}"
+        )
+    for link, name in enumerate(body.link_names):
+        joint = body.joints[link] or base
+        parent = body.link_names[body.link_parent[link]] if link else WORLD
+        mimic, ends = None, (0.0, 0.0)
+        if joint.index is not None:
+            ends = (float(limits.lower[joint.index]), float(limits.upper[joint.index]))
+            if joint.name != body.joint_names[joint.index]:
+                mimic = Mimic(body.joint_names[joint.index], joint.multiplier, joint.offset)
+        expected = TreeJoint(
+            joint.name, parent, name, joint.origin, joint.axis, joint.index is None, *ends, mimic=mimic
+        )
+        found = carrier.get(name)
+        if found is None or not _same(found, replace(expected, slides=joint.slides)):
+            raise InputError(
+                f"{path}: link '{name}' hangs otherwise than {plan.name} and {HAND_FOLDER}/ say; expected it on '{parent}' "
+                f"by the joint '{joint.name}' at {np.round(joint.origin[:3, 3], 4).tolist()} m; are the files of one plan? "
+                f"{AGAIN}"
+            )
+
+
+def _same(found: TreeJoint, expected: TreeJoint) -> bool:
+    """Whether two joints move the same link the same way, within the same limits where they lead."""
+    names = ("name", "parent", "child", "fixed", "slides")
+    if any(getattr(found, name) != getattr(expected, name) for name in names):
+        return False
+    if not np.allclose(found.origin, expected.origin, rtol=0.0, atol=SAME_PLACE):
+        return False
+    if found.fixed:
+        return True
+    if (found.mimic is None) != (expected.mimic is None):
+        return False
+    if found.mimic is not None and expected.mimic is not None:
+        one, other = vars(found.mimic), vars(expected.mimic)
+        return (
+            one["leader"] == other["leader"]
+            and np.allclose(found.axis, expected.axis)
+            and math.isclose(one["multiplier"], other["multiplier"], rel_tol=SAME_PLACE)
+            and math.isclose(one["offset"], other["offset"], abs_tol=SAME_PLACE)
+        )
+    pairs = zip((*found.axis, found.lower, found.upper), (*expected.axis, expected.lower, expected.upper), strict=True)
+    return all(math.isclose(one, other, abs_tol=SAME_PLACE) for one, other in pairs)
