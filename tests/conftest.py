@@ -152,25 +152,27 @@ def boxy_hand():
 
 
 @pytest.fixture(scope="session")
-def planar_arm():
-    """Three links of 0.4, 0.3 and 0.1 m that turn about the base's z: the flange's origin and its x-axis stay in a plane.
+def scara():
+    """An arm that lifts by up to 0.5 m either way and turns three links of 0.4, 0.3 and 0.1 m about z.
 
     Its wrist, 0.1 m behind the flange along x, reaches the annulus from 0.1 to 0.7 m about the base and nothing else."""
     from dexnudge.arms.arm import Arm, JointLimits
     from dexnudge.hands.tree import Tree, TreeJoint
 
-    def joint(number: int, length: float, *, fixed: bool = False) -> TreeJoint:
-        origin = np.eye(4)
+    def joint(number: int, length: float, *, fixed: bool = False, slides: bool = False) -> TreeJoint:
+        origin, ends = np.eye(4), (f"link{number}", f"link{number + 1}")
         origin[0, 3] = length
-        ends = (f"link{number}", f"link{number + 1}")
-        return TreeJoint(f"turn{number}", *ends, origin, np.array([0.0, 0.0, 1.0]), fixed, lower=-3.1, upper=3.1)
+        range_ = 0.5 if slides else 3.1
+        return TreeJoint(
+            f"joint{number}", *ends, origin, np.array([0.0, 0.0, 1.0]), fixed, -range_, range_, slides=slides
+        )
 
-    joints = (joint(0, 0.0), joint(1, 0.4), joint(2, 0.3), joint(3, 0.1, fixed=True))
-    links = {f"link{number}": trimesh.Trimesh() for number in range(5)}
-    names = tuple(each.name for each in joints[:3])
-    ones = np.ones(3)
-    limits = JointLimits(-3.1 * ones, 3.1 * ones, 2 * ones, 10 * ones, 100 * ones, 50 * ones)
-    return Arm("planar", Tree("planar", links, joints), names, limits, np.array([0.5, 0.8, 0.5]), "link4")
+    joints = (joint(0, 0.0, slides=True), joint(1, 0.0), joint(2, 0.4), joint(3, 0.3), joint(4, 0.1, fixed=True))
+    links = {f"link{number}": trimesh.Trimesh() for number in range(6)}
+    upper, ones = np.array([0.5, 3.1, 3.1, 3.1]), np.ones(4)
+    limits = JointLimits(-upper, upper, 2 * ones, 10 * ones, 100 * ones, 50 * ones)
+    names, home = tuple(each.name for each in joints[:4]), np.array([0.0, 0.5, 0.8, 0.5])
+    return Arm("scara", Tree("scara", links, joints), names, limits, home, "link5")
 
 
 LEVER = 0.5  # [m] so long that a pad moves straight for the millimetres that matter

@@ -33,6 +33,7 @@ from dexnudge.perception.depth_view import DepthView as DepthView
 from dexnudge.perception.view_files import save_views as save_views
 from dexnudge.perception.views import load_views as load_views
 from dexnudge.planning.outcomes import Outcome as Outcome
+from dexnudge.planning.reach import Reach as Reach
 from dexnudge.results.checking import Check as Check, check as check
 from dexnudge.results.folder import load_samples as load_samples
 from dexnudge.results.samples import Sample as Sample, Samples as Samples

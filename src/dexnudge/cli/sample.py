@@ -22,6 +22,7 @@ from dexnudge.cli.arguments import (
     say,
     with_flags,
 )
+from dexnudge.cli.arm_options import ArmOptions
 from dexnudge.cli.scene_options import RUNS, SceneOptions, say_findings, stop_at_errors
 
 if TYPE_CHECKING:
@@ -51,7 +52,7 @@ class Sample(SceneOptions):
 
     The scene is drawn from a family (--scene), your own (--environment, --object-pose, --motion), or a folder that `scene`
     wrote. What is understood of it is printed first; errors end the command. Exit code 3: everything is written, but no
-    draw is verified.
+    draw is verified. With --arm, a draw is verified only where the arm brings the hand there and along the motion.
     """
 
     out: OptionalFolder = None
@@ -68,6 +69,7 @@ class Sample(SceneOptions):
     """Folder of the model; unless given that beside the hand's description (weights/), else the shipped one."""
     method: Text = "steered_noise"
     """Sampling method; an unknown name lists them."""
+    robot: ArmOptions = field(default_factory=ArmOptions)
     losses: Losses = field(default_factory=Losses)
     plugins: Plugins = field(default_factory=Plugins)
     projection_report: Flag = False
@@ -96,6 +98,7 @@ class Sample(SceneOptions):
         from dexnudge.energies.terms import find_term
         from dexnudge.hands.registry import load_hand
         from dexnudge.jobs.progress import progress
+        from dexnudge.planning.reach import Reach
         from dexnudge.results.folder import write_inputs, write_results
         from dexnudge.sampling.methods import find_method
         from dexnudge.sampling.sampler import Sampler, check_counts
@@ -112,6 +115,10 @@ class Sample(SceneOptions):
         stop_at_errors(findings)
         say_findings(findings, Sample, only_what_matters=True)
         say(*(f"note: {note}" for note in hand.notes))
+        robot = self.robot.robot(hand, scene)
+        if robot is not None:
+            say(f"reach: of {robot.arm!r}")
+            criteria.append(Reach(robot.arm, mount=robot.T_flange_mount))
         sampler = Sampler(hand, terms=terms, weights=self.weights, device=self.device)
         sampler.load(method)
         written_scene, written_hand = write_inputs(folder, scene, hand)
@@ -141,6 +148,7 @@ class Sample(SceneOptions):
             "object": name,
             "scene": scene.name,
             "hand": hand.name,
+            "arm": None if robot is None else robot.arm.name,
             "method": self.method,
             "energy": method.weights(),
             "terms": {term.name: term.weight for term in terms},

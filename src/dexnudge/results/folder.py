@@ -10,7 +10,8 @@ configurations.npz holds every draw, verified ones first, best first; read it wi
                    a backslash that is part of a name
     NAME           (n,) what the criterion of that name measured
 
-summary.json counts them, and tells what failing each criterion means and what the run took.
+summary.json counts them, and tells what failing each criterion means and what the run took. criteria/NAME holds what a
+criterion needs beside its name, such as the arm of `reach`.
 """
 
 import json
@@ -36,17 +37,26 @@ from dexnudge.hands.hand import ROOT_COORDINATES, Hand
 from dexnudge.hands.registry import load_hand
 from dexnudge.jobs.folders import new_folder
 from dexnudge.jobs.provenance import machine, peak_memory_mb, versions
+from dexnudge.results.criterion_files import FILES as CRITERION_FILES
+from dexnudge.results.criterion_files import OURS, read_criterion, write_criteria
 from dexnudge.results.ranking import best_first
 from dexnudge.results.samples import Samples
 from dexnudge.scenes.files import SCENE_FILES
 from dexnudge.scenes.scene import Scene
-from dexnudge.verification.criteria import RESERVED, Criterion, find_criterion, missing_criteria
+from dexnudge.verification.criteria import RESERVED, Criterion, missing_criteria
 from dexnudge.verification.verdicts import Verdicts, contacts_of, verify
 
 CONFIGURATIONS, SUMMARY = "configurations.npz", "summary.json"
 HAND = Path("hand", "hand.urdf")
 PAGE, PICTURE = "view.html", "view.png"
-RESULT_FILES = (*SCENE_FILES, *(f"{HAND.parent}/{file}" for file in HAND_FILES), SUMMARY, PAGE, PICTURE)
+RESULT_FILES = (
+    *SCENE_FILES,
+    *(f"{HAND.parent}/{file}" for file in HAND_FILES),
+    *CRITERION_FILES,
+    SUMMARY,
+    PAGE,
+    PICTURE,
+)
 """What a result folder consists of beside configurations.npz, as patterns of paths."""
 LARGEST_FILE = 2**30
 """Of configurations.npz, unpacked [bytes]: some million draws; more is no result."""
@@ -242,6 +252,7 @@ def write_results(
         details: further entries of the summary, such as the options of the run.
     """
     write_configurations(folder, samples.q, samples.hand.joint_names, samples.verdicts)
+    write_criteria(folder, samples.verdicts.criteria, samples.hand)
     start = time.perf_counter()
     samples.page(folder / PAGE, title=title)
     samples.picture(folder / PICTURE)
@@ -266,17 +277,11 @@ def save_samples(samples: Samples, out: Path, *, title: str, overwrite: bool) ->
     """Write the folder of `Samples.save`; return the samples as written."""
     if not len(samples):
         raise InputError("there are no samples to save; expected at least one")
-    criteria = {criterion.name: criterion for criterion in samples.verdicts.criteria}
-    missing = missing_criteria(criteria) + [name for name in samples.verdicts.values if name not in criteria]
-    if missing:
-        raise InputError(
-            f"the samples cannot be verified again by {', '.join(missing)}; expected all built-in criteria, and those of "
-            "your own installed; verify them again by criteria that are at hand"
-        )
+    criteria = samples.verdicts.criteria_again()
     with result_folder(out, overwrite=overwrite) as folder:
         scene, hand = write_inputs(folder, samples.scene, samples.hand)
         q = samples.q.astype(np.float32)  # as the file holds it
-        verdicts = verify(scene, hand, q, samples.verdicts.criteria)
+        verdicts = verify(scene, hand, q, criteria)
         order = best_first(scene, verdicts, hand, q)
         written = replace(samples, scene=scene, hand=hand, q=q, verdicts=verdicts)[order]
         title = title or f"{hand.name}, {scene.name}"
@@ -323,8 +328,10 @@ def read_result(folder: Path | str) -> tuple[Samples, dict[str, Any], dict[str, 
     missing: dict[str, str] = {}
     for name in verdicts.values:
         try:
-            criteria.append(find_criterion(name))
+            criteria.append(read_criterion(folder, name))
         except InputError as error:
+            if name in OURS:
+                raise
             missing[name] = str(error)
     verdicts = replace(verdicts, criteria=tuple(criteria), sentences=dict(summary.get("reasons", {})))
     seconds, reports = dict(summary.get("seconds", {})), tuple(summary.get("sampler", ()))

@@ -13,11 +13,13 @@ import torch
 from jaxtyping import Bool, Float, Int
 from torch import Tensor
 
+from dexnudge.arms.arm import Arm
 from dexnudge.errors import InputError, check_integer, check_path, quote
 from dexnudge.hands.hand import ROOT_COORDINATES, Hand
 from dexnudge.mechanics.contacts import HandContacts
 from dexnudge.scenes.scene import Scene
-from dexnudge.verification.verdicts import Verdicts
+from dexnudge.verification.criteria import Criterion
+from dexnudge.verification.verdicts import Verdicts, verify
 from dexnudge.viewer.visual_scene import VisualScene, visual_scenes
 
 MOST_ON_PAGE = 500  # what a page can show
@@ -123,6 +125,27 @@ class Samples:
     def rejections(self) -> dict[str, int]:
         """Return the number of rejected draws by reason, most frequent first."""
         return self.verdicts.rejections()
+
+    def rank(self, by: Arm | Criterion, *, mount: Any = None) -> Samples:
+        """Return the samples judged by one more criterion and ranked anew: those first that pass every one.
+
+        Args:
+            by: the criterion, in place of one of its name; of an arm, where it stands, its `Reach`.
+            mount: T_flange_mount, see `Reach`; only with an arm.
+
+        Raises:
+            InputError: no criterion, one that fails, or one of before that no installed package brings any more.
+        """
+        from dexnudge.planning.reach import Reach
+        from dexnudge.results.ranking import best_first
+
+        if mount is not None and not isinstance(by, Arm):
+            raise InputError("`mount` is given without an arm; expected both or neither; give the criterion its own")
+        criterion = Reach(by, mount=mount) if isinstance(by, Arm) else by
+        name = getattr(criterion, "name", None)
+        verdicts = verify(self.scene, self.hand, self.q, [*self.verdicts.criteria_again(but=name), criterion])
+        judged = replace(self, verdicts=verdicts, seconds=dict(self.seconds))
+        return judged[best_first(self.scene, verdicts, self.hand, self.q)]
 
     def __len__(self) -> int:
         return len(self.q)

@@ -62,7 +62,8 @@ class Criterion(Protocol):
     """A condition that a configuration must meet to succeed.
 
     It may also have an attribute `tolerance`: what `check` allows its values to differ by when it finds them again,
-    relative to the larger of the value and 1.
+    relative to the larger of the value and 1. One that has parameters has a method `save(folder, hand)`, which writes them
+    into a folder of its own in each result, and a class method `load(folder)`, by which `check` makes it again.
 
     Attributes:
         name: an identifier; it names the array in configurations.npz and the reason of a rejection.

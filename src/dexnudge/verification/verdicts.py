@@ -17,7 +17,14 @@ from dexnudge.hands.batch import HandBatch
 from dexnudge.hands.hand import ROOT_COORDINATES, Hand
 from dexnudge.mechanics.contacts import HandContacts
 from dexnudge.scenes.scene import Scene
-from dexnudge.verification.criteria import ROBUST_MARGIN, VALID_POSE, Criterion, check_criteria, judge
+from dexnudge.verification.criteria import (
+    ROBUST_MARGIN,
+    VALID_POSE,
+    Criterion,
+    check_criteria,
+    judge,
+    missing_criteria,
+)
 from dexnudge.verification.measurements import measure
 
 
@@ -84,6 +91,21 @@ class Verdicts:
     def rejections(self) -> dict[str, int]:
         """Return the number of rejected configurations by reason, most frequent first."""
         return dict(Counter(reason for reason in self.reasons if reason).most_common())
+
+    def criteria_again(self, *, but: object = None) -> list[Criterion]:
+        """Return the criteria that judged, to judge again, without the one of the name `but`.
+
+        Raises:
+            InputError: a built-in one was left out, or one is not at hand that the values are from.
+        """
+        at_hand = {criterion.name: criterion for criterion in self.criteria if criterion.name != but}
+        missing = missing_criteria(at_hand) + [name for name in self.values if name not in (*at_hand, but)]
+        if missing:
+            raise InputError(
+                f"the samples cannot be verified again by {', '.join(missing)}; expected all built-in criteria, and those "
+                "of your own installed; verify them again by criteria that are at hand"
+            )
+        return list(at_hand.values())
 
     def take(self, rows: slice | Int[np.ndarray, " m"] | Bool[np.ndarray, " n"]) -> Verdicts:
         """Return the verdicts at the given places, in that order."""

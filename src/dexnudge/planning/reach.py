@@ -1,0 +1,123 @@
+"""Reach as a condition of success: an arm brings the hand to the object, along the whole push, and away again."""
+
+from __future__ import annotations
+
+from pathlib import Path
+from typing import Any
+
+import numpy as np
+from jaxtyping import Float
+
+from dexnudge.arms.arm import Arm
+from dexnudge.arms.arm_json import read_arm, write_arm
+from dexnudge.arms.inverse_kinematics import InverseKinematics
+from dexnudge.arms.mounting import default_mount
+from dexnudge.arms.robot import Robot
+from dexnudge.errors import check_kind
+from dexnudge.geometry.rigid import rigid_transform
+from dexnudge.hands.batch import HandBatch
+from dexnudge.hands.hand import Hand
+from dexnudge.planning.arm_margin import arm_margins
+from dexnudge.planning.object_path import push_length
+from dexnudge.scenes.scene import Scene
+from dexnudge.verification.criteria import CriterionResult
+from dexnudge.verification.measurements import measure
+
+LEAST_MARGIN = 0.02  # of half a joint's range, some 3 degrees: what calibration and soft joints use up
+BACK_OFF = 0.03  # [m] that the hand comes from, and draws back to
+STATION = 0.02  # [m] at most from one place of the hand to the next: branches of an arm do not part within it
+STEEPEST = 0.1  # norm of the contact normals' mean, below which they cancel
+FILE = "reach.json"
+
+
+class Reach:
+    """The arm brings the hand from 3 cm before contact to contact, along the push, and 3 cm back from the object.
+
+    By inverse kinematics from eight starts, each followed from place to place. Its value is the margin in [0, 1]: the least
+    along the way of the joints' distance to their limits, as a share of half their range, and of the Jacobian's smallest
+    singular value, as a share of 0.1 m/rad; of the best way that an arm has, and 0 where it has none. Passed from 0.02 on.
+    Only the arm's joints are looked at, not what its links could hit.
+
+    Args:
+        arm: the arm, where it stands.
+        mount: (4, 4) T_flange_mount, pose of the hand's base, or of its palm where it has none, in the flange's frame; the
+            default of arm and hand unless given.
+
+    Raises:
+        InputError: no arm. SceneError: `mount` is no rigid pose.
+    """
+
+    name = "reach"
+    tolerance = 1.0e-3
+    """What inverse kinematics leaves open: 0.1 mm and 0.1 mrad, near a singularity more of a joint."""
+
+    def __init__(self, arm: Arm, *, mount: Any = None) -> None:
+        check_kind("arm", arm, Arm, 'load_arm("panda")')
+        self.arm = arm
+        self.mount = None if mount is None else rigid_transform(mount, "mount", unscaled="check the numbers")
+        self._kinematics = InverseKinematics(arm)
+
+    def robot(self, hand: Hand) -> Robot:
+        """Return the arm with the hand at its flange."""
+        return Robot(self.arm, hand, default_mount(self.arm, hand) if self.mount is None else self.mount)
+
+    def __call__(self, hands: HandBatch, scene: Scene) -> CriterionResult:
+        """Judge each hand."""
+        found = arm_margins(self._kinematics, *flange_ways(self.robot(hands.hand), hands, scene))
+        if found.contact.any():
+            what = "the arm does not reach along the whole motion, or only at its joints' limits"
+        else:
+            what = "the arm reaches none of the hands even at contact"
+        sentence = f"{what}; move the `arm_base` (find-base shows where), turn the `mount`, or draw more (`num`)"
+        return CriterionResult(found.margin, found.margin >= LEAST_MARGIN, sentence)
+
+    def save(self, folder: Path, hand: Hand) -> None:
+        """Write what the criterion needs, reach.json."""
+        write_arm(self.arm, folder / FILE, T_flange_mount=self.robot(hand).T_flange_mount)
+
+    @classmethod
+    def load(cls, folder: Path) -> Reach:
+        """Return the criterion that `save` wrote.
+
+        Raises:
+            ArmError: the file is missing or damaged.
+        """
+        arm, content = read_arm(folder / FILE)
+        return cls(arm, mount=content.get("T_flange_mount"))
+
+    def __repr__(self) -> str:
+        return f"Reach({self.arm!r})"
+
+
+def flange_ways(
+    robot: Robot, hands: HandBatch, scene: Scene
+) -> tuple[Float[np.ndarray, "hand early 4 4"], Float[np.ndarray, "hand late 4 4"]]:
+    """Return the flange's ways, T_world_flange: from contact to 3 cm before it, and on along the push and 3 cm back."""
+    contact = robot.flange_poses(hands.q.detach().cpu().numpy())
+    back = BACK_OFF * _back_off(hands, scene)
+    push = push_length(scene) * scene.motion * np.ones((len(contact), 1))
+    before = _moved(contact, back)
+    along = _moved(contact, push)
+    after = _moved(along[:, -1], back)
+    return before, np.concatenate([along, after[:, 1:]], axis=1)
+
+
+def _moved(
+    poses: Float[np.ndarray, "hand 4 4"], way: Float[np.ndarray, "hand 3"]
+) -> Float[np.ndarray, "hand station 4 4"]:
+    """Return poses carried along a straight way, both ends among them."""
+    length = float(np.linalg.norm(way, axis=1).max(initial=0.0))
+    shares = np.linspace(0.0, 1.0, int(np.ceil(length / STATION - 1e-9)) + 1)
+    stations = np.repeat(poses[:, None], len(shares), axis=1)
+    stations[:, :, :3, 3] += shares[:, None] * way[:, None]
+    return stations
+
+
+def _back_off(hands: HandBatch, scene: Scene) -> Float[np.ndarray, "hand 3"]:
+    """Return where each hand draws back to: along the mean of its contacts' normals; up where they cancel."""
+    ways = np.tile((0.0, 0.0, 1.0), (len(hands), 1))
+    for way, contacts in zip(ways, measure(hands, scene).contacts, strict=True):
+        mean = contacts.normals.mean(axis=0) if len(contacts.normals) else np.zeros(3)
+        if np.linalg.norm(mean) > STEEPEST:
+            way[:] = mean / np.linalg.norm(mean)
+    return ways
