@@ -50,6 +50,7 @@ MISTAKEN = {  # expression -> beginning of the message
     "dn.load_mesh(mesh, length='0.1')": "`length` is '0.1'; expected the longest side",
     "dn.load_hand(None)": "`name_or_urdf` is None",
     "dn.load_arm(None)": "`name_or_path` is None",
+    "dn.load_arm('panda', packages={'a': 3})": "`packages` is {'a': 3}; expected names of packages",
     "dn.load_arm('panda', base='here')": "T_world_base is not a matrix of numbers",
     "dn.mount('panda', hand)": "`arm` is 'panda'; expected a Arm",
     "dn.mount(dn.load_arm('panda'), 'allegro')": "`hand` is 'allegro'; expected a Hand",

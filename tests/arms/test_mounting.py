@@ -7,7 +7,7 @@ import trimesh
 from scipy.spatial.transform import Rotation
 
 import dexnudge as dn
-from dexnudge.arms.mounting import DEEPEST, GAP, MAKERS, WEDGES
+from dexnudge.arms.mounting import ADAPTERS, DEEPEST, GAP, MAKERS
 
 HANDS = ("shadow_lite", "allegro", "panda_gripper")
 OVER = np.diag([1.0, -1.0, -1.0, 1.0])  # the hand's head over heels
@@ -32,19 +32,27 @@ def hand_points(robot, position):
     return np.concatenate([trimesh.transform_points(mesh.vertices, pose) for mesh, pose in placed])
 
 
+def height(mesh):
+    return np.ptp(mesh.bounds[:, 2]) if len(mesh.faces) else 0.0
+
+
 def test_the_hand_continues_the_flange_and_does_not_reach_behind_it(robot):
     rest = np.concatenate([robot.arm.home, robot.hand.apart])
     points = hand_points(robot, rest)
     pair = (robot.arm.name, robot.hand.name)
     if pair in MAKERS:
         return
-    assert points[:, 2].min() == pytest.approx(GAP, abs=1e-6)
+    turn, tilt, length = ADAPTERS.get(pair, (0.0, 0.0, 0.0))
+    assert points[:, 2].min() == pytest.approx(length + GAP, abs=1e-6)
+    assert height(robot.arm.tree.links[robot.arm.flange]) == pytest.approx(length)
+    flange = robot.arm.flange_poses(robot.arm.home[None])[0]
     tips = robot.hand.fingertip_links
     poses = robot.body.forward_kinematics(torch.as_tensor(robot.coordinates(rest[None])))[0].numpy()
-    middle = np.mean([poses[robot.body.link_names.index(tip), :3, 3] for tip in tips], axis=0)
-    flange = robot.arm.flange_poses(robot.arm.home[None])[0]
+    fingers = [tip for number, tip in enumerate(tips) if number != robot.hand.thumb]
+    middle = np.mean([poses[robot.body.link_names.index(tip), :3, 3] for tip in fingers], axis=0)
+    middle -= poses[robot.body.link_names.index(robot.hand.link_names[0]), :3, 3] - flange[:3, 3]
     way = flange[:3, :3].T @ (middle - flange[:3, 3])
-    turn, tilt = np.radians(WEDGES.get(pair, (0.0, 0.0)))
+    turn, tilt = np.radians([turn, tilt])
     axis = np.array([np.sin(tilt) * np.cos(turn), np.sin(tilt) * np.sin(turn), np.cos(tilt)])
     assert way @ axis / np.linalg.norm(way) > np.cos(np.radians(40.0))  # the Lite's palm is tilted by 40 deg itself
 

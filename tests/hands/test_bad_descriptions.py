@@ -166,7 +166,7 @@ def message(path) -> str:
                 "package://small/wedge.stl",
                 outside,
                 (
-                    f"mesh '{outside}' lies outside the hand's folder: expected a file below DIR; "
+                    f"mesh '{outside}' lies outside the description's folder: expected a file below DIR; "
                     "copy the meshes beside the description and name them relative to it"
                     f"{NAME_IT if outside.startswith('package') else '' if '://' in outside else HELD_IN}"
                 ),
@@ -252,8 +252,9 @@ def test_bad_urdf(write_hand, old, new, expected):
             '<sphere radius="0.009"/>',
             '<sphere radius="${size}"/>',
             (
-                "DIR/small.urdf: xacro cannot expand it: expected properties, macros and files below the hand's folder, got "
-                "'name 'size' is not defined'; mend it, or expand it yourself with: xacro small.urdf -o hand.urdf"
+                "DIR/small.urdf: xacro cannot expand it: expected properties, macros and files below the description's "
+                "folder, got 'name 'size' is not defined'; mend it, or expand it yourself with: xacro small.urdf -o "
+                "hand.urdf"
             ),
         ),
     ],
@@ -288,7 +289,7 @@ def test_more_links_than_any_hand_has(write_hand):
 
 def test_missing_file(tmp_path):
     assert message(tmp_path / "no.urdf") == (
-        "the hand's description is missing: expected a file at DIR/no.urdf, found none; mend the path"
+        "the description is missing: expected a file at DIR/no.urdf, found none; mend the path"
     )
 
 
@@ -596,7 +597,7 @@ def test_a_given_package_holds_meshes_and_nothing_else_is_opened(write_hand, tmp
     assert "or name the folder of 'brand' in `packages`" in message(path)
     assert load_hand(path, packages={"brand": other.parent}).num_joints == 3
     path.write_text(text.replace("meshes/wedge.stl", "../../../etc/hostname"))
-    with pytest.raises(HandError, match="lies outside the hand's folder"):
+    with pytest.raises(HandError, match="lies outside the description's folder"):
         load_hand(path, packages={"brand": other.parent})
 
 
@@ -707,9 +708,9 @@ PAIR = """<mujoco><compiler angle="radian"/>{top}<worldbody><body name="palm"><g
             {"range": "1.2 0"},
             "joint 'a_j': expected lower limit <= upper limit in 'range', got '1.2 0'; swap or mend them",
         ),
-        ({"top": '<size nuser_jnt="100000000"/>'}, "<size nuser_jnt='100000000'>: expected what a hand consists of"),
-        ({"top": '<size nuserdata="2000000000"/>'}, "<size nuserdata='2000000000'>: expected what a hand consists of"),
-        ({"top": '<size memory="100000G"/>'}, "<size memory='100000G'>: expected what a hand consists of"),
+        ({"top": '<size nuser_jnt="100000000"/>'}, "<size nuser_jnt='100000000'>: expected what a robot consists of"),
+        ({"top": '<size nuserdata="2000000000"/>'}, "<size nuserdata='2000000000'>: expected what a robot consists of"),
+        ({"top": '<size memory="100000G"/>'}, "<size memory='100000G'>: expected what a robot consists of"),
         ({"end": '<keyframe><key qpos="nan"/></keyframe>'}, "<key>: expected finite numbers in 'qpos', got 'nan'"),
         (
             {"end": '<keyframe><key qpos="nan(1)"/></keyframe>'},

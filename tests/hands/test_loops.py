@@ -220,7 +220,7 @@ def test_joints_that_share_a_motor(tmp_path):
     ],
 )
 def test_the_robotiq_gripper_closes_by_one_joint(package, end, leader):
-    path = package_file(package, end, hand="robotiq", install="make")
+    path = package_file(package, end, what="hand 'robotiq'", install="make")
     hand = hand_from_mjcf(path, HandConfig("base", {"left": "left_pad", "right": "right_pad"}, (0.0, 0.0, 1.0)))
     assert hand.joint_names == (leader,)
     model = mujoco.MjModel.from_xml_path(str(path))

@@ -104,7 +104,7 @@ def message(path):
             "<worldbody>",
             '<asset><mesh name="m" file="../m.stl"/></asset><worldbody>',
             (
-                "DIR/model.xml: '../m.stl' lies outside the hand's folder: expected a file below DIR; "
+                "DIR/model.xml: '../m.stl' lies outside the description's folder: expected a file below DIR; "
                 "copy the files beside the description and name them relative to it"
             ),
         ),
@@ -112,7 +112,7 @@ def message(path):
             'angle="degree"',
             'meshdir="/etc"',
             (
-                "DIR/model.xml: '/etc' lies outside the hand's folder: expected a file below DIR; "
+                "DIR/model.xml: '/etc' lies outside the description's folder: expected a file below DIR; "
                 "copy the files beside the description and name them relative to it"
             ),
         ),
@@ -151,7 +151,7 @@ def test_a_few_letters_cannot_ask_for_much(path, element, shown):
     path.write_text(MODEL.replace("<worldbody>", f"{element}<worldbody>", 1))
     text = message(path)
     assert text.startswith(f"DIR/model.xml: {shown}")
-    assert "expected what a hand consists of" in text
+    assert "expected what a robot consists of" in text
 
 
 @pytest.mark.parametrize(
@@ -165,7 +165,7 @@ def test_a_few_letters_cannot_ask_for_much(path, element, shown):
 def test_no_file_outside_the_folder_is_opened(path, asset):
     path.write_text(MODEL.replace("<worldbody>", f"<asset>{asset}</asset><worldbody>", 1))
     (path.parent / "sub.xml").write_text('<mujoco><asset><mesh name="m" file="/etc/hostname"/></asset></mujoco>')
-    assert "'/etc/hostname' lies outside the hand's folder" in message(path)
+    assert "'/etc/hostname' lies outside the description's folder" in message(path)
 
 
 def test_a_model_that_mujoco_refuses(path):
@@ -176,7 +176,7 @@ def test_a_model_that_mujoco_refuses(path):
 def test_included_files_are_checked_too(path):
     path.write_text(MODEL.replace("<worldbody>", '<include file="more.xml"/><worldbody>', 1))
     (path.parent / "more.xml").write_text('<mujoco><asset><mesh name="m" file="/etc/hostname"/></asset></mujoco>')
-    assert message(path).startswith("DIR/more.xml: '/etc/hostname' lies outside the hand's folder")
+    assert message(path).startswith("DIR/more.xml: '/etc/hostname' lies outside the description's folder")
 
 
 def test_included_files_may_have_any_root_and_include_each_other(path):

@@ -40,7 +40,7 @@ def test_a_missing_package_is_named_with_what_to_type(name, monkeypatch):
 
 def test_a_package_without_the_file_is_named():
     with pytest.raises(HandError, match=r"the package numpy has no file hand\.xml, which describes hand 'x'"):
-        package_file("numpy", "hand.xml", hand="x", install="pip install x")
+        package_file("numpy", "hand.xml", what="hand 'x'", install="pip install x")
 
 
 def test_an_unknown_name_lists_the_hands():

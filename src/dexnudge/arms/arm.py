@@ -1,5 +1,6 @@
 """A robot arm: the chain from its base to its flange, and what its joints may do."""
 
+from collections.abc import Iterator
 from dataclasses import dataclass, field, replace
 from functools import cached_property
 from pathlib import Path
@@ -7,14 +8,15 @@ from typing import Any
 
 import numpy as np
 from jaxtyping import Float
-from scipy.optimize import minimize
 from scipy.spatial.transform import Rotation
 
 from dexnudge.errors import ArmError, SceneError
 from dexnudge.geometry.rigid import rigid_transform
+from dexnudge.hands.joint_ranges import line_of
 from dexnudge.hands.tree import Tree, TreeJoint
 
-REACH_STARTS, REACH_CLIMBS = 2000, 4  # random joint angles, and how many of the farthest are improved
+REACH_DRAWS, REACH_KEPT = 2000, 20  # joint angles drawn at a time, and the farthest around which the next are drawn
+REACH_SPREADS = (0.1, 0.03, 0.01, 0.003, 0.001, 0.0)  # of the joints' ranges, in which they are drawn
 
 
 @dataclass(frozen=True)
@@ -90,31 +92,43 @@ class Arm:
         """The link that stands on the ground."""
         return self.chain[0].parent
 
+    @cached_property
+    def lines(self) -> dict[str, tuple[int, float, float]]:
+        """Of each joint that moves: the entry of the joint angles that it follows, with what factor and offset."""
+        joints = {joint.name: joint for joint in self.tree.joints}
+        found = {name: (index, 1.0, 0.0) for index, name in enumerate(self.joint_names)}
+        for name, joint in joints.items():
+            line = None if joint.fixed or name in found else line_of(joints, name)
+            if line is not None:
+                leader, factor, offset = line
+                found[name] = (self.joint_names.index(leader), factor, offset)
+        return found
+
+    def motions(self, positions: Float[np.ndarray, "k n"]) -> Iterator[tuple[TreeJoint, Float[np.ndarray, "k 4 4"]]]:
+        """Yield each joint from the base to the flange with its motion at joint angles: identity where it is fixed."""
+        for joint in self.chain:
+            index, factor, offset = self.lines.get(joint.name, (0, 0.0, 0.0))
+            yield joint, _motions(joint, factor * positions[:, index] + offset)
+
     def flange_poses(self, positions: Float[np.ndarray, "k n"]) -> Float[np.ndarray, "k 4 4"]:
         """Return T_world_flange at joint angles."""
         pose = np.tile(self.T_world_base, (len(positions), 1, 1))
-        for joint in self.chain:
-            pose = pose @ joint.origin
-            if not joint.fixed:
-                pose = pose @ _motions(joint, self._values(joint, positions))
+        for joint, motion in self.motions(positions):
+            pose = pose @ joint.origin @ motion
         return np.asarray(pose)
-
-    def _values(self, joint: TreeJoint, positions: Float[np.ndarray, "k n"]) -> Float[np.ndarray, " k"]:
-        return np.asarray(positions[:, self.joint_names.index(joint.name)])
 
     @cached_property
     def reach(self) -> float:
         """Greatest distance of the flange's origin from the base's [m], searched for among random joint angles."""
         low, high = self.limits.lower, self.limits.upper
-        starts = np.random.default_rng(0).uniform(low, high, (REACH_STARTS, self.num_joints))
-        at_origin = replace(self, T_world_base=np.eye(4))
-
-        def nearness(position: Float[np.ndarray, " n"]) -> float:
-            return -float(np.linalg.norm(at_origin.flange_poses(position[None])[0, :3, 3]))
-
-        far = np.linalg.norm(at_origin.flange_poses(starts)[:, :3, 3], axis=1).argsort()[-REACH_CLIMBS:]
-        climbs = [minimize(nearness, starts[row], bounds=list(zip(low, high, strict=True))).fun for row in far]
-        return -float(min(climbs))
+        generator, at_origin = np.random.default_rng(0), replace(self, T_world_base=np.eye(4))
+        found, far = generator.uniform(low, high, (REACH_DRAWS, self.num_joints)), np.zeros(0)
+        for spread in REACH_SPREADS:
+            far = np.linalg.norm(at_origin.flange_poses(found)[:, :3, 3], axis=1)
+            best = found[far.argsort()[-REACH_KEPT:]]
+            around = generator.normal(scale=spread, size=(REACH_DRAWS, self.num_joints)) * (high - low)
+            found = np.concatenate([best, np.clip(best[np.arange(REACH_DRAWS) % len(best)] + around, low, high)])
+        return float(far.max())
 
     def __repr__(self) -> str:
         place = ", ".join(f"{value:.2f}" for value in self.T_world_base[:3, 3])
@@ -131,6 +145,8 @@ def rigid_pose(value: Any, name: str) -> Float[np.ndarray, "4 4"]:
 
 def _motions(joint: TreeJoint, values: Float[np.ndarray, " k"]) -> Float[np.ndarray, "k 4 4"]:
     poses = np.tile(np.eye(4), (len(values), 1, 1))
+    if joint.fixed:
+        return poses
     if joint.slides:
         poses[:, :3, 3] = values[:, None] * joint.axis
     else:

@@ -139,29 +139,30 @@ class Chain:
     """Forward kinematics of an arm's flange, for many joint angles at once."""
 
     def __init__(self, arm: Arm) -> None:
-        carrier, link = {joint.child: joint for joint in arm.tree.joints}, arm.flange
-        joints: list[TreeJoint] = []
-        while link in carrier:
-            joints.insert(0, carrier[link])
-            link = joints[0].parent
+        joints = arm.chain
         moving = [place for place, joint in enumerate(joints) if not joint.fixed]
         ends = zip([0, *(place + 1 for place in moving)], [*(place + 1 for place in moving), len(joints)], strict=True)
         *origins, self._T_last_flange = (_product(joints[first:last]) for first, last in ends)
         frame, axis = np.array(origins)[:, :3, :3], np.array([joints[place].axis for place in moving])
         self._slides = np.array([joints[place].slides for place in moving])
         self._origin, self._axis = np.array(origins)[:, :3, 3], np.einsum("jab,jb->ja", frame, axis)
+        # What the joints do is factor @ joint angles + offset: some joints follow others.
+        lines = [arm.lines[joints[place].name] for place in moving]
+        self._offset = np.array([offset for _, _, offset in lines])
+        self._factor = np.array([factor * np.eye(arm.num_joints)[index] for index, factor, _ in lines])
         # Rodrigues' formula, 1 + sin K + (1 - cos) K K, as three matrices of each joint that turns.
         cross = np.where(self._slides[:, None, None], 0.0, np.cross(np.eye(3), axis[:, None]))
         self._constant, self._sine, self._cosine = frame + frame @ cross @ cross, frame @ cross, -frame @ cross @ cross
 
     def flange(self, positions: Float[np.ndarray, "pose n"]) -> FlangeState:
         """Return the state of the flange at joint angles."""
-        sine, cosine = np.sin(positions)[..., None, None], np.cos(positions)[..., None, None]
+        angles = positions @ self._factor.T + self._offset
+        sine, cosine = np.sin(angles)[..., None, None], np.cos(angles)[..., None, None]
         turned = self._constant + sine * self._sine + cosine * self._cosine
-        shifted = self._origin + (self._slides * positions)[..., None] * self._axis
+        shifted = self._origin + (self._slides * angles)[..., None] * self._axis
         rotation, position = np.tile(np.eye(3), (len(positions), 1, 1)), np.zeros((len(positions), 3))
-        axes, places = np.empty((2, *positions.shape, 3))
-        for joint in range(positions.shape[1]):
+        axes, places = np.empty((2, *angles.shape, 3))
+        for joint in range(angles.shape[1]):
             axes[:, joint] = rotation @ self._axis[joint]
             position = position + np.einsum("pab,pb->pa", rotation, shifted[:, joint])
             rotation = rotation @ turned[:, joint]
@@ -170,7 +171,7 @@ class Chain:
         slides = self._slides[:, None]
         linear = np.where(slides, axes, np.cross(axes, position[:, None] - places))
         jacobian = np.concatenate([linear, np.where(slides, 0.0, axes)], axis=2).swapaxes(1, 2)
-        return FlangeState(rotation @ self._T_last_flange[:3, :3], position, jacobian)
+        return FlangeState(rotation @ self._T_last_flange[:3, :3], position, jacobian @ self._factor)
 
 
 def _product(joints: Sequence[TreeJoint]) -> Float[np.ndarray, "4 4"]:

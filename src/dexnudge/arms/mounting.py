@@ -1,6 +1,7 @@
 """How a hand is mounted on an arm's flange, and which mounts cannot be."""
 
 from collections.abc import Iterator
+from dataclasses import replace
 from typing import Any
 
 import numpy as np
@@ -15,16 +16,18 @@ from dexnudge.errors import ArmError, check_kind
 from dexnudge.geometry.overlap import deepest_overlap
 from dexnudge.hands.hand import ROOT_COORDINATES, Hand
 
-# Of named pairs: (turn of the palm about the flange's z-axis, tilt of the fingers from that axis to where the palm faces)
-# [deg]. A wedge between flange and hand makes the tilt.
-WEDGES: dict[tuple[str, str], tuple[float, float]] = {
-    ("panda", "shadow_lite"): (45.0, 45.0),
-    ("panda", "allegro"): (45.0, -45.0),
+# Of named pairs: turn of the palm about the flange's z-axis and tilt of the fingers from that axis to where the palm faces
+# [deg], and length of a column between flange and hand [m].
+ADAPTERS: dict[tuple[str, str], tuple[float, float, float]] = {
+    ("panda", "shadow_lite"): (45.0, 30.0, 0.0),
+    ("panda", "allegro"): (45.0, -90.0, 0.15),
 }
 # Of pairs of one maker the pose itself; there, the hand's housing encloses the flange.
 MAKERS = {("panda", "panda_gripper"): trimesh.transformations.rotation_matrix(np.radians(-45.0), (0.0, 0.0, 1.0))}
 GAP = 0.002  # [m] between the flange's plane and the hand: an adapter plate, and no overlap by rounding
 REAR = 0.02  # [m] behind which a hand's geometry is its rear end, whose middle lies on the flange's axis
+SHORTEST_COLUMN, COLUMN_RADIUS = 0.02, 0.025  # [m] what stands between the flange and a hand farther out than that
+COLUMN_SIDES = 24
 SNAP = np.cos(np.radians(15.0))  # a mount whose axis is that near the fingers' is screwed on along it; a base always is
 DEEPEST = 0.001  # [m] by which hand and arm may overlap: meshes of two makers that bolt together
 
@@ -44,7 +47,8 @@ def mount(arm: Arm, hand: Hand, T_flange_mount: Any = None) -> Robot:
     check_kind("arm", arm, Arm, 'load_arm("panda")')
     check_kind("hand", hand, Hand, 'load_hand("shadow_lite")')
     given = T_flange_mount is not None
-    robot = Robot(arm, hand, rigid_pose(T_flange_mount, "T_flange_mount") if given else default_mount(arm, hand))
+    pose = rigid_pose(T_flange_mount, "T_flange_mount") if given else default_mount(arm, hand)
+    robot = Robot(_with_column(arm, hand, pose), hand, pose)
     met = sorted(_overlaps(robot), reverse=True)
     if met:
         links = ", ".join(f"'{of_hand}' {1e3 * depth:.0f} mm into '{of_arm}'" for depth, of_hand, of_arm in met[:3])
@@ -58,16 +62,29 @@ def mount(arm: Arm, hand: Hand, T_flange_mount: Any = None) -> Robot:
     return robot
 
 
+def _with_column(arm: Arm, hand: Hand, T_flange_mount: Float[np.ndarray, "4 4"]) -> Arm:
+    """Return the arm with a column on its flange that reaches to a hand which is mounted farther out."""
+    points = trimesh.transform_points(_hand_points(hand, _at_rest(hand)[0]), T_flange_mount)
+    length = float(points[:, 2].min()) - GAP
+    if length < SHORTEST_COLUMN:
+        return arm
+    middle = trimesh.transformations.translation_matrix([0.0, 0.0, length / 2])
+    column = trimesh.creation.cylinder(COLUMN_RADIUS, length, sections=COLUMN_SIDES, transform=middle)
+    own = arm.tree.links[arm.flange]
+    links = {**arm.tree.links, arm.flange: trimesh.util.concatenate([own, column]) if len(own.faces) else column}
+    return replace(arm, tree=replace(arm.tree, links=links))
+
+
 def default_mount(arm: Arm, hand: Hand) -> Float[np.ndarray, "4 4"]:
     """Return T_flange_mount: the hand's fingers continue the flange's z-axis, its palm faces the flange's x-axis.
 
     A hand with a base, such as a forearm, stands on the flange by the axis of the base that is nearest the fingers. Of
-    the named pairs it is turned and tilted by `WEDGES`. The rear of the hand lies 2 mm in front of the flange's plane,
-    its middle on the flange's axis; the room behind a tilted hand is that of a wedge.
+    the named pairs it is turned, tilted and set off by `ADAPTERS`. The rear of the hand lies 2 mm in front of the
+    flange's plane, its middle on the flange's axis; the room behind a tilted hand is that of a wedge.
     """
     if (arm.name, hand.name) in MAKERS:
         return MAKERS[arm.name, hand.name].copy()
-    turn, tilt = WEDGES.get((arm.name, hand.name), (0.0, 0.0))
+    turn, tilt, length = ADAPTERS.get((arm.name, hand.name), (0.0, 0.0, 0.0))
     poses, axis, normal = _at_rest(hand)
     points = _hand_points(hand, poses)
     upright = np.stack([normal, np.cross(axis, normal), axis])  # rows: the flange's axes in the mount's frame
@@ -78,7 +95,7 @@ def default_mount(arm: Arm, hand: Hand) -> Float[np.ndarray, "4 4"]:
     middle = np.append((rear.min(axis=0) + rear.max(axis=0))[:2] / 2, rear[:, 2].min())
     T_flange_mount[:3, 3] = -wedge @ middle
     lowest = (points @ T_flange_mount[:3, :3].T + T_flange_mount[:3, 3])[:, 2].min()
-    T_flange_mount[2, 3] += GAP - lowest
+    T_flange_mount[2, 3] += length + GAP - lowest
     return T_flange_mount
 
 

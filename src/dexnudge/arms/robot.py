@@ -112,6 +112,11 @@ def _unique(name: str, taken: tuple[str, ...], prefix: str) -> str:
     return f"{prefix}_{name}" if name in taken else name
 
 
+def _joint(joint: TreeJoint, name: str, arm: Arm) -> Joint:
+    index, factor, offset = (None, 1.0, 0.0) if joint.fixed else arm.lines[joint.name]
+    return Joint(name, joint.origin, joint.axis, index, factor, offset, joint.slides)
+
+
 def _body(robot: Robot) -> Hand:
     arm, hand = robot.arm, robot.hand
     rename = {name: _unique(name, hand.link_names, arm.name) for name in arm.tree.links}
@@ -128,12 +133,7 @@ def _body(robot: Robot) -> Hand:
     for link in arm_links:
         joint = carrier.get(link)
         parents.append(-1 if joint is None else links.index(rename[joint.parent]))
-        index = arm.joint_names.index(joint.name) if joint is not None and not joint.fixed else None
-        joints.append(
-            None
-            if joint is None
-            else Joint(_unique(joint.name, own, arm.name), joint.origin, joint.axis, index, slides=joint.slides)
-        )
+        joints.append(None if joint is None else _joint(joint, _unique(joint.name, own, arm.name), arm))
     below = {joint.child: joint for joint in hanging.joints}
     of_hand = {joint.name: joint for joint in hand.joints if joint is not None}
     for link in hand_links:

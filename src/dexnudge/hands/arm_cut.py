@@ -31,7 +31,7 @@ def _without_empty_world(tree: Tree, config: HandConfig) -> Tree:
     root = WORLD in tree.links and WORLD not in named and all(joint.child != WORLD for joint in tree.joints)
     if not root or len(mounts) != 1 or not mounts[0].fixed or len(tree.links[WORLD].faces):
         return tree
-    return _below(tree, mounts[0].child)
+    return below(tree, mounts[0].child)
 
 
 def renamed_world(tree: Tree, config: HandConfig) -> tuple[Tree, HandConfig]:
@@ -59,14 +59,14 @@ def _without_placing_joints(tree: Tree, config: HandConfig, notes: list[str]) ->
 
     The root of q places the hand.
     """
-    below: dict[str, list[TreeJoint]] = {link: [] for link in tree.links}
+    hanging: dict[str, list[TreeJoint]] = {link: [] for link in tree.links}
     for joint in tree.joints:
-        below[joint.parent].append(joint)
+        hanging[joint.parent].append(joint)
     link = next(iter(set(tree.links) - {joint.child for joint in tree.joints}))
     cut: list[TreeJoint] = []
-    while len(below[link]) == 1 and not len(tree.links[link].faces) and link not in (config.palm, config.base_link):
-        cut += below[link]
-        link = below[link][0].child
+    while len(hanging[link]) == 1 and not len(tree.links[link].faces) and link not in (config.palm, config.base_link):
+        cut += hanging[link]
+        link = hanging[link][0].child
     if any(joint.slides or joint.places for joint in cut):
         moving = ", ".join(joint.name for joint in cut if not joint.fixed)
         notes.append(f"joints that place the hand in the world were cut off: {moving}")
@@ -95,7 +95,7 @@ def _without_long_chain(tree: Tree, config: HandConfig, notes: list[str]) -> Tre
     cut = movable_above(place)
     if len(cut) <= (0 if place != config.palm else WRIST_JOINTS):
         return tree
-    kept = _below(tree, place)
+    kept = below(tree, place)
     notes.append(
         f"an arm of {len(cut)} joints, {cut[-1]} to {cut[0]}, was cut off above '{place}' with "
         f"{len(tree.links) - len(kept.links)} links; "
@@ -110,7 +110,7 @@ def _without_slides_above(tree: Tree, config: HandConfig, notes: list[str]) -> T
     link = _place(tree, config)
     while link in carrier:
         joint = carrier[link]
-        kept = _below(tree, link)
+        kept = below(tree, link)
         if (joint.slides or joint.places) and set(config.fingertips.values()) <= set(kept.links):
             notes.append(
                 f"'{joint.name}', which moves '{link}' along, was cut off with {len(tree.links) - len(kept.links)} links"
@@ -147,7 +147,7 @@ def _place(tree: Tree, config: HandConfig) -> str:
     return config.palm
 
 
-def _below(tree: Tree, link: str) -> Tree:
+def below(tree: Tree, link: str) -> Tree:
     """Return the tree of a link and all links below it."""
     kept = _descendants(tree, link)
     links = {name: mesh for name, mesh in tree.links.items() if name in kept}

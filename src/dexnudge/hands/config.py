@@ -9,8 +9,8 @@ import yaml
 from jaxtyping import Float
 
 from dexnudge.errors import HandError
+from dexnudge.hands.yaml_text import read_yaml
 
-MAX_CONFIG_BYTES = 100_000
 LONGEST_QUOTE = 200  # characters of a wrong value in a message
 GEOMETRIES = ("collision", "visual")
 
@@ -44,36 +44,8 @@ def read_hand_config(path: Path) -> HandConfig:
     Raises:
         HandError: missing file, not YAML, an unknown or missing key, or a value of another kind.
     """
-    if not path.is_file():
-        raise HandError(f"the hand's YAML is missing: expected a file at {path}, found none; mend the path")
-    if path.stat().st_size > MAX_CONFIG_BYTES:
-        raise HandError(
-            f"{path}: the file is too large: expected at most {MAX_CONFIG_BYTES} bytes, got {path.stat().st_size}; "
-            "keep only the hand's own keys"
-        )
-    try:
-        text = path.read_text(encoding="utf-8")
-        if any(isinstance(event, yaml.AliasEvent) for event in yaml.parse(text)):  # they can stand for gigabytes
-            raise HandError(f"{path}: YAML aliases are not read: expected plain values, got '*'; write them out")
-        raw = yaml.safe_load(text)
-    except (yaml.YAMLError, UnicodeDecodeError, RecursionError, ValueError) as error:
-        if isinstance(error, HandError):
-            raise
-        summary = " ".join(str(error).split())
-        raise HandError(
-            f"{path}: not a YAML file: expected 'key: value' lines, got '{summary}'; mend the file"
-        ) from error
-    if not isinstance(raw, dict):
-        raise HandError(
-            f"{path}: expected 'key: value' lines, got {type(raw).__name__}; write palm, fingertips, palm_normal"
-        )
     known = [f.name for f in fields(HandConfig)]
-    unknown = [key for key in raw if key not in known]
-    if unknown:
-        raise HandError(f"{path}: unknown keys {unknown}; expected some of {known}; remove or rename them")
-    missing = [key for key in ("palm", "fingertips", "palm_normal") if key not in raw]
-    if missing:
-        raise HandError(f"{path}: missing keys {missing}; expected palm, fingertips and palm_normal; add them")
+    raw = read_yaml(path, known, robot="hand", needed=("palm", "fingertips", "palm_normal"), error=HandError)
     return HandConfig(
         palm=_text(raw["palm"], "palm", path),
         fingertips=_fingertips(raw["fingertips"], path),
@@ -85,9 +57,9 @@ def read_hand_config(path: Path) -> HandConfig:
     )
 
 
-def yaml_beside(path: Path) -> Path | None:
-    """Return the YAML beside a description file: `<stem>.yaml`, else `hand.yaml`; None without either."""
-    found = (file for file in (path.with_suffix(".yaml"), path.with_name("hand.yaml")) if file.is_file())
+def yaml_beside(path: Path, other: str = "hand.yaml") -> Path | None:
+    """Return the YAML beside a description file: `<stem>.yaml`, else the `other`; None without either."""
+    found = (file for file in (path.with_suffix(".yaml"), path.with_name(other)) if file.is_file())
     return next(found, None)
 
 

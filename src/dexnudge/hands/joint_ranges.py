@@ -1,27 +1,38 @@
 """The ranges of a tree's independent joints: without stand-ins for "no limit", and within what every follower allows."""
 
-from dataclasses import replace
+from dataclasses import dataclass, replace
 
 import numpy as np
 
 from dexnudge.errors import HandError
 from dexnudge.hands.tree import CONTINUOUS_LIMIT, Mimic, Tree, TreeJoint
 
-NO_LIMIT = 1e3  # [rad] a limit from here on stands for none, as 1e16 does
-LARGEST_LIMIT = 2 * np.pi + 0.1  # [rad] no joint of a hand turns farther: the number is in degrees
-LONGEST_SLIDE = 0.5  # [m] from zero; farther than any gripper opens
 ROUNDED = 1e-6  # [rad or m] by which printed limits may differ
 SAID = 1e-3  # [rad or m] less of a range is said
+NO_LIMIT = 1e3  # [rad] a limit from here on stands for none, as 1e16 does
 
 
-def with_ranges(tree: Tree) -> Tree:
+@dataclass(frozen=True)
+class Farthest:
+    """How far from zero joints turn [rad] and slide [m]; what is more is in degrees or millimetres."""
+
+    turn: float
+    slide: float
+
+
+OF_A_HAND = Farthest(turn=2 * np.pi + 0.1, slide=0.5)  # farther than any gripper opens
+
+
+def with_ranges(tree: Tree, most: Farthest = OF_A_HAND) -> Tree:
     """Return the tree whose independent joints have ranges in which each follower keeps its own limits; see `notes`.
+
+    most: how far joints go at all; beyond, numbers are in another unit.
 
     Raises:
         HandError: limits in another unit, or a follower that leaves its leader no range or goes too far.
     """
     notes: list[str] = []
-    joints = {joint.name: _checked(joint, notes) for joint in tree.joints}
+    joints = {joint.name: _checked(joint, most, notes) for joint in tree.joints}
     stated = dict(joints)
     followers = {name: line for name in joints if (line := line_of(joints, name)) is not None}
     for name, (leader, multiplier, offset) in followers.items():
@@ -36,7 +47,7 @@ def with_ranges(tree: Tree) -> Tree:
     direct = sorted(followers, key=lambda name: joints[name].mimic != Mimic(*followers[name]))
     for name in direct:  # before those that follow followers
         leader, multiplier, offset = followers[name]
-        _refuse_far(joints[name], joints[leader], multiplier, offset)
+        _refuse_far(joints[name], joints[leader], multiplier, offset, most)
     return replace(tree, joints=tuple(joints[joint.name] for joint in tree.joints), notes=(*tree.notes, *notes))
 
 
@@ -56,7 +67,7 @@ def line_of(joints: dict[str, TreeJoint], name: str) -> tuple[str, float, float]
     return None if leader.name == name or leader.fixed else (leader.name, multiplier, offset)
 
 
-def _checked(joint: TreeJoint, notes: list[str]) -> TreeJoint:
+def _checked(joint: TreeJoint, most: Farthest, notes: list[str]) -> TreeJoint:
     """Return a joint without stand-ins for "no limit"; refuse limits in another unit."""
     free = joint.mimic is not None
     if joint.fixed or (free and np.isinf([joint.lower, joint.upper]).all()):
@@ -66,9 +77,9 @@ def _checked(joint: TreeJoint, notes: list[str]) -> TreeJoint:
         notes.append(
             f"joint '{joint.name}': limits of {joint.lower:.3g} to {joint.upper:.3g} rad stand for none: it turns freely"
         )
-        most = np.inf if free else CONTINUOUS_LIMIT
-        return replace(joint, lower=-most, upper=most)
-    if not joint.slides and farthest > LARGEST_LIMIT:
+        end = np.inf if free else CONTINUOUS_LIMIT
+        return replace(joint, lower=-end, upper=end, endless=True)
+    if not joint.slides and farthest > most.turn:
         raise HandError(
             f"joint '{joint.name}': expected limits in radians, got {joint.lower:g} to {joint.upper:g}, that is up to "
             f"{np.degrees(farthest):.0f} degrees; in degrees? write {np.radians(joint.lower):.4f} to "
@@ -78,9 +89,9 @@ def _checked(joint: TreeJoint, notes: list[str]) -> TreeJoint:
         raise HandError(
             f"joint '{joint.name}' slides without limits: expected a least and a greatest value [m], found none; add them"
         )
-    if joint.slides and not free and farthest > LONGEST_SLIDE:
+    if joint.slides and not free and farthest > most.slide:
         raise HandError(
-            f"joint '{joint.name}': expected limits in metres, at most {LONGEST_SLIDE:g} from zero, got "
+            f"joint '{joint.name}': expected limits in metres, at most {most.slide:g} from zero, got "
             f"{joint.lower:g} to {joint.upper:g}; in millimetres? write {joint.lower / 1e3:g} to {joint.upper / 1e3:g}"
         )
     return joint
@@ -106,13 +117,13 @@ def _narrowed(leader: TreeJoint, follower: TreeJoint, multiplier: float, offset:
     return replace(leader, lower=low, upper=high)
 
 
-def _refuse_far(follower: TreeJoint, leader: TreeJoint, multiplier: float, offset: float) -> None:
-    """Refuse a follower that goes farther than a joint of a hand does: its multiplier or offset is in another unit."""
+def _refuse_far(follower: TreeJoint, leader: TreeJoint, multiplier: float, offset: float, most: Farthest) -> None:
+    """Refuse a follower that goes farther than a joint does: its multiplier or offset is in another unit."""
     with np.errstate(over="ignore", invalid="ignore"):
         ends = multiplier * np.array([leader.lower, leader.upper]) + offset
-    most, unit = (LONGEST_SLIDE, "m") if follower.slides else (LARGEST_LIMIT, "rad")
-    if not (np.abs(ends) <= most).all():
+    farthest, unit = (most.slide, "m") if follower.slides else (most.turn, "rad")
+    if not (np.abs(ends) <= farthest).all():
         raise HandError(
             f"joint '{follower.name}' follows '{leader.name}' as {multiplier:g} x + {offset:g}: expected at most "
-            f"{most:.3g} {unit} from zero, got {ends.min():g} to {ends.max():g}; mend multiplier, offset or its limits"
+            f"{farthest:.3g} {unit} from zero, got {ends.min():g} to {ends.max():g}; mend multiplier, offset or its limits"
         )

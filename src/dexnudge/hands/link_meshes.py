@@ -91,7 +91,7 @@ def mesh_path(filename: str, folder: Path, packages: Mapping[str, Path | str] | 
     naming += f", or name the folder of '{package}' in `packages`" if found and scheme != "file" and package else ""
     if not inside:
         raise HandError(
-            f"mesh '{filename}' lies outside the hand's folder: expected a file below {folder}; "
+            f"mesh '{filename}' lies outside the description's folder: expected a file below {folder}; "
             f"copy the meshes beside the description and name them relative to it{naming}"
         )
     raise HandError(

@@ -60,7 +60,7 @@ def mjcf_tree(path: Path, geometry: str, packages: Mapping[str, Path | str] | No
     model = compiled_model(path, packages or {})
     roots = [body for body in range(1, model.nbody) if model.body_parentid[body] == 0]
     joints = {root: int((model.body_rootid[model.jnt_bodyid] == root).sum()) for root in roots}
-    largest = _name(model.body(max(roots, key=joints.__getitem__)).name, "body", 1) if len(roots) > 1 else None
+    largest = body_name(model, max(roots, key=joints.__getitem__)) if len(roots) > 1 else None
     return model_tree(model, path.stem, largest, geometry)
 
 
@@ -78,15 +78,20 @@ def tree_of_model(model: mujoco.MjModel, name: str, palm: str | None, select: Ca
     Raises:
         HandError: an unknown palm, non-linear joint equalities, or shapes without a volume.
     """
-    bodies = _bodies(model, palm)
+    return body_tree(model, name, _root(model, palm), select)
+
+
+def body_tree(model: mujoco.MjModel, name: str, root: int, select: Callable[[int], bool]) -> Tree:
+    """Return the tree of a body of the world's and all below it, as `tree_of_model` does; its own joints are left out."""
+    bodies = [body for body in range(1, model.nbody) if model.body_rootid[body] == root]
     links: dict[str, trimesh.Trimesh] = {}
     joints: list[TreeJoint] = []
     for body in bodies:
-        link = _name(model.body(body).name, "body", body)
+        link = body_name(model, body)
         if body != bodies[0]:
             above = int(model.body_parentid[body])
-            parent = _name(model.body(above).name, "body", above)
-            for joint in _chain(model, body, parent, link):
+            parent = body_name(model, above)
+            for joint in body_chain(model, body, parent, link):
                 joints.append(joint)
                 links[joint.child] = trimesh.Trimesh()
         pieces = [
@@ -96,27 +101,26 @@ def tree_of_model(model: mujoco.MjModel, name: str, palm: str | None, select: Ca
     return Tree(name, links, tuple(joints))
 
 
-def _bodies(model: mujoco.MjModel, palm: str | None) -> list[int]:
+def _root(model: mujoco.MjModel, palm: str | None) -> int:
     names = [model.body(body).name for body in range(1, model.nbody)]
     if not names:
-        raise HandError("the MJCF has no bodies: expected a hand below <worldbody>, found none; mend the file")
+        raise HandError("the MJCF has no bodies: expected some below <worldbody>, found none; mend the file")
     if palm is not None and palm not in names:
         raise HandError(
             f"the hand's YAML names an unknown link: key 'palm': expected one of {names}, got '{palm}'; mend it"
         )
-    root = model.body_rootid[1 if palm is None else model.body(palm).id]
-    return [body for body in range(1, model.nbody) if model.body_rootid[body] == root]
+    return int(model.body_rootid[1 if palm is None else model.body(palm).id])
 
 
-def _chain(model: mujoco.MjModel, body: int, parent: str, link: str) -> list[TreeJoint]:
+def body_chain(model: mujoco.MjModel, body: int, parent: str, link: str) -> list[TreeJoint]:
     """Return the joints from a body's parent to the body; several, with empty links between, where one does not say it."""
-    origin = _transform(model.body_pos[body], model.body_quat[body])
+    origin = place_of(model.body_pos[body], model.body_quat[body])
     moving = [joint for joint in range(model.njnt) if model.jnt_bodyid[joint] == body]
     if not moving:
         return [TreeJoint(f"{link}_mount", parent, link, origin, np.asarray((1.0, 0.0, 0.0)), fixed=True)]
     chain = []
     for joint in moving:
-        name = _name(model.joint(joint).name, "joint", joint)
+        name = model.joint(joint).name or f"joint{joint}"
         kind = mujoco.mjtJoint(model.jnt_type[joint])
         turns = kind == mujoco.mjtJoint.mjJNT_HINGE
         slides, axis, zero = kind == mujoco.mjtJoint.mjJNT_SLIDE, model.jnt_axis[joint].copy(), _zero(model, joint)
@@ -130,7 +134,8 @@ def _chain(model: mujoco.MjModel, body: int, parent: str, link: str) -> list[Tre
         child = link if joint == moving[-1] and not at.any() else f"{link}@{name}"
         places = None if turns or slides else kind.name.removeprefix("mjJNT_").lower()
         place = origin @ anchor @ back
-        chain.append(TreeJoint(name, parent, child, place, axis, False, low, high, None, slides, places))
+        endless = turns and not model.jnt_limited[joint]
+        chain.append(TreeJoint(name, parent, child, place, axis, False, low, high, None, slides, places, endless))
         parent, origin = child, np.linalg.inv(anchor)
     if parent != link:
         chain.append(TreeJoint(f"{link}_mount", parent, link, origin, np.asarray((1.0, 0.0, 0.0)), fixed=True))
@@ -170,15 +175,17 @@ def _geom_mesh(model: mujoco.MjModel, geom: int) -> trimesh.Trimesh:
             f"geom '{model.geom(geom).name}': expected mesh, box, cylinder, capsule, sphere or ellipsoid, got {kind.name}; "
             "replace it by a mesh"
         )
-    mesh.apply_transform(_transform(model.geom_pos[geom], model.geom_quat[geom]))
+    mesh.apply_transform(place_of(model.geom_pos[geom], model.geom_quat[geom]))
     return mesh
 
 
-def _transform(position: np.ndarray, quaternion: np.ndarray) -> np.ndarray:
+def place_of(position: np.ndarray, quaternion: np.ndarray) -> np.ndarray:
+    """Return the (4, 4) pose of a position and a quaternion."""
     transform = trimesh.transformations.quaternion_matrix(quaternion)
     transform[:3, 3] = position
     return transform
 
 
-def _name(name: str, kind: str, number: int) -> str:
-    return name or f"{kind}{number}"
+def body_name(model: mujoco.MjModel, body: int) -> str:
+    """Return a body's name, or one that says which it is."""
+    return model.body(body).name or f"body{body}"

@@ -96,7 +96,7 @@ def _check_files(path: Path, packages: Mapping[str, Path | str]) -> None:
                 places = [(folder / value).resolve() for folder in folders]
                 if not all(any(place.is_relative_to(allowed) for allowed in roots) for place in places):
                     raise HandError(
-                        f"{file}: '{value}' lies outside the hand's folder: expected a file below {home}; "
+                        f"{file}: '{value}' lies outside the description's folder: expected a file below {home}; "
                         "copy the files beside the description and name them relative to it"
                     )
                 if element.tag in ("include", "model") and (home / value).resolve() not in checked:
@@ -141,7 +141,7 @@ def _refuse_excess(element: Element, file: Path) -> None:
     if too_much:
         raise HandError(
             f"{file}: <{element.tag} {' '.join(f'{key}={value!r}' for key, value in element.attrib.items())[:100]}>: "
-            f"expected what a hand consists of: no {', '.join(NO_HAND_HAS)}, no nested or more than {MAX_COPIES} copies, "
+            f"expected what a robot consists of: no {', '.join(NO_HAND_HAS)}, no nested or more than {MAX_COPIES} copies, "
             f"textures of at most {MAX_PIXELS} pixels a side, sizes of at most {MAX_SIZE:,}; remove it"
         )
 

@@ -55,6 +55,20 @@ def read_tree(path: Path, geometry: str, *, packages: Mapping[str, Path | str] |
     return urdf_tree(path, geometry, packages)
 
 
+def read_robot_tree(
+    path: Path, geometry: str, *, packages: Mapping[str, Path | str] | None = None, link: str | None = None
+) -> Tree:
+    """Return the whole tree, as `read_tree`, with what an arm needs: first joints and sites of an MJCF, efforts, a home.
+
+    link: one of the tree that is meant, where a file holds several.
+    """
+    if _suffix(path) == ".xml":
+        from dexnudge.hands.mjcf_robot import mjcf_robot_tree
+
+        return mjcf_robot_tree(path, geometry, packages or {}, link)
+    return urdf_tree(path, geometry, packages)
+
+
 PREPARED_NAME = "hand.urdf"  # the description in a prepared folder
 READERS: dict[str, Callable[..., Hand]] = {".urdf": hand_from_urdf, ".xml": _hand_from_mjcf}
 

@@ -1,6 +1,6 @@
 """A hand's kinematic tree as a description file states it: links and joints, checked, and given another root."""
 
-from dataclasses import dataclass, replace
+from dataclasses import dataclass, field, replace
 
 import numpy as np
 import trimesh
@@ -27,7 +27,8 @@ class TreeJoint:
     """T_parent_child = origin @ rotation(axis, angle), or `origin` alone where the joint is fixed.
 
     Of a joint that `slides` it is origin @ translation(axis * value). `places`: type of any other joint, which may only
-    place the hand in the world.
+    place the hand in the world. `endless`: `lower` and `upper` stand in for limits that it does not have. `velocity`
+    [rad/s], `effort` [N m]: its limits; None where the file states none.
     """
 
     name: str
@@ -41,16 +42,23 @@ class TreeJoint:
     mimic: Mimic | None = None
     slides: bool = False
     places: str | None = None
+    endless: bool = False
+    velocity: float | None = None
+    effort: float | None = None
 
 
 @dataclass(frozen=True)
 class Tree:
-    """Links with their geometry (in the link frame [m], possibly empty) and joints, both in the file's order."""
+    """Links with their geometry (in the link frame [m], possibly empty) and joints, both in the file's order.
+
+    home: joint angles of the pose that the file calls so, by joint [rad].
+    """
 
     name: str
     links: dict[str, trimesh.Trimesh]
     joints: tuple[TreeJoint, ...]
     notes: tuple[str, ...] = ()
+    home: dict[str, float] = field(default_factory=dict)
 
 
 def locked(joint: TreeJoint, value: float) -> TreeJoint:

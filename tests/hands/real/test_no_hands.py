@@ -11,6 +11,6 @@ NO_HANDS = ("ur_description/urdf/ur5_robot.urdf", "urdf/double_pendulum.urdf")
 
 @pytest.mark.parametrize("file", NO_HANDS)
 def test_a_robot_without_a_hand_is_refused(file):
-    path = package_file("example-robot-data", file, hand="none", install="pip install example-robot-data")
+    path = package_file("example-robot-data", file, what="hand 'none'", install="pip install example-robot-data")
     with pytest.raises(HandError, match="no hand"):
         prepare_hand(path)

@@ -23,7 +23,7 @@ def allegro(*, base: bool = True) -> Hand:
     path = package_file(
         "example-robot-data",
         "allegro_hand_description/urdf/allegro_right_hand.urdf",
-        hand="allegro",
+        what="hand 'allegro'",
         install="pip install 'dexnudge[hands]'",
     )
     return hand_from_urdf(path, CONFIG, base=base)

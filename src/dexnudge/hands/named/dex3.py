@@ -27,7 +27,7 @@ def dex3(*, base: bool = True) -> Hand:
     path = package_file(
         "example-robot-data",
         "g1_description/urdf/g1_29dof_with_hand_rev_1_0.urdf",
-        hand="dex3",
+        what="hand 'dex3'",
         install="pip install 'dexnudge[hands]'",
     )
     return hand_from_urdf(path, CONFIG, base=base)

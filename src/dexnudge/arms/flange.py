@@ -1,0 +1,186 @@
+"""Where an arm ends: the flange among a description's links, and what of the rest belongs to the arm."""
+
+import re
+from collections.abc import Sequence
+from dataclasses import replace
+
+import numpy as np
+
+from dexnudge.arms.config import ArmConfig
+from dexnudge.errors import ArmError, did_you_mean
+from dexnudge.hands.arm_cut import WORLD, below
+from dexnudge.hands.joint_ranges import line_of
+from dexnudge.hands.tree import Tree, TreeJoint
+
+LEAST_JOINTS = 4  # fewer bring a hand to few poses: a wrist, or a gripper
+ALONG = np.cos(np.radians(10.0))  # of the flange's z-axis to the last joint's
+MOST_NAMED = 20  # links in a message
+# Names of flanges, the surest first. ROS-Industrial's tool0 has z out of the arm, where its flange has x.
+NAMES = (
+    "tool0",
+    "flange",
+    "attachment_site",
+    "attachment",
+    "link_?8",
+    "link_?eef",
+    "link_?ee",
+    "eef?(_link)?",
+    "end_?effector(_link|_frame)?",
+    "tool(_link|_frame)",
+    "mount(ing)?_?(flange|plate)?",
+)
+
+
+def from_base(tree: Tree, config: ArmConfig) -> Tree:
+    """Return what hangs below the arm's base, without joints that place it and without an empty world; see `notes`."""
+    if config.base is not None:
+        _check_link(config.base, "base", tree)
+        return below(tree, config.base)
+    root = _root(tree)
+    while (first := [joint for joint in tree.joints if joint.parent == root]) and not len(tree.links[root].faces):
+        places = first[0].places is not None or (first[0].fixed and root == WORLD)
+        if len(first) > 1 or not places:
+            break
+        if not first[0].fixed or not np.allclose(first[0].origin, np.eye(4)):
+            note = f"the base is '{first[0].child}': joint '{first[0].name}', which places it in the world, was cut off"
+            tree = replace(tree, notes=(*tree.notes, note))
+        root = first[0].child
+    tree = below(tree, root)
+    if WORLD not in tree.links:
+        return tree
+    new = {link: f"{WORLD}_link" if link == WORLD else link for link in tree.links}  # MuJoCo keeps the name for itself
+    joints = tuple(replace(joint, parent=new[joint.parent], child=new[joint.child]) for joint in tree.joints)
+    return replace(tree, links={new[link]: mesh for link, mesh in tree.links.items()}, joints=joints)
+
+
+def find_flange(tree: Tree, source: str) -> str:
+    """Return the link that a hand is mounted on, where that is clear.
+
+    Raises:
+        ArmError: it is not clear; the message names the links that may be meant.
+    """
+    joints = {joint.name: joint for joint in tree.joints}
+    ends = [link for link in tree.links if _turns(link, joints) >= LEAST_JOINTS]
+    if not ends:
+        most = max((_turns(link, joints) for link in tree.links), default=0)
+        raise ArmError(
+            f"{source}: expected an arm of at least {LEAST_JOINTS} joints one after another, found {most}; name a "
+            "description with an arm"
+        )
+    named = [[link for link in ends if _is_called(link, name) and _points_out(tree, link)] for name in NAMES]
+    best: Sequence[str] = next((links for links in named if links), ())
+    if len(best) == 1:
+        return best[0]
+    leaves = [link for link in ends if all(joint.parent != link for joint in tree.joints)]
+    bare = [link for link in leaves if not len(tree.links[link].faces) and _points_out(tree, link)]
+    if not best and len(leaves) == len(bare) == 1 and not _carrier(tree, bare[0]).mimic:
+        return bare[0]
+    shown = list(best) or ends
+    more = f" and {len(shown) - MOST_NAMED} more" if len(shown) > MOST_NAMED else ""
+    raise ArmError(
+        f"{source}: an arm without the flange named: expected the link that a hand is mounted on, z out of the arm; it may "
+        f"be one of {', '.join(shown[:MOST_NAMED])}{more}; write 'flange: LINK' into the YAML beside the description"
+    )
+
+
+def cut_at(tree: Tree, flange: str, source: str) -> Tree:
+    """Return the way from the base to the flange, and what is fixed to it or follows its joints; see `notes`.
+
+    Raises:
+        ArmError: no such link, too few joints, or one that follows a joint of something else.
+    """
+    _check_link(flange, "flange", tree)
+    way = [flange]
+    while way[-1] != _root(tree):
+        way.append(_carrier(tree, way[-1]).parent)
+    joints = {joint.name: joint for joint in tree.joints}
+    of_way = [_carrier(tree, link) for link in reversed(way[:-1])]
+    own = {joint.name for joint in of_way if not joint.fixed and joint.mimic is None}
+    for joint in of_way:
+        line = line_of(joints, joint.name) if joint.mimic is not None and not joint.fixed else None
+        if joint.places is not None or (joint.mimic is not None and (line is None or line[0] not in own)):
+            kind = (
+                f"moves as a {joint.places} joint"
+                if joint.places
+                else f"follows '{getattr(joint.mimic, 'leader', '')}'"
+            )
+            raise ArmError(
+                f"{source}: joint '{joint.name}' between base and flange {kind}: expected joints that turn or slide, or "
+                "follow one between base and flange; mend the joint, or name another flange or base"
+            )
+    if len(own) < LEAST_JOINTS:
+        raise ArmError(
+            f"{source}: expected at least {LEAST_JOINTS} joints between base and flange, found {len(own)} between "
+            f"'{way[-1]}' and '{flange}'; name another flange, or another arm"
+        )
+    moving = max(number for number, joint in enumerate(of_way) if not joint.fixed)
+    last = {joint.child for joint in of_way[moving:]}
+    kept, cut = set(way), []
+    for joint in _parents_first(tree):
+        if joint.child in kept or joint.parent not in kept:
+            continue
+        line = None if joint.fixed else line_of(joints, joint.name)
+        follows = joint.fixed or (line is not None and line[0] in own)
+        grips = joint.parent in last and any(not other.fixed for other in below(tree, joint.child).joints)
+        if joint.parent == flange or grips or not follows:
+            cut.append(joint)
+        else:
+            kept.add(joint.child)
+    solid = [joint.child for joint in cut if any(len(mesh.faces) for mesh in below(tree, joint.child).links.values())]
+    order = [way[-1], *(joint.child for joint in _parents_first(tree))]
+    links = {name: tree.links[name] for name in order if name in kept}
+    kept_joints = tuple(joint for joint in tree.joints if joint.child in kept)
+    notes = (f"cut off, with all that hangs there: {', '.join(solid)}",) if solid else ()
+    return replace(tree, links=links, joints=kept_joints, notes=(*tree.notes, *notes))
+
+
+def _check_link(link: str, key: str, tree: Tree) -> None:
+    if link not in tree.links:
+        shown = list(tree.links)
+        more = f" and {len(shown) - MOST_NAMED} more" if len(shown) > MOST_NAMED else ""
+        raise ArmError(
+            f"the arm's YAML names an unknown link: key '{key}': expected one of {', '.join(shown[:MOST_NAMED])}{more}, got "
+            f"'{link}'{did_you_mean(link, shown)}; mend it"
+        )
+
+
+def _root(tree: Tree) -> str:
+    return next(iter(set(tree.links) - {joint.child for joint in tree.joints}))
+
+
+def _carrier(tree: Tree, link: str) -> TreeJoint:
+    return next(joint for joint in tree.joints if joint.child == link)
+
+
+def _parents_first(tree: Tree) -> list[TreeJoint]:
+    order = [joint for joint in tree.joints if joint.parent == _root(tree)]
+    for joint in order:
+        order += [other for other in tree.joints if other.parent == joint.child]
+    return order
+
+
+def _turns(link: str, joints: dict[str, TreeJoint]) -> int:
+    """Return how many joints of its own move a link."""
+    carrier, found = {joint.child: joint for joint in joints.values()}, 0
+    while link in carrier:
+        joint = carrier[link]
+        found += not joint.fixed and joint.mimic is None and joint.places is None
+        link = joint.parent
+    return found
+
+
+def _is_called(link: str, name: str) -> bool:
+    return re.fullmatch(rf"(.*[^a-z0-9])?{name}", link.lower()) is not None
+
+
+def last_axis(tree: Tree, link: str) -> np.ndarray:
+    """Return the axis of the last joint that moves a link, in the link's frame."""
+    turn, carrier = np.eye(3), {joint.child: joint for joint in tree.joints}
+    while link in carrier and carrier[link].fixed:
+        turn = carrier[link].origin[:3, :3] @ turn
+        link = carrier[link].parent
+    return np.asarray(turn.T @ carrier[link].axis if link in carrier else np.array([0.0, 0.0, 1.0]))
+
+
+def _points_out(tree: Tree, link: str) -> bool:
+    return bool(abs(last_axis(tree, link)[2]) > ALONG)
