@@ -43,6 +43,7 @@ from dexnudge.finding import Finding as Finding
 from dexnudge.scenes.scene import Scene as Scene, load_scene as load_scene
 from dexnudge.simulation.depth_camera import DepthCamera as DepthCamera, depth_views as depth_views
 from dexnudge.trajectories.plan import JointTrajectory as JointTrajectory, Phase as Phase, Plan as Plan
+from dexnudge.trajectories.plan_episode import PlanEpisode as PlanEpisode
 from dexnudge.trajectories.plan_folder import load_plan as load_plan
 from dexnudge.verification.criteria import (
     Criterion as Criterion,

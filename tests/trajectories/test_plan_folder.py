@@ -143,7 +143,7 @@ def test_joints_on_one_tendon_and_joints_that_slide_are_said_to(plan, tmp_path):
         return json.loads((tmp_path / hand / "plan.json").read_text())
 
     motors = content("shadow_lite")["actuators"]
-    assert motors[-1] == {"name": "RFJ1+RFJ2", "joints": {"RFJ1": 1.0, "RFJ2": 1.0}, "kp": 5.0, "kv": 0.25}
+    assert motors[-1] == {"name": "RFJ1+RFJ2", "joints": {"RFJ1": 1.0, "RFJ2": 1.0}, "kp": 5.0, "kv": 0.05}
     assert content("panda_gripper")["units"] == ["rad"] * 7 + ["m"]
 
 

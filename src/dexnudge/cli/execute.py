@@ -21,15 +21,16 @@ from dexnudge.errors import InputError
 
 @dataclass(frozen=True)
 class Execute:
-    """Play the best verified configurations out in MuJoCo: close in, squeeze, push by the scene's motion length.
+    """Play the best verified configurations, or a plan, out in MuJoCo: close in, squeeze, push by the motion's length.
 
     A push succeeds if the object advances 80 % of the way, turns less than 15 degrees and is not dropped, and the hand
     never enters the surroundings by more than 2 mm. With --then-grasp the object is pushed until it can be grasped,
-    grasped, lifted by 10 cm and held for 2 s, in one continuous simulation. Exit code 3: nothing succeeds.
+    grasped, lifted by 10 cm and held for 2 s, in one continuous simulation. Of a plan, arm and hand move by their own
+    motors alone, and what holds for the hand holds for the arm. Exit code 3: nothing succeeds.
     """
 
     folder: ResultFolder
-    """Folder that `sample` wrote."""
+    """Folder that `sample` wrote, or that of a plan."""
     top: Count = 1
     """Execute this many, best first."""
     workers: Count = 2
@@ -58,7 +59,8 @@ class Execute:
                 f"`top` is {self.top} with `then_grasp`, which goes through the configurations by itself, best first; "
                 "expected no `top`; use `attempts`"
             )
-        succeeded, out = self._then_grasp() if self.then_grasp else self._push()
+        play = self._plan if is_plan(self.folder) else self._then_grasp if self.then_grasp else self._push
+        succeeded, out = play()
         say(f"written: {out}")
         from dexnudge.execution.film import PAGE_FILE
 
@@ -66,6 +68,26 @@ class Execute:
             say(f"watch it: {film}")
         say(f"open the model: python -m mujoco.viewer --mjcf={out / 'scene.xml'}")
         return 0 if succeeded else NOTHING_SUCCEEDED
+
+    def _plan(self) -> tuple[bool, Path]:
+        """Play the plan of the folder; the model is the one in it where it has one."""
+        if self.top != 1 or self.then_grasp:
+            given = "then_grasp" if self.then_grasp else "top"
+            raise InputError(f"`{given}` was given with a plan, which is one way of one configuration; leave it out")
+        from dexnudge.execution.folder import PUSH_FOLDER
+        from dexnudge.jobs.progress import progress
+        from dexnudge.trajectories.plan_episode import execute_plan
+        from dexnudge.trajectories.plan_folder import ROBOT, WORLD_XML, load_plan
+
+        folder = Path(self.folder) if Path(self.folder).is_dir() else Path(self.folder).parent
+        out = out_folder(self.out, folder / PUSH_FOLDER, overwrite=self.overwrite)
+        with progress() as bars:
+            bars.add_task("executing", total=None)
+            plan, world = load_plan(folder), folder / ROBOT / WORLD_XML
+            episode = execute_plan(plan, xml=world.read_text(encoding="utf-8") if world.is_file() else None)
+            episode.save(out, overwrite=self.overwrite, pictures=self.films > 0)
+        _print_phases(episode.summary())
+        return episode.success, out
 
     def _push(self) -> tuple[bool, Path]:
         from dexnudge.execution.folder import PUSH_FOLDER, push_folder
@@ -104,6 +126,33 @@ class Execute:
             )
         _print_attempts(summary)
         return summary["success"], out
+
+
+def is_plan(path: str | Path) -> bool:
+    """Whether a path is that of a plan, its folder or its plan.json."""
+    path = Path(path)
+    return path.name == "plan.json" or (path / "plan.json").is_file()
+
+
+def _print_phases(summary: dict[str, Any]) -> None:
+    shown = table(
+        "phase", "palm off [mm]", "[deg]", "arm off [mrad]", "fingers off [mrad]", "torque [% of limit]", "presses [N]"
+    )
+    for row in summary["phases"]:
+        shown.add_row(
+            row["name"],
+            f"{1e3 * row['palm_error']:.2f}",
+            f"{row['palm_error_deg']:.2f}",
+            f"{1e3 * row['arm_error']:.1f}",
+            f"{1e3 * row['hand_error']:.1f}",
+            f"{100 * max(row['arm_torque_share'], row['hand_torque_share']):.0f}",
+            f"{row['hand_object_force']:.1f}",
+        )
+    stdout().print(shown)
+    say(
+        f"{summary['sentence']}: moved {1e3 * summary['length_reached']:.1f} of {1e3 * summary['length_asked']:.0f} mm, "
+        f"turned {summary['turned_deg']:.1f} deg, {1e3 * summary['hand_environment']:.2f} mm into the surroundings"
+    )
 
 
 def _print_pushes(summary: dict[str, Any]) -> None:

@@ -2,7 +2,7 @@
 
 import shutil
 import warnings
-from collections.abc import Sequence
+from collections.abc import Mapping, Sequence
 from dataclasses import asdict, dataclass
 from pathlib import Path
 from tempfile import TemporaryDirectory
@@ -146,7 +146,7 @@ class Episode:
     ) -> dict[str, Any]:
         """Write the same into a folder that exists; return the summary, which ends with `details`."""
         self.write(folder, title=title, pictures=pictures)
-        write_model([self], folder, xml=self.simulation.xml)
+        write_model({self.configuration: self.trace}, folder, xml=self.simulation.xml)
         summary = self.summary() | (details or {}) | provenance()
         write_summary(folder, summary)
         return summary
@@ -268,15 +268,14 @@ def provenance() -> dict[str, Any]:
     return {"timestep": TIMESTEP, "machine": machine(), "versions": versions()}
 
 
-def write_model(episodes: Sequence[Episode], folder: Path, *, xml: str) -> None:
-    """Write the model that was simulated, with key frames every 0.25 s of the episodes and at the end of each.
+def write_model(traces: Mapping[int, Trace | None], folder: Path, *, xml: str) -> None:
+    """Write the model that was simulated, with key frames every 0.25 s of the traces, by configuration, and at their ends.
 
     `python -m mujoco.viewer --mjcf=scene.xml` opens it; its key frames step through what happened.
     """
     root = ElementTree.fromstring(xml)  # noqa: S314 - the text is our own
     keys = ElementTree.SubElement(root, "keyframe")
-    for episode in sorted(episodes, key=lambda one: one.configuration):
-        trace = episode.trace
+    for configuration, trace in sorted(traces.items()):
         if trace is None:
             continue
         shown = np.searchsorted(trace.time, np.arange(0.0, trace.time[-1], KEY_INTERVAL) - 1e-9)
@@ -285,11 +284,11 @@ def write_model(episodes: Sequence[Episode], folder: Path, *, xml: str) -> None:
                 "time": trace.time[record],
                 "qpos": trace.qpos[record],
                 "ctrl": trace.ctrl[record],
-                "mpos": trace.mocap[record, :3],
-                "mquat": trace.mocap[record, 3:],
             }
+            if trace.mocap.size:
+                values |= {"mpos": trace.mocap[record, :3], "mquat": trace.mocap[record, 3:]}
             # Milliseconds: records are 2 ms apart at least, and MuJoCo loads no two keys of one name.
-            name = f"configuration {episode.configuration} at {trace.time[record]:.3f} s"
+            name = f"configuration {configuration} at {trace.time[record]:.3f} s"
             key = ElementTree.SubElement(keys, "key", name=name)
             for attribute, value in values.items():
                 key.set(attribute, " ".join(f"{x:.9g}" for x in np.atleast_1d(value)))

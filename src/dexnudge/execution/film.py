@@ -1,5 +1,6 @@
 """An execution as a film: what its trace holds, drawn by the hand's own forward kinematics."""
 
+from collections.abc import Sequence
 from dataclasses import replace
 from pathlib import Path
 
@@ -21,16 +22,22 @@ PAGE_FILE, STRIP_FILE, ANIMATION_FILE = "film.html", "film.png", "film.gif"
 
 
 def film_of_trace(
-    scene: Scene, simulation: SimulationModel, trace: Trace, *, title: str = "", subtitle: str = ""
+    scene: Scene,
+    simulation: SimulationModel,
+    trace: Trace,
+    *,
+    title: str = "",
+    subtitle: str = "",
+    push_phases: Sequence[str] = PHASES,
 ) -> Recording:
     """Return the film of a rollout of `simulation`, with how far the object moved and turned since it came to rest.
 
-    The arrow of the motion is shown until the first phase that is none of a push.
+    The arrow of the motion is shown until the first phase that is none of `push_phases`.
     """
     poses, phases = simulation.object_poses(trace.qpos), trace.phase.tolist()
     resting = next((index for index, name in enumerate(phases) if name != SETTLE), 0)
     start = max(resting - 1, 0)
-    pushing = next((index for index, name in enumerate(phases) if name not in PHASES), len(phases))
+    pushing = next((index for index, name in enumerate(phases) if name not in push_phases), len(phases))
     centre = np.append(centre_of_mass(scene.object_mesh), 1.0)
     moved = 1e3 * ((poses - poses[start]) @ centre)[:, :3]
     turned = Rotation.from_matrix(poses[:, :3, :3]) * Rotation.from_matrix(poses[start, :3, :3]).inv()

@@ -77,7 +77,7 @@ def push_folder(
             rows.append(row | {"force_margin": samples[index].force_margin})
             if on_done:
                 on_done(index, result)
-        write_model(episodes, written, xml=simulation.xml)
+        write_model({episode.configuration: episode.trace for episode in episodes}, written, xml=simulation.xml)
         succeeded = sum(row["success"] for row in rows)
         summary = {
             "attempted": len(rows),

@@ -1,6 +1,7 @@
 """Arm, hand, object and surroundings as one MuJoCo model: the arm stands fixed at its base and moves by its own motors."""
 
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
+from xml.etree import ElementTree
 
 import mujoco
 import numpy as np
@@ -8,6 +9,8 @@ from jaxtyping import Float
 
 from dexnudge.arms.export import mjcf_of_robot
 from dexnudge.arms.robot import Robot
+from dexnudge.errors import InputError
+from dexnudge.hands.xml_text import numbers
 from dexnudge.scenes.scene import Scene
 from dexnudge.simulation.convex_pieces import environment_pieces
 from dexnudge.simulation.model import SimulationModel, add_scene, indexed, link_surface, spec_of_links
@@ -28,6 +31,14 @@ class RobotModel:
         """Reset everything: arm and hand at `position` [rad], at rest, the object where the scene has it."""
         self.simulation.place(self.robot.coordinates(position[None])[0])
 
+    def xml_at(self, position: Float[np.ndarray, " n"]) -> str:
+        """Return the model's text with a key frame, "start", in which the robot stands at `position` [rad], at rest."""
+        self.place(position)
+        root = ElementTree.fromstring(self.simulation.xml)  # noqa: S314 - the text is our own
+        values = {name: numbers(getattr(self.simulation.data, name)) for name in ("qpos", "ctrl")}
+        ElementTree.SubElement(ElementTree.SubElement(root, "keyframe"), "key", values, name="start")
+        return ElementTree.tostring(root, encoding="unicode")
+
     def positions(self, qpos: Float[np.ndarray, "k nq"]) -> Float[np.ndarray, "k n"]:
         """Return the joint angles of arm and hand for MuJoCo's coordinates."""
         return np.asarray(self.simulation.configurations(qpos)[:, -len(self.robot.joint_names) :])
@@ -47,13 +58,27 @@ def robot_model(robot: Robot, scene: Scene) -> RobotModel:
     add_scene(
         spec, scene, environment_pieces(scene.environment_mesh, scene.way_bounds(), within=_reached(robot, scene))
     )
-    return load_robot_model(str(spec.to_xml()), robot, scene)
+    return load_robot_model(str(spec.to_xml()), robot)
 
 
-def load_robot_model(xml: str, robot: Robot, scene: Scene) -> RobotModel:
-    """Compile the `xml` of the model of the same robot and scene, without cutting anything into pieces again."""
-    model = mujoco.MjModel.from_xml_string(xml)
-    return RobotModel(robot, indexed(robot.body, model, xml, scene.T_world_object))
+def load_robot_model(xml: str, robot: Robot) -> RobotModel:
+    """Compile the `xml` of the model of the same robot, without cutting anything into pieces again.
+
+    The object starts where the text has it, so that whoever plays the text alone begins alike.
+
+    Raises:
+        InputError: no such model, or that of another robot.
+    """
+    try:
+        model = mujoco.MjModel.from_xml_string(xml)
+        found = indexed(robot.body, model, xml, np.eye(4))
+    except (ValueError, KeyError) as error:
+        raise InputError(
+            f"the simulation's model is not that of {robot!r}: {error}; expected its links, joints and motors beside an "
+            "object and surroundings; write it anew"
+        ) from error
+    (T_world_object,) = found.object_poses(model.qpos0[None])
+    return RobotModel(robot, replace(found, T_world_object=T_world_object))
 
 
 def _reached(robot: Robot, scene: Scene) -> Float[np.ndarray, "2 3"]:

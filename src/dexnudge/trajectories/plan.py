@@ -2,12 +2,16 @@
 
 from dataclasses import dataclass, field
 from pathlib import Path
+from typing import TYPE_CHECKING
 
 import numpy as np
 from jaxtyping import Float
 
 from dexnudge.arms.robot import Robot
 from dexnudge.scenes.scene import Scene
+
+if TYPE_CHECKING:
+    from dexnudge.trajectories.plan_episode import PlanEpisode
 
 PHASES = ("pre-contact", "contact", "squeeze", "push", "retreat", "regrasp", "lift")
 """Names in order; each phase is called after where it leads. The last two only with `then_grasp`."""
@@ -79,11 +83,22 @@ class Plan:
 
         Raises:
             InputError: numbers that no controller may be given: not finite, or outside the joints' limits.
+            MeshError: MuJoCo cannot take the object or the surroundings.
             OutputError: `path` exists without `overwrite`, is no plan, or cannot be written.
         """
         from dexnudge.trajectories.plan_folder import save_plan
 
         save_plan(self, path, overwrite=overwrite)
+
+    def execute(self) -> "PlanEpisode":
+        """Play the plan out in MuJoCo by the motors of arm and hand; nothing else moves them.
+
+        Raises:
+            MeshError: MuJoCo cannot take the object or the surroundings.
+        """
+        from dexnudge.trajectories.plan_episode import execute_plan
+
+        return execute_plan(self)
 
     def __repr__(self) -> str:
         names = ", ".join(phase.name for phase in self.phases)

@@ -3,6 +3,7 @@
 plan.json    trajectory, phases, limits, frames (docs/plan_format.md)     plan.csv    time and positions
 plan.mcap    the same for ROS 2                                           README.md   how to play it
 robot/       arm and hand as robot.urdf and robot.xml, with meshes        scene/      as in a result folder
+             world.xml: robot, object and surroundings for MuJoCo, as `execute` plays them
 """
 
 import csv
@@ -10,12 +11,15 @@ import io
 from pathlib import Path
 from string import Template
 
+import numpy as np
+
 from dexnudge.arms.export import ROBOT_FILES, URDF, export_robot
 from dexnudge.errors import OutputError, check_kind, check_path
 from dexnudge.jobs.folders import new_folder, replace_atomically
 from dexnudge.jobs.json_files import path_inside
 from dexnudge.scenes.files import SCENE_FILES
 from dexnudge.scenes.scene import Scene
+from dexnudge.simulation.robot_model import robot_model
 from dexnudge.trajectories.mcap import write_mcap
 from dexnudge.trajectories.plan import JointTrajectory, Plan
 from dexnudge.trajectories.plan_json import plan_text, rounded
@@ -46,6 +50,7 @@ def save_plan(plan: Plan, path: Path | str, *, overwrite: bool = False) -> None:
 
     Raises:
         InputError: numbers that no controller may be given: not finite, or outside the joints' limits.
+        MeshError: MuJoCo cannot take the object or the surroundings.
         OutputError: `path` exists without `overwrite`, is no plan, or cannot be written.
     """
     check_kind("plan", plan, Plan, "that of dn.load_plan")
@@ -66,6 +71,8 @@ def save_plan(plan: Plan, path: Path | str, *, overwrite: bool = False) -> None:
         _check(folder / PLAN, plan)
         plan.scene.save(folder / SCENE)
         export_robot(plan.robot, folder / ROBOT)
+        start = np.asarray(trajectory.position[0])
+        (folder / ROBOT / WORLD_XML).write_text(robot_model(plan.robot, plan.scene).xml_at(start), encoding="utf-8")
         (folder / CSV).write_text(csv_text(plan.robot.joint_names, trajectory), encoding="utf-8")
         write_mcap(plan, trajectory, folder / MCAP)
         (folder / README).write_text(_readme(plan), encoding="utf-8")

@@ -1,0 +1,137 @@
+"""Plans in physics: joints follow them, pads carry a block, and who reads the files alone gets the same."""
+
+import json
+from dataclasses import replace
+
+import mujoco
+import numpy as np
+import pytest
+from scipy.interpolate import BPoly
+
+from dexnudge.cli.main import main
+from dexnudge.planning.outcomes import Outcome
+from dexnudge.trajectories.plan_episode import execute_plan
+from dexnudge.trajectories.plan_folder import load_plan
+
+
+@pytest.fixture(scope="module")
+def episode(block_plan):
+    return execute_plan(block_plan)
+
+
+def test_a_block_is_carried_along_by_motors_alone(episode, block_press):
+    assert episode.outcome is Outcome.SUCCESS
+    assert episode.length_reached == pytest.approx(0.05, abs=0.002)
+    assert episode.model.simulation.model.nmocap == 0
+    assert not episode.model.simulation.data.xfrc_applied.any()
+    trace = episode.trace
+    steady = (trace.time > 1.0) & (trace.time < 2.2)
+    normal = block_press.link_force["pad0"]
+    pads = [episode.plan.robot.body.link_names.index(name) for name in ("pad0", "pad1")]
+    np.testing.assert_allclose(trace.link_force[steady][:, pads], normal, rtol=0.1)
+    assert trace.hand_object_force[trace.phase == "contact"].max() == 0.0
+    assert trace.hand_object_force[-1, 0] == 0.0
+
+
+def test_joints_follow_the_plan(episode):
+    trace = episode.trace
+    assert np.abs(trace.tracking_error[:, :2]).max() < 2e-4  # [m] of the slides
+    free = trace.time < 0.2  # the pads close by 20 mrad; friction in their joints would keep them 4 mrad behind
+    assert np.abs(trace.tracking_error[free, 2:]).max() < 1.5e-3
+    assert np.abs(trace.velocity[free, 2:]).max() > 0.15
+    assert trace.palm_error[:, 0].max() < 2e-4
+    assert abs(episode.delay) < 0.004
+    assert trace.torque_share.max() < 1.0
+
+
+def test_without_efforts_the_block_stays_behind(block_plan):
+    trajectory = replace(block_plan.trajectory, effort=np.zeros_like(block_plan.trajectory.effort))
+    episode = execute_plan(replace(block_plan, trajectory=trajectory))
+    assert episode.outcome is Outcome.FELL_SHORT
+    assert episode.length_reached < 0.02
+
+
+def test_a_block_that_is_dragged_back_as_the_hand_withdraws_fell_short(block_plan):
+    trajectory = block_plan.trajectory
+    position, effort = trajectory.position.copy(), trajectory.effort.copy()
+    position[5], effort[5] = position[3], effort[3]  # the retreat goes back with the block in its grip
+    position[6, :2] = 0.0
+    time = trajectory.time + np.array([0, 0, 0, 0, 0, 1.5, 1.5])
+    phases = (*block_plan.phases[:-1], replace(block_plan.phases[-1], end=time[-1]))
+    moved = replace(trajectory, time=time, position=position, effort=effort)
+    assert execute_plan(replace(block_plan, trajectory=moved, phases=phases)).outcome is Outcome.FELL_SHORT
+
+
+def test_what_is_saved_opens_in_mujoco_and_holds_the_records(episode, tmp_path):
+    folder = episode.save(tmp_path / "played", pictures=False)
+    model = mujoco.MjModel.from_xml_path(str(folder / "scene.xml"))
+    assert model.nkey >= 10
+    with np.load(folder / "plan.npz", allow_pickle=False) as saved:
+        assert saved["joint_names"].tolist() == ["along", "up", "slide0", "slide1"]
+        np.testing.assert_array_equal(saved["qpos"], episode.trace.qpos)
+        np.testing.assert_allclose(saved["qpos"][-1], model.key_qpos[-1], atol=1e-8)
+    assert (folder / "plan/film.html").is_file()
+
+
+@pytest.fixture(scope="module")
+def saved(block_plan, tmp_path_factory):
+    folder = tmp_path_factory.mktemp("plans") / "PLAN"
+    block_plan.save(folder)
+    return folder
+
+
+def replayed(folder):
+    """Play plan.json with robot/world.xml, by what the format says of them and without dexnudge."""
+    plan = json.loads((folder / "plan.json").read_text(encoding="utf-8"))
+    model = mujoco.MjModel.from_xml_path(str(folder / "robot/world.xml"))
+    data = mujoco.MjData(model)
+    mujoco.mj_resetDataKeyframe(model, data, 0)
+    names, time = plan["joint_names"], np.array(plan["time"])
+    samples = np.stack([plan[name] for name in ("position", "velocity", "acceleration")], axis=1)
+    position = BPoly.from_derivatives(time, samples)
+    velocity, effort = position.derivative(), np.array(plan["effort"])
+    for name, value in zip(names, plan["position"][0], strict=True):
+        assert data.joint(name).qpos[0] == value
+    for step in range(round(time[-1] / model.opt.timestep)):
+        now = step * model.opt.timestep
+        pressing = np.array([np.interp(now, time, column) for column in effort.T])
+        for motor in plan["actuators"]:
+            joints = [names.index(name) for name in motor["joints"]]
+            parts = np.array(list(motor["joints"].values()))
+            force = motor["kv"] * parts @ velocity(now)[joints] + parts @ pressing[joints] / (parts @ parts)
+            data.actuator(motor["name"]).ctrl = parts @ position(now)[joints] + force / motor["kp"]
+        mujoco.mj_step(model, data)
+    return np.array(data.joint("pushed object").qpos)
+
+
+def test_who_reads_plan_json_and_world_xml_alone_moves_the_object_alike(saved):
+    world = (saved / "robot/world.xml").read_text(encoding="utf-8")
+    episode = execute_plan(load_plan(saved), xml=world)
+    assert episode.length_reached == pytest.approx(0.05, abs=0.002)
+    place = replayed(saved)
+    np.testing.assert_allclose(place, episode.trace.qpos[-1][-7:], atol=1e-6)
+    anew = load_plan(saved).execute()
+    np.testing.assert_allclose(place, anew.trace.qpos[-1][-7:], atol=1e-4)
+
+
+def test_the_command_plays_a_plan_and_exits_3_where_the_object_stays(saved, tmp_path, capsys):
+    out = tmp_path / "played"
+    assert main(["execute", str(saved), "--out", str(out), "--films", "0"]) == 0
+    shown = capsys.readouterr().out
+    assert "success: moved 50.0 of 50 mm, turned 0.0 deg, 0.00 mm into the surroundings" in shown
+    summary = json.loads((out / "summary.json").read_text(encoding="utf-8"))
+    assert [phase["name"] for phase in summary["phases"]] == ["contact", "squeeze", "push", "retreat"]
+    assert summary["length_reached"] == pytest.approx(0.05, abs=0.002)
+    assert max(phase["arm_error"] for phase in summary["phases"]) < 2e-4
+    plan = json.loads((saved / "plan.json").read_text(encoding="utf-8"))
+    (saved / "plan.json").write_text(json.dumps(plan | {"effort": np.zeros_like(plan["effort"]).tolist()}))
+    try:
+        assert main(["execute", str(saved / "plan.json"), "--out", str(tmp_path / "weak"), "--films", "0"]) == 3
+    finally:
+        (saved / "plan.json").write_text(json.dumps(plan))
+    assert "less than 80% of the length asked for" in capsys.readouterr().out
+
+
+def test_options_of_samples_are_refused_for_a_plan(saved, capsys):
+    assert main(["execute", str(saved), "--top", "2"]) == 2
+    assert "--top was given with a plan" in capsys.readouterr().err
