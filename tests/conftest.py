@@ -266,6 +266,72 @@ def _joint(name: str, parent: str, child: str, origin: tuple[float, float, float
     )
 
 
+@pytest.fixture(scope="session")
+def crane():
+    """An arm of boxes that turns about z, lifts, and bends about y; a link and a joint are called as the gripper's are."""
+    from dexnudge.arms.arm import Arm, JointLimits
+    from dexnudge.hands.tree import Tree, TreeJoint
+
+    def joint(name, parent, child, origin, axis, ends, *, slides=False):
+        pose = trimesh.transformations.euler_matrix(0.1, 0.0, 0.0)
+        pose[:3, 3] = origin
+        lower, upper = ends or (0.0, 0.0)
+        return TreeJoint(name, parent, child, pose, np.array(axis), ends is None, lower, upper, slides=slides)
+
+    joints = (
+        joint("a1", "stand", "column", (0, 0, 0.3), (0.0, 0.0, 1.0), (-3.0, 3.0)),
+        joint("lift", "column", "palm", (0.1, 0, 0.1), (0.0, 0.0, 1.0), (-0.2, 0.3), slides=True),
+        joint("bend", "palm", "beam", (0.2, 0, 0), (0.0, 1.0, 0.0), (-2.0, 2.0)),
+        joint("plate", "beam", "flange", (0.2, 0, 0), (0.0, 0.0, 1.0), None),
+    )
+    links = {name: trimesh.creation.box((0.06, 0.05, 0.04)) for name in ("stand", "column", "palm", "beam")}
+    limits = JointLimits(
+        lower=np.array([-3.0, -0.2, -2.0]),
+        upper=np.array([3.0, 0.3, 2.0]),
+        velocity=np.array([2.0, 0.5, 3.0]),
+        acceleration=np.array([10.0, 5.0, 15.0]),
+        jerk=np.array([500.0, 200.0, 700.0]),
+        effort=np.array([50.0, 200.0, 20.0]),
+    )
+    stand = trimesh.transformations.euler_matrix(0.0, 0.0, 0.5)
+    stand[:3, 3] = (-0.5, -0.2, 0.1)
+    tree = Tree("crane", links | {"flange": trimesh.Trimesh()}, joints)
+    return Arm("crane", tree, ("a1", "lift", "bend"), limits, np.array([0.2, 0.0, 0.4]), "flange", T_world_base=stand)
+
+
+@pytest.fixture(scope="session")
+def crane_plan(crane, gripper: Path, block_scene):
+    """The crane swings the gripper to a posture and back within 4 s; nothing of it is planned.
+
+    Two joints go as far as they can, where a digit lost by rounding would lie beyond their limits."""
+    from dexnudge.arms.robot import Robot
+    from dexnudge.hands.registry import load_hand
+    from dexnudge.trajectories.interpolation import at
+    from dexnudge.trajectories.plan import JointTrajectory, Phase, Plan
+
+    mount = trimesh.transformations.euler_matrix(0.0, np.pi / 2, 0.0)
+    mount[:3, 3] = (0.0, 0.01, 0.03)
+    robot = Robot(crane, load_hand(gripper), mount)
+    start = np.concatenate([crane.home, np.full(6, 0.1)])
+    away = start + np.array([0.7, 0.1, -0.5, 0.3, 0.3, 0.3, 0.3, 0.0, 0.0])
+    away[-1], away[-2] = robot.limits.upper[-1], robot.limits.lower[-2]
+    stages = JointTrajectory(
+        np.array([0.0, 1.5, 2.5, 4.0]), np.array([start, away, away, start]), *(np.zeros((4, 9)) for _ in range(3))
+    )
+    time = np.arange(81) / 20
+    whole = at(stages, time)
+    effort = np.where((time >= 1.5) & (time <= 2.5), 0.1234567, 0.0)[:, None] * np.ones(9)
+    trajectory = JointTrajectory(time, whole.position, whole.velocity, whole.acceleration, effort)
+    moved = block_scene.T_world_object.copy()
+    moved[0, 3] += 0.05
+    phases = (
+        Phase("pre-contact", 0.0, 1.5, 3, block_scene.T_world_object),
+        Phase("push", 1.5, 2.5, 3, moved, {"atip": 1.5, "ttip": 0.25}),
+        Phase("retreat", 2.5, 4.0, 3, moved),
+    )
+    return Plan(robot, block_scene, trajectory, phases, length=0.05, seconds={"search": 1.25})
+
+
 BLOCK = re.compile(r"^```(python|console)\n(.*?)^```$", re.MULTILINE | re.DOTALL)
 RunPage = Callable[[str, Path], dict[str, tuple[int, str]]]
 

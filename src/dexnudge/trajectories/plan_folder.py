@@ -24,14 +24,13 @@ from dexnudge.trajectories.mcap import write_mcap
 from dexnudge.trajectories.plan import JointTrajectory, Plan
 from dexnudge.trajectories.plan_json import plan_text, rounded
 from dexnudge.trajectories.plan_reader import (
-    check_links,
-    compare_limits,
+    parse_plan_json,
     read_limits,
     read_phases,
     read_plan_json,
     read_trajectory,
 )
-from dexnudge.trajectories.robot_files import read_robot
+from dexnudge.trajectories.robot_files import check_effort, check_joints, check_links, compare_limits, read_robot
 
 PLAN, CSV, MCAP, README = "plan.json", "plan.csv", "plan.mcap", "README.md"
 ROBOT, SCENE = "robot", "scene"  # folders
@@ -56,19 +55,19 @@ def save_plan(plan: Plan, path: Path | str, *, overwrite: bool = False) -> None:
     check_kind("plan", plan, Plan, "that of dn.load_plan")
     check_path("path", path, OutputError)
     path = Path(path)
-    trajectory = rounded(plan)
-    if path.suffix == ".json":
+    trajectory, alone = rounded(plan), path.suffix == ".json"
+    text = plan_text(plan, trajectory, scene=None if alone else SCENE)
+    _check(text, path if alone else path / PLAN, plan)
+    if alone:
         if path.exists() and not overwrite:
             raise OutputError(
                 f"{path} exists; expected a new file; choose another `path`, or replace it with `overwrite`"
             )
         with replace_atomically(path) as file:
-            file.write_text(plan_text(plan, trajectory, scene=None), encoding="utf-8")
-            _check(file, plan)
+            file.write_text(text, encoding="utf-8")
         return
     with new_folder(path, overwrite=overwrite, marker=PLAN, ours=PLAN_FILES, argument="path") as folder:
-        (folder / PLAN).write_text(plan_text(plan, trajectory, scene=SCENE), encoding="utf-8")
-        _check(folder / PLAN, plan)
+        (folder / PLAN).write_text(text, encoding="utf-8")
         plan.scene.save(folder / SCENE)
         export_robot(plan.robot, folder / ROBOT)
         start = np.asarray(trajectory.position[0])
@@ -78,12 +77,12 @@ def save_plan(plan: Plan, path: Path | str, *, overwrite: bool = False) -> None:
         (folder / README).write_text(_readme(plan), encoding="utf-8")
 
 
-def _check(file: Path, plan: Plan) -> None:
+def _check(text: str, path: Path, plan: Plan) -> None:
     """Refuse what `load_plan` would refuse."""
-    content = read_plan_json(file)
-    limits = read_limits(content, file)
-    trajectory = read_trajectory(content, limits, file)
-    check_links(read_phases(content, trajectory.time, file), plan.robot.hand.link_names, file)
+    content = parse_plan_json(text, path)
+    trajectory = read_trajectory(content, read_limits(content, path), path)
+    check_links(read_phases(content, trajectory.time, path), plan.robot.hand.link_names, path)
+    check_effort(trajectory, plan.robot, path)
 
 
 def load_plan(path: Path | str) -> Plan:
@@ -97,12 +96,14 @@ def load_plan(path: Path | str) -> Plan:
     file = Path(path)
     file = file / PLAN if file.is_dir() else file
     content = read_plan_json(file)
+    check_joints(content["joint_names"], file.parent / ROBOT, file)
     limits = read_limits(content, file)
     trajectory = read_trajectory(content, limits, file)
     phases = read_phases(content, trajectory.time, file)
     robot = read_robot(file.parent / ROBOT, content, limits, file)
     compare_limits(limits, robot.limits, file, Path(ROBOT, URDF))
     check_links(phases, robot.hand.link_names, file)
+    check_effort(trajectory, robot, file)
     scene = Scene.load(path_inside(file.parent, content["scene"], "scene", file=PLAN, what="scene"))
     return Plan(robot, scene, trajectory, phases, content["length"], content["seconds"])
 
@@ -129,7 +130,7 @@ def _readme(plan: Plan) -> str:
         duration=f"{plan.trajectory.duration:.1f}",
         samples=len(plan.trajectory.time),
         joints=len(robot.joint_names),
-        arm_joints=", ".join(arm.joint_names),
+        arm_joints=", ".join(robot.joint_names[: arm.num_joints]),
         hand_joints=", ".join(robot.joint_names[arm.num_joints :]),
         base=", ".join(f"{value:.3f}" for value in arm.T_world_base[:3, 3]),
         phases="\n".join(phases),

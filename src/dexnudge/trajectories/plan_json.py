@@ -46,8 +46,8 @@ def plan_text(plan: Plan, trajectory: JointTrajectory, *, scene: str | None) -> 
         trajectory: its trajectory, as `rounded`.
         scene: path of the scene's folder relative to the file; None where there is none.
     """
-    robot, limits = plan.robot, plan.robot.limits
-    units = np.where(robot.body.sliding, "m", "rad").tolist()
+    robot, body, limits = plan.robot, plan.robot.body, plan.robot.limits
+    units = np.where(body.sliding, "m", "rad").tolist()
     head = {
         "format_version": FORMAT_VERSION,
         "arm": robot.arm.name,
@@ -58,7 +58,7 @@ def plan_text(plan: Plan, trajectory: JointTrajectory, *, scene: str | None) -> 
         "scene": scene,
         "length": plan.length,
         "T_world_base": robot.arm.T_world_base.tolist(),
-        "flange": robot.arm.flange,
+        "flange": body.link_names[body.link_parent[body.link_names.index(robot.mount)]],
         "mount": robot.mount,
         "T_flange_mount": robot.T_flange_mount.tolist(),
         "home": robot.arm.home.tolist(),

@@ -1,7 +1,6 @@
-"""plan.json read without trust: every key of its kind, every number finite, joints and limits those of the robot."""
+"""plan.json read without trust: every key of its kind, every number finite, no limit exceeded at any millisecond."""
 
 import json
-import math
 from pathlib import Path
 from typing import Any
 
@@ -11,22 +10,50 @@ from jaxtyping import Float
 from dexnudge.arms.arm import JointLimits
 from dexnudge.errors import InputError, quote
 from dexnudge.geometry.rigid import rigid_transform
+from dexnudge.trajectories.limits import limits_used
 from dexnudge.trajectories.plan import PHASES, JointTrajectory, Phase
 from dexnudge.trajectories.plan_json import ARRAYS, FORMAT_VERSION, LIMITS
 
 LARGEST_FILE = 2**26  # [bytes] 9 minutes of 23 joints every 10 ms
 BEYOND = 1e-6  # [rad], [m] that a position may lie outside its limits, and in proportion that limits may differ
+MOST_SHARE = 1.001  # of a limit that is used: rounding of times to 1 ns shakes the jerk by so much
+AT_REST = 1e-6  # [rad/s], [m/s]
 AT_ONCE = 1e-9  # [s] between the end of a phase and the start of the next
 AGAIN = "plan again, or take the file as it was written"
 
 
 def read_plan_json(path: Path) -> dict[str, Any]:
-    """Return what a plan.json holds, every key of the right kind and the numbers finite.
+    """Return what a plan.json holds, as `parse_plan_json` does.
 
     Raises:
-        InputError: missing, too large, truncated, foreign, of a later version, or a value that no plan can have.
+        InputError: missing, too large, or what `parse_plan_json` refuses.
     """
-    content = _read(path)
+    try:
+        size = path.stat().st_size
+        if size > LARGEST_FILE:
+            raise InputError(f"{path} has {size >> 20} MiB; expected at most {LARGEST_FILE >> 20} MiB; {AGAIN}")
+        text = path.read_text(encoding="utf-8")
+    except (FileNotFoundError, IsADirectoryError, NotADirectoryError) as error:
+        raise InputError(
+            f"{path}: no such file; expected the folder that Plan.save or `dexnudge plan` wrote, or its plan.json"
+        ) from error
+    except (OSError, UnicodeDecodeError) as error:
+        raise InputError(f"{path} is truncated or damaged ({error}); expected JSON; {AGAIN}") from error
+    return parse_plan_json(text, path)
+
+
+def parse_plan_json(text: str, path: Path) -> dict[str, Any]:
+    """Return what the text of a plan.json holds, every key of the right kind and the numbers finite.
+
+    Raises:
+        InputError: truncated, foreign, of a later version, or a value that no plan can have.
+    """
+    try:
+        content = json.loads(text)
+    except (ValueError, RecursionError, MemoryError) as error:
+        raise InputError(f"{path} is truncated or damaged ({error}); expected JSON; {AGAIN}") from error
+    if not isinstance(content, dict):
+        raise InputError(f"{path} holds a JSON {type(content).__name__}; expected an object; {AGAIN}")
     version = content.get("format_version")
     if type(version) is not int or version < 1 or "joint_names" not in content:
         raise InputError(
@@ -41,12 +68,7 @@ def read_plan_json(path: Path) -> dict[str, Any]:
     missing = [key for key in (*required, "scene", "phases", *ARRAYS) if key not in content]
     if missing:
         raise InputError(f"{path} lacks {', '.join(missing)}; expected all keys of a plan; {AGAIN}")
-    names = content["joint_names"]
-    if not isinstance(names, list) or not names or not all(isinstance(name, str) for name in names):
-        raise InputError(f"{path}: joint_names is {quote(names)}; expected a list of names; {AGAIN}")
-    doubles = sorted({name for name in names if names.count(name) > 1})
-    if doubles:
-        raise InputError(f"{path}: joint_names has {', '.join(doubles)} twice; expected each joint once; {AGAIN}")
+    _check_names(content["joint_names"], path)
     for key in ("arm", "hand", "flange", "mount"):
         if not isinstance(content[key], str):
             raise InputError(f"{path}: {key} is {quote(content[key])}; expected a name; {AGAIN}")
@@ -63,23 +85,12 @@ def read_plan_json(path: Path) -> dict[str, Any]:
     return content
 
 
-def _read(path: Path) -> dict[str, Any]:
-    try:
-        size = path.stat().st_size
-        if size > LARGEST_FILE:
-            raise InputError(f"{path} has {size >> 20} MiB; expected at most {LARGEST_FILE >> 20} MiB; {AGAIN}")
-        content = json.loads(path.read_text(encoding="utf-8"))
-    except (FileNotFoundError, IsADirectoryError, NotADirectoryError) as error:
-        raise InputError(
-            f"{path}: no such file; expected the folder that Plan.save or `dexnudge plan` wrote, or its plan.json"
-        ) from error
-    except (OSError, ValueError, RecursionError, MemoryError) as error:
-        if isinstance(error, InputError):
-            raise
-        raise InputError(f"{path} is truncated or damaged ({error}); expected JSON; {AGAIN}") from error
-    if not isinstance(content, dict):
-        raise InputError(f"{path} holds a JSON {type(content).__name__}; expected an object; {AGAIN}")
-    return content
+def _check_names(names: Any, path: Path) -> None:
+    if not isinstance(names, list) or not names or not all(isinstance(name, str) for name in names):
+        raise InputError(f"{path}: joint_names is {quote(names)}; expected a list of names; {AGAIN}")
+    doubles = sorted({name for name in names if names.count(name) > 1})
+    if doubles:
+        raise InputError(f"{path}: joint_names has {', '.join(doubles)} twice; expected each joint once; {AGAIN}")
 
 
 def read_limits(content: dict[str, Any], path: Path) -> dict[str, Float[np.ndarray, " 5"]]:
@@ -113,8 +124,8 @@ def read_trajectory(content: dict[str, Any], limits: dict[str, Float[np.ndarray,
     """Return the trajectory.
 
     Raises:
-        InputError: arrays of other lengths, what is no finite number, times that do not increase from 0, or a position
-            outside its limits; with the place.
+        InputError: arrays of other lengths, what is no finite number, times that do not increase from 0, a limit that is
+            exceeded at a sample or between two, or a robot that moves at the start or the end; with the place.
     """
     names = content["joint_names"]
     time = _row(content["time"], None, f"{path}: time")
@@ -136,7 +147,27 @@ def read_trajectory(content: dict[str, Any], limits: dict[str, Float[np.ndarray,
             f"{path}: position of '{names[joint]}' at {time[sample]:g} s is {position[sample, joint]:g}; expected it within "
             f"its limits {table[joint, 0]:g} to {table[joint, 1]:g}; {AGAIN}"
         )
-    return JointTrajectory(time=time, **arrays)
+    trajectory = JointTrajectory(time=time, **arrays)
+    exceeded = [
+        each for each in limits_used(trajectory, joint_limits(limits), names).exceeded if each.share > MOST_SHARE
+    ]
+    if exceeded:
+        worst = max(exceeded, key=lambda each: each.share)
+        raise InputError(f"{path}: {worst}, between samples or at one; expected at most all of it; {AGAIN}")
+    for place, when in ((0, "start"), (-1, "end")):
+        moving = np.flatnonzero(np.abs(arrays["velocity"][place]) > AT_REST)
+        if len(moving):
+            speed, name = arrays["velocity"][place, moving[0]], names[moving[0]]
+            raise InputError(f"{path}: velocity of '{name}' at the {when} is {speed:g}; expected 0, at rest; {AGAIN}")
+    return trajectory
+
+
+def joint_limits(
+    limits: dict[str, Float[np.ndarray, " 5"]], effort: Float[np.ndarray, " n"] | None = None
+) -> JointLimits:
+    """Return limits as `read_limits` has them, with any effort if it is left out."""
+    columns = np.array(list(limits.values())).T
+    return JointLimits(*columns, effort=np.full(len(limits), np.inf) if effort is None else effort)
 
 
 def read_phases(content: dict[str, Any], time: Float[np.ndarray, " k"], path: Path) -> tuple[Phase, ...]:
@@ -184,46 +215,6 @@ def _phase(entry: dict[str, Any], where: str) -> Phase:
         T_world_object=rigid_transform(entry["T_world_object"], f"{where}: T_world_object"),
         link_force={name: _number(force, f"{where}: link_force of '{name}'") for name, force in forces.items()},
     )
-
-
-def check_links(phases: tuple[Phase, ...], links: tuple[str, ...], path: Path) -> None:
-    """Refuse a force of a link that the hand has not; InputError."""
-    for phase in phases:
-        unknown = [name for name in phase.link_force if name not in links]
-        if unknown:
-            raise InputError(
-                f"{path}: link_force of phase '{phase.name}' names {quote(unknown[0])}; expected links of the hand: "
-                f"{', '.join(links)}"
-            )
-
-
-def check_joints(names: list[str], expected: tuple[str, ...], path: Path, file: Path) -> None:
-    """Refuse a plan whose joints are not those of `file`, in their order; InputError."""
-    if tuple(names) == expected:
-        return
-    missing = [name for name in expected if name not in names]
-    unknown = [name for name in names if name not in expected]
-    if missing or unknown:
-        parts = [f"lacks {', '.join(missing)}"] if missing else []
-        parts += [f"has {', '.join(unknown)}, which {file.name} has not"] if unknown else []
-        what, hint = " and ".join(parts), "is it a plan of another arm or hand?"
-    else:
-        place = next(index for index, pair in enumerate(zip(names, expected, strict=True)) if pair[0] != pair[1])
-        what = f"has other joints first: '{names[place]}' stands where {file.name} has '{expected[place]}'"
-        hint = "were the joints reordered?"
-    raise InputError(f"{path}: joint_names {what}; expected the joints of {file} in their order; {hint} {AGAIN}")
-
-
-def compare_limits(given: dict[str, Float[np.ndarray, " 5"]], own: JointLimits, path: Path, file: Path) -> None:
-    """Refuse limits that are not those of the robot in `file`; InputError."""
-    for index, (name, row) in enumerate(given.items()):
-        for kind, value in zip(LIMITS, row, strict=True):
-            expected = float(getattr(own, kind)[index])
-            if not math.isclose(value, expected, rel_tol=BEYOND, abs_tol=BEYOND):
-                raise InputError(
-                    f"{path}: limits of '{name}': {kind} is {value:g}; expected {expected:g}, as {file} has it; is it "
-                    f"a plan of another arm or hand? {AGAIN}"
-                )
 
 
 def _number(value: Any, where: str, expected: str = "at least 0") -> float:

@@ -1,4 +1,4 @@
-"""The robot of a plan, read back from the folder that `export_robot` wrote."""
+"""The robot of a plan, read back from the folder that `export_robot` wrote, and whether a plan.json is of this robot."""
 
 import math
 from dataclasses import replace
@@ -11,14 +11,16 @@ from jaxtyping import Float
 from dexnudge.arms.arm import Arm, JointLimits
 from dexnudge.arms.export import HAND_FOLDER, STAND, URDF, WORLD
 from dexnudge.arms.robot import Robot
-from dexnudge.errors import InputError
+from dexnudge.errors import InputError, quote
 from dexnudge.hands.hand import Hand, Joint
 from dexnudge.hands.registry import load_hand
 from dexnudge.hands.tree import Mimic, Tree, TreeJoint
 from dexnudge.hands.urdf import urdf_tree
 from dexnudge.hands.urdf_links import numbers_of
 from dexnudge.hands.xml_text import read_xml
-from dexnudge.trajectories.plan_reader import AGAIN, check_joints
+from dexnudge.trajectories.plan import JointTrajectory, Phase
+from dexnudge.trajectories.plan_json import LIMITS
+from dexnudge.trajectories.plan_reader import AGAIN, BEYOND, MOST_SHARE, joint_limits
 
 SAME_PLACE = 1e-6  # [m], and of rotations' entries: frames that two files state
 
@@ -36,22 +38,16 @@ def read_robot(folder: Path, content: dict[str, Any], limits: dict[str, Float[np
         InputError: a file is missing or damaged, or they do not belong together.
     """
     path = folder / URDF
-    if not path.is_file():
+    hand = load_hand(folder / HAND_FOLDER)
+    mount = hand.base_link or hand.link_names[0]
+    if mount != content["mount"]:
         raise InputError(
-            f"{path} is missing; expected the robot of {plan} beside it; give the whole folder that Plan.save or "
-            "`dexnudge plan` wrote; a plan.json of its own is for controllers only"
+            f"{plan}: mount is '{content['mount']}'; expected '{mount}', by which the hand in {folder / HAND_FOLDER} is "
+            f"held; {AGAIN}"
         )
     tree = urdf_tree(path, "collision")
-    names = tuple(joint.name for joint in tree.joints if not joint.fixed and joint.mimic is None)
-    check_joints(content["joint_names"], names, plan, path)
-    hand = load_hand(folder / HAND_FOLDER)
     arm = _arm(tree, hand, content, limits, path)
     robot = Robot(arm, hand, content["T_flange_mount"])
-    if robot.mount != content["mount"]:
-        raise InputError(
-            f"{plan}: mount is '{content['mount']}'; expected '{robot.mount}', by which the hand in {folder / HAND_FOLDER} "
-            f"is held; {AGAIN}"
-        )
     _check_links(robot, {joint.child: joint for joint in tree.joints}, path, plan)
     return robot
 
@@ -78,18 +74,16 @@ def _arm(
         rows = [numbers_of(stated[joint.name], key, (0.0,), f"{path}: joint '{joint.name}'") for joint in moving]
         return np.array(rows, dtype=float).reshape(-1)
 
-    table = np.array([limits[joint.name] for joint in moving]).reshape(-1, 5)
+    own = {joint.name: limits[joint.name] for joint in moving}
     return Arm(
         name=content["arm"],
         tree=Tree(content["arm"], links, joints),
         joint_names=tuple(joint.name for joint in moving),
-        limits=JointLimits(
+        limits=replace(
+            joint_limits(own, of_urdf("effort")),
             lower=np.array([joint.lower for joint in moving]),
             upper=np.array([joint.upper for joint in moving]),
             velocity=of_urdf("velocity"),
-            acceleration=table[:, 3],
-            jerk=table[:, 4],
-            effort=of_urdf("effort"),
         ),
         home=content["home"],
         flange=content["flange"],
@@ -146,3 +140,64 @@ def _same(found: TreeJoint, expected: TreeJoint) -> bool:
         )
     pairs = zip((*found.axis, found.lower, found.upper), (*expected.axis, expected.lower, expected.upper), strict=True)
     return all(math.isclose(one, other, abs_tol=SAME_PLACE) for one, other in pairs)
+
+
+def check_links(phases: tuple[Phase, ...], links: tuple[str, ...], path: Path) -> None:
+    """Refuse a force of a link that the hand has not; InputError."""
+    for phase in phases:
+        unknown = [name for name in phase.link_force if name not in links]
+        if unknown:
+            raise InputError(
+                f"{path}: link_force of phase '{phase.name}' names {quote(unknown[0])}; expected links of the hand: "
+                f"{', '.join(links)}"
+            )
+
+
+def check_effort(trajectory: JointTrajectory, robot: Robot, path: Path) -> None:
+    """Refuse what the robot's motors cannot add; InputError."""
+    most = robot.limits.effort * MOST_SHARE
+    beyond = np.argwhere(np.abs(trajectory.effort) > most)
+    if len(beyond):
+        sample, joint = beyond[0]
+        raise InputError(
+            f"{path}: effort of '{robot.joint_names[joint]}' at {trajectory.time[sample]:g} s is "
+            f"{trajectory.effort[sample, joint]:g}; expected at most {robot.limits.effort[joint]:g}, its motor's limit; "
+            f"{AGAIN}"
+        )
+
+
+def check_joints(names: list[str], folder: Path, path: Path) -> None:
+    """Refuse a plan whose joints are not those of robot.urdf in `folder`, in their order; InputError."""
+    file = folder / URDF
+    if not file.is_file():
+        raise InputError(
+            f"{file} is missing; expected the robot of {path} beside it; give the whole folder that Plan.save or "
+            "`dexnudge plan` wrote; a plan.json of its own is for controllers only"
+        )
+    joints = read_xml(file, root_tag="robot").findall("joint")
+    expected = [str(each.get("name")) for each in joints if each.get("type") != "fixed" and each.find("mimic") is None]
+    if names == expected:
+        return
+    missing = [name for name in expected if name not in names]
+    unknown = [name for name in names if name not in expected]
+    if missing or unknown:
+        parts = [f"lacks {', '.join(missing)}"] if missing else []
+        parts += [f"has {', '.join(unknown)}, which {file.name} has not"] if unknown else []
+        what, hint = " and ".join(parts), "is it a plan of another arm or hand?"
+    else:
+        place = next(index for index, pair in enumerate(zip(names, expected, strict=True)) if pair[0] != pair[1])
+        what = f"has other joints first: '{names[place]}' stands where {file.name} has '{expected[place]}'"
+        hint = "were the joints reordered?"
+    raise InputError(f"{path}: joint_names {what}; expected the joints of {file} in their order; {hint} {AGAIN}")
+
+
+def compare_limits(given: dict[str, Float[np.ndarray, " 5"]], own: JointLimits, path: Path, file: Path) -> None:
+    """Refuse limits that are not those of the robot in `file`; InputError."""
+    for index, (name, row) in enumerate(given.items()):
+        for kind, value in zip(LIMITS, row, strict=True):
+            expected = float(getattr(own, kind)[index])
+            if not math.isclose(value, expected, rel_tol=BEYOND, abs_tol=BEYOND):
+                raise InputError(
+                    f"{path}: limits of '{name}': {kind} is {value:g}; expected {expected:g}, as {file} has it; is it "
+                    f"a plan of another arm or hand? {AGAIN}"
+                )
