@@ -166,8 +166,8 @@ def joint_limits(
     limits: dict[str, Float[np.ndarray, " 5"]], effort: Float[np.ndarray, " n"] | None = None
 ) -> JointLimits:
     """Return limits as `read_limits` has them, with any effort if it is left out."""
-    columns = np.array(list(limits.values())).T
-    return JointLimits(*columns, effort=np.full(len(limits), np.inf) if effort is None else effort)
+    columns = dict(zip(LIMITS, np.array(list(limits.values())).reshape(-1, len(LIMITS)).T, strict=True))
+    return JointLimits(**columns, effort=np.full(len(limits), np.inf) if effort is None else effort)
 
 
 def read_phases(content: dict[str, Any], time: Float[np.ndarray, " k"], path: Path) -> tuple[Phase, ...]:
