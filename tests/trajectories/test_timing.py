@@ -93,7 +93,7 @@ def test_a_polyline_is_passed_within_limits_and_near_it(seed, robot, waypoints, 
     distinct = path[np.r_[True, np.abs(np.diff(path, axis=0)).max(axis=1) > 1e-9]]
     if len(distinct) > 1:
         time = np.linspace(0, trajectory.duration, 300)
-        assert distance(at(trajectory, time).position, distinct).max() <= corner + 1e-9
+        assert distance(at(trajectory, time).position, distinct).max() <= corner + 1e-6
 
 
 @settings(max_examples=40, deadline=None)

@@ -9,12 +9,14 @@ from dexnudge.arms.arm import JointLimits
 
 GRID = 100  # places at least along a way at which limits are kept exactly
 GRID_OF_PIECE = 12  # and at least along each polynomial: with 6, accelerations exceed limits by 5 % between them
-STILL = 1e-12  # [rad/s] of a joint that does not move, in place of zero
+TINY = 1e-9  # [rad] by which q' is at least, in place of zero: a joint that does not move bounds nothing
+SLOWEST = 1e-6  # of the greatest x: rounding never brings a motion to a halt
+ROUNDING = 1e-9  # by which x is reduced beyond a crossing, so that it lies on the right side of it
 
 
 def straight_profile(tangent: Float[np.ndarray, " n"], length: float, limits: JointLimits) -> PPoly:
     """Return the fastest s(t) along q = tangent s, to s = length, with all limits, the jerk's too."""
-    size = np.maximum(np.abs(tangent), STILL)
+    size = np.maximum(np.abs(tangent), TINY)
     wanted, found = InputParameter(1), Trajectory(1)
     wanted.target_position = [length]
     wanted.max_velocity = [float((limits.velocity / size).min())]
@@ -30,33 +32,50 @@ def straight_profile(tangent: Float[np.ndarray, " n"], length: float, limits: Jo
     return PPoly(rows[:, kept], np.r_[0.0, np.cumsum(duration[kept])])
 
 
-def fastest_profile(way: PPoly | BSpline, breaks: Float[np.ndarray, " knot"], limits: JointLimits) -> PPoly | None:
-    """Return the fastest s(t) along a way within velocity and acceleration limits, by TOPP-RA; None if that fails.
+def fastest_profile(way: PPoly | BSpline, breaks: Float[np.ndarray, " knot"], limits: JointLimits) -> PPoly:
+    """Return the fastest s(t) along a way within velocity and acceleration limits.
 
-    breaks: of s, between which the way is a polynomial; s(t) is quadratic between places that hold them.
+    Over a grid of s, with x = (ds/dt)^2 and u = d2s/dt2, which is constant between two places:
+    |q'| sqrt(x) <= v and |q' u + q'' x| <= a at both of them. Backwards, the greatest x from which the end can be
+    reached; forwards, the greatest u. (TOPP-RA: Pham and Pham, IEEE Transactions on Robotics 34(3), 2018.)
+    breaks: of s, between which the way is a polynomial; they are places of the grid, between which s(t) is quadratic.
     """
-    from toppra import constraint  # here: it brings matplotlib
-    from toppra.algorithm import TOPPRA
-    from toppra.interpolator import AbstractGeometricPath
-
-    class Path(AbstractGeometricPath):
-        dof = len(limits.velocity)
-        path_interval = breaks[[0, -1]]
-        waypoints = None
-
-        def __call__(self, path_positions: np.ndarray, order: int = 0) -> np.ndarray:
-            return np.asarray(way(path_positions, order))
-
     lengths = np.diff(breaks)
     parts = np.maximum(GRID_OF_PIECE, np.ceil(lengths * (GRID / lengths.sum()))).astype(int)
     starts = zip(breaks[:-1], lengths, parts, strict=True)
-    pieces = [start + length * np.arange(part) / part for start, length, part in starts]
-    grid = np.r_[np.concatenate(pieces), breaks[-1]]
-    bounds = [np.stack([-values, values], axis=1) for values in (limits.velocity, limits.acceleration)]
-    constraints = [constraint.JointVelocityConstraint(bounds[0]), constraint.JointAccelerationConstraint(bounds[1])]
-    speed = TOPPRA(constraints, Path(), gridpoints=grid).compute_parameterization(0.0, 0.0)[1]
-    if speed is None or not np.isfinite(speed).all() or (speed[1:-1] <= 0).any():
-        return None
-    duration = 2 * np.diff(grid) / (speed[1:] + speed[:-1])
+    grid = np.r_[
+        np.concatenate([start + length * np.arange(part) / part for start, length, part in starts]), breaks[-1]
+    ]
+    twice = 2 * np.diff(grid)  # a step takes x to x + twice u
+    tangent, bend = way(grid, 1), way(grid, 2)
+    # Each row of the grid bounds u by lines over x: low + slope x <= u <= high + slope x.
+    by_u = np.hstack([tangent[:-1], tangent[1:] + twice[:, None] * bend[1:]])
+    by_u = np.copysign(np.maximum(np.abs(by_u), TINY), by_u)
+    reach = np.tile(limits.acceleration, 2) / np.abs(by_u)
+    slope = np.column_stack([-np.hstack([bend[:-1], bend[1:]]) / by_u, -1 / twice])
+    low, high = (np.column_stack([bound, np.zeros_like(twice)]) for bound in (-reach, reach))
+    most = (limits.velocity / np.maximum(np.abs(tangent), TINY)).min(axis=1) ** 2
+    most[-1] = 0.0
+    for place in reversed(range(len(twice))):
+        high[place, -1] = most[place + 1] / twice[place]
+        most[place] = _greatest(most[place], low[place], high[place], slope[place])
+    x = np.zeros(len(grid))
+    for place, step in enumerate(twice):
+        u = (high[place] + slope[place] * x[place]).min()
+        x[place + 1] = np.clip(x[place] + step * u, SLOWEST * most[place + 1], most[place + 1])
+    speed = np.sqrt(x)
+    duration = twice / (speed[1:] + speed[:-1])
     rows = np.array([np.diff(speed) / duration / 2, speed[:-1], grid[:-1]])
     return PPoly(rows, np.r_[0.0, np.cumsum(duration)])
+
+
+def _greatest(
+    x: float, low: Float[np.ndarray, " line"], high: Float[np.ndarray, " line"], slope: Float[np.ndarray, " line"]
+) -> float:
+    """Return the greatest x, no greater than that given, at which no line of `low` is above one of `high` (Newton)."""
+    while True:
+        lines = slope * x
+        one, other = np.argmax(low + lines), np.argmin(high + lines)
+        if low[one] + lines[one] <= high[other] + lines[other]:
+            return x
+        x = min((high[other] - low[one]) / (slope[one] - slope[other]), x) * (1 - ROUNDING)

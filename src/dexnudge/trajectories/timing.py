@@ -25,7 +25,7 @@ CORNER = 0.03  # [rad] how far a joint may leave the polyline where it turns
 WAY_DEVIATION = 0.001  # [rad] how far the moving average may take a joint from a way
 RAMP = 0.2  # [s] an object is brought to the 0.05 m/s of a push with a twentieth of gravity's acceleration
 TRIES = 50  # three are usual
-HEADROOM = 1e-4  # what is slowed down is slowed down by so much more, or it would take several tries
+HEADROOM = 1e-4  # by which more is slowed down than seems needed, twice that with each try, so that few are enough
 DISTINCT = 1e-9  # [rad] waypoints nearer than this are one
 LARGEST_JUMP = 1e-6  # [rad], [rad/s], [rad/s^2] between trajectories that are joined: rounding
 UNHURRIED = 100.0  # times the mean speed that the joints allow: it bounds nothing
@@ -46,9 +46,9 @@ def time_optimal(
         return hold(path[0], SAMPLE_INTERVAL)
     if len(path) > 2 and corner > 0:
         way = rounded_polyline(path, used.velocity, corner / 2)
-        profile = fastest_profile(way, way.x, _near(used, corner / 2))
-        if profile is not None:
-            return _sampled(Motion(way, profile), used, path[-1])
+        near = _near(used, corner / 2)
+        motion = Motion(way, fastest_profile(way, way.x, near))
+        return _sampled(motion, used, path[-1], _longest_window(near))
     return concatenated(*(_straight(start, goal, used) for start, goal in pairwise(path)))
 
 
@@ -75,13 +75,13 @@ def timed_way(
         return hold(path[0], SAMPLE_INTERVAL)
     s = progress / speed if speed is not None else progress * (fastest / progress[-1])
     stations = np.column_stack([path, s])
-    progress_limits = _of_progress(speed, ramp)
-    lower, upper = (np.r_[bound, edge] for bound, edge in ((used.lower, 0.0), (used.upper, s[-1])))
-    way = smooth_way(stations, s, np.minimum(lower, stations.min(axis=0)), np.maximum(upper, stations.max(axis=0)))
-    profile = fastest_profile(way, np.unique(way.t), _near(used, WAY_DEVIATION) + progress_limits)
-    if profile is None:
-        raise ArithmeticError("TOPP-RA finds no passage of the way")
-    found = _sampled(Motion(way, profile), used + progress_limits, np.r_[path[-1], s[-1]])
+    of_progress = _of_progress(speed, ramp)
+    used, near = used + of_progress, _near(used, WAY_DEVIATION) + of_progress
+    lower = np.minimum(used.lower, stations.min(axis=0))
+    upper = np.maximum(used.upper, stations.max(axis=0))
+    way = smooth_way(stations, s, np.r_[lower[:-1], 0.0], np.r_[upper[:-1], s[-1]])
+    motion = Motion(way, fastest_profile(way, np.unique(way.t), near))
+    found = _sampled(motion, used, stations[-1], _longest_window(near))
     return JointTrajectory(
         found.time, *(values[:, :-1] for values in (found.position, found.velocity, found.acceleration, found.effort))
     )
@@ -142,18 +142,23 @@ def _shared(limits: JointLimits, share: float) -> JointLimits:
 
 
 def _near(limits: JointLimits, deviation: float) -> JointLimits:
-    """Return limits with accelerations a at which the moving average moves no joint by more than a deviation [rad].
+    """Return limits with accelerations at which the moving average moves no joint by more than a deviation [rad].
 
-    A window w moves it by at most a w^2 / 24; w is the longest 2 a / jerk of all joints, and what the grid adds.
+    A window w moves one whose acceleration is a by at most a w^2 / 24.
     """
     acceleration = np.minimum(limits.acceleration, np.cbrt(6 * deviation * limits.jerk**2))
-    window = (2 * acceleration / limits.jerk).max() + 2 * SAMPLE_INTERVAL
+    window = _longest_window(replace(limits, acceleration=acceleration)) + SAMPLE_INTERVAL
     return replace(limits, acceleration=np.minimum(acceleration, 24 * deviation / window**2))
+
+
+def _longest_window(limits: JointLimits) -> float:
+    """Return the window [s] in which any acceleration turns into its opposite with the jerk allowed, a few samples more."""
+    return float((2 * limits.acceleration / limits.jerk).max()) + 2 * SAMPLE_INTERVAL
 
 
 def _straight(start: Float[np.ndarray, " n"], goal: Float[np.ndarray, " n"], limits: JointLimits) -> JointTrajectory:
     way = PPoly(np.stack([goal - start, start])[:, None], np.array([0.0, 1.0]))
-    return _sampled(Motion(way, straight_profile(goal - start, 1.0, limits)), limits, goal, smooth=True)
+    return _sampled(Motion(way, straight_profile(goal - start, 1.0, limits)), limits, goal, SAMPLE_INTERVAL)
 
 
 def _intervals(seconds: float) -> int:
@@ -161,14 +166,14 @@ def _intervals(seconds: float) -> int:
 
 
 def _sampled(
-    motion: Motion, limits: JointLimits, goal: Float[np.ndarray, " n"], *, smooth: bool = False
+    motion: Motion, limits: JointLimits, goal: Float[np.ndarray, " n"], longest_window: float
 ) -> JointTrajectory:
     """Return samples whose quintics keep limits: averaged for as long as the jerk demands, slower where all else does.
 
-    smooth: the motion keeps the jerk limits by itself, and a longer window would not lower its jerk.
+    longest_window: of the average [s]; from there on it is slower for the jerk's sake, too.
     """
-    slower, needed = 1.0, SAMPLE_INTERVAL * (1 if smooth else 2)
-    for _ in range(TRIES):
+    slower, needed = 1.0, min(2 * SAMPLE_INTERVAL, longest_window)
+    for attempt in range(TRIES):
         intervals = _intervals(motion.duration * slower + needed)
         window = intervals * SAMPLE_INTERVAL - motion.duration * slower
         time = np.arange(intervals + 1) * SAMPLE_INTERVAL
@@ -180,8 +185,8 @@ def _sampled(
         stretch, jerk = max(used.velocity.max(), used.acceleration.max() ** (1 / 2)), used.jerk.max()
         if max(stretch, jerk) <= 1 + TOLERANCE:
             return trajectory
-        if smooth or jerk <= 1 + TOLERANCE:
-            slower *= max(stretch, jerk ** (1 / 3)) * (1 + HEADROOM)
+        if jerk > 1 + TOLERANCE and window < longest_window:
+            needed = min(window * jerk, longest_window)
         else:
-            needed = window * jerk
+            slower *= max(stretch, jerk ** (1 / 3)) * (1 + HEADROOM * 2**attempt)
     raise ArithmeticError(f"no motion within the limits is found; the last one uses {used}")
