@@ -1,12 +1,13 @@
 """Plans in physics: joints follow them, pads carry a block, and who reads the files alone gets the same."""
 
 import json
+import re
 from dataclasses import replace
+from pathlib import Path
 
 import mujoco
 import numpy as np
 import pytest
-from scipy.interpolate import BPoly
 
 from dexnudge.cli.main import main
 from dexnudge.planning.outcomes import Outcome
@@ -80,35 +81,30 @@ def saved(block_plan, tmp_path_factory):
     return folder
 
 
-def replayed(folder):
-    """Play plan.json with robot/world.xml, by what the format says of them and without dexnudge."""
-    plan = json.loads((folder / "plan.json").read_text(encoding="utf-8"))
-    model = mujoco.MjModel.from_xml_path(str(folder / "robot/world.xml"))
+def replayed(folder, monkeypatch):
+    """Play a plan as docs/plan_format.md shows it, without dexnudge."""
+    page = Path(__file__).parents[2] / "docs/plan_format.md"
+    code = re.search(r"## With MuJoCo.*?```python\n(.*?)```", page.read_text(encoding="utf-8"), re.DOTALL)[1]
+    assert "dexnudge" not in code
+    monkeypatch.chdir(folder.parent)
+    found = {}
+    exec(compile(code, str(page), "exec"), found)  # noqa: S102 - our own page
+    return np.array(found["data"].joint("pushed object").qpos)
+
+
+def test_the_world_starts_where_the_plan_does(saved):
+    plan = json.loads((saved / "plan.json").read_text(encoding="utf-8"))
+    model = mujoco.MjModel.from_xml_path(str(saved / "robot/world.xml"))
     data = mujoco.MjData(model)
-    mujoco.mj_resetDataKeyframe(model, data, 0)
-    names, time = plan["joint_names"], np.array(plan["time"])
-    samples = np.stack([plan[name] for name in ("position", "velocity", "acceleration")], axis=1)
-    position = BPoly.from_derivatives(time, samples)
-    velocity, effort = position.derivative(), np.array(plan["effort"])
-    for name, value in zip(names, plan["position"][0], strict=True):
-        assert data.joint(name).qpos[0] == value
-    for step in range(round(time[-1] / model.opt.timestep)):
-        now = step * model.opt.timestep
-        pressing = np.array([np.interp(now, time, column) for column in effort.T])
-        for motor in plan["actuators"]:
-            joints = [names.index(name) for name in motor["joints"]]
-            parts = np.array(list(motor["joints"].values()))
-            force = motor["kv"] * parts @ velocity(now)[joints] + parts @ pressing[joints] / (parts @ parts)
-            data.actuator(motor["name"]).ctrl = parts @ position(now)[joints] + force / motor["kp"]
-        mujoco.mj_step(model, data)
-    return np.array(data.joint("pushed object").qpos)
+    mujoco.mj_resetDataKeyframe(model, data, model.key("start").id)
+    assert [data.joint(name).qpos[0] for name in plan["joint_names"]] == plan["position"][0]
 
 
-def test_who_reads_plan_json_and_world_xml_alone_moves_the_object_alike(saved):
+def test_who_reads_plan_json_and_world_xml_alone_moves_the_object_alike(saved, monkeypatch):
     world = (saved / "robot/world.xml").read_text(encoding="utf-8")
     episode = execute_plan(load_plan(saved), xml=world)
     assert episode.length_reached == pytest.approx(0.05, abs=0.002)
-    place = replayed(saved)
+    place = replayed(saved, monkeypatch)
     np.testing.assert_allclose(place, episode.trace.qpos[-1][-7:], atol=1e-6)
     anew = load_plan(saved).execute()
     np.testing.assert_allclose(place, anew.trace.qpos[-1][-7:], atol=1e-4)
