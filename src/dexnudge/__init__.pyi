@@ -34,6 +34,7 @@ from dexnudge.perception.view_files import save_views as save_views
 from dexnudge.perception.views import load_views as load_views
 from dexnudge.planning.outcomes import Outcome as Outcome
 from dexnudge.planning.reach import Reach as Reach
+from dexnudge.planning.reach_term import ReachTerm as ReachTerm
 from dexnudge.results.checking import Check as Check, check as check
 from dexnudge.results.folder import load_samples as load_samples
 from dexnudge.results.samples import Sample as Sample, Samples as Samples
@@ -42,6 +43,7 @@ from dexnudge.scenes.families import build_scene as build_scene, scene_families 
 from dexnudge.finding import Finding as Finding
 from dexnudge.scenes.scene import Scene as Scene, load_scene as load_scene
 from dexnudge.simulation.depth_camera import DepthCamera as DepthCamera, depth_views as depth_views
+from dexnudge.trajectories.base_map import BaseMap as BaseMap, find_base as find_base
 from dexnudge.trajectories.plan import JointTrajectory as JointTrajectory, Phase as Phase, Plan as Plan
 from dexnudge.trajectories.plan_episode import PlanEpisode as PlanEpisode
 from dexnudge.trajectories.plan_folder import load_plan as load_plan

@@ -93,27 +93,29 @@ class InverseKinematics:
     ) -> Solutions:
         """Return joint angles for each pose, each from its own start; a joint that the error pushes beyond a limit rests."""
         limits, targets = self.arm.limits, self._T_base_world @ T_world_flange
-        positions = np.clip(start, limits.lower, limits.upper)
-        solved, error, before = np.zeros(len(targets), dtype=bool), *np.full((2, len(targets)), np.inf)
+        here = np.clip(start, limits.lower, limits.upper)
+        best, solved = here.copy(), np.zeros(len(targets), dtype=bool)
+        error, before = np.full((2, len(targets)), np.inf)
         rows = np.arange(len(targets))
         for step in range(most_steps + 1):
-            now = self.chain.flange(positions[rows])
+            now = self.chain.flange(here)
             turn = Rotation.from_matrix(targets[rows, :3, :3] @ now.rotation.swapaxes(1, 2)).as_rotvec()
             away = np.concatenate([targets[rows, :3, 3] - now.position, LEVER * turn], axis=1)
+            squared = (away**2).sum(axis=1)
+            better = squared < error[rows]
+            best[rows[better]], error[rows[better]] = here[better], squared[better]
             largest = np.abs(away).reshape(-1, 2, 3).max(axis=2)
-            done = (largest < (POSITION_TOLERANCE, LEVER * ROTATION_TOLERANCE)).all(axis=1)
-            error[rows], solved[rows] = (away**2).sum(axis=1), done
-            left = ~done
+            solved[rows] = (largest < (POSITION_TOLERANCE, LEVER * ROTATION_TOLERANCE)).all(axis=1)
+            left = ~solved[rows]
             if step % PATIENCE == 0:
                 left &= error[rows] < LEAST_FALL * before[rows]
                 before[rows] = error[rows]
             if step == most_steps or not left.any():
                 break
-            rows, jacobian = rows[left], now.jacobian[left]
+            rows, here, jacobian = rows[left], here[left], now.jacobian[left]
             jacobian[:, 3:] *= LEVER
-            moved = positions[rows] + self._step(positions[rows], away[left], jacobian)
-            positions[rows] = np.clip(moved, limits.lower, limits.upper)
-        return Solutions(positions, solved, error)
+            here = np.clip(here + self._step(here, away[left], jacobian), limits.lower, limits.upper)
+        return Solutions(best, solved, error)
 
     @cached_property
     def chain(self) -> "Chain":

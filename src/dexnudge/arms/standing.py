@@ -35,7 +35,7 @@ def default_base(arm: Arm, scene: Scene) -> Float[np.ndarray, "4 4"]:
     for step in range(MOST_STEPS + 1):
         T_world_base[:3, 3] = bounds.mean(axis=0) + (DISTANCE + step * STEP) * way
         T_world_base[2, 3] = bounds[0, 2]
-        depth, where = _standing_depth(arm.standing_at(T_world_base), scene)
+        depth, where = standing_depth(arm.standing_at(T_world_base), scene)
         if depth <= DEEPEST:
             return T_world_base
     raise ArmError(
@@ -47,7 +47,7 @@ def default_base(arm: Arm, scene: Scene) -> Float[np.ndarray, "4 4"]:
 
 def check_base(robot: Robot, scene: Scene) -> None:
     """Refuse a place that is taken by the surroundings or the object, or from which the object is out of reach; ArmError."""
-    depth, where = _standing_depth(robot.arm, scene)
+    depth, where = standing_depth(robot.arm, scene)
     if depth > DEEPEST:
         raise ArmError(
             f"the base of '{robot.arm.name}' stands in what is around it: {1e3 * depth:.0f} mm deep at {_point(where)}; "
@@ -62,7 +62,7 @@ def check_base(robot: Robot, scene: Scene) -> None:
         )
 
 
-def _standing_depth(arm: Arm, scene: Scene) -> tuple[float, Float[np.ndarray, " 3"]]:
+def standing_depth(arm: Arm, scene: Scene) -> tuple[float, Float[np.ndarray, " 3"]]:
     """Return how deep the links that never move stand in surroundings or object [m], and where."""
     base = standing_mesh(arm)
     if not len(base.faces):

@@ -23,6 +23,7 @@ COMMANDS = {
     "sample": ("sample", "Sample", "verified, ranked hand configurations for one object in one scene"),
     "check": ("check", "Check", "recompute every figure of a result folder from its files"),
     "execute": ("execute", "Execute", "play configurations out in MuJoCo: push, or slide, grasp and lift"),
+    "find-base": ("find_base", "FindBase", "where an arm may stand to reach the configurations of a result folder"),
     "scene": ("scene", "SceneCommand", "what is understood of a scene, and what is wrong with it, before sampling"),
     "evaluate": ("evaluate", "Evaluate", "success over many objects and scenes, with intervals"),
     "reproduce": ("reproduce", "Reproduce", "the paper's tables and our ablations, as one report"),

@@ -24,6 +24,7 @@ from dexnudge.cli.arguments import (
 )
 from dexnudge.cli.arm_options import ArmOptions
 from dexnudge.cli.scene_options import RUNS, SceneOptions, say_findings, stop_at_errors
+from dexnudge.errors import InputError
 
 if TYPE_CHECKING:
     from dexnudge.sampling.sampler import Sampler
@@ -52,7 +53,8 @@ class Sample(SceneOptions):
 
     The scene is drawn from a family (--scene), your own (--environment, --object-pose, --motion), or a folder that `scene`
     wrote. What is understood of it is printed first; errors end the command. Exit code 3: everything is written, but no
-    draw is verified. With --arm, a draw is verified only where the arm brings the hand there and along the motion.
+    draw is verified. With --arm, a draw is verified only where the arm brings the hand there and along the motion;
+    --term reach draws more of those, and takes longer.
     """
 
     out: OptionalFolder = None
@@ -99,13 +101,18 @@ class Sample(SceneOptions):
         from dexnudge.hands.registry import load_hand
         from dexnudge.jobs.progress import progress
         from dexnudge.planning.reach import Reach
+        from dexnudge.planning.reach_term import WEIGHT as REACH_WEIGHT
+        from dexnudge.planning.reach_term import ReachTerm
         from dexnudge.results.folder import write_inputs, write_results
         from dexnudge.sampling.methods import find_method
         from dexnudge.sampling.sampler import Sampler, check_counts
         from dexnudge.verification.criteria import named_criteria
 
         check_counts(self.num, self.verified, self.max_draws)
-        terms = [find_term(name, weight=weight) for name, weight in self.plugins.weights().items()]
+        weights = self.plugins.weights()
+        if ReachTerm.name in weights and self.robot.arm is None:
+            raise InputError("term 'reach' is given without `arm`; name the arm, or leave it out")
+        terms = [find_term(name, weight=weight) for name, weight in weights.items() if name != ReachTerm.name]
         criteria = named_criteria(self.plugins.criterion)
         method = find_method(self.method).with_weights(self.losses.given())
         start = time.perf_counter()
@@ -119,6 +126,10 @@ class Sample(SceneOptions):
         if robot is not None:
             say(f"reach: of {robot.arm!r}")
             criteria.append(Reach(robot.arm, mount=robot.T_flange_mount))
+            if ReachTerm.name in weights:
+                given = weights[ReachTerm.name]
+                weight = REACH_WEIGHT if given is None else given
+                terms.append(ReachTerm(robot.arm, mount=robot.T_flange_mount, weight=weight))
         sampler = Sampler(hand, terms=terms, weights=self.weights, device=self.device)
         sampler.load(method)
         written_scene, written_hand = write_inputs(folder, scene, hand)
