@@ -30,8 +30,8 @@ WORLD, STAND = "world", "world_base"  # the URDF's root and the joint below it
 URDF, MJCF, HAND_FOLDER = "robot.urdf", "robot.xml", "hand"
 ROBOT_FILES = (URDF, MJCF, f"{MESH_FOLDER}/*.obj", *(f"{HAND_FOLDER}/{file}" for file in HAND_FILES))
 """What `export_robot` writes, as patterns of paths."""
-ARM_DAMPING_TIME = 0.05  # [s] kv / kp of an arm's motor: critical where 2 kg m^2 turn, as at a stretched arm's shoulder
-ARM_STIFFNESS = 40.0  # [1/rad] kp per effort limit: at the limit an arm's joint gives way by 1.4 degrees
+ARM_DAMPING_TIME = 0.03  # [s] kv / kp of an arm's motor: critical where 2 kg m^2 turn, as at a stretched arm's shoulder
+ARM_STIFFNESS = 100.0  # [1/rad] kp per effort limit: at the limit an arm's joint gives way by 0.6 degrees
 ARM_ARMATURE = 0.1  # [kg m^2] of an arm's geared motors, as MuJoCo Menagerie has it for the Panda
 
 

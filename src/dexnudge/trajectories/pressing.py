@@ -5,44 +5,63 @@ from dataclasses import dataclass
 import numpy as np
 import torch
 from jaxtyping import Float
+from scipy.interpolate import CubicSpline
+from scipy.spatial.transform import Rotation
 
 from dexnudge.arms.robot import Robot
-from dexnudge.hands.hand import ROOT_COORDINATES
 from dexnudge.mechanics.sliding_task import sliding_task
 from dexnudge.planning.object_path import push_length, supports_of_way
 from dexnudge.scenes.scene import Scene
-from dexnudge.simulation.hand_path import interpolated
+from dexnudge.simulation.hand_path import PHASES, PUSH, SQUEEZE, interpolated, push_path, rotations
 from dexnudge.simulation.model import SimulationModel
-from dexnudge.simulation.push_forces import LEAST_FORCE, PushForces, push_forces
+from dexnudge.simulation.push_forces import LEAST_FORCE, push_forces
+from dexnudge.simulation.rollout import Rollout
+from dexnudge.simulation.success import PushVerdict, judge_push
 from dexnudge.verification.verdicts import contacts_of
+
+STOP = PHASES[-1]
 
 
 @dataclass(frozen=True)
 class Press:
-    """A push of one configuration, for arm and hand.
+    """A push of one configuration, for arm and hand; from a rehearsal in which a compliant arm carries the hand.
+
+    Fingers give way under load, those on shared tendons until they are at their stops, and the palm follows them by some
+    millimetres. So where hand and arm go, and what they press with, is what the rehearsal has come to.
 
     Attributes:
         contact: q of the hand where the approach ends (world), at rest.
-        touching: q of the hand once fingers and palm have closed until the links that press touch; of the squeeze the end.
+        pressing: q of the hand at places evenly spread over the push, both ends included (world).
+        finger_effort: [N m] per joint of the hand at these places.
+        palm_wrench: force [N] and torque about the palm's origin [N m] of the arm on the hand at these places, world.
         motion: unit, world. length: of the push [m].
-        forces: with which the hand presses along the push, and by how much it closes.
-        finger_effort: [N m] per joint of the hand at the places of `forces`.
         link_force: greatest normal force of each link on the object [N].
+        verdict: on the rehearsal.
     """
 
     contact: Float[np.ndarray, " coordinates"]
-    touching: Float[np.ndarray, " coordinates"]
+    pressing: Float[np.ndarray, "place coordinates"]
+    finger_effort: Float[np.ndarray, "place d"]
+    palm_wrench: Float[np.ndarray, "place 6"]
     motion: Float[np.ndarray, " 3"]
     length: float
-    forces: PushForces
-    finger_effort: Float[np.ndarray, "place d"]
     link_force: dict[str, float]
+    verdict: PushVerdict
+
+    @property
+    def touching(self) -> Float[np.ndarray, " coordinates"]:
+        """Q of the hand at the end of the squeeze (world)."""
+        return self.pressing[0]
 
     def carried(self, travelled: Float[np.ndarray, " k"]) -> Float[np.ndarray, "k coordinates"]:
         """Return q of the hand once it has carried the object by these lengths [m]."""
-        q = np.tile(self.touching, (len(travelled), 1))
+        places = np.linspace(0.0, self.length, len(self.pressing))
+        along = np.outer(places, np.concatenate([self.motion, np.zeros(len(self.contact) - 3)]))
+        q = CubicSpline(places, self.pressing - along)(travelled)
         q[:, :3] += np.outer(travelled, self.motion)
-        return q
+        columns = rotations(q).as_matrix()[:, :, :2]
+        q[:, 3:6], q[:, 6:9] = columns[:, :, 0], columns[:, :, 1]
+        return np.asarray(q)
 
     def efforts(
         self, robot: Robot, positions: Float[np.ndarray, "k n"], loaded: Float[np.ndarray, " k"]
@@ -55,7 +74,7 @@ class Press:
         q = robot.configurations(positions)
         done = np.clip((q[:, :3] - self.touching[:3]) @ self.motion / self.length, 0.0, 1.0)
         places = np.linspace(0.0, 1.0, len(self.finger_effort))
-        wrench = interpolated(done, places, self.forces.base_wrench)
+        wrench = interpolated(done, places, self.palm_wrench)
         fingers = interpolated(done, places, self.finger_effort)
         jacobians = palm_jacobians(robot, positions, q[:, :3])
         return np.asarray(
@@ -79,23 +98,63 @@ def press(
     length = push_length(scene) if length is None else length
     (contacts,) = contacts_of(scene, hand, q[None])
     forces = push_forces(simulation, q, contacts, supports_of_way(scene, length), task)
-    touching = q.copy()
-    touching[:3] += forces.base_closing
-    touching[ROOT_COORDINATES:] += simulation.angle_of_motor @ forces.closing
     normal = -np.einsum("pcx,cx->pc", forces.force, contacts.normals)
     link_force = {
         hand.link_names[link]: float(normal[:, contacts.link == link].sum(axis=1).max())
         for link in np.unique(contacts.link)
     }
+    rehearsal = _Rehearsal(simulation, q)
+    rehearsal.push(push_path(np.zeros(1), q[None], motion=task.motion, length=length), forces)
+    pressing, motor_force, wrench = rehearsal.at(np.linspace(0.0, length, len(forces.force)), task.motion)
     return Press(
         contact=q,
-        touching=hand.clamp(torch.as_tensor(touching)[None])[0].numpy(),
+        pressing=pressing,
+        finger_effort=motor_force @ (simulation.motor_of_angle > 0),
+        palm_wrench=wrench,
         motion=task.motion,
         length=length,
-        forces=forces,
-        finger_effort=forces.motor_torque @ (simulation.motor_of_angle > 0),
         link_force={name: force for name, force in link_force.items() if force > LEAST_FORCE},
+        verdict=judge_push(
+            rehearsal.trace, motion=task.motion, length=length, diverged=rehearsal.divergence is not None
+        ),
     )
+
+
+class _Rehearsal(Rollout):
+    """A push on a compliant arm that keeps what its motors make."""
+
+    def __init__(self, simulation: SimulationModel, q: Float[np.ndarray, " coordinates"]) -> None:
+        super().__init__(simulation, q)
+        self._forces: list[np.ndarray] = []
+
+    def at(
+        self, travelled: Float[np.ndarray, " place"], motion: Float[np.ndarray, " 3"]
+    ) -> tuple[Float[np.ndarray, "place coordinates"], Float[np.ndarray, "place motor"], Float[np.ndarray, "place 6"]]:
+        """Return q, the motors' forces and the wrench on the palm (world) where the hand has been told to be.
+
+        Means over neighbouring records, so that what the object's sticking and slipping does in between is left out.
+        """
+        simulation, trace = self.simulation, self.trace
+        base = simulation.base_motor
+        kept = np.flatnonzero(np.isin(trace.phase, (SQUEEZE, PUSH, STOP)))
+        kept = kept[np.searchsorted(kept, np.flatnonzero(trace.phase == SQUEEZE)[-1]) :]
+        done = (trace.mocap[kept, :3] - trace.mocap[kept[0], :3]) @ motion
+        q = simulation.configurations(trace.qpos[kept])
+        q[:, :3] += np.outer(-done, motion)
+        rows = np.concatenate([q, np.array(self._forces)[kept]], axis=1)
+        half = travelled[1] / 2
+        near = np.abs(done - travelled[:, None]) <= half
+        means = np.stack([rows[mine].mean(axis=0) for mine in near])
+        means[:, :3] += np.outer(travelled, motion)
+        found, force = np.split(means, [q.shape[1]], axis=1)
+        found[:, 3:9] = rotations(found).as_matrix()[:, :, :2].transpose(0, 2, 1).reshape(-1, 6)
+        target = Rotation.from_quat(trace.mocap[kept[0], 3:], scalar_first=True)
+        wrench = np.concatenate([target.apply(force[:, base[:3]]), target.apply(force[:, base[3:]])], axis=1)
+        return simulation.hand.clamp(torch.as_tensor(found)).numpy(), force, wrench
+
+    def _record(self, phase: str, deepest: float) -> None:
+        super()._record(phase, deepest)
+        self._forces.append(np.array(self.simulation.data.actuator_force))
 
 
 def palm_jacobians(
