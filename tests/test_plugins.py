@@ -76,6 +76,8 @@ def test_the_example_brings_one_of_each(example):
         assert not samples.success[low].any()
         assert [samples.reasons[row] for row in np.flatnonzero(low)].count("") == 0
     assert found[1].min() > found[0].min()
+    arm, panda = dn.load_arm("careful_panda", base=np.eye(4)), dn.load_arm("panda")
+    np.testing.assert_allclose(3 * arm.limits.velocity, panda.limits.velocity)
 
 
 def test_the_example_from_the_command_line(example, tmp_path, capsys):
@@ -90,7 +92,7 @@ def test_the_example_from_the_command_line(example, tmp_path, capsys):
     assert "palm_height" in result.found.values
     assert main(["plugins"]) == 0
     printed = capsys.readouterr().out
-    for name in ("ice", "high_palm", "palm_height", "dexnudge-example 0.1.0"):
+    for name in ("ice", "careful_panda", "high_palm", "palm_height", "dexnudge-example 0.1.0"):
         assert name in printed
 
 
@@ -169,6 +171,11 @@ UNSOUND_POINTS = {  # entry point -> why it is of no use
         "family": "cannot be called so",
         "nothing": "is of type NoneType; expected a function that is called with base",
     },
+    "arms": {
+        "three": "is of type int; expected a function that is called without arguments and returns an Arm; mend",
+        "family": "cannot be called so: missing a required argument: 'mesh'",
+        "makes_three": "",
+    },
     "criteria": {
         "q": "the name of criterion 'q' is taken; expected",
         "not-one": "criterion 'not-one' has no usable name; expected an identifier",
@@ -200,7 +207,8 @@ def test_what_is_of_no_use_is_listed_as_broken(unsound, capsys):
     for entries in UNSOUND_POINTS.values():
         for name, reason in entries.items():
             start = f"  {name.replace(' ', '_')}, from unsound 1.2; broken: "
-            assert any(line.startswith(start) and reason in line for line in lines), (name, reason)
+            shown = start if reason else f"  {name}, from unsound 1.2"
+            assert any(line.startswith(shown) and reason in line for line in lines), (name, reason)
 
 
 @pytest.mark.parametrize(
@@ -212,6 +220,11 @@ def test_asking_for_what_is_of_no_use_says_whose_it_is(unsound, group, name, cap
     said = capsys.readouterr().err
     assert "of package unsound 1.2" in said
     assert with_flags(UNSOUND_POINTS[group][name], Sample) in said
+
+
+def test_an_arm_that_is_none_is_refused_by_name(unsound):
+    with pytest.raises(dn.InputError, match=r"arm 'makes_three' of package unsound 1.2 made a int; expected a Arm"):
+        dn.load_arm("makes_three")
 
 
 def test_a_package_that_exits_at_import_is_broken_like_any_other(tmp_path, monkeypatch, capsys):

@@ -1,4 +1,4 @@
-"""A scene family, an energy term and a criterion of one's own: a slippery table, and a palm that keeps its distance."""
+"""A scene family, an arm, a term and a criterion of one's own: a slippery table, a slow arm, a palm that keeps away."""
 
 from dataclasses import dataclass, replace
 
@@ -15,6 +15,12 @@ def ice(mesh: trimesh.Trimesh, generator: np.random.Generator) -> dn.Scene:
     """Return a table as slippery as ice."""
     table = dn.build_scene("table", mesh, seed=int(generator.integers(2**31)))
     return replace(table, name="ice", friction_environment=0.05)
+
+
+def careful_panda() -> dn.Arm:
+    """Return Franka's Panda at a third of its speed."""
+    arm = dn.load_arm("panda")
+    return replace(arm, name="careful_panda", limits=replace(arm.limits, velocity=arm.limits.velocity / 3))
 
 
 def height(hands: dn.HandBatch, scene: dn.Scene) -> torch.Tensor:

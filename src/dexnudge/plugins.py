@@ -1,4 +1,4 @@
-"""What installed packages bring: hands, scene families, energy terms, criteria, and more, by their entry points.
+"""What installed packages bring: hands, arms, scene families, energy terms, criteria, and more, by their entry points.
 
 A package names them in its pyproject.toml:
 
@@ -27,13 +27,14 @@ GROUPS = {
     "guidance rule": "dexnudge.guidance_rules",
     "arm": "dexnudge.arms",
 }
-"""Entry-point group of each kind; arms are reserved for a later version."""
+"""Entry-point group of each kind."""
 _MADE_ALONE = "one, or a class or function that makes one without arguments"
 EXPECTED: dict[str, tuple[str, tuple[Any, ...], dict[str, Any]]] = {
     "hand": ("a function that is called with base=True or False and returns a Hand", (), {"base": True}),
     "scene": ("a function that is called with (mesh, generator) and returns a Scene", (None, None), {}),
     "energy term": (_MADE_ALONE, (), {}),
     "criterion": (_MADE_ALONE, (), {}),
+    "arm": ("a function that is called without arguments and returns an Arm", (), {}),
     "guidance rule": ("a Method, or a class or function that makes a rule without arguments", (), {}),
 }
 """What an entry point of each kind must name, and the arguments that it is called with."""

@@ -7,7 +7,7 @@ import trimesh
 from scipy.spatial.transform import Rotation
 
 import dexnudge as dn
-from dexnudge.arms.mounting import ADAPTERS, DEEPEST, GAP, MAKERS
+from dexnudge.arms.mounting import DEEPEST, GAP, MAKERS, WEDGES
 
 HANDS = ("shadow_lite", "allegro", "panda_gripper")
 OVER = np.diag([1.0, -1.0, -1.0, 1.0])  # the hand's head over heels
@@ -32,19 +32,14 @@ def hand_points(robot, position):
     return np.concatenate([trimesh.transform_points(mesh.vertices, pose) for mesh, pose in placed])
 
 
-def height(mesh):
-    return np.ptp(mesh.bounds[:, 2]) if len(mesh.faces) else 0.0
-
-
 def test_the_hand_continues_the_flange_and_does_not_reach_behind_it(robot):
     rest = np.concatenate([robot.arm.home, robot.hand.apart])
     points = hand_points(robot, rest)
     pair = (robot.arm.name, robot.hand.name)
     if pair in MAKERS:
         return
-    turn, tilt, length = ADAPTERS.get(pair, (0.0, 0.0, 0.0))
-    assert points[:, 2].min() == pytest.approx(length + GAP, abs=1e-6)
-    assert height(robot.arm.tree.links[robot.arm.flange]) == pytest.approx(length)
+    turn, tilt = WEDGES.get(pair, (0.0, 0.0))
+    assert points[:, 2].min() == pytest.approx(GAP, abs=1e-6)
     flange = robot.arm.flange_poses(robot.arm.home[None])[0]
     tips = robot.hand.fingertip_links
     poses = robot.body.forward_kinematics(torch.as_tensor(robot.coordinates(rest[None])))[0].numpy()
@@ -61,7 +56,10 @@ def test_a_mount_of_ones_own_is_kept(panda):
     hand = dn.load_hand("allegro")
     T = dn.default_mount(panda, hand)
     T[:3, 3] += [0.0, 0.0, 0.1]
-    np.testing.assert_allclose(dn.mount(panda, hand, T.tolist()).T_flange_mount, T)
+    robot = dn.mount(panda, hand, T.tolist())
+    np.testing.assert_allclose(robot.T_flange_mount, T)
+    column = robot.body.link_meshes[robot.body.link_names.index("panda_link8")]
+    np.testing.assert_allclose(column.bounds[:, 2], [0.0, 0.1], atol=1e-9)  # what holds the hand out there
 
 
 @pytest.mark.parametrize("name", ["shadow_lite", "allegro"])

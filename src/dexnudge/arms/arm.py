@@ -44,7 +44,7 @@ class Arm:
 
     Attributes:
         name: what messages call it.
-        tree: its links and joints from the base, the root, to the flange and no farther; collision geometry.
+        tree: its links, parents first, and joints from the base, the root, to the flange and no farther; collision geometry.
         joint_names: the n joints from the base to the flange.
         limits: of these.
         home: joint angles from which a plan starts and to which it returns [rad].
@@ -116,6 +116,17 @@ class Arm:
         for joint, motion in self.motions(positions):
             pose = pose @ joint.origin @ motion
         return np.asarray(pose)
+
+    def link_poses(self, position: Float[np.ndarray, " n"]) -> dict[str, Float[np.ndarray, "4 4"]]:
+        """Return T_world_link of every link at joint angles."""
+        carrier, poses = {joint.child: joint for joint in self.tree.joints}, {self.base: self.T_world_base}
+        for link in self.tree.links:
+            if link in carrier:
+                joint = carrier[link]
+                index, factor, offset = self.lines.get(joint.name, (0, 0.0, 0.0))
+                motion = _motions(joint, np.array([factor * position[index] + offset]))[0]
+                poses[link] = poses[joint.parent] @ joint.origin @ motion
+        return poses
 
     @cached_property
     def reach(self) -> float:

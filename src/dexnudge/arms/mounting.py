@@ -16,16 +16,17 @@ from dexnudge.errors import ArmError, check_kind
 from dexnudge.geometry.overlap import deepest_overlap
 from dexnudge.hands.hand import ROOT_COORDINATES, Hand
 
-# Of named pairs: turn of the palm about the flange's z-axis and tilt of the fingers from that axis to where the palm faces
-# [deg], and length of a column between flange and hand [m].
-ADAPTERS: dict[tuple[str, str], tuple[float, float, float]] = {
-    ("panda", "shadow_lite"): (45.0, 30.0, 0.0),
-    ("panda", "allegro"): (45.0, -90.0, 0.15),
+# Of named pairs: turn of the palm about the flange's z-axis, and tilt of the fingers from that axis to where the palm
+# faces [deg]; a wedge makes it. Of tilts in steps of 15 degrees these bring the arm to most of the configurations that were
+# sampled on tables and in shelves, as far as the surroundings let it.
+WEDGES: dict[tuple[str, str], tuple[float, float]] = {
+    ("panda", "shadow_lite"): (45.0, 30.0),
+    ("panda", "allegro"): (45.0, 30.0),
 }
 # Of pairs of one maker the pose itself; there, the hand's housing encloses the flange.
 MAKERS = {("panda", "panda_gripper"): trimesh.transformations.rotation_matrix(np.radians(-45.0), (0.0, 0.0, 1.0))}
 GAP = 0.002  # [m] between the flange's plane and the hand: an adapter plate, and no overlap by rounding
-REAR = 0.02  # [m] behind which a hand's geometry is its rear end, whose middle lies on the flange's axis
+REAR = 0.02  # [m] of what is held, next to the flange: its middle lies on the flange's axis
 SHORTEST_COLUMN, COLUMN_RADIUS = 0.02, 0.025  # [m] what stands between the flange and a hand farther out than that
 COLUMN_SIDES = 24
 SNAP = np.cos(np.radians(15.0))  # a mount whose axis is that near the fingers' is screwed on along it; a base always is
@@ -79,24 +80,27 @@ def default_mount(arm: Arm, hand: Hand) -> Float[np.ndarray, "4 4"]:
     """Return T_flange_mount: the hand's fingers continue the flange's z-axis, its palm faces the flange's x-axis.
 
     A hand with a base, such as a forearm, stands on the flange by the axis of the base that is nearest the fingers. Of
-    the named pairs it is turned, tilted and set off by `ADAPTERS`. The rear of the hand lies 2 mm in front of the
-    flange's plane, its middle on the flange's axis; the room behind a tilted hand is that of a wedge.
+    the named pairs it is turned and tilted by `WEDGES`. The hand begins 2 mm in front of the flange's plane;
+    the middle of its base's or palm's side there lies on the flange's axis. The room behind a tilted hand is a wedge's.
     """
     if (arm.name, hand.name) in MAKERS:
         return MAKERS[arm.name, hand.name].copy()
-    turn, tilt, length = ADAPTERS.get((arm.name, hand.name), (0.0, 0.0, 0.0))
+    turn, tilt = WEDGES.get((arm.name, hand.name), (0.0, 0.0))
     poses, axis, normal = _at_rest(hand)
-    points = _hand_points(hand, poses)
-    upright = np.stack([normal, np.cross(axis, normal), axis])  # rows: the flange's axes in the mount's frame
-    rear = points[points @ axis < (points @ axis).min() + REAR] @ upright.T
-    wedge = Rotation.from_euler("ZY", [turn, tilt], degrees=True).as_matrix()
     T_flange_mount = np.eye(4)
-    T_flange_mount[:3, :3] = wedge @ upright
-    middle = np.append((rear.min(axis=0) + rear.max(axis=0))[:2] / 2, rear[:, 2].min())
-    T_flange_mount[:3, 3] = -wedge @ middle
-    lowest = (points @ T_flange_mount[:3, :3].T + T_flange_mount[:3, 3])[:, 2].min()
-    T_flange_mount[2, 3] += length + GAP - lowest
+    wedge = Rotation.from_euler("ZY", [turn, tilt], degrees=True).as_matrix()
+    T_flange_mount[:3, :3] = wedge @ np.stack([normal, np.cross(axis, normal), axis])
+    points = trimesh.transform_points(_hand_points(hand, poses), T_flange_mount)
+    held = hand.link_meshes[_mount_index(hand)].vertices
+    held = trimesh.transform_points(held, T_flange_mount) if len(held) else points
+    rear = held[held[:, 2] < held[:, 2].min() + REAR]
+    T_flange_mount[:2, 3] = -(rear.min(axis=0) + rear.max(axis=0))[:2] / 2
+    T_flange_mount[2, 3] = GAP - points[:, 2].min()
     return T_flange_mount
+
+
+def _mount_index(hand: Hand) -> int:
+    return hand.link_names.index(hand.base_link or hand.link_names[0])
 
 
 def _at_rest(
@@ -107,7 +111,7 @@ def _at_rest(
     q[0, 3] = q[0, 7] = 1.0
     q[0, ROOT_COORDINATES:] = hand.apart
     poses = hand.forward_kinematics(torch.as_tensor(q))[0].numpy()
-    T_mount_palm = np.linalg.inv(poses[hand.link_names.index(hand.base_link or hand.link_names[0])])
+    T_mount_palm = np.linalg.inv(poses[_mount_index(hand)])
     normal = hand.palm_normal / np.linalg.norm(hand.palm_normal)
     axis, normal = (normal, hand.finger_axis) if hand.fingers_face else (hand.finger_axis, normal)
     axis, normal = T_mount_palm[:3, :3] @ axis, T_mount_palm[:3, :3] @ normal

@@ -77,15 +77,13 @@ def standing_depth(arm: Arm, scene: Scene) -> tuple[float, Float[np.ndarray, " 3
 
 def standing_mesh(arm: Arm) -> trimesh.Trimesh:
     """Return the links that never move as one mesh where the arm stands [m]; it may be empty."""
-    poses = {arm.base: arm.T_world_base}
-    for _ in arm.tree.joints:
-        for joint in arm.tree.joints:
-            if joint.fixed and joint.parent in poses:
-                poses[joint.child] = poses[joint.parent] @ joint.origin
-    placed = []
-    for link, pose in poses.items():
-        if len(arm.tree.links[link].faces):
-            placed.append(arm.tree.links[link].copy().apply_transform(pose))
+    still = {arm.base}
+    for link in arm.tree.links:
+        still |= {joint.child for joint in arm.tree.joints if joint.fixed and joint.parent == link and link in still}
+    poses = arm.link_poses(arm.home)
+    placed = [
+        arm.tree.links[link].copy().apply_transform(poses[link]) for link in still if len(arm.tree.links[link].faces)
+    ]
     return trimesh.util.concatenate(placed) if placed else trimesh.Trimesh()
 
 

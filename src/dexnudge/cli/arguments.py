@@ -229,6 +229,19 @@ def is_number(text: str) -> bool:
     return True
 
 
+def named_folders(package: Sequence[str]) -> dict[str, str]:
+    """Return the folders of ROS packages by name, from words such as my_hand=/home/me/my_hand.
+
+    Raises:
+        InputError: a word without name or folder.
+    """
+    pairs = [entry.partition("=") for entry in package]
+    wrong = [entry for entry, (name, _, folder) in zip(package, pairs, strict=True) if not name or not folder]
+    if wrong:
+        raise InputError(f"`package` got {wrong[0]!r}; expected NAME=DIR, such as my_hand=/home/me/my_hand")
+    return {name: folder for name, _, folder in pairs}
+
+
 def stdout() -> Console:
     """Return the console for results."""
     from rich.console import Console

@@ -10,7 +10,17 @@ from typing import TYPE_CHECKING, Annotated, Literal
 
 import tyro
 
-from dexnudge.cli.arguments import Flag, OptionalCount, OptionalFolder, OptionalNumber, metavar, say, stdout, table
+from dexnudge.cli.arguments import (
+    Flag,
+    OptionalCount,
+    OptionalFolder,
+    OptionalNumber,
+    metavar,
+    named_folders,
+    say,
+    stdout,
+    table,
+)
 from dexnudge.errors import InputError, OutputError, check_path
 
 if TYPE_CHECKING:
@@ -140,15 +150,8 @@ class HandCommand:
             palm_normal=self.palm_normal,
             geometry=self.geometry,
             base=self.base,
-            packages=self._packages(),
+            packages=named_folders(self.package),
         )
-
-    def _packages(self) -> dict[str, str]:
-        pairs = [entry.partition("=") for entry in self.package]
-        wrong = [entry for entry, (name, _, folder) in zip(self.package, pairs, strict=True) if not name or not folder]
-        if wrong:
-            raise InputError(f"`package` got {wrong[0]!r}; expected NAME=DIR, such as my_hand=/home/me/my_hand")
-        return {name: folder for name, _, folder in pairs}
 
 
 def _write_findings(findings: Sequence[Finding], folder: Path) -> None:

@@ -33,6 +33,7 @@ COMMANDS = {
     "train": ("train", "Train", "train the diffusion model on a dataset"),
     "plugins": ("plugins", "Plugins", "list what is built in and what installed packages bring"),
     "hand": ("hand", "HandCommand", "understand, prepare and learn a hand"),
+    "arm": ("arm", "ArmCommand", "an arm's joints, limits, reach and flange, and a picture of it with a hand"),
 }
 WHAT = "Hand configurations that push, press or hook thin objects that a robot hand cannot grasp."
 VECTORS = {"--motion": "DX DY DZ"}

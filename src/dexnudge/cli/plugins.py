@@ -8,10 +8,10 @@ from dexnudge.cli.arguments import say
 
 @dataclass(frozen=True)
 class Plugins:
-    """List hands, scene families, energy terms, criteria and guidance rules, built-in ones and those of packages.
+    """List hands, arms, scene families, energy terms, criteria and guidance rules, built-in ones and those of packages.
 
-    A package names what it brings as entry points: dexnudge.hands, dexnudge.scenes, dexnudge.energy_terms,
-    dexnudge.criteria, dexnudge.guidance_rules.
+    A package names what it brings as entry points: dexnudge.hands, dexnudge.arms, dexnudge.scenes,
+    dexnudge.energy_terms, dexnudge.criteria, dexnudge.guidance_rules.
     """
 
     def run(self) -> int:
@@ -36,6 +36,7 @@ class Plugins:
 
 def builtin_names() -> dict[str, tuple[str, ...]]:
     """Return the built-in names of each kind."""
+    from dexnudge.arms.named import ARMS
     from dexnudge.energies.weights import BUILTIN_WEIGHTS
     from dexnudge.hands.registry import HANDS
     from dexnudge.sampling.methods import METHODS
@@ -44,6 +45,7 @@ def builtin_names() -> dict[str, tuple[str, ...]]:
 
     return {
         "hand": tuple(HANDS),
+        "arm": tuple(ARMS),
         "scene": tuple(SCENE_FAMILIES),
         "energy term": BUILTIN_WEIGHTS,
         "criterion": tuple(criterion.name for criterion in default_criteria()),

@@ -11,7 +11,7 @@ from jaxtyping import Float
 from dexnudge.arms.arm import Arm
 from dexnudge.arms.arm_json import read_arm, write_arm
 from dexnudge.arms.inverse_kinematics import InverseKinematics
-from dexnudge.arms.mounting import default_mount
+from dexnudge.arms.mounting import mount
 from dexnudge.arms.robot import Robot
 from dexnudge.errors import check_kind
 from dexnudge.geometry.rigid import rigid_transform
@@ -59,7 +59,7 @@ class Reach:
 
     def robot(self, hand: Hand) -> Robot:
         """Return the arm with the hand at its flange."""
-        return Robot(self.arm, hand, default_mount(self.arm, hand) if self.mount is None else self.mount)
+        return mount(self.arm, hand, self.mount)
 
     def __call__(self, hands: HandBatch, scene: Scene) -> CriterionResult:
         """Judge each hand."""
