@@ -128,7 +128,7 @@ def _body(robot: Robot) -> Hand:
     links = arm_links + hand_links
     arm_names = tuple(_unique(name, own, arm.name) for name in arm.joint_names)
     names = arm_names + hand.joint_names
-    fixed = Joint(f"{arm.name} mount", robot.T_flange_mount, np.array([0.0, 0.0, 1.0]), None)
+    fixed = Joint(f"{arm.name}_{hand.name}_mount", robot.T_flange_mount, np.array([0.0, 0.0, 1.0]), None)
     parents, joints = [], []
     for link in arm_links:
         joint = carrier.get(link)
