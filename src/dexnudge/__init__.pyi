@@ -16,6 +16,7 @@ from dexnudge.errors import (
     InputError as InputError,
     MeshError as MeshError,
     OutputError as OutputError,
+    PlanningError as PlanningError,
     SceneError as SceneError,
     UnknownNameError as UnknownNameError,
 )
@@ -47,6 +48,7 @@ from dexnudge.trajectories.base_map import BaseMap as BaseMap, find_base as find
 from dexnudge.trajectories.plan import JointTrajectory as JointTrajectory, Phase as Phase, Plan as Plan
 from dexnudge.trajectories.plan_episode import PlanEpisode as PlanEpisode
 from dexnudge.trajectories.plan_folder import load_plan as load_plan
+from dexnudge.trajectories.planner import Failure as Failure, plan as plan
 from dexnudge.verification.criteria import (
     Criterion as Criterion,
     CriterionResult as CriterionResult,

@@ -89,6 +89,14 @@ class ArmError(InputError):
     """An arm description that is malformed or inconsistent, or an arm that cannot stand or carry a hand as asked."""
 
 
+class PlanningError(DexnudgeError):
+    """No configuration has a plan; `failures` says which phase of each failed, and why."""
+
+    def __init__(self, message: str, failures: tuple[Any, ...]) -> None:
+        super().__init__(message)
+        self.failures = failures
+
+
 class SceneError(InputError):
     """A scene that is physically or geometrically impossible."""
 

@@ -39,6 +39,11 @@ class Robot:
         return self.hand.base_link or self.hand.link_names[0]
 
     @property
+    def flange(self) -> str:
+        """The arm's flange, as `body` calls it."""
+        return _unique(self.arm.flange, self.hand.link_names, self.arm.name)
+
+    @property
     def joint_names(self) -> tuple[str, ...]:
         """The arm's joints, then the hand's."""
         return self.body.joint_names
@@ -94,7 +99,7 @@ class Robot:
         """Pose of the palm's frame, as q has it, in the frame that the palm has in `body`, which may hang from its base."""
         zero = np.zeros((1, self.arm.num_joints + self.hand.num_joints))
         T_world_link = self.body.forward_kinematics(torch.as_tensor(self.coordinates(zero)))[0].numpy()
-        flange = self.body.link_names.index(_unique(self.arm.flange, self.hand.link_names, self.arm.name))
+        flange = self.body.link_names.index(self.flange)
         q = np.zeros((1, ROOT_COORDINATES + self.hand.num_joints))
         q[0, 3], q[0, 7] = 1.0, 1.0
         T_palm_mount = self.hand.forward_kinematics(torch.as_tensor(q))[
@@ -123,12 +128,13 @@ def _body(robot: Robot) -> Hand:
     own = tuple(joint.name for joint in hand.joints if joint is not None)
     carrier = {rename[joint.child]: joint for joint in arm.tree.joints}
     arm_links = list(rename.values())
-    hanging = _hanging(hand, robot.mount)
-    hand_links = _from_root(hanging, robot.mount)
+    root, T_flange_root = _root(robot)
+    hanging = _hanging(hand, root)
+    hand_links = _from_root(hanging, root)
     links = arm_links + hand_links
     arm_names = tuple(_unique(name, own, arm.name) for name in arm.joint_names)
     names = arm_names + hand.joint_names
-    fixed = Joint(f"{arm.name}_{hand.name}_mount", robot.T_flange_mount, np.array([0.0, 0.0, 1.0]), None)
+    fixed = Joint(f"{arm.name}_{hand.name}_mount", T_flange_root, np.array([0.0, 0.0, 1.0]), None)
     parents, joints = [], []
     for link in arm_links:
         joint = carrier.get(link)
@@ -137,7 +143,7 @@ def _body(robot: Robot) -> Hand:
     below = {joint.child: joint for joint in hanging.joints}
     of_hand = {joint.name: joint for joint in hand.joints if joint is not None}
     for link in hand_links:
-        if link == robot.mount:
+        if link == root:
             parents.append(links.index(rename[arm.flange]))
             joints.append(fixed)
             continue
@@ -167,6 +173,20 @@ def _body(robot: Robot) -> Hand:
         palm_normal=hand.palm_normal,
         coarse_links=frozenset(arm_links),
     )
+
+
+def _root(robot: Robot) -> tuple[str, Float[np.ndarray, "4 4"]]:
+    """Return the hand's link that hangs from the flange, and its pose there: the palm, unless a wrist bends before it."""
+    hand, link = robot.hand, robot.hand.link_names.index(robot.mount)
+    T_palm_mount = np.eye(4)
+    while link > 0:
+        joint = hand.joints[link]
+        assert joint is not None
+        if joint.index is not None:
+            return robot.mount, robot.T_flange_mount
+        T_palm_mount = joint.origin @ T_palm_mount
+        link = int(hand.link_parent[link])
+    return hand.link_names[0], robot.T_flange_mount @ np.linalg.inv(T_palm_mount)
 
 
 @cached_per_instance

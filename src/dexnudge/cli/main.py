@@ -22,6 +22,7 @@ TERMINATED = 143  # 128 + SIGTERM
 COMMANDS = {
     "sample": ("sample", "Sample", "verified, ranked hand configurations for one object in one scene"),
     "check": ("check", "Check", "recompute every figure of a result folder from its files"),
+    "plan": ("plan", "Plan", "from configurations to a trajectory of arm and hand"),
     "execute": ("execute", "Execute", "play configurations out in MuJoCo: push, or slide, grasp and lift"),
     "find-base": ("find_base", "FindBase", "where an arm may stand to reach the configurations of a result folder"),
     "scene": ("scene", "SceneCommand", "what is understood of a scene, and what is wrong with it, before sampling"),

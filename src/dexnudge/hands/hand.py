@@ -147,6 +147,14 @@ class Hand:
         """
         return np.where(self.sliding, SLIDE_SCALE, 1.0)
 
+    @cached_property
+    def moved_links(self) -> Bool[np.ndarray, " link"]:
+        """Which links any joint moves in the root's frame."""
+        moved = np.zeros(len(self.link_names), dtype=bool)
+        for link, joint in enumerate(self.joints):
+            moved[link] = joint is not None and (joint.index is not None or moved[self.link_parent[link]])
+        return moved
+
     @property
     def fingertip_links(self) -> tuple[str, ...]:
         """The last link of each digit."""

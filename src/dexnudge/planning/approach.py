@@ -71,6 +71,21 @@ class Approach:
         return self.trajectory.times >= self.pre_contact_time - 1e-9
 
 
+@dataclass(frozen=True)
+class Waiting:
+    """Places before contact.
+
+    space: of the hand's states. check: of its motions, with the clearance that was found. goal: at contact. states: free
+    ones with a straight way to the goal, most preferred first. directions: unit ones in which they were looked for.
+    """
+
+    space: StateSpace
+    check: MotionCheck[StateSpace]
+    goal: State
+    states: States
+    directions: Float[np.ndarray, "direction 3"]
+
+
 class ApproachPlanner:
     """Plans approaches of one hand in one scene, the object being at rest; make it once for many configurations."""
 
@@ -98,24 +113,13 @@ class ApproachPlanner:
         Raises:
             InputError: `q` or `start` has the wrong length or is not finite.
         """
-        q = self._configuration("q", q)
-        space, own_depth = self._space(q[ROOT_COORDINATES:])
-        if own_depth > PENETRATION_LIMIT:
-            return blocked_by_itself("goal", own_depth)
-        check, goal = MotionCheck(space, self._measure), state(palm_pose(q), 0.0)
-        if check.clearances(goal[None], stop=-PENETRATION_LIMIT).distance.min() < -PENETRATION_LIMIT:
-            return self._blocked(check, goal, "goal", "the configuration itself penetrates by more than 1 mm")
-        directions, cosines = back_off_directions(self.hand, self.scene, check, q)
-        for clearance in CLEARANCES:
-            check = MotionCheck(space, self._measure, clearance)
-            waiting = pre_contacts(check, goal, directions, cosines)
-            if not isinstance(waiting, Stuck):
-                break
-        if isinstance(waiting, Stuck):
-            return self._blocked(check, waiting.where, waiting.stage, "no straight way of 5 to 30 mm leads to contact")
+        found = self.waiting(q)
+        if isinstance(found, Blocked):
+            return found
+        check, goal, waiting, space = found.check, found.goal, found.states, found.space
         before: Trajectory | None = None
         if start is None:
-            starts, ends = outside_states(self.scene, check, waiting, directions=directions)
+            starts, ends = outside_states(self.scene, check, waiting, directions=found.directions)
             if len(starts) == 0:
                 reason = "no free place outside the surroundings within 0.6 m"
                 return self._blocked(check, waiting[0], "start", reason)
@@ -135,9 +139,31 @@ class ApproachPlanner:
         last_stretch = timed(space, states[-2:], contact_from=0).duration
         return Approach(whole, float(whole.times[-1] - last_stretch), planner)
 
+    def waiting(self, q: Float[np.ndarray, " coordinates"]) -> "Waiting | Blocked":
+        """Return where the hand may wait before it goes straight to the configuration `q`, or say what stands in the way.
+
+        Raises:
+            InputError: `q` has the wrong length or is not finite.
+        """
+        q = self._configuration("q", q)
+        space, own_depth = self._space(q[ROOT_COORDINATES:])
+        if own_depth > PENETRATION_LIMIT:
+            return blocked_by_itself("goal", own_depth)
+        check, goal = MotionCheck(space, self._measure), state(palm_pose(q), 0.0)
+        if check.clearances(goal[None], stop=-PENETRATION_LIMIT).distance.min() < -PENETRATION_LIMIT:
+            return self._blocked(check, goal, "goal", "the configuration itself penetrates by more than 1 mm")
+        directions, cosines = back_off_directions(self.hand, self.scene, check, q)
+        for clearance in CLEARANCES:
+            check = MotionCheck(space, self._measure, clearance)
+            found = pre_contacts(check, goal, directions, cosines)
+            if not isinstance(found, Stuck):
+                return Waiting(space, check, goal, found, directions)
+        assert isinstance(found, Stuck)
+        return self._blocked(check, found.where, found.stage, "no straight way of 5 to 30 mm leads to contact")
+
     @staticmethod
     def _transit(
-        check: MotionCheck, starts: States, ends: States, goals: States, seed: int, budget: int
+        check: MotionCheck[StateSpace], starts: States, ends: States, goals: States, seed: int, budget: int
     ) -> tuple[States | None, str]:
         for begin, end in list(zip(starts, ends, strict=True))[:STRAIGHT_TRIES]:
             if check.free(begin, end):
@@ -157,7 +183,7 @@ class ApproachPlanner:
         opened = space.joint_angles(np.array([largest]))[0]
         return replace(space, opened=opened, sweep=space.sweep * largest), float(depth[0])
 
-    def _opening(self, check: MotionCheck, start: np.ndarray) -> Trajectory | Blocked:
+    def _opening(self, check: MotionCheck[StateSpace], start: np.ndarray) -> Trajectory | Blocked:
         """Return the motion of the fingers alone at `start`, as far open as on the way that follows."""
         here = state(palm_pose(start), 1.0)
         own = state_space(self.hand, start[ROOT_COORDINATES:])
@@ -174,7 +200,7 @@ class ApproachPlanner:
             return blocked_by_itself("start", depth)
         return timed(own, np.stack([closed, here]), contact_from=2)
 
-    def _blocked(self, check: MotionCheck, where: State, stage: str, reason: str) -> Blocked:
+    def _blocked(self, check: MotionCheck[StateSpace], where: State, stage: str, reason: str) -> Blocked:
         return blocked_by(check, self.scene, where, stage=stage, reason=reason)
 
     def _configuration(self, name: str, q: np.ndarray) -> Float[np.ndarray, " coordinates"]:

@@ -6,6 +6,7 @@ with all that is in it. What is far need not be known exactly: the result is a l
 distance of the points, and the less the nearer: exact where it is zero or negative.
 """
 
+from collections.abc import Sequence
 from dataclasses import dataclass
 
 import numpy as np
@@ -60,6 +61,17 @@ def point_balls(points: LinkPoints) -> PointBalls:
     )
 
 
+def joined_balls(parts: Sequence[PointBalls]) -> PointBalls:
+    """Return the balls of several sets of links as one."""
+    before = np.cumsum([0, *(len(part.point) for part in parts)])[:-1]
+    return PointBalls(
+        np.concatenate([part.point for part in parts]),
+        np.concatenate([part.radius for part in parts]),
+        np.concatenate([part.link for part in parts]),
+        np.concatenate([part.following + first for part, first in zip(parts, before, strict=True)]).astype(np.int32),
+    )
+
+
 def _split(points: Float[np.ndarray, "p 3"], members: Int[np.ndarray, " n"]) -> list[Int[np.ndarray, " _"]]:
     """Up to `BRANCHES` parts, by halving the largest at the median of its widest direction."""
     parts = [members]
@@ -86,6 +98,7 @@ class ClearanceHand:
     radius: wp.array(dtype=float)  # (N,) [m]
     link: wp.array(dtype=int)  # (N,)
     following: wp.array(dtype=int)  # (N,)
+    padding: wp.array(dtype=float)  # (L,) [m] by which each link counts as thicker than it is
 
 
 @wp.struct
@@ -142,9 +155,10 @@ def least_distance(
         l = hand.link[ball]
         p = states.link_translation[i, l] + states.link_rotation[i, l] * hand.point[ball]
         radius = hand.radius[ball]
-        distance = signed_distance(obstacle, p, best + radius, known)
+        distance = signed_distance(obstacle, p, best + radius + hand.padding[l], known)
         if distance > 0.0:
             known = wp.vec4(p[0], p[1], p[2], distance)
+        distance = distance - hand.padding[l]
         if distance < stop:
             best = distance
             nearest = ball

@@ -1,5 +1,8 @@
 """A way around obstacles by OMPL's RRT-Connect (Kuffner and LaValle, ICRA 2000), shortened afterwards."""
 
+from collections.abc import Callable
+from dataclasses import dataclass
+from importlib.util import find_spec
 from typing import Any
 
 import numpy as np
@@ -7,7 +10,7 @@ from jaxtyping import Float
 
 from dexnudge.errors import InputError
 from dexnudge.planning.hand_clearance import MotionCheck
-from dexnudge.planning.hand_motion import QUATERNION, State, States
+from dexnudge.planning.hand_motion import QUATERNION, State, States, StateSpace
 from dexnudge.scenes.scene import Scene
 
 GAP = 0.05  # [m] between the hand and the bounding box of surroundings and object
@@ -20,7 +23,7 @@ AXES = np.array([[0, 0, 1], [1, 0, 0], [-1, 0, 0], [0, 1, 0], [0, -1, 0], [0, 0,
 
 def outside_states(
     scene: Scene,
-    check: MotionCheck,
+    check: MotionCheck[StateSpace],
     waiting: States,
     *,
     directions: Float[np.ndarray, "direction 3"],
@@ -68,7 +71,59 @@ SNAP = 0.005  # of the path: a shortcut's end this close to a vertex begins ther
 SHORTCUT_RANGE = 0.5  # of the path, spanned by one shortcut at most
 
 
-def connect(check: MotionCheck, starts: States, goals: States, *, seed: int, budget: int) -> States | None:
+def connect(check: MotionCheck[StateSpace], starts: States, goals: States, *, seed: int, budget: int) -> States | None:
+    """Plan a path of free straight motions of a hand; see `connect_in`."""
+    _check_ompl()
+    from ompl import base
+
+    both = np.concatenate([starts, goals])[:, :3]
+    space = base.CompoundStateSpace()
+    space.addSubspace(_box(base, both.min(axis=0) - ROOM, both.max(axis=0) + ROOM), 1.0)
+    space.addSubspace(base.SO3StateSpace(), TURN_WEIGHT)
+    space.addSubspace(_box(base, np.zeros(1), np.ones(1)), OPENING_WEIGHT)
+    return connect_in(PlanningSpace(space, _read, _written, RANGE), check, starts, goals, seed=seed, budget=budget)
+
+
+@dataclass(frozen=True)
+class PlanningSpace:
+    """A space in OMPL's terms.
+
+    space: OMPL's. read, written: from OMPL's state to a row of numbers, and back into an OMPL state. range: longest
+    extension of a tree, in the metric of the space.
+    """
+
+    space: Any
+    read: Callable[[Any], Float[np.ndarray, " state"]]
+    written: Callable[[Any, Float[np.ndarray, " state"]], Any]
+    range: float
+
+
+def box_space(low: Float[np.ndarray, " n"], high: Float[np.ndarray, " n"], *, longest: float) -> PlanningSpace:
+    """Return the space of rows of n numbers between two corners, whose trees grow by `longest` at a time."""
+
+    def read(one: Any) -> Float[np.ndarray, " n"]:
+        return np.array(one[0 : len(low)])
+
+    def written(one: Any, values: Float[np.ndarray, " n"]) -> Any:
+        for axis, value in enumerate(values.tolist()):
+            one[axis] = value
+        return one
+
+    _check_ompl()
+    from ompl import base
+
+    return PlanningSpace(_box(base, low, high), read, written, longest)
+
+
+def connect_in(
+    planned: PlanningSpace,
+    check: MotionCheck[Any],
+    starts: Float[np.ndarray, "start state"],
+    goals: Float[np.ndarray, "goal state"],
+    *,
+    seed: int,
+    budget: int,
+) -> Float[np.ndarray, "vertex state"] | None:
     """Plan a path of free straight motions from one of `starts` to one of `goals`; None where the budget runs out.
 
     All starts and goals must be free, at least one of each. The same seed gives the same path: OMPL has one seed for the
@@ -78,42 +133,34 @@ def connect(check: MotionCheck, starts: States, goals: States, *, seed: int, bud
     Raises:
         InputError: OMPL is not installed.
     """
-    try:
-        from ompl import base, geometric, util
-    except ImportError as error:
-        raise InputError(
-            "the package ompl is not installed; expected it for ways around obstacles; pip install ompl (Linux, macOS 15 "
-            "or later)"
-        ) from error
+    _check_ompl()
+    from ompl import base, geometric, util
+
     util.setLogLevel(util.LogLevel.LOG_NONE)  # it objects to a second seed, which is what makes each call repeatable
     last = check.measure.count + budget
     util.RNG.setSeed(seed + 1)  # 0 would mean a seed from the clock
-    space = base.CompoundStateSpace()
-    both = np.concatenate([starts, goals])[:, :3]
-    space.addSubspace(_box(base, both.min(axis=0) - ROOM, both.max(axis=0) + ROOM), 1.0)
-    space.addSubspace(base.SO3StateSpace(), TURN_WEIGHT)
-    space.addSubspace(_box(base, np.zeros(1), np.ones(1)), OPENING_WEIGHT)
+    space, read, written = planned.space, planned.read, planned.written
     information = base.SpaceInformation(space)
 
     class Validator(base.MotionValidator):
         """Asks `check`; with the budget spent nothing is free, so that shortening ends too."""
 
         def checkMotion(self, first: Any, second: Any) -> bool:
-            return check.measure.count < last and check.free(_read(first), _read(second))
+            return check.measure.count < last and check.free(read(first), read(second))
 
     validator = Validator(information)
     information.setMotionValidator(validator)
-    information.setStateValidityChecker(lambda one: bool(check.states_free(_read(one)[None])[0]))
+    information.setStateValidityChecker(lambda one: bool(check.states_free(read(one)[None])[0]))
     information.setup()
     problem = base.ProblemDefinition(information)
     for start in starts:
-        problem.addStartState(_written(space.allocState(), start))
+        problem.addStartState(written(space.allocState(), start))
     wanted = base.GoalStates(information)
     for goal in goals:
-        wanted.addState(_written(space.allocState(), goal))
+        wanted.addState(written(space.allocState(), goal))
     problem.setGoal(wanted)
     planner = geometric.RRTConnect(information)
-    planner.setRange(RANGE)
+    planner.setRange(planned.range)
     planner.setProblemDefinition(problem)
     planner.setup()
     planner.solve(base.PlannerTerminationCondition(lambda: check.measure.count >= last))
@@ -126,7 +173,15 @@ def connect(check: MotionCheck, starts: States, goals: States, *, seed: int, bud
     simplifier.reduceVertices(path)
     simplifier.partialShortcutPath(path, SHORTCUTS, SHORTCUTS, SHORTCUT_RANGE, SNAP)
     simplifier.reduceVertices(path)
-    return np.array([_read(one) for one in path.getStates()])
+    return np.array([read(one) for one in path.getStates()])
+
+
+def _check_ompl() -> None:
+    if find_spec("ompl") is None:
+        raise InputError(
+            "the package ompl is not installed; expected it for ways around obstacles; pip install ompl (Linux, macOS 15 "
+            "or later)"
+        )
 
 
 def _box(base: Any, low: np.ndarray, high: np.ndarray) -> Any:

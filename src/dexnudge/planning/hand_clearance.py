@@ -1,7 +1,8 @@
 """How far a hand is from the surroundings and from the object at rest, and whether it can move straight between states."""
 
 from collections.abc import Sequence
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
+from typing import Generic, Protocol, TypeVar
 
 import numpy as np
 import torch
@@ -10,11 +11,19 @@ from jaxtyping import Bool, Float, Int
 
 from dexnudge.geometry.exact_distance import ExactDistance
 from dexnudge.geometry.warp_runtime import WarpStruct, wp
-from dexnudge.hands.hand import ROOT_COORDINATES, Hand
+from dexnudge.hands.hand import ROOT_COORDINATES, Hand, LinkPoints
 from dexnudge.hands.kinematics import kinematic_tree
 from dexnudge.jobs.cached import cached_per_instance
-from dexnudge.planning.clearance_kernel import ClearanceHand, HandStates, Obstacle, PointBalls, clearances, point_balls
-from dexnudge.planning.hand_motion import State, States, StateSpace, between, matrices, palm_pose
+from dexnudge.planning.clearance_kernel import (
+    ClearanceHand,
+    HandStates,
+    Obstacle,
+    PointBalls,
+    clearances,
+    joined_balls,
+    point_balls,
+)
+from dexnudge.planning.hand_motion import State, StateSpace, palm_pose
 from dexnudge.scenes.scene import Scene
 
 CAP = 0.10  # [m] clearances are measured up to here; beyond, all that counts is that it is far
@@ -22,6 +31,9 @@ BATCH = 128  # states of one launch; the buffers are that long
 NO_STOP = -1.0e3  # [m] below every distance: the walk goes on until the least one is found
 OBSTACLES: tuple[str, str] = ("environment", "object")  # columns of what the kernel returns
 CLEARANCE = 0.003  # [m] kept at every state that is checked
+PADDING = (
+    0.007  # [m] of an arm's links, besides that clearance: their points are 8 mm apart, what is sharp fits between
+)
 ASSURED = 0.0005  # [m] what is left of it between them, by the bound on how far any point of the hand moves
 
 
@@ -32,8 +44,8 @@ class Clearances:
     `nearest`: index of the ball whose centre is that point, -1 beyond the cap. Columns as in `OBSTACLES`.
     """
 
-    distance: Float[np.ndarray, "n 2"]
-    nearest: Int[np.ndarray, "n 2"]
+    distance: Float[np.ndarray, "n obstacle"]
+    nearest: Int[np.ndarray, "n obstacle"]
 
 
 class HandClearance:
@@ -133,10 +145,33 @@ class HandClearance:
         return obstacle
 
 
+def _balls(hand: Hand) -> PointBalls:
+    """Return the balls of all links, but not of an arm's that stand still, of which `check_base` tells.
+
+    A robot takes those of its hand's links from the hand, whose meshes it has.
+    """
+    points, moved, found = hand.dense_points, hand.moved_links, []
+    for link in np.unique(points.link).tolist():
+        known, own = _known_balls(hand.link_meshes[link]), points.link == link
+        key = next(iter(known), link) if hand.coarse_links else link
+        if hand.coarse_links and not moved[link]:
+            continue
+        if key not in known:
+            known[key] = point_balls(LinkPoints(points.points[own], points.normals[own], points.link[own]))
+        found.append(replace(known[key], link=np.full_like(known[key].link, link)))
+    return joined_balls(found)
+
+
+@cached_per_instance
+def _known_balls(_: trimesh.Trimesh) -> dict[int, PointBalls]:
+    """Return the balls of the links with this mesh, by number of the link; empty at first."""
+    return {}
+
+
 @cached_per_instance
 def _model(hand: Hand) -> tuple[WarpStruct, PointBalls]:
     """Return the hand as a struct for the kernel, and its balls for Python."""
-    balls = point_balls(hand.dense_points)
+    balls = _balls(hand)
 
     def array(values: np.ndarray, dtype: type) -> wp.array:
         return wp.array(values, dtype=dtype, device="cpu")
@@ -147,47 +182,68 @@ def _model(hand: Hand) -> tuple[WarpStruct, PointBalls]:
     model.radius = array(balls.radius, wp.float32)
     model.link = array(balls.link, wp.int32)
     model.following = array(balls.following, wp.int32)
+    model.padding = array(np.where([name in hand.coarse_links for name in hand.link_names], PADDING, 0.0), wp.float32)
     return model, balls
 
 
+class Space(Protocol):
+    """States of something that moves, a row of numbers each."""
+
+    def placed(
+        self, states: Float[np.ndarray, "n state"]
+    ) -> tuple[Float[np.ndarray, "n 3"], Float[np.ndarray, "n 3 3"], Float[np.ndarray, "n joint"]]:
+        """Return where its root is, world, and its joint angles."""
+
+    def displacement(self, start: Float[np.ndarray, " state"], end: Float[np.ndarray, " state"]) -> float:
+        """Return a bound on the way of any of its points on the straight motion between two states [m]."""
+
+    def between(
+        self, start: Float[np.ndarray, " state"], end: Float[np.ndarray, " state"], fraction: Float[np.ndarray, " n"]
+    ) -> Float[np.ndarray, "n state"]:
+        """Return states at fractions of that motion."""
+
+
+Moving = TypeVar("Moving", bound=Space)
+
+
 @dataclass(frozen=True)
-class MotionCheck:
-    """Checks straight motions so finely that nothing can slip through.
+class MotionCheck(Generic[Moving]):
+    """Checks straight motions of a hand, or of a robot, so finely that nothing can slip through.
 
     A state with clearance c vouches for all states to which no point of the hand moves farther than c; where that does not
     cover the motion, its halves are checked. States next to each other are at most 2 (clearance - 0.5 mm)
     apart, 5 mm, in the motion of the hand's fastest point, whatever the clearance.
     """
 
-    space: StateSpace
+    space: Moving
     measure: HandClearance
     clearance: float = CLEARANCE
 
-    def clearances(self, states: States, *, stop: float = NO_STOP) -> Clearances:
+    def clearances(self, states: Float[np.ndarray, "n state"], *, stop: float = NO_STOP) -> Clearances:
         """Return the least distances to environment and object; see `HandClearance`."""
-        return self.measure(states[:, :3], matrices(states), self.space.joint_angles(states[:, 7]), stop=stop)
+        return self.measure(*self.space.placed(states), stop=stop)
 
-    def states_free(self, states: States) -> Bool[np.ndarray, " n"]:
+    def states_free(self, states: Float[np.ndarray, "n state"]) -> Bool[np.ndarray, " n"]:
         """Return which states keep the clearance."""
         return self.clearances(states, stop=self.clearance).distance.min(axis=1) >= self.clearance
 
-    def free(self, start: State, end: State) -> bool:
+    def free(self, start: Float[np.ndarray, " state"], end: Float[np.ndarray, " state"]) -> bool:
         """Return whether the whole straight motion keeps the clearance, both ends included."""
         return self.blocked_at(start, end) is None
 
-    def blocked_at(self, start: State, end: State) -> float | None:
+    def blocked_at(self, start: Float[np.ndarray, " state"], end: Float[np.ndarray, " state"]) -> float | None:
         """Return a fraction of the motion at which the clearance is not kept; None where the motion is free.
 
         It is that of the coarsest state that shows the obstacle, not of the first along the way.
         """
         way = self.space.displacement(start, end)
-        ends = self.states_free(between(start, end, np.array([1.0, 0.0])))
+        ends = self.states_free(self.space.between(start, end, np.array([1.0, 0.0])))
         if not ends.all():
             return 0.0 if not ends[1] else 1.0
         slack = self.clearance - ASSURED
         middle, half = np.array([0.5]), 0.5
         while len(middle):
-            distance = self.clearances(between(start, end, middle), stop=self.clearance).distance.min(axis=1)
+            distance = self.clearances(self.space.between(start, end, middle), stop=self.clearance).distance.min(axis=1)
             if distance.min() < self.clearance:
                 return float(middle[np.argmin(distance)])
             needed = half * way
@@ -217,7 +273,7 @@ class Blocked:
 
 
 def nearest_obstacle(
-    check: MotionCheck, scene: Scene, where: State, *, among: Sequence[str] = OBSTACLES
+    check: MotionCheck[StateSpace], scene: Scene, where: State, *, among: Sequence[str] = OBSTACLES
 ) -> tuple[str, str, Float[np.ndarray, "3"], float, Float[np.ndarray, "3"]] | None:
     """Return what the hand is nearest to in the state `where`; None where all of `among` is beyond `CAP`.
 
@@ -237,7 +293,7 @@ def nearest_obstacle(
     return OBSTACLES[column], link, hit.closest[0], float(found.distance[0, column]), away
 
 
-def blocked_by(check: MotionCheck, scene: Scene, where: State, *, stage: str, reason: str) -> Blocked:
+def blocked_by(check: MotionCheck[StateSpace], scene: Scene, where: State, *, stage: str, reason: str) -> Blocked:
     """Return what the hand is nearest to in the state `where`, which is known to be blocked."""
     near = nearest_obstacle(check, scene, where)
     assert near is not None

@@ -42,6 +42,16 @@ class StateSpace:
         """Return the joint angles [rad] of each opening."""
         return self.closed + np.asarray(opening)[:, None] * (self.opened - self.closed)
 
+    def placed(
+        self, states: States
+    ) -> tuple[Float[np.ndarray, "n 3"], Float[np.ndarray, "n 3 3"], Float[np.ndarray, "n joint"]]:
+        """Return translation [m] and rotation of each state's palm, world, and its joint angles [rad]."""
+        return states[:, :3], matrices(states), self.joint_angles(states[:, 7])
+
+    def between(self, start: State, end: State, fraction: Float[np.ndarray, " n"]) -> States:
+        """Return states at fractions of the straight motion; see `between`."""
+        return between(start, end, fraction)
+
     def displacement(self, start: State, end: State) -> float:
         """Return a bound on the way of any point of the hand on the straight motion between two states [m]."""
         turn = rotation_angle(start, end)

@@ -11,7 +11,7 @@ from dexnudge.geometry.exact_distance import ExactDistance
 from dexnudge.hands.hand import Hand
 from dexnudge.mechanics.contacts import HAND_CONTACT_DISTANCE, hand_contacts
 from dexnudge.planning.hand_clearance import MotionCheck, nearest_obstacle
-from dexnudge.planning.hand_motion import State, States, between, palm_pose, state
+from dexnudge.planning.hand_motion import State, States, StateSpace, between, palm_pose, state
 from dexnudge.scenes.scene import Scene
 
 BACK_OFF = (0.02, 0.03, 0.01, 0.005)  # [m] along the straight way, the preferred one first
@@ -56,7 +56,7 @@ def _contact_normals(hand: Hand, scene: Scene, q: Float[np.ndarray, " coordinate
 
 
 def back_off_directions(
-    hand: Hand, scene: Scene, check: MotionCheck, q: Float[np.ndarray, " coordinates"]
+    hand: Hand, scene: Scene, check: MotionCheck[StateSpace], q: Float[np.ndarray, " coordinates"]
 ) -> tuple[Float[np.ndarray, "n 3"], Float[np.ndarray, " n"]]:
     """Return unit directions in which the hand could draw back, world, and their cosines with the contact normals' mean.
 
@@ -83,7 +83,7 @@ def back_off_directions(
 
 
 def pre_contacts(
-    check: MotionCheck, goal: State, directions: Float[np.ndarray, "n 3"], cosines: Float[np.ndarray, " n"]
+    check: MotionCheck[StateSpace], goal: State, directions: Float[np.ndarray, "n 3"], cosines: Float[np.ndarray, " n"]
 ) -> States | Stuck:
     """Return states that keep the clearance and lead straight to `goal`, most preferred first.
 
@@ -123,7 +123,9 @@ def pre_contacts(
     return np.array(found) if stuck is None or found else Stuck(stuck, "contact")
 
 
-def blocked_on_stretch(check: MotionCheck, start: State, goal: State, *, floor: Float[np.ndarray, "2"]) -> State | None:
+def blocked_on_stretch(
+    check: MotionCheck[StateSpace], start: State, goal: State, *, floor: Float[np.ndarray, "2"]
+) -> State | None:
     """Return the first state on the straight way to contact that is nearer than `floor` [m]; None where there is none."""
     count = int(np.ceil(check.space.displacement(start, goal) / STRETCH_STEP))
     states = between(start, goal, np.linspace(0.0, 1.0, count + 1))

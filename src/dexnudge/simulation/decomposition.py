@@ -22,10 +22,28 @@ def coacd_pieces(
 ) -> list[np.ndarray]:
     """Return the vertices (n, 3) of CoACD's pieces for a mesh (v, 3), (f, 3), in its unit; `settings` are CoACD's own.
 
+    Kept on disk, see `geometry/disk_cache.py`: a hand's palm takes seconds, and is the same every time.
+
     Raises:
         TimeoutError: it took more than `limit` [s].
         ValueError: CoACD refuses the mesh, or dies of it.
     """
+    from importlib.metadata import version
+
+    from dexnudge.geometry.disk_cache import cached_array
+
+    def make() -> np.ndarray:
+        pieces = _search(vertices, faces, settings, limit=limit)
+        return np.concatenate(
+            [np.zeros((0, 4)), *(np.insert(one, 0, index, axis=1) for index, one in enumerate(pieces))]
+        )
+
+    kind = f"CoACD {version('coacd')} {json.dumps(settings, sort_keys=True)}"
+    rows = cached_array(kind, [vertices, faces], make)
+    return [rows[rows[:, 0] == index, 1:] for index in np.unique(rows[:, 0])]
+
+
+def _search(vertices: np.ndarray, faces: np.ndarray, settings: dict[str, Any], *, limit: float) -> list[np.ndarray]:
     problem = io.BytesIO()
     np.savez(problem, vertices=vertices, faces=faces, settings=json.dumps({**settings, "limit": limit}))
     command = [sys.executable, str(Path(__file__).resolve())]

@@ -58,7 +58,7 @@ def plan_text(plan: Plan, trajectory: JointTrajectory, *, scene: str | None) -> 
         "scene": scene,
         "length": plan.length,
         "T_world_base": robot.arm.T_world_base.tolist(),
-        "flange": body.link_names[body.link_parent[body.link_names.index(robot.mount)]],
+        "flange": robot.flange,
         "mount": robot.mount,
         "T_flange_mount": robot.T_flange_mount.tolist(),
         "home": robot.arm.home.tolist(),

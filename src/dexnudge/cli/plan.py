@@ -1,0 +1,123 @@
+"""`dexnudge plan`: from verified configurations to a trajectory of arm and hand."""
+
+from __future__ import annotations
+
+from dataclasses import dataclass
+from pathlib import Path
+from typing import TYPE_CHECKING, Annotated
+
+from dexnudge.cli.arguments import (
+    NOTHING_SUCCEEDED,
+    Count,
+    Flag,
+    OptionalFolder,
+    ResultFolder,
+    check_at_least,
+    metavar,
+    out_folder,
+    say,
+    stdout,
+    table,
+)
+from dexnudge.cli.arm_options import MountOptions, Pose
+
+if TYPE_CHECKING:
+    from dexnudge.trajectories.plan import Plan as PlanResult
+
+PLAN_FOLDER = "plan"
+FAILURES = "failures.json"
+
+
+@dataclass(frozen=True, kw_only=True)
+class Plan(MountOptions):
+    """Plan one trajectory of arm and hand: home, pre-contact, contact, squeeze, push, retreat.
+
+    The verified configurations of DIR are tried, best first, until one has a way that is free of collisions, and as fast
+    as the limits of velocity, acceleration and jerk allow. Exit code 3: none has one; the reasons are printed and written.
+    """
+
+    folder: ResultFolder
+    """Folder that `sample` wrote."""
+    arm: Annotated[str, metavar("NAME_OR_FILE")] = "panda"
+    """Built-in arm, or a URDF or MJCF file; an unknown name lists them."""
+    arm_base: Pose = ()
+    """Where it stands: a JSON file with T_world_base, or metres and degrees; a sensible place unless given."""
+    top: Count = 8
+    """Try at most this many configurations."""
+    seed: Count = 0
+    """Seed of the planner."""
+    out: OptionalFolder = None
+    """Folder to write; unless given DIR/plan, numbered where taken."""
+    overwrite: Flag = False
+    """Replace an existing plan."""
+
+    def run(self) -> int:
+        """Plan, write, print."""
+        check_at_least(1, top=self.top)
+        check_at_least(0, seed=self.seed)
+        from dexnudge.arms.registry import load_arm
+        from dexnudge.arms.standing import default_base
+        from dexnudge.cli.arm_options import typed_pose
+        from dexnudge.errors import PlanningError
+        from dexnudge.jobs.progress import progress
+        from dexnudge.results.folder import load_samples
+        from dexnudge.trajectories.planner import plan
+
+        out = out_folder(self.out, Path(self.folder) / PLAN_FOLDER, overwrite=self.overwrite)
+        samples = load_samples(self.folder)
+        base, arm = typed_pose("arm_base", self.arm_base, "T_world_base"), load_arm(self.arm)
+        arm = arm.standing_at(default_base(arm, samples.scene) if base is None else base)
+        with progress() as bars:
+            bar = bars.add_task("planning", total=min(self.top, samples.num_verified))
+            try:
+                found = plan(
+                    samples,
+                    arm,
+                    mount=self.T_flange_mount(),
+                    top=self.top,
+                    seed=self.seed,
+                    on_failure=lambda _: bars.advance(bar),
+                )
+            except PlanningError as error:
+                bars.stop()
+                return self._failed(error, out)
+        found.save(out, overwrite=self.overwrite)
+        _print(found)
+        say(f"written: {out}", f"play it: dexnudge execute {out}")
+        return 0
+
+    def _failed(self, error: Exception, out: Path) -> int:
+        """Print and write why there is no plan."""
+        import json
+        from dataclasses import asdict
+
+        from dexnudge.errors import PlanningError
+        from dexnudge.jobs.folders import new_folder
+
+        assert isinstance(error, PlanningError)
+        if not error.failures:
+            raise error
+        shown = table("configuration", "phase", "reason")
+        for one in error.failures:
+            shown.add_row(str(one.configuration), one.phase, one.reason)
+        stdout().print(shown)
+        with new_folder(out, overwrite=self.overwrite, marker=FAILURES, ours=()) as folder:
+            content = {"failures": [asdict(one) for one in error.failures]}
+            (folder / FAILURES).write_text(json.dumps(content, indent=1), encoding="utf-8")
+        say("no configuration has a plan; move --arm-base (find-base shows where), turn --mount, or draw more")
+        say(f"written: {out}")
+        return NOTHING_SUCCEEDED
+
+
+def _print(plan: PlanResult) -> None:
+    from dexnudge.trajectories.limits import limits_used
+
+    used = limits_used(plan.trajectory, plan.robot.limits)
+    shown = table("phase", "start [s]", "end [s]", "force [N]")
+    for phase in plan.phases:
+        force = f"{sum(phase.link_force.values()):.1f}" if phase.link_force else ""
+        shown.add_row(phase.name, f"{phase.start:.2f}", f"{phase.end:.2f}", force)
+    stdout().print(shown)
+    shares = [f"{name} {getattr(used, name).max():.0%}" for name in ("position", "velocity", "acceleration", "jerk")]
+    say(f"configuration {plan.phases[0].configuration}; greatest share of the limits: {', '.join(shares)}")
+    say(f"seconds: {', '.join(f'{stage} {value:.1f}' for stage, value in plan.seconds.items())}")

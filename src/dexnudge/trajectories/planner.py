@@ -1,0 +1,244 @@
+"""Plans: verified configurations become one trajectory of arm and hand."""
+
+import time
+from collections.abc import Callable, Iterator
+from dataclasses import dataclass, replace
+from typing import Any
+
+import numpy as np
+from jaxtyping import Float
+
+from dexnudge.arms.arm import Arm
+from dexnudge.arms.mounting import mount as mounted
+from dexnudge.arms.robot import Robot
+from dexnudge.arms.standing import check_base
+from dexnudge.errors import PlanningError, check_integer, check_kind
+from dexnudge.planning.arm_approach import Entry, NoWay
+from dexnudge.planning.object_path import push_length
+from dexnudge.planning.push_way import PushWay, PushWayPlanner
+from dexnudge.planning.robot_motion import RobotClearance
+from dexnudge.results.samples import Sample, Samples
+from dexnudge.scenes.scene import Scene
+from dexnudge.simulation.hand_path import SPEED
+from dexnudge.simulation.model import SimulationModel, scene_model
+from dexnudge.trajectories.limits import limits_used
+from dexnudge.trajectories.plan import JointTrajectory, Phase, Plan
+from dexnudge.trajectories.pressing import Press, press
+from dexnudge.trajectories.timing import CORNER, concatenated, hold, time_optimal, timed_way
+
+TOP = 8  # configurations that are tried, best first
+CONTACT_SPEED = 0.05  # [m/s] of the hand on the last centimetres before contact
+CLOSING_SPEED = 0.01  # [m/s] at which fingers and palm close the last 2 mm
+CLOSING_STATIONS = 9
+LOAD_TIME, SETTLE_TIME, RELEASE_TIME = 0.3, 0.2, 0.2  # [s] in which forces are built up, come to rest, and are let go
+FINGER_LEVER = 0.1  # [m] from a finger's joint to its tip
+LEAST_STEP = 1.0e-6  # [m] between two stations: progress has to increase
+LEAST_CLEARANCE = 0.001  # [m] of the rounded way through the open; where it is nearer, the robot stops at each corner
+
+
+@dataclass(frozen=True)
+class Failure:
+    """Why a configuration has no plan: its place among the samples, the phase that failed, and the reason in words."""
+
+    configuration: int
+    phase: str
+    reason: str
+
+
+def plan(
+    samples: Samples | Sample,
+    arm: Arm,
+    *,
+    mount: Any = None,
+    top: int = TOP,
+    seed: int = 0,
+    on_failure: Callable[[Failure], None] = lambda _: None,
+) -> Plan:
+    """Return a trajectory of arm and hand for the best verified configuration that has one.
+
+    Home, pre-contact, contact, squeeze, push, retreat: free of collisions, as fast as the limits of velocity, acceleration
+    and jerk allow, straight and slow while the object is touched.
+
+    Args:
+        samples: of one scene, best first; or a single one.
+        arm: where it stands, such as `load_arm("panda", base=T_world_base)`.
+        mount: (4, 4) T_flange_mount; the default of arm and hand unless given.
+        top: configurations that are tried at most.
+        seed: of the planner.
+        on_failure: called with every configuration that has no plan.
+
+    Raises:
+        InputError: something else than samples, none of which is verified, or a number out of range.
+        ArmError: an arm that cannot stand there, a mount that cannot be, or an object out of its reach.
+        PlanningError: no configuration has a plan; `failures` says why.
+        MeshError: MuJoCo cannot take the object or the surroundings.
+    """
+    check_integer("top", top, least=1)
+    check_integer("seed", seed, least=0)
+    chosen = [samples] if isinstance(samples, Sample) else samples
+    if isinstance(chosen, Samples):
+        chosen = list(chosen.verified[:top])
+    else:
+        check_kind("samples", samples, Samples, "Sampler(hand).sample(scene)")
+    if not chosen:
+        raise PlanningError("none of the samples is verified, so there is nothing to plan; draw more (`num`)", ())
+    planner = Planner(chosen[0].scene, mounted(arm, chosen[0].hand, mount), seed=seed)
+    failures: list[Failure] = []
+    for place, sample in enumerate(chosen):
+        found = planner(sample.q, configuration=place)
+        if isinstance(found, Plan):
+            return found
+        failures.append(found)
+        on_failure(found)
+    raise PlanningError(
+        f"none of {len(failures)} configurations has a plan for {planner.robot!r}: "
+        + "; ".join(f"{one.configuration}: {one.phase}: {one.reason}" for one in failures)
+        + "; move the base, turn the mount, or draw more (`arm_base`, `mount`, `num`)",
+        tuple(failures),
+    )
+
+
+class Planner:
+    """Plans for one robot in one scene; make it once for many configurations."""
+
+    def __init__(self, scene: Scene, robot: Robot, *, seed: int = 0) -> None:
+        check_base(robot, scene)
+        self.scene, self.robot = scene, robot
+        self._way = PushWayPlanner(robot, scene, length=push_length(scene), seed=seed)
+        self._simulation: SimulationModel | None = None
+
+    def __call__(self, q: Float[np.ndarray, " coordinates"], *, configuration: int = 0) -> Plan | Failure:
+        """Return the plan of one configuration (world), or why it has none."""
+        way = self._way.plan(q)
+        if isinstance(way, NoWay):
+            return Failure(configuration, way.phase, way.reason)
+        clock = time.perf_counter()
+        if self._simulation is None:
+            self._simulation = scene_model(self.robot.hand, self.scene)
+        pressed = press(self._simulation, self.scene, q, length=self._way.length)
+        seconds = {**self._way.seconds, "forces": time.perf_counter() - clock}
+        if not pressed.verdict.success:
+            return Failure(configuration, "push", f"in a rehearsal, {pressed.verdict.outcome.sentence}")
+        clock = time.perf_counter()
+        found = self._timed(way, pressed, configuration)
+        if isinstance(found, Failure):
+            return found
+        seconds["timing"] = time.perf_counter() - clock
+        return replace(found, seconds={stage: round(value, 4) for stage, value in seconds.items()})
+
+    def _timed(self, way: PushWay, pressed: Press, configuration: int) -> Plan | Failure:
+        robot, limits = self.robot, self.robot.limits
+        closing = self._closing(way.push[0], pressed, at=0.0)
+        opening = self._closing(way.push[-1], pressed, at=pressed.length)
+        push = None if closing is None else self._pushed(closing[-1], pressed)
+        if closing is None or opening is None or push is None:
+            return Failure(configuration, "squeeze", "the arm cannot follow the hand as it closes")
+        opening[-1] = push[-1]
+        parts = {
+            "pre-contact": [
+                self._through(way.transit, self._way.before.clearance),
+                *self._exit(way.entry, inward=True),
+            ],
+            "contact": [self._stretch(way.entry.stretch[::-1])],
+            "squeeze": [
+                self._slow(closing),
+                self._loaded(closing[-1], pressed, LOAD_TIME, 0.0, 1.0),
+                self._loaded(closing[-1], pressed, SETTLE_TIME, 1.0, 1.0),
+            ],
+            "push": [self._carried(push, pressed)],
+            "retreat": [
+                self._loaded(push[-1], pressed, RELEASE_TIME, 1.0, 0.0),
+                self._slow(opening[::-1]),
+                self._stretch(way.leave.stretch),
+                *self._exit(way.leave, inward=False),
+                self._through(way.home, self._way.after.clearance),
+            ],
+        }
+        pieces = {name: concatenated(*some) for name, some in parts.items()}
+        trajectory = concatenated(*pieces.values())
+        exceeded = limits_used(trajectory, limits).exceeded
+        if exceeded:
+            return Failure(configuration, "timing", str(exceeded[0]))
+        phases, start = [], 0.0
+        for name, piece in pieces.items():
+            end = round(start + piece.duration, 6)
+            moved = name in ("push", "retreat")
+            phases.append(
+                Phase(
+                    name,
+                    start,
+                    end,
+                    configuration,
+                    (self._way.moved if moved else self.scene).T_world_object,
+                    dict(pressed.link_force) if name in ("squeeze", "push") else {},
+                )
+            )
+            start = end
+        return Plan(robot, self.scene, trajectory, tuple(phases), pressed.length)
+
+    def _closing(
+        self, contact: Float[np.ndarray, " joint"], pressed: Press, *, at: float
+    ) -> Float[np.ndarray, "station joint"] | None:
+        """Return positions from contact to where the hand presses, the object carried by `at` [m]."""
+        first = pressed.contact.copy()
+        first[:3] += at * pressed.motion
+        (last,) = pressed.carried(np.array([at]))
+        return self._followed(first + np.linspace(0.0, 1.0, CLOSING_STATIONS)[:, None] * (last - first), contact)
+
+    def _pushed(
+        self, touching: Float[np.ndarray, " joint"], pressed: Press
+    ) -> Float[np.ndarray, "station joint"] | None:
+        count = int(np.ceil(pressed.length / 0.002)) + 1
+        return self._followed(pressed.carried(np.linspace(0.0, pressed.length, count)), touching)
+
+    def _followed(
+        self, q: Float[np.ndarray, "station coordinates"], start: Float[np.ndarray, " joint"]
+    ) -> Float[np.ndarray, "station joint"] | None:
+        positions, reached = self._way.before.followed(q[None], start[None, : self.robot.arm.num_joints])
+        if reached[0] < len(q):
+            return None
+        positions = positions[0]
+        positions[0] = start if np.abs(positions[0] - start).max() < 1e-3 else positions[0]
+        return np.asarray(positions)
+
+    def _through(self, path: Float[np.ndarray, "vertex joint"], clearance: RobotClearance) -> JointTrajectory:
+        """Return the way through the open, with round corners where there is room for them."""
+        rounded = time_optimal(path, self.robot.limits, corner=CORNER)
+        if len(path) > 2 and clearance.of(rounded.position, stop=LEAST_CLEARANCE).min() < LEAST_CLEARANCE:
+            return time_optimal(path, self.robot.limits, corner=0.0)
+        return rounded
+
+    def _exit(self, entry: Entry, *, inward: bool) -> Iterator[JointTrajectory]:
+        """Yield the way between the open and where the hand waits."""
+        path = entry.exit[::-1] if inward else entry.exit
+        yield timed_way(path, _travelled(self.robot, path), self.robot.limits)
+
+    def _stretch(self, path: Float[np.ndarray, "station joint"]) -> JointTrajectory:
+        return timed_way(path, _travelled(self.robot, path), self.robot.limits, speed=CONTACT_SPEED)
+
+    def _slow(self, path: Float[np.ndarray, "station joint"]) -> JointTrajectory:
+        return timed_way(path, _travelled(self.robot, path), self.robot.limits, speed=CLOSING_SPEED)
+
+    def _loaded(
+        self, position: Float[np.ndarray, " joint"], pressed: Press, seconds: float, first: float, last: float
+    ) -> JointTrajectory:
+        """Return a stay during which the share of the forces goes smoothly from `first` to `last`."""
+        still = hold(position, seconds)
+        share = still.time / still.time[-1]
+        loaded = first + (last - first) * share**2 * (3 - 2 * share)
+        return replace(still, effort=pressed.efforts(self.robot, still.position, loaded))
+
+    def _carried(self, path: Float[np.ndarray, "station joint"], pressed: Press) -> JointTrajectory:
+        progress = np.linspace(0.0, pressed.length, len(path))
+        carried = timed_way(path, progress, self.robot.limits, speed=SPEED)
+        effort = pressed.efforts(self.robot, carried.position, np.ones(len(carried.time)))
+        return replace(carried, effort=effort)
+
+
+def _travelled(robot: Robot, path: Float[np.ndarray, "station joint"]) -> Float[np.ndarray, " station"]:
+    """Return how far the palm, or a fingertip by the fingers' turning, has come at each station [m], increasing."""
+    q = robot.configurations(path)
+    palm = np.linalg.norm(np.diff(q[:, :3], axis=0), axis=1)
+    turned = np.abs(np.diff(path[:, robot.arm.num_joints :], axis=0)) / robot.hand.joint_scales
+    steps = np.maximum(palm, FINGER_LEVER * turned.max(axis=1, initial=0.0))
+    return np.concatenate([[0.0], np.cumsum(np.maximum(steps, LEAST_STEP))])
