@@ -45,7 +45,7 @@ def test_the_hand_continues_the_flange_and_does_not_reach_behind_it(robot):
     poses = robot.body.forward_kinematics(torch.as_tensor(robot.coordinates(rest[None])))[0].numpy()
     fingers = [tip for number, tip in enumerate(tips) if number != robot.hand.thumb]
     middle = np.mean([poses[robot.body.link_names.index(tip), :3, 3] for tip in fingers], axis=0)
-    middle -= poses[robot.body.link_names.index(robot.hand.link_names[0]), :3, 3] - flange[:3, 3]
+    middle -= poses[robot.body.link_names.index(robot.mount), :3, 3] - flange[:3, 3]
     way = flange[:3, :3].T @ (middle - flange[:3, 3])
     turn, tilt = np.radians([turn, tilt])
     axis = np.array([np.sin(tilt) * np.cos(turn), np.sin(tilt) * np.sin(turn), np.cos(tilt)])
