@@ -84,6 +84,11 @@ def changed(old: str, new: str, count: int = 1):
             "'j3' between base and flange moves as a planar",
         ),
         (changed('link="l3"', 'link="l33"'), "unknown"),
+        (
+            changed('xyz="0.3 0.01 0"', 'xyz="300 10 0"'),
+            "'j3' lies 300 m from the frame of 'l2': expected at most 20 m",
+        ),
+        (changed('size="0.06 0.05 0.12"', 'size="60 50 120"'), "link 'l0' is 120 m long: .* in millimetres"),
         ("<robot name='six'><link name='l0'/></robot>", "expected collision or visual geometry, found none"),
         (
             "<robot name='six'>" + link("l0") + "</robot>",

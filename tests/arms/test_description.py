@@ -1,5 +1,7 @@
 """Arms from descriptions: their kinematics against MuJoCo and yourdfpy, limits, flange, home, and what is cut off."""
 
+from types import SimpleNamespace
+
 import mujoco
 import numpy as np
 import pytest
@@ -174,6 +176,20 @@ def test_a_joint_may_follow_another(described):
         moved[:, index] += step
         difference = (arm.flange_poses(moved) - arm.flange_poses(at))[:, :3, 3] / step
         np.testing.assert_allclose(jacobian[:, :3, index], difference, atol=1e-5)
+
+
+def test_an_equality_of_an_mjcf_is_a_joint_that_follows(described):
+    text = six_axis_mjcf().replace(
+        "</mujoco>",
+        '<equality><joint joint1="j3" joint2="j2" polycoef="0.1 -0.5 0 0 0"/></equality></mujoco>',
+    )
+    path = described(text, {"home": [0.1] * 5, "limits": {"velocity": 2, **LIMITS}}, name="six.xml")
+    arm = dn.load_arm(path)
+    assert arm.joint_names == ("j1", "j2", "j4", "j5", "j6")
+    pose = of_mujoco(path, SimpleNamespace(joint_names=("j1", "j2", "j3", "j4", "j5", "j6")), "attachment_site", "site")
+    for position, ours in zip(inside(arm), arm.flange_poses(inside(arm)), strict=True):
+        follower = 0.3 + 0.1 - 0.5 * (position[1] - 0.2)  # of the joints' reference angles 0.2 and 0.3
+        np.testing.assert_allclose(ours, pose(np.insert(position, 2, follower)), atol=1e-9)
 
 
 def test_an_empty_world_is_no_part_of_the_arm(described):

@@ -66,6 +66,15 @@ def test_a_base_inside_the_table_is_refused_with_place_and_depth(robot, table):
         check_base(at(robot, pose(x, y, (high[2] + low[2]) / 2)), table)
 
 
+def test_a_base_without_geometry_may_not_stand_in_the_table_either(robot, table):
+    links = {**robot.arm.tree.links, "panda_link0": trimesh.Trimesh()}
+    bare = replace(robot, arm=replace(robot.arm, tree=replace(robot.arm.tree, links=links)))
+    low, high = table.environment_mesh.bounds
+    x, y = (low + high)[:2] / 2
+    with pytest.raises(dn.ArmError, match="stands in what is around it"):
+        check_base(at(bare, pose(x, y, (high[2] + low[2]) / 2)), table)
+
+
 def test_a_base_in_the_object_is_refused(robot, table):
     with pytest.raises(dn.ArmError, match="stands in what is around it"):
         check_base(at(robot, table.T_world_object), table)

@@ -18,6 +18,7 @@ from dexnudge.hands.joint_ranges import Farthest, with_ranges
 from dexnudge.hands.package_files import package_file
 from dexnudge.hands.registry import read_robot_tree
 from dexnudge.hands.tree import Tree, TreeJoint
+from dexnudge.hands.tree_checks import check_sizes
 
 OTHER_YAML = "arm.yaml"  # beside the description, where there is no `<stem>.yaml`
 ENDLESS = 2 * np.pi  # [rad] either way: joints without limits turn on, but cables do not
@@ -46,6 +47,7 @@ def arm_from_description(
         tree = from_base(_tree(path, config, packages), config)
         flange = config.flange or find_flange(tree, str(path))
         tree = _with_hulls(cut_at(tree, flange, str(path)), path, config, packages)
+        check_sizes(tree, OF_AN_ARM.slide)
         tree = with_ranges(_with_endless(_with_limits(tree, config, where)), OF_AN_ARM)
     except HandError as error:
         raise ArmError(str(error)) from error

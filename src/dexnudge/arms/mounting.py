@@ -20,8 +20,10 @@ from dexnudge.hands.hand import ROOT_COORDINATES, Hand
 # faces [deg]; a wedge makes it. Of tilts in steps of 15 degrees these bring the arm to most of the configurations that were
 # sampled on tables and in shelves, as far as the surroundings let it.
 WEDGES: dict[tuple[str, str], tuple[float, float]] = {
-    ("panda", "shadow_lite"): (45.0, 30.0),
-    ("panda", "allegro"): (45.0, 30.0),
+    ("panda", "shadow_lite"): (45.0, 15.0),
+    ("panda", "allegro"): (45.0, 15.0),
+    ("xarm7", "allegro"): (0.0, 15.0),
+    ("ur5e", "allegro"): (0.0, 15.0),
 }
 # Of pairs of one maker the pose itself; there, the hand's housing encloses the flange.
 MAKERS = {("panda", "panda_gripper"): trimesh.transformations.rotation_matrix(np.radians(-45.0), (0.0, 0.0, 1.0))}

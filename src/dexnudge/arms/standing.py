@@ -14,6 +14,7 @@ from dexnudge.scenes.scene import Scene
 
 DISTANCE = 0.6  # [m] from the object: there, 80 to 95 % of the verified configurations can be reached by a Panda
 STEP, MOST_STEPS = 0.02, 30  # [m] by which the base moves outward while it touches the surroundings
+STAND = (0.1, 0.1, 0.05)  # [m] what an arm without geometry at its base stands on
 DEEPEST = 0.001  # [m] by which it may stand in them: meshes that touch, after rounding
 
 
@@ -54,7 +55,8 @@ def check_base(robot: Robot, scene: Scene) -> None:
             f"expected at most {1e3 * DEEPEST:g} mm; move `arm_base`"
         )
     place, reach = robot.arm.T_world_base[:3, 3], robot.arm.reach + _length(robot)
-    away = float(np.linalg.norm(trimesh.bounds.corners(scene.object_in_world().bounds) - place, axis=1).min())
+    low, high = scene.object_in_world().bounds
+    away = float(np.linalg.norm(np.clip(place, low, high) - place))
     if away > reach:
         raise ArmError(
             f"the object is out of reach: {away:.2f} m from the base of '{robot.arm.name}', expected at most {reach:.2f} m, "
@@ -65,8 +67,6 @@ def check_base(robot: Robot, scene: Scene) -> None:
 def standing_depth(arm: Arm, scene: Scene) -> tuple[float, Float[np.ndarray, " 3"]]:
     """Return how deep the links that never move stand in surroundings or object [m], and where."""
     base = standing_mesh(arm)
-    if not len(base.faces):
-        return 0.0, np.zeros(3)
     found = []
     for body in (surroundings_distance(scene.environment_mesh), scene.object_in_world()):
         bounds = (body if isinstance(body, trimesh.Trimesh) else body.mesh).bounds
@@ -76,7 +76,7 @@ def standing_depth(arm: Arm, scene: Scene) -> tuple[float, Float[np.ndarray, " 3
 
 
 def standing_mesh(arm: Arm) -> trimesh.Trimesh:
-    """Return the links that never move as one mesh where the arm stands [m]; it may be empty."""
+    """Return the links that never move as one mesh where the arm stands [m]; a small box for an arm without any."""
     still = {arm.base}
     for link in arm.tree.links:
         still |= {joint.child for joint in arm.tree.joints if joint.fixed and joint.parent == link and link in still}
@@ -84,7 +84,10 @@ def standing_mesh(arm: Arm) -> trimesh.Trimesh:
     placed = [
         arm.tree.links[link].copy().apply_transform(poses[link]) for link in still if len(arm.tree.links[link].faces)
     ]
-    return trimesh.util.concatenate(placed) if placed else trimesh.Trimesh()
+    if placed:
+        return trimesh.util.concatenate(placed)
+    above = trimesh.transformations.translation_matrix([0.0, 0.0, STAND[2] / 2])
+    return trimesh.creation.box(STAND, transform=arm.T_world_base @ above)
 
 
 def _length(robot: Robot) -> float:

@@ -53,22 +53,22 @@ def check_names(tree: Tree, config: HandConfig) -> None:
             )
 
 
-def check_sizes(tree: Tree) -> None:
-    """Refuse links that are too long for a hand or too far from each other, or flat."""
+def check_sizes(tree: Tree, longest_link: float = LONGEST_LINK) -> None:
+    """Refuse links that are too long [m] or too far from each other, or flat."""
     for joint in tree.joints:
         distance = math.hypot(*joint.origin[:3, 3])
-        if distance > LONGEST_LINK:
+        if distance > longest_link:
             raise HandError(
                 f"joint '{joint.name}' lies {distance:.3g} m from the frame of '{joint.parent}': expected at most "
-                f"{LONGEST_LINK:g} m; in millimetres? give its origin in metres"
+                f"{longest_link:g} m; in millimetres? give its origin in metres"
             )
     for link, mesh in tree.links.items():
         if not len(mesh.faces):
             continue
         longest = float(mesh.extents.max())
-        if longest > LONGEST_LINK:
+        if longest > longest_link:
             raise HandError(
-                f"link '{link}' is {longest:.3g} m long: expected at most {LONGEST_LINK:g} m; in millimetres? "
+                f"link '{link}' is {longest:.3g} m long: expected at most {longest_link:g} m; in millimetres? "
                 'give its mesh scale="0.001 0.001 0.001", or a basic shape its size in metres'
             )
         try:
