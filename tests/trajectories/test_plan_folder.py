@@ -298,7 +298,7 @@ BAD = {
     "of another arm": (
         at("limits", "crane_a1", 2),
         3.0,
-        "velocity is 3; expected 2, as robot/robot.urdf has it",
+        "velocity is 3; expected 2, as robot.urdf has it",
     ),
     "outside": (
         at("position", 9, 1),

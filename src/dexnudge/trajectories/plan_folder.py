@@ -13,7 +13,7 @@ from string import Template
 
 import numpy as np
 
-from dexnudge.arms.export import ROBOT_FILES, URDF, export_robot
+from dexnudge.arms.export import ROBOT_FILES, export_robot
 from dexnudge.errors import OutputError, check_kind, check_path
 from dexnudge.jobs.folders import new_folder, replace_atomically
 from dexnudge.jobs.json_files import path_inside
@@ -98,10 +98,10 @@ def load_plan(path: Path | str) -> Plan:
     content = read_plan_json(file)
     check_joints(content["joint_names"], file.parent / ROBOT, file)
     limits = read_limits(content, file)
+    compare_limits(limits, file.parent / ROBOT, file)
     trajectory = read_trajectory(content, limits, file)
     phases = read_phases(content, trajectory.time, file)
     robot = read_robot(file.parent / ROBOT, content, limits, file)
-    compare_limits(limits, robot.limits, file, Path(ROBOT, URDF))
     check_links(phases, robot.hand.link_names, file)
     check_effort(trajectory, robot, file)
     scene = Scene.load(path_inside(file.parent, content["scene"], "scene", file=PLAN, what="scene"))

@@ -4,11 +4,12 @@ import math
 from dataclasses import replace
 from pathlib import Path
 from typing import Any
+from xml.etree.ElementTree import Element
 
 import numpy as np
 from jaxtyping import Float
 
-from dexnudge.arms.arm import Arm, JointLimits
+from dexnudge.arms.arm import Arm
 from dexnudge.arms.export import HAND_FOLDER, STAND, URDF, WORLD
 from dexnudge.arms.robot import Robot
 from dexnudge.errors import InputError, quote
@@ -68,7 +69,7 @@ def _arm(
             f"{path.parent}: the arm has {len(moving)} joints, home {len(content['home'])} numbers; expected a number a "
             f"joint; {AGAIN}"
         )
-    stated = {str(joint.get("name")): joint.find("limit") for joint in read_xml(path, root_tag="robot").iter("joint")}
+    stated = _stated_limits(path)
 
     def of_urdf(key: str) -> Float[np.ndarray, " n"]:
         rows = [numbers_of(stated[joint.name], key, (0.0,), f"{path}: joint '{joint.name}'") for joint in moving]
@@ -121,7 +122,7 @@ def _check_links(robot: Robot, carrier: dict[str, TreeJoint], path: Path, plan: 
 
 def _same(found: TreeJoint, expected: TreeJoint) -> bool:
     """Whether two joints move the same link the same way, within the same limits where they lead."""
-    names = ("name", "parent", "child", "fixed", "slides")
+    names = ("parent", "child", "fixed", "slides", *(() if found.fixed else ("name",)))
     if any(getattr(found, name) != getattr(expected, name) for name in names):
         return False
     if not np.allclose(found.origin, expected.origin, rtol=0.0, atol=SAME_PLACE):
@@ -191,13 +192,20 @@ def check_joints(names: list[str], folder: Path, path: Path) -> None:
     raise InputError(f"{path}: joint_names {what}; expected the joints of {file} in their order; {hint} {AGAIN}")
 
 
-def compare_limits(given: dict[str, Float[np.ndarray, " 5"]], own: JointLimits, path: Path, file: Path) -> None:
-    """Refuse limits that are not those of the robot in `file`; InputError."""
-    for index, (name, row) in enumerate(given.items()):
-        for kind, value in zip(LIMITS, row, strict=True):
-            expected = float(getattr(own, kind)[index])
+def compare_limits(given: dict[str, Float[np.ndarray, " 5"]], folder: Path, path: Path) -> None:
+    """Refuse limits that are not those of robot.urdf in `folder`, as far as a URDF states them; InputError."""
+    file = folder / URDF
+    stated = _stated_limits(file)
+    for name, row in given.items():
+        for kind, value in list(zip(LIMITS, row.tolist(), strict=True))[:3]:
+            expected = float(numbers_of(stated[name], kind, (0.0,), f"{file}: joint '{name}'")[0])
             if not math.isclose(value, expected, rel_tol=BEYOND, abs_tol=BEYOND):
                 raise InputError(
-                    f"{path}: limits of '{name}': {kind} is {value:g}; expected {expected:g}, as {file} has it; is it "
+                    f"{path}: limits of '{name}': {kind} is {value:g}; expected {expected:g}, as {file.name} has it; is it "
                     f"a plan of another arm or hand? {AGAIN}"
                 )
+
+
+def _stated_limits(file: Path) -> dict[str, Element | None]:
+    """Return the element of a URDF that states each joint's limits."""
+    return {str(joint.get("name")): joint.find("limit") for joint in read_xml(file, root_tag="robot").iter("joint")}
