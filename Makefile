@@ -43,7 +43,7 @@ docs: $(VENV)/.dev.stamp  ## the documentation site, in site/; every link and re
 	$(PIP) -e ".[dev,docs]"
 	NO_MKDOCS_2_WARNING=1 $(BIN)/mkdocs build --strict --quiet
 
-bench: $(VENV)/.dev.stamp  ## time energies, grids, grasps, data generation, sampling and execution; prints machine and versions
+bench: $(VENV)/.dev.stamp  ## time energies, grids, grasps, data generation, sampling, execution and trajectories; prints machine and versions
 	$(PIP) -e ".[dev,bench]"
 	$(BIN)/python benchmarks/energies.py
 	$(BIN)/python benchmarks/distance_grid.py
@@ -51,6 +51,7 @@ bench: $(VENV)/.dev.stamp  ## time energies, grids, grasps, data generation, sam
 	$(BIN)/python benchmarks/generation.py --num-objects 2
 	$(BIN)/python benchmarks/sampling.py
 	$(BIN)/python benchmarks/execution.py
+	$(BIN)/python benchmarks/timing.py
 	$(BIN)/python benchmarks/large_surroundings.py --no-write
 
 results: $(VENV)/.run.stamp  ## run what is published (RUN=NAME of benchmarks/published_runs.yaml, or all) and write its tables and pages

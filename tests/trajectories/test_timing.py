@@ -10,6 +10,7 @@ from ruckig import InputParameter, Ruckig, Trajectory
 
 from dexnudge.arms.arm import JointLimits
 from dexnudge.arms.named.panda import HOME, LIMITS
+from dexnudge.errors import InputError
 from dexnudge.trajectories.interpolation import at
 from dexnudge.trajectories.limits import limits_used
 from dexnudge.trajectories.timing import SAMPLE_INTERVAL, concatenated, hold, time_optimal, timed_way
@@ -194,3 +195,19 @@ def test_trajectories_that_do_not_meet_are_not_joined():
     path = np.array([[0.0, 0.0, 0.0], [0.5, 0.3, 0.1]])
     with pytest.raises(ValueError, match=r"trajectory 2 does not start as the one before ends: position jumps by 0\.5"):
         concatenated(time_optimal(path, FINGERS), time_optimal(path, FINGERS))
+
+
+def test_limits_without_bound_are_no_bound():
+    path = np.array([[0.0, 0.0, 0.0], [0.5, 0.3, 0.1], [1.0, 0.2, 0.4]])
+    endless = np.full(3, np.inf)
+    free = JointLimits(**(vars(FINGERS) | {"acceleration": endless, "jerk": endless}))
+    assert time_optimal(path, free, share=1.0).duration == pytest.approx(1.0 / 2.0, abs=0.06)  # at 2 rad/s
+
+
+@pytest.mark.parametrize("wrong", [np.nan, np.inf])
+def test_a_path_that_is_not_finite_is_refused(wrong):
+    path = np.zeros((4, 3))
+    path[2, 1] = wrong
+    for call in (lambda: time_optimal(path, FINGERS), lambda: timed_way(path, np.arange(4.0), FINGERS)):
+        with pytest.raises(InputError, match="`path`: row 2 of it is not finite; expected joint positions"):
+            call()

@@ -76,6 +76,6 @@ def _greatest(
     while True:
         lines = slope * x
         one, other = np.argmax(low + lines), np.argmin(high + lines)
-        if low[one] + lines[one] <= high[other] + lines[other]:
+        if not low[one] + lines[one] > high[other] + lines[other]:
             return x
         x = min((high[other] - low[one]) / (slope[one] - slope[other]), x) * (1 - ROUNDING)

@@ -12,6 +12,7 @@ from jaxtyping import Float
 from scipy.interpolate import PPoly
 
 from dexnudge.arms.arm import JointLimits
+from dexnudge.errors import InputError
 from dexnudge.trajectories.averaging import Motion
 from dexnudge.trajectories.corners import rounded_polyline
 from dexnudge.trajectories.limits import TOLERANCE, limits_used
@@ -24,6 +25,7 @@ SHARE = 0.95  # of velocity, acceleration and jerk limits that plans use: what i
 CORNER = 0.03  # [rad] how far a joint may leave the polyline where it turns
 WAY_DEVIATION = 0.001  # [rad] how far the moving average may take a joint from a way
 RAMP = 0.2  # [s] an object is brought to the 0.05 m/s of a push with a twentieth of gravity's acceleration
+UNLIMITED = (1e2, 1e4, 1e6)  # [rad/s], [rad/s^2], [rad/s^3] in place of more: the first is reached in one interval
 TRIES = 50  # three are usual
 HEADROOM = 1e-4  # by which more is slowed down than seems needed, twice that with each try, so that few are enough
 DISTINCT = 1e-9  # [rad] waypoints nearer than this are one
@@ -38,8 +40,11 @@ def time_optimal(
 
     Corners are rounded: no joint leaves the polyline by more than about `corner` [rad]. With 0 the joints stop at each
     waypoint and stay on the straight lines. share: of the limits that may be used.
+
+    Raises:
+        InputError: `path` is empty or not finite.
     """
-    path = np.asarray(path, dtype=float)
+    path = _checked(path)
     path = path[np.r_[True, np.abs(np.diff(path, axis=0)).max(axis=1, initial=0.0) > DISTINCT]]
     used = _shared(limits, share)
     if len(path) == 1:
@@ -66,9 +71,11 @@ def timed_way(
     progress: increasing, [m] or another unit. speed: of progress [unit/s]; less where the limits demand it; None: as
     fast as they allow. ramp: in which `speed` is reached and left [s]. The way is smoothed: positions may carry
     0.01 mrad of noise.
+
+    Raises:
+        InputError: `path` is empty or not finite.
     """
-    path, progress = np.asarray(path, dtype=float), np.asarray(progress, dtype=float)
-    progress = progress - progress[0]
+    path, progress = _checked(path), np.asarray(progress, dtype=float) - progress[0]
     used = _shared(limits, share)
     fastest = (np.abs(np.diff(path, axis=0)) / used.velocity).max(axis=1, initial=0.0).sum()
     if len(path) == 1 or (speed is None and fastest == 0):
@@ -125,6 +132,14 @@ def _joined(parts: list[np.ndarray]) -> np.ndarray:
     return np.concatenate([*(part[:-1] for part in parts[:-1]), parts[-1]])
 
 
+def _checked(path: Float[np.ndarray, "waypoint n"]) -> Float[np.ndarray, "waypoint n"]:
+    wrong = ~np.isfinite(path).all(axis=1)
+    if wrong.any() or len(path) == 0:
+        where = f"row {np.flatnonzero(wrong)[0]} of it is not finite" if len(path) else "it is empty"
+        raise InputError(f"`path`: {where}; expected joint positions, a row for each of one or more waypoints")
+    return np.asarray(path, dtype=float)
+
+
 def _of_progress(speed: float | None, ramp: float) -> JointLimits:
     """Return limits of progress as of one more joint, in units of the speed: a ramp of two equal parts of jerk."""
     if speed is None:
@@ -135,9 +150,12 @@ def _of_progress(speed: float | None, ramp: float) -> JointLimits:
 
 
 def _shared(limits: JointLimits, share: float) -> JointLimits:
-    """Return limits of which velocity, acceleration and jerk are a share."""
+    """Return limits of which velocity, acceleration and jerk are a share; finite ones."""
     return replace(
-        limits, velocity=limits.velocity * share, acceleration=limits.acceleration * share, jerk=limits.jerk * share
+        limits,
+        velocity=np.minimum(limits.velocity, UNLIMITED[0]) * share,
+        acceleration=np.minimum(limits.acceleration, UNLIMITED[1]) * share,
+        jerk=np.minimum(limits.jerk, UNLIMITED[2]) * share,
     )
 
 
