@@ -8,7 +8,7 @@ from collections.abc import Sequence
 from dataclasses import dataclass
 
 import numpy as np
-from jaxtyping import Float
+from jaxtyping import Float, Int
 
 from dexnudge.arms.inverse_kinematics import InverseKinematics
 from dexnudge.arms.robot import Robot
@@ -47,8 +47,8 @@ class Entry:
     stretch: positions from contact to where the hand waits. exit: from there into the open. opening: of the hand there.
     """
 
-    stretch: Float[np.ndarray, "station joint"]
-    exit: Float[np.ndarray, "station joint"]
+    stretch: Float[np.ndarray, "near joint"]
+    exit: Float[np.ndarray, "far joint"]
     opening: float
 
 
@@ -116,7 +116,7 @@ class ArmApproach:
 
     def followed(
         self, q: Float[np.ndarray, "way station coordinates"], start: Float[np.ndarray, "way n"]
-    ) -> tuple[Float[np.ndarray, "way station joint"], Float[np.ndarray, " way"]]:
+    ) -> tuple[Float[np.ndarray, "way station joint"], Int[np.ndarray, " way"]]:
         """Return positions at which the hand stands at q, station by station from near `start`, and how many are reached."""
         flange = np.array([self.robot.flange_poses(way) for way in q])
         angles, reached = follow(self._kinematics, flange, start)
@@ -128,7 +128,10 @@ class ArmApproach:
         return self._arm.what_blocks(positions[int(clearance.argmin())]) if clearance.min() < CLEARANCE else ""
 
     def entries(self, hand: HandWays, contact: Float[np.ndarray, " joint"]) -> list[Entry] | NoWay:
-        """Return the ways of the hand on which the arm can follow it from its position at contact."""
+        """Return the ways of the hand on which the arm can follow it from its position at contact.
+
+        Where it can follow none into the open, those that come farthest: the rest is the planner's in joint space.
+        """
         space, goal = hand.waiting.space, hand.waiting.goal
         stretches = _alike([stations(space, [goal, way[-1]], spacing=STRETCH_SPACING) for way in hand.ways])
         outs = _alike([stations(space, way[::-1], spacing=EXIT_SPACING) for way in hand.ways])
@@ -137,17 +140,20 @@ class ArmApproach:
         start = np.repeat(contact[None, : self.robot.arm.num_joints], len(q), axis=0)
         positions, reached = self.followed(q, start)
         positions[:, 0] = contact
-        found, failed = [], NoWay(self._contact, "")
-        for way, count, path in zip(positions, reached, states, strict=True):
-            if count < len(way):
-                failed = NoWay(self._contact if count < split else self._before, "the arm cannot follow the hand")
-            elif blocked := self.what_blocks(way):
-                failed = NoWay(self._before, blocked)
-            else:
-                found.append(Entry(way[:split], way[split - 1 :], float(path[-1][7])))
-                if len(found) == ENTRIES:
-                    break
-        return found or failed
+        found, short, failed = [], [], NoWay(self._contact, "")
+        for way, count, path in zip(positions, reached.tolist(), states, strict=True):
+            near = np.flatnonzero(self._arm.of(way[:count], stop=CLEARANCE) < CLEARANCE)
+            end = int(near[0]) if len(near) else count
+            if end < split:
+                phase = self._contact if count < split else self._before
+                failed = NoWay(phase, self._arm.what_blocks(way[end]) if len(near) else "the arm cannot follow the hand")
+                continue
+            entry = Entry(way[:split], way[split - 1 : end], float(path[end - 1][7]))
+            (found if end == len(way) else short).append(entry)
+            if len(found) == ENTRIES:
+                break
+        short.sort(key=lambda entry: -len(entry.exit))
+        return [*found, *short[: ENTRIES - len(found)]] or failed
 
     def transit(
         self, waiting: Waiting, start: Float[np.ndarray, " n"], entries: Sequence[Entry]

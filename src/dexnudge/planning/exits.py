@@ -11,7 +11,7 @@ from dexnudge.planning.connect import connect
 from dexnudge.planning.hand_motion import States, matrices
 from dexnudge.scenes.scene import Scene
 
-OPEN = 0.05  # [m] of clearance with which a hand counts as being in the open
+OPEN = 0.03  # [m] of clearance with which a hand counts as being in the open
 FARTHEST = 0.50  # [m] from where it waits
 STEP = 0.02  # [m] between the places that are looked at
 BELOW = -0.3  # z of a direction below which it is not tried: arms come from above or from a side

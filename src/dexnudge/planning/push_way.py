@@ -25,11 +25,11 @@ class PushWay:
     push: stations from contact on. leave: out of contact after it. home: vertices of straight motions.
     """
 
-    transit: Float[np.ndarray, "vertex joint"]
+    transit: Float[np.ndarray, "coming joint"]
     entry: Entry
     push: Float[np.ndarray, "station joint"]
     leave: Entry
-    home: Float[np.ndarray, "vertex joint"]
+    home: Float[np.ndarray, "going joint"]
 
 
 class PushWayPlanner:
