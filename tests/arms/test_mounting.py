@@ -7,7 +7,7 @@ import trimesh
 from scipy.spatial.transform import Rotation
 
 import dexnudge as dn
-from dexnudge.arms.mounting import DEEPEST, GAP, MAKERS, WEDGES
+from dexnudge.arms.mounting import BRACKETS, DEEPEST, GAP, MAKERS, WEDGES
 
 HANDS = ("shadow_lite", "allegro", "panda_gripper")
 OVER = np.diag([1.0, -1.0, -1.0, 1.0])  # the hand's head over heels
@@ -38,8 +38,9 @@ def test_the_hand_continues_the_flange_and_does_not_reach_behind_it(robot):
     pair = (robot.arm.name, robot.hand.name)
     if pair in MAKERS:
         return
-    turn, tilt = WEDGES.get(pair, (0.0, 0.0))
-    assert points[:, 2].min() == pytest.approx(GAP, abs=1e-6)
+    turn, tilt, out = BRACKETS.get(pair, (*WEDGES.get(pair, (0.0, 0.0)), None))
+    beside = points[np.linalg.norm(points[:, :2], axis=1) < 0.1] if out else points  # the thumb hangs down farther out
+    assert beside[:, 2].min() == pytest.approx(GAP, abs=1e-6)
     flange = robot.arm.flange_poses(robot.arm.home[None])[0]
     tips = robot.hand.fingertip_links
     poses = robot.body.forward_kinematics(torch.as_tensor(robot.coordinates(rest[None])))[0].numpy()
@@ -49,6 +50,8 @@ def test_the_hand_continues_the_flange_and_does_not_reach_behind_it(robot):
     way = flange[:3, :3].T @ (middle - flange[:3, 3])
     turn, tilt = np.radians([turn, tilt])
     axis = np.array([np.sin(tilt) * np.cos(turn), np.sin(tilt) * np.sin(turn), np.cos(tilt)])
+    if out:
+        assert (points @ axis).min() == pytest.approx(out * np.sin(tilt) + GAP * np.cos(tilt), abs=0.005)
     assert way @ axis / np.linalg.norm(way) > np.cos(np.radians(40.0))  # the Lite's palm is tilted by 40 deg itself
 
 

@@ -21,7 +21,9 @@ from dexnudge.planning.straight_way import stations
 @pytest.fixture(scope="module")
 def robot(boxy_hand):
     """The Panda half a metre behind the block, on the floor."""
-    return dn.mount(dn.load_arm("panda").standing_at(trimesh.transformations.translation_matrix((-0.55, 0, 0))), boxy_hand)
+    return dn.mount(
+        dn.load_arm("panda").standing_at(trimesh.transformations.translation_matrix((-0.55, 0, 0))), boxy_hand
+    )
 
 
 @pytest.fixture(scope="module")
@@ -107,7 +109,9 @@ def test_in_a_closed_box_there_is_no_way_out(boxy_hand, scene_of, touching):
             bounds[:, axis] = near, far
             walls.append(bounds)
     scene = scene_of(*walls)
-    robot = dn.mount(dn.load_arm("panda").standing_at(trimesh.transformations.translation_matrix((-0.7, 0, 0))), boxy_hand)
+    robot = dn.mount(
+        dn.load_arm("panda").standing_at(trimesh.transformations.translation_matrix((-0.7, 0, 0))), boxy_hand
+    )
     approach = ArmApproach(robot, scene)
     found = approach.hand_ways(touching)
     assert isinstance(found, NoWay) or not [way for way in found.ways if np.abs(way[0][:3]).max() > 0.3]
@@ -168,9 +172,7 @@ def test_an_arm_follows_a_line_and_says_where_it_is_lost(robot, touching, approa
     q[:, 0] += np.linspace(0.0, 1.0, count)
     positions, reached = approach.followed(q[None], solved[:1])
     assert 50 < reached[0] < count
-    np.testing.assert_allclose(
-        robot.configurations(positions[0, : reached[0]]), q[: reached[0]], atol=2e-4
-    )
+    np.testing.assert_allclose(robot.configurations(positions[0, : reached[0]]), q[: reached[0]], atol=2e-4)
 
 
 def test_stations_are_as_near_as_asked(approach, touching):
@@ -179,5 +181,3 @@ def test_stations_are_as_near_as_asked(approach, touching):
     np.testing.assert_allclose(rows[[0, -1]], hand.ways[0][[0, -1]])
     steps = [hand.waiting.space.displacement(one, other) for one, other in zip(rows[:-1], rows[1:], strict=True)]
     assert max(steps) <= 0.01 + 1e-9
-
-

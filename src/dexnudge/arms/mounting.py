@@ -20,11 +20,13 @@ from dexnudge.hands.hand import ROOT_COORDINATES, Hand
 # faces [deg]; a wedge makes it. Of tilts in steps of 15 degrees these bring the arm to most of the configurations that were
 # sampled on tables and in shelves, as far as the surroundings let it.
 WEDGES: dict[tuple[str, str], tuple[float, float]] = {
-    ("panda", "shadow_lite"): (45.0, 15.0),
     ("panda", "allegro"): (45.0, 15.0),
     ("xarm7", "allegro"): (0.0, 15.0),
     ("ur5e", "allegro"): (0.0, 15.0),
 }
+# The same of pairs with a bracket beside the flange, and how far from the flange's axis the hand begins [m]: fingers across
+# the arm's last axis get deep into a shelf while the wrist stays outside.
+BRACKETS: dict[tuple[str, str], tuple[float, float, float]] = {("panda", "shadow_lite"): (45.0, 80.0, 0.02)}
 # Of pairs of one maker the pose itself; there, the hand's housing encloses the flange.
 MAKERS = {("panda", "panda_gripper"): trimesh.transformations.rotation_matrix(np.radians(-45.0), (0.0, 0.0, 1.0))}
 GAP = 0.002  # [m] between the flange's plane and the hand: an adapter plate, and no overlap by rounding
@@ -84,10 +86,12 @@ def default_mount(arm: Arm, hand: Hand) -> Float[np.ndarray, "4 4"]:
     A hand with a base, such as a forearm, stands on the flange by the axis of the base that is nearest the fingers. Of
     the named pairs it is turned and tilted by `WEDGES`. The hand begins 2 mm in front of the flange's plane;
     the middle of its base's or palm's side there lies on the flange's axis. The room behind a tilted hand is a wedge's.
+    On a bracket (`BRACKETS`) base or palm begin 2 mm in front of the flange's plane, beside its axis.
     """
     if (arm.name, hand.name) in MAKERS:
         return MAKERS[arm.name, hand.name].copy()
-    turn, tilt = WEDGES.get((arm.name, hand.name), (0.0, 0.0))
+    bracket = BRACKETS.get((arm.name, hand.name))
+    turn, tilt = bracket[:2] if bracket else WEDGES.get((arm.name, hand.name), (0.0, 0.0))
     poses, axis, normal = _at_rest(hand)
     T_flange_mount = np.eye(4)
     wedge = Rotation.from_euler("ZY", [turn, tilt], degrees=True).as_matrix()
@@ -95,6 +99,13 @@ def default_mount(arm: Arm, hand: Hand) -> Float[np.ndarray, "4 4"]:
     points = trimesh.transform_points(_hand_points(hand, poses), T_flange_mount)
     held = hand.link_meshes[_mount_index(hand)].vertices
     held = trimesh.transform_points(held, T_flange_mount) if len(held) else points
+    if bracket:
+        fingers = T_flange_mount[:3, :3] @ axis
+        rear = held[held @ fingers < (held @ fingers).min() + REAR]
+        T_flange_mount[:2, 3] = bracket[2] * fingers[:2] / np.linalg.norm(fingers[:2])
+        T_flange_mount[:2, 3] -= (rear.min(axis=0) + rear.max(axis=0))[:2] / 2
+        T_flange_mount[2, 3] = GAP - held[:, 2].min()
+        return T_flange_mount
     rear = held[held[:, 2] < held[:, 2].min() + REAR]
     T_flange_mount[:2, 3] = -(rear.min(axis=0) + rear.max(axis=0))[:2] / 2
     T_flange_mount[2, 3] = GAP - points[:, 2].min()
