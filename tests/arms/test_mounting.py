@@ -51,7 +51,9 @@ def test_the_hand_continues_the_flange_and_does_not_reach_behind_it(robot):
     turn, tilt = np.radians([turn, tilt])
     axis = np.array([np.sin(tilt) * np.cos(turn), np.sin(tilt) * np.sin(turn), np.cos(tilt)])
     if out:
-        assert (points @ axis).min() == pytest.approx(out * np.sin(tilt) + GAP * np.cos(tilt), abs=0.005)
+        assert (points @ axis).min() == pytest.approx(
+            out * np.sin(tilt) + robot.T_flange_mount[2, 3] * np.cos(tilt), abs=1e-3
+        )
     assert way @ axis / np.linalg.norm(way) > np.cos(np.radians(40.0))  # the Lite's palm is tilted by 40 deg itself
 
 

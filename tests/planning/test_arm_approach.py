@@ -1,5 +1,6 @@
 """An arm's way to a configuration of its hand: it leads there, and nothing is touched on it."""
 
+import itertools
 from dataclasses import replace
 
 import numpy as np
@@ -68,7 +69,7 @@ def test_nothing_is_touched_on_the_way(found, robot, block_scene):
     """Exact distances of all points of arm and hand, in steps of 0.02 rad."""
     vertices, entry = found
     positions = [vertices[:1]]
-    for start, end in zip(vertices[:-1], vertices[1:], strict=True):
+    for start, end in itertools.pairwise(vertices):
         count = int(np.ceil(np.abs(end - start).max() / 0.02))
         positions.append(start + np.linspace(0.0, 1.0, count + 1)[1:, None] * (end - start))
     floor, block = ExactDistance(block_scene.environment_mesh), ExactDistance(block_scene.object_in_world())
@@ -97,7 +98,7 @@ def test_ways_into_the_open_are_free_and_end_there(approach, boxy_hand, block_sc
     hand = approach.hand_ways(touching)
     for way in exits(boxy_hand, block_scene, hand.waiting, seed=0):
         assert hand.waiting.check.clearances(way[:1]).distance.min() >= OPEN
-        assert all(hand.waiting.check.free(one, other) for one, other in zip(way[:-1], way[1:], strict=True))
+        assert all(hand.waiting.check.free(one, other) for one, other in itertools.pairwise(way))
 
 
 def test_in_a_closed_box_there_is_no_way_out(boxy_hand, scene_of, touching):
@@ -179,5 +180,5 @@ def test_stations_are_as_near_as_asked(approach, touching):
     hand = approach.hand_ways(touching)
     rows = stations(hand.waiting.space, hand.ways[0], spacing=0.01)
     np.testing.assert_allclose(rows[[0, -1]], hand.ways[0][[0, -1]])
-    steps = [hand.waiting.space.displacement(one, other) for one, other in zip(rows[:-1], rows[1:], strict=True)]
+    steps = [hand.waiting.space.displacement(one, other) for one, other in itertools.pairwise(rows)]
     assert max(steps) <= 0.01 + 1e-9
