@@ -140,7 +140,9 @@ class ArmApproach:
         start = np.repeat(contact[None, : self.robot.arm.num_joints], len(q), axis=0)
         positions, reached = self.followed(q, start)
         positions[:, 0] = contact
-        found, short, failed = [], [], NoWay(self._contact, "")
+        found: list[Entry] = []
+        short: list[Entry] = []
+        failed = NoWay(self._contact, "")
         for way, count, path in zip(positions, reached.tolist(), states, strict=True):
             near = np.flatnonzero(self._arm.of(way[:count], stop=CLEARANCE) < CLEARANCE)
             end = int(near[0]) if len(near) else count
