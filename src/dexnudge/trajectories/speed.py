@@ -9,6 +9,7 @@ from dexnudge.arms.arm import JointLimits
 
 GRID = 100  # places at least along a way at which limits are kept exactly
 GRID_OF_PIECE = 12  # and at least along each polynomial: with 6, accelerations exceed limits by 5 % between them
+LARGEST_GRID = 600  # places, unless two of a polynomial are more: of short ones, as between stations, few are enough
 TINY = 1e-9  # [rad] by which q' is at least, in place of zero: a joint that does not move bounds nothing
 SLOWEST = 1e-6  # of the greatest x: rounding never brings a motion to a halt
 ROUNDING = 1e-9  # by which x is reduced beyond a crossing, so that it lies on the right side of it
@@ -41,7 +42,8 @@ def fastest_profile(way: PPoly | BSpline, breaks: Float[np.ndarray, " knot"], li
     breaks: of s, between which the way is a polynomial; they are places of the grid, between which s(t) is quadratic.
     """
     lengths = np.diff(breaks)
-    parts = np.maximum(GRID_OF_PIECE, np.ceil(lengths * (GRID / lengths.sum()))).astype(int)
+    least = np.clip(LARGEST_GRID // len(lengths), 2, GRID_OF_PIECE)
+    parts = np.maximum(least, np.ceil(lengths * (GRID / lengths.sum()))).astype(int)
     starts = zip(breaks[:-1], lengths, parts, strict=True)
     grid = np.r_[
         np.concatenate([start + length * np.arange(part) / part for start, length, part in starts]), breaks[-1]
