@@ -12,6 +12,7 @@ from dataclasses import dataclass
 import numpy as np
 from jaxtyping import Float, Int
 
+from dexnudge.geometry.disk_cache import cached_array
 from dexnudge.geometry.warp_runtime import wp
 from dexnudge.hands.hand import LinkPoints
 from dexnudge.hands.kinematics import KinematicTree, place_links
@@ -34,31 +35,32 @@ class PointBalls:
 
 
 def point_balls(points: LinkPoints) -> PointBalls:
-    """Nested balls over the points; the outermost ones hold a whole link each."""
-    balls: list[tuple[int, float]] = []
-    following: list[int] = []
+    """Nested balls over the points; the outermost ones hold a whole link each. Kept on disk: a hand's take a second."""
+    rows = cached_array("nested balls 1", [points.points, points.link], lambda: _nested_balls(points))
+    centres = rows[:, 0].astype(np.int64)
+    return PointBalls(
+        points.points[centres], rows[:, 1], points.link[centres].astype(np.int32), rows[:, 2].astype(np.int32)
+    )
+
+
+def _nested_balls(points: LinkPoints) -> Float[np.ndarray, "ball 3"]:
+    """Return for each ball the point at its centre, its radius [m], and the ball that follows."""
+    balls: list[list[float]] = []
 
     def add(members: Int[np.ndarray, " n"]) -> None:
         own = points.points[members]
         middle = 0.5 * (own.min(axis=0) + own.max(axis=0))
         centre = int(np.argmin(np.linalg.norm(own - middle, axis=1)))
-        index = len(balls)
-        balls.append((int(members[centre]), float(np.linalg.norm(own - own[centre], axis=1).max())))
-        following.append(0)
+        ball = [float(members[centre]), float(np.linalg.norm(own - own[centre], axis=1).max()), 0.0]
+        balls.append(ball)
         if len(members) > 1:
             for part in _split(points.points, members):
                 add(part)
-        following[index] = len(balls)
+        ball[2] = len(balls)
 
     for link in np.unique(points.link):
         add(np.flatnonzero(points.link == link))
-    centres = np.array([centre for centre, _ in balls])
-    return PointBalls(
-        points.points[centres],
-        np.array([radius for _, radius in balls]),
-        points.link[centres].astype(np.int32),
-        np.array(following, dtype=np.int32),
-    )
+    return np.array(balls).reshape(-1, 3)
 
 
 def joined_balls(parts: Sequence[PointBalls]) -> PointBalls:

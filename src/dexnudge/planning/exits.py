@@ -15,6 +15,7 @@ OPEN = 0.03  # [m] of clearance with which a hand counts as being in the open
 FARTHEST = 0.50  # [m] from where it waits
 STEP = 0.02  # [m] between the places that are looked at
 BELOW = -0.3  # z of a direction below which it is not tried: arms come from above or from a side
+MOST_WAITING = 4  # places that are looked at, the preferred ones first
 MOST_ENDS = 6  # in the open, of straight ways that are blocked, to which a way around is sought
 BUDGET = 6_000  # states of the hand that RRT-Connect may look at
 
@@ -28,11 +29,12 @@ def exits(hand: Hand, scene: Scene, waiting: Waiting, *, seed: int) -> list[Stat
     distances = np.arange(STEP, FARTHEST + STEP / 2, STEP)
     free: list[tuple[float, States]] = []
     blocked: list[tuple[float, States]] = []
-    for state, rotation in zip(waiting.states, matrices(waiting.states), strict=True):
+    nearest = waiting.states[:MOST_WAITING]
+    for state, rotation in zip(nearest, matrices(nearest), strict=True):
         for direction in _directions(hand, rotation, scene.motion):
             states = np.repeat(state[None], len(distances), axis=0)
             states[:, :3] += distances[:, None] * direction
-            room = waiting.check.clearances(states).distance.min(axis=1)
+            room = waiting.check.clearances(states, stop=waiting.check.clearance).distance.min(axis=1)
             roomy = np.flatnonzero(room >= OPEN)
             if len(roomy):
                 end = int(roomy[0])
