@@ -9,6 +9,8 @@ from scipy.spatial.transform import Rotation
 import dexnudge as dn
 from dexnudge.arms.mounting import BRACKETS, DEEPEST, GAP, MAKERS, WEDGES
 
+from .made_up import LIMITS, joint, link, six_axis_urdf
+
 HANDS = ("shadow_lite", "allegro", "panda_gripper")
 OVER = np.diag([1.0, -1.0, -1.0, 1.0])  # the hand's head over heels
 
@@ -122,3 +124,24 @@ def test_a_base_stands_where_it_is_put(panda):
     np.testing.assert_allclose(there.flange_poses(there.home[None])[0], T @ at_home, atol=1e-12)
     with pytest.raises(dn.ArmError, match="T_world_base"):
         dn.load_arm("panda", base=np.ones((4, 4)))
+
+
+SIDEWAYS = '<link name="ee"/>' + joint("ee_mount", "l6", "ee", ("0 0 0.06", "0 1.5707963 0"), "", "fixed")
+
+
+def test_along_the_last_joint_where_the_flange_does_not_point_out(described):
+    arm = dn.load_arm(described(six_axis_urdf(extra=SIDEWAYS), {"flange": "ee", "home": [0.1] * 6, "limits": LIMITS}))
+    straight = dn.load_arm(described(six_axis_urdf(), {"flange": "tool0", "home": [0.1] * 6, "limits": LIMITS}))
+    hand = dn.load_hand("allegro")
+    fingers = [
+        robot.T_flange_mount[:3, :3] @ hand.finger_axis for robot in (dn.mount(arm, hand), dn.mount(straight, hand))
+    ]
+    np.testing.assert_allclose(fingers, [[-1.0, 0.0, 0.0], [0.0, 0.0, 1.0]], atol=1e-3)
+
+
+def test_a_hand_stands_in_front_of_what_reaches_beyond_the_flange(described):
+    collar = link("collar", "0.1 0.1 0.04") + joint("collar_mount", "l6", "collar", ("0 0 0.1", "0 0 0"), "", "fixed")
+    arm = dn.load_arm(described(six_axis_urdf(extra=collar), {"flange": "tool0", "home": [0.1] * 6, "limits": LIMITS}))
+    robot = dn.mount(arm, dn.load_hand("allegro"))
+    points = hand_points(robot, np.concatenate([arm.home, robot.hand.apart]))
+    assert 0.055 < points[:, 2].min() < 0.07  # the collar ends 60 mm in front of the flange

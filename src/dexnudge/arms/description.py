@@ -56,8 +56,8 @@ def arm_from_description(
         notes.append(f"the flange is '{flange}'; 'flange' in the arm's YAML names another")
     if abs(float(last_axis(tree, flange)[2])) < ALONG:
         notes.append(
-            f"the z-axis of '{flange}' does not lie along the last joint: hands are mounted along it; is another link the "
-            "flange?"
+            f"the z-axis of '{flange}' does not lie along the last joint's: unless told otherwise, hands are mounted along "
+            "the axis that does; is another link the flange?"
         )
     names = tuple(joint.name for joint in _independent(tree, flange))
     limits = _limits(tree, names, config, where, path)
@@ -97,7 +97,7 @@ def _with_hulls(tree: Tree, path: Path, config: ArmConfig, packages: Mapping[str
     if not bare or config.geometry is not None:
         return tree
     try:
-        shown = read_robot_tree(path, GEOMETRIES[1], packages=packages, link=config.flange).links
+        shown = read_robot_tree(path, GEOMETRIES[1], packages=packages, link=config.flange, only=bare).links
     except HandError:  # what is only to be looked at may be missing, or of a kind that is not read
         return tree
     hulls = {link: shown[link].convex_hull for link in bare if link in shown and len(shown[link].faces)}

@@ -11,6 +11,7 @@ from jaxtyping import Float
 from scipy.spatial.transform import Rotation
 
 from dexnudge.arms.arm import Arm, rigid_pose
+from dexnudge.arms.flange import last_axis
 from dexnudge.arms.robot import Robot
 from dexnudge.errors import ArmError, check_kind
 from dexnudge.geometry.overlap import deepest_overlap
@@ -31,6 +32,7 @@ BRACKETS: dict[tuple[str, str], tuple[float, float, float]] = {("panda", "shadow
 MAKERS = {("panda", "panda_gripper"): trimesh.transformations.rotation_matrix(np.radians(-45.0), (0.0, 0.0, 1.0))}
 GAP = 0.002  # [m] between the flange's plane and the hand: an adapter plate, and no overlap by rounding
 REAR = 0.02  # [m] of what is held, next to the flange: its middle lies on the flange's axis
+STEP, MOST_STEPS = 0.005, 21  # [m] by which the hand moves out where the arm's geometry reaches beyond its flange
 SHORTEST_COLUMN, COLUMN_RADIUS = 0.02, 0.025  # [m] what stands between the flange and a hand farther out than that
 COLUMN_SIDES = 24
 SNAP = np.cos(np.radians(15.0))  # a mount whose axis is that near the fingers' is screwed on along it; a base always is
@@ -69,12 +71,13 @@ def mount(arm: Arm, hand: Hand, T_flange_mount: Any = None) -> Robot:
 
 def _with_column(arm: Arm, hand: Hand, T_flange_mount: Float[np.ndarray, "4 4"]) -> Arm:
     """Return the arm with a column on its flange that reaches to a hand which is mounted farther out."""
-    points = trimesh.transform_points(_hand_points(hand, _at_rest(hand)[0]), T_flange_mount)
+    outward = outward_frame(arm)
+    points = trimesh.transform_points(_hand_points(hand, _at_rest(hand)[0]), np.linalg.inv(outward) @ T_flange_mount)
     length = float(points[:, 2].min()) - GAP
     if length < SHORTEST_COLUMN:
         return arm
     middle = trimesh.transformations.translation_matrix([0.0, 0.0, length / 2])
-    column = trimesh.creation.cylinder(COLUMN_RADIUS, length, sections=COLUMN_SIDES, transform=middle)
+    column = trimesh.creation.cylinder(COLUMN_RADIUS, length, sections=COLUMN_SIDES, transform=outward @ middle)
     own = arm.tree.links[arm.flange]
     links = {**arm.tree.links, arm.flange: trimesh.util.concatenate([own, column]) if len(own.faces) else column}
     return replace(arm, tree=replace(arm.tree, links=links))
@@ -83,9 +86,11 @@ def _with_column(arm: Arm, hand: Hand, T_flange_mount: Float[np.ndarray, "4 4"])
 def default_mount(arm: Arm, hand: Hand) -> Float[np.ndarray, "4 4"]:
     """Return T_flange_mount: the hand's fingers continue the flange's z-axis, its palm faces the flange's x-axis.
 
-    A hand with a base, such as a forearm, stands on the flange by the axis of the base that is nearest the fingers. Of
-    the named pairs it is turned and tilted by `WEDGES`. The hand begins 2 mm in front of the flange's plane;
-    the middle of its base's or palm's side there lies on the flange's axis. The room behind a tilted hand is a wedge's.
+    Of a flange whose z-axis does not lie along the last joint's they continue the axis that does. A hand with a base, such
+    as a forearm, stands on the flange by the axis of the base that is nearest the fingers. Of the named pairs it is turned
+    and tilted by `WEDGES`. The hand begins 2 mm in front of the flange's plane, or up to 0.1 m farther out where the arm's
+    geometry reaches beyond it; the middle of its base's or palm's side there lies on the flange's axis. The room behind a
+    tilted hand is a wedge's.
     On a bracket (`BRACKETS`) base or palm begin 2 mm in front of the flange's plane, beside its axis.
     """
     if (arm.name, hand.name) in MAKERS:
@@ -95,7 +100,7 @@ def default_mount(arm: Arm, hand: Hand) -> Float[np.ndarray, "4 4"]:
     poses, axis, normal = _at_rest(hand)
     T_flange_mount = np.eye(4)
     wedge = Rotation.from_euler("ZY", [turn, tilt], degrees=True).as_matrix()
-    T_flange_mount[:3, :3] = wedge @ np.stack([normal, np.cross(axis, normal), axis])
+    T_flange_mount[:3, :3] = wedge @ np.stack([normal, np.cross(axis, normal), axis])  # in the outward frame, so far
     points = trimesh.transform_points(_hand_points(hand, poses), T_flange_mount)
     held = hand.link_meshes[_mount_index(hand)].vertices
     held = trimesh.transform_points(held, T_flange_mount) if len(held) else points
@@ -109,7 +114,30 @@ def default_mount(arm: Arm, hand: Hand) -> Float[np.ndarray, "4 4"]:
     rear = held[held[:, 2] < held[:, 2].min() + REAR]
     T_flange_mount[:2, 3] = -(rear.min(axis=0) + rear.max(axis=0))[:2] / 2
     T_flange_mount[2, 3] = GAP - points[:, 2].min()
-    return T_flange_mount
+    outward = outward_frame(arm)
+    for step in range(MOST_STEPS):
+        pose = outward @ trimesh.transformations.translation_matrix([0.0, 0.0, step * STEP]) @ T_flange_mount
+        if not any(_overlaps(Robot(arm, hand, pose))):
+            return np.asarray(pose)
+    return np.asarray(outward @ T_flange_mount)
+
+
+def outward_frame(arm: Arm) -> Float[np.ndarray, "4 4"]:
+    """Return a frame in the flange's: z along that axis of the flange that is nearest the last joint's, out of the arm."""
+    axis = last_axis(arm.tree, arm.flange)
+    nearest = int(np.abs(axis).argmax())
+    if nearest == 2:
+        return np.eye(4)
+    poses = arm.link_poses(arm.home)
+    flange = np.linalg.inv(poses[arm.flange])
+    still = _rigid(arm)
+    meshes = [(link, mesh) for link, mesh in arm.tree.links.items() if link not in still]
+    behind = [trimesh.transform_points(mesh.vertices, flange @ poses[link]) for link, mesh in meshes if len(mesh.faces)]
+    z = np.eye(3)[nearest] * (-1.0 if behind and np.concatenate(behind[-2:])[:, nearest].mean() > 0 else 1.0)
+    x = np.eye(3)[(nearest + 1) % 3]
+    outward = np.eye(4)
+    outward[:3, :3] = np.stack([x, np.cross(z, x), z], axis=1)
+    return outward
 
 
 def _mount_index(hand: Hand) -> int:

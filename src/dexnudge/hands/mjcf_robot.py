@@ -4,7 +4,7 @@ That is: joints of the topmost body, which are an arm's first, or its rail; site
 motors; joints that follow others; the angles of the keyframe "home".
 """
 
-from collections.abc import Mapping
+from collections.abc import Collection, Mapping
 from dataclasses import replace
 from pathlib import Path
 
@@ -21,8 +21,12 @@ GROUND = "ground"  # the link below the joints of the topmost body; "world" is M
 HOME = "home"
 
 
-def mjcf_robot_tree(path: Path, geometry: str, packages: Mapping[str, Path | str], link: str | None) -> Tree:
+def mjcf_robot_tree(
+    path: Path, geometry: str, packages: Mapping[str, Path | str], link: str | None, only: Collection[str] | None = None
+) -> Tree:
     """Return the tree of an MJCF file that holds a link or site, or else the one of most joints.
+
+    geometry: that is read, of all links or of some `only`.
 
     Raises:
         HandError: the file cannot be read, or has no bodies.
@@ -31,7 +35,12 @@ def mjcf_robot_tree(path: Path, geometry: str, packages: Mapping[str, Path | str
     model = compiled_model(path, packages, notes)
     root = _root(model, link)
     collides = (model.geom_contype | model.geom_conaffinity) != 0
-    tree = body_tree(model, path.stem, root, lambda geom: bool(collides[geom]) == (geometry == "collision"))
+
+    def wanted(geom: int) -> bool:
+        of_these = only is None or body_name(model, int(model.geom_bodyid[geom])) in only
+        return of_these and bool(collides[geom]) == (geometry == "collision")
+
+    tree = body_tree(model, path.stem, root, wanted)
     links, joints = dict(tree.links), list(tree.joints)
     if model.body_jntnum[root]:
         first = body_chain(model, root, GROUND, body_name(model, root))

@@ -1,7 +1,7 @@
 """The hands that can be asked for by name, and the one way to load any hand."""
 
 import os
-from collections.abc import Callable, Mapping
+from collections.abc import Callable, Collection, Mapping
 from dataclasses import replace
 from pathlib import Path
 from typing import Any
@@ -56,17 +56,22 @@ def read_tree(path: Path, geometry: str, *, packages: Mapping[str, Path | str] |
 
 
 def read_robot_tree(
-    path: Path, geometry: str, *, packages: Mapping[str, Path | str] | None = None, link: str | None = None
+    path: Path,
+    geometry: str,
+    *,
+    packages: Mapping[str, Path | str] | None = None,
+    link: str | None = None,
+    only: Collection[str] | None = None,
 ) -> Tree:
     """Return the whole tree, as `read_tree`, with what an arm needs: first joints and sites of an MJCF, efforts, a home.
 
-    link: one of the tree that is meant, where a file holds several.
+    link: one of the tree that is meant, where a file holds several. only: links whose geometry is read; all unless given.
     """
     if _suffix(path) == ".xml":
         from dexnudge.hands.mjcf_robot import mjcf_robot_tree
 
-        return mjcf_robot_tree(path, geometry, packages or {}, link)
-    return urdf_tree(path, geometry, packages)
+        return mjcf_robot_tree(path, geometry, packages or {}, link, only)
+    return urdf_tree(path, geometry, packages, only=only)
 
 
 PREPARED_NAME = "hand.urdf"  # the description in a prepared folder

@@ -5,7 +5,7 @@ has no geometry. Several elements of one link are taken together. Read: mesh, bo
 """
 
 from collections import Counter
-from collections.abc import Mapping
+from collections.abc import Collection, Mapping
 from dataclasses import replace
 from pathlib import Path
 from xml.etree.ElementTree import Element
@@ -53,14 +53,20 @@ def hand_from_urdf(
     return hand_from_tree(_with_geometry(structure, robot, settings.geometry, path, packages), settings, base=base)
 
 
-def urdf_tree(path: Path, geometry: str, packages: Mapping[str, Path | str] | None = None) -> Tree:
-    """Return the tree of a URDF with its "collision" or "visual" geometry.
+def urdf_tree(
+    path: Path,
+    geometry: str,
+    packages: Mapping[str, Path | str] | None = None,
+    *,
+    only: Collection[str] | None = None,
+) -> Tree:
+    """Return the tree of a URDF with its "collision" or "visual" geometry, of some links `only` where they are named.
 
     Raises:
         HandError: what `hand_from_urdf` refuses, whatever the palm.
     """
     robot = read_xml(path, root_tag="robot", expand=lambda file: expand_xacro(file, packages))
-    return _with_geometry(_structure(robot, path), robot, geometry, path, packages)
+    return _with_geometry(_structure(robot, path), robot, geometry, path, packages, only)
 
 
 def _structure(robot: Element, path: Path) -> Tree:
@@ -89,10 +95,16 @@ def _structure(robot: Element, path: Path) -> Tree:
 
 
 def _with_geometry(
-    structure: Tree, robot: Element, geometry: str, path: Path, packages: Mapping[str, Path | str] | None
+    structure: Tree,
+    robot: Element,
+    geometry: str,
+    path: Path,
+    packages: Mapping[str, Path | str] | None,
+    only: Collection[str] | None = None,
 ) -> Tree:
     links, notes = dict(structure.links), list(structure.notes)
-    for link in robot.findall("link"):
+    wanted = (link for link in robot.findall("link") if only is None or link.get("name") in only)
+    for link in wanted:
         links[str(link.get("name"))] = link_mesh(link, geometry, path, packages, notes)
     return replace(structure, links=links, notes=tuple(notes))
 
