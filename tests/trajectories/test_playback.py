@@ -77,7 +77,7 @@ def test_what_is_saved_opens_in_mujoco_and_holds_the_records(episode, tmp_path):
 @pytest.fixture(scope="module")
 def saved(block_plan, tmp_path_factory):
     folder = tmp_path_factory.mktemp("plans") / "PLAN"
-    block_plan.save(folder)
+    block_plan.save(folder, pictures=False)
     return folder
 
 

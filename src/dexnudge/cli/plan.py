@@ -50,11 +50,13 @@ class Plan(MountOptions):
     """Folder to write; unless given DIR/plan, numbered where taken."""
     overwrite: Flag = False
     """Replace an existing plan."""
+    films: Count = 1
+    """0: without plan.gif and plan.png, which take some seconds; the page plan.html is always written."""
 
     def run(self) -> int:
         """Plan, write, print."""
         check_at_least(1, top=self.top)
-        check_at_least(0, seed=self.seed)
+        check_at_least(0, seed=self.seed, films=self.films)
         from dexnudge.arms.registry import load_arm
         from dexnudge.arms.standing import default_base
         from dexnudge.cli.arm_options import typed_pose
@@ -81,9 +83,9 @@ class Plan(MountOptions):
             except PlanningError as error:
                 bars.stop()
                 return self._failed(error, out)
-        found.save(out, overwrite=self.overwrite)
+        found.save(out, overwrite=self.overwrite, pictures=self.films > 0)
         _print(found)
-        say(f"written: {out}", f"play it: dexnudge execute {out}")
+        say(f"written: {out}", f"watch it: {out / 'plan.html'}", f"play it: dexnudge execute {out}")
         return 0
 
     def _failed(self, error: Exception, out: Path) -> int:

@@ -1,11 +1,9 @@
 """What came of playing configurations out in physics: watched, saved, and judged by its outcome."""
 
-import shutil
 import warnings
 from collections.abc import Mapping, Sequence
 from dataclasses import asdict, dataclass
 from pathlib import Path
-from tempfile import TemporaryDirectory
 from typing import Any
 from xml.etree import ElementTree
 
@@ -13,7 +11,7 @@ import numpy as np
 
 from dexnudge.errors import InputError, check_kind
 from dexnudge.execution.executor import Execution, Executor
-from dexnudge.execution.film import ANIMATION_FILE, PAGE_FILE, STRIP_FILE, film_of_trace, write_film
+from dexnudge.execution.film import film_of_trace, save_film, write_film
 from dexnudge.execution.slide_grasp_lift import GRASP_DRAWS, Attempt, SlideGraspLift, SlideGraspLiftResult
 from dexnudge.jobs.folders import new_folder
 from dexnudge.jobs.provenance import machine, versions
@@ -32,7 +30,6 @@ MODEL_FILE = "scene.xml"
 EPISODE_FILES = (SUMMARY, "configuration_*.npz", "configuration_*/film.*")
 """What else a folder of episodes consists of, as patterns of paths."""
 KEY_INTERVAL = 0.25  # [s] between two key frames
-FILM_FILES = {".gif": ANIMATION_FILE, ".png": STRIP_FILE, ".html": PAGE_FILE}
 
 
 @dataclass(frozen=True, eq=False, repr=False)
@@ -122,13 +119,7 @@ class Episode:
             InputError: another suffix, or nothing could be played.
             OutputError: the file cannot be written.
         """
-        path = Path(path)
-        if path.suffix not in FILM_FILES:
-            raise InputError(f"`path` is {path}; expected a name that ends in {', '.join(FILM_FILES)}")
-        with TemporaryDirectory() as folder:
-            write_film(self.recording(title), Path(folder), pictures=path.suffix != ".html")
-            shutil.copyfile(Path(folder) / FILM_FILES[path.suffix], path)
-        return path
+        return save_film(self.recording(title), path)
 
     def save(self, folder: Path | str, *, overwrite: bool = False, pictures: bool = True) -> Path:
         """Write scene.xml, the trace, the film and summary.json into a new folder, as `dexnudge execute` does.

@@ -1,13 +1,16 @@
 """An execution as a film: what its trace holds, drawn by the hand's own forward kinematics."""
 
+import shutil
 from collections.abc import Sequence
 from dataclasses import replace
 from pathlib import Path
+from tempfile import TemporaryDirectory
 
 import numpy as np
-from jaxtyping import Float
+from jaxtyping import Float, Int
 from scipy.spatial.transform import Rotation
 
+from dexnudge.errors import InputError, OutputError, check_path
 from dexnudge.geometry.meshes import centre_of_mass
 from dexnudge.scenes.scene import Scene
 from dexnudge.simulation.hand_path import PHASES, SETTLE
@@ -15,10 +18,12 @@ from dexnudge.simulation.model import SimulationModel
 from dexnudge.simulation.rollout import Trace
 from dexnudge.viewer.page import write_recording_page
 from dexnudge.viewer.recording import Curve, Recording
-from dexnudge.viewer.recording_picture import write_recording_pictures
+from dexnudge.viewer.recording_picture import STRIP_PICTURES, write_recording_pictures
 from dexnudge.viewer.visual_scene import VisualScene, visual_scenes
 
-PAGE_FILE, STRIP_FILE, ANIMATION_FILE = "film.html", "film.png", "film.gif"
+PAGE_FILE = "film.html"
+FILM = Path(PAGE_FILE).stem
+FILM_SUFFIXES = (".gif", ".png", ".html")
 
 
 def film_of_trace(
@@ -52,25 +57,64 @@ def film_of_trace(
     }
     drawn = visual_scenes(scene, simulation.hand, simulation.configurations(trace.qpos))
     frames = [
-        _frame(frame, pose, moving=index < pushing)
+        with_object_at(frame, pose, moving=index < pushing)
         for index, (frame, pose) in enumerate(zip(drawn, poses, strict=True))
     ]
     return Recording(frames, trace.time, tuple(phases), charts, title, subtitle)
 
 
-def write_film(film: Recording, folder: Path, *, pictures: bool = True) -> None:
+def write_film(
+    film: Recording,
+    folder: Path,
+    *,
+    name: str = FILM,
+    pictures: bool = True,
+    moments: Int[np.ndarray, " chosen"] | None = None,
+) -> None:
     """Write the page and, unless `pictures` is off, the strip and the animation into a folder, made where it is missing.
+
+    The files are `name` with .html, .png and .gif; the strip shows `moments`, or what is eventful.
 
     Raises:
         OutputError: a file cannot be written.
     """
     folder.mkdir(parents=True, exist_ok=True)
-    write_recording_page(film, folder / PAGE_FILE)
+    write_recording_page(film, folder / f"{name}.html")
     if pictures:
-        write_recording_pictures(film, folder / STRIP_FILE, folder / ANIMATION_FILE)
+        write_recording_pictures(film, folder / f"{name}.png", folder / f"{name}.gif", moments=moments)
 
 
-def _frame(frame: VisualScene, T_world_object: Float[np.ndarray, "4 4"], *, moving: bool) -> VisualScene:
-    """Return the frame with the object where it is then, and the arrow only while it shall move."""
+def save_film(film: Recording, path: Path | str, *, moments: Int[np.ndarray, " chosen"] | None = None) -> Path:
+    """Write a film as an animation (.gif), a strip of pictures (.png), or a 3-D page to play (.html); see `write_film`.
+
+    Raises:
+        InputError: another suffix.
+        OutputError: the file cannot be written.
+    """
+    check_path("path", path)
+    path = Path(path)
+    if path.suffix not in FILM_SUFFIXES:
+        raise InputError(f"`path` is {path}; expected a name that ends in {', '.join(FILM_SUFFIXES)}")
+    with TemporaryDirectory() as folder:
+        written = Path(folder, FILM).with_suffix(path.suffix)
+        if path.suffix == ".html":
+            write_recording_page(film, written)
+        else:
+            # Of the animation two pictures are enough where only the strip is wanted.
+            some = 2 if path.suffix == ".png" else None
+            shown = film.eventful(STRIP_PICTURES) if moments is None else moments
+            strip, animation = (Path(folder, FILM).with_suffix(suffix) for suffix in (".png", ".gif"))
+            write_recording_pictures(film, strip, animation, pictures=some, moments=shown)
+        try:
+            shutil.copyfile(written, path)
+        except OSError as error:
+            raise OutputError(
+                f"the film {path} cannot be written: {error}; expected a folder that exists and is writable"
+            ) from error
+    return path
+
+
+def with_object_at(frame: VisualScene, T_world_object: Float[np.ndarray, "4 4"], *, moving: bool) -> VisualScene:
+    """Return a frame with the object where it is then, and the arrow only while it shall move."""
     parts = (replace(part, T_world_part=T_world_object) if part.role == "object" else part for part in frame.parts)
     return replace(frame, parts=tuple(parts), motion=frame.motion if moving else np.zeros(3))

@@ -74,12 +74,28 @@ class Plan:
     length: float
     seconds: dict[str, float] = field(default_factory=dict)
 
-    def save(self, path: Path | str, *, overwrite: bool = False) -> None:
+    def film(self, path: Path | str, *, title: str = "") -> Path:
+        """Write arm, hand and object through the phases: an animation (.gif), a strip of pictures (.png), a page (.html).
+
+        The strip has a picture for the end of each phase, under it hand and object from near; the page plays in a browser.
+
+        Raises:
+            InputError: another suffix.
+            OutputError: the file cannot be written.
+        """
+        from dexnudge.execution.film import save_film
+        from dexnudge.trajectories.plan_film import ends_of_phases, film_of_plan
+
+        film = film_of_plan(self, title=title)
+        return save_film(film, path, moments=ends_of_phases(self, film))
+
+    def save(self, path: Path | str, *, overwrite: bool = False, pictures: bool = True) -> None:
         """Write a folder for controllers, simulators and readers (docs/plan_format.md); what `load_plan` reads.
 
         Args:
             path: the folder to make; or a file that ends in .json: plan.json alone, for controllers.
             overwrite: replace a plan that stands there.
+            pictures: draw plan.gif and plan.png, which takes some seconds; plan.html is always there.
 
         Raises:
             InputError: numbers that no controller may be given: not finite, or outside the joints' limits.
@@ -88,7 +104,7 @@ class Plan:
         """
         from dexnudge.trajectories.plan_folder import save_plan
 
-        save_plan(self, path, overwrite=overwrite)
+        save_plan(self, path, overwrite=overwrite, pictures=pictures)
 
     def execute(self) -> "PlanEpisode":
         """Play the plan out in MuJoCo by the motors of arm and hand; nothing else moves them.

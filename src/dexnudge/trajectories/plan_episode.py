@@ -1,17 +1,14 @@
 """What came of playing a plan in physics: judged, watched, saved."""
 
-import shutil
 from dataclasses import dataclass, fields
 from pathlib import Path
-from tempfile import TemporaryDirectory
 from typing import Any
 
 import numpy as np
 from jaxtyping import Bool
 
-from dexnudge.errors import InputError
-from dexnudge.execution.episode import EPISODE_FILES, FILM_FILES, MODEL_FILE, provenance, write_model
-from dexnudge.execution.film import film_of_trace, write_film
+from dexnudge.execution.episode import EPISODE_FILES, MODEL_FILE, provenance, write_model
+from dexnudge.execution.film import film_of_trace, save_film, write_film
 from dexnudge.jobs.folders import new_folder
 from dexnudge.planning.outcomes import Outcome
 from dexnudge.results.folder import write_summary
@@ -25,7 +22,7 @@ from dexnudge.viewer.recording import Recording
 TRACE_FILE, FILM_FOLDER = "plan.npz", "plan"
 PLAN_EPISODE_FILES = (*EPISODE_FILES, TRACE_FILE, f"{FILM_FOLDER}/film.*")
 """What else a folder of an executed plan consists of, as patterns of paths."""
-PUSH_PHASES = ("pre-contact", "contact", "squeeze", "push", "retreat")  # judged together: what lifts is no push
+PUSH_PHASES = ("pre-contact", "contact", "squeeze", "push")  # in which the arrow shows where the object shall go
 
 
 @dataclass(frozen=True, eq=False, repr=False)
@@ -97,13 +94,7 @@ class PlanEpisode:
             InputError: another suffix.
             OutputError: the file cannot be written.
         """
-        path = Path(path)
-        if path.suffix not in FILM_FILES:
-            raise InputError(f"`path` is {path}; expected a name that ends in {', '.join(FILM_FILES)}")
-        with TemporaryDirectory() as folder:
-            write_film(self.recording(title), Path(folder), pictures=path.suffix != ".html")
-            shutil.copyfile(Path(folder) / FILM_FILES[path.suffix], path)
-        return path
+        return save_film(self.recording(title), path)
 
     def save(self, folder: Path | str, *, overwrite: bool = False, pictures: bool = True) -> Path:
         """Write scene.xml, the trace plan.npz, the film and summary.json into a new folder, as `dexnudge execute` does.

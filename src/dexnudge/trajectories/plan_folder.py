@@ -4,6 +4,7 @@ plan.json    trajectory, phases, limits, frames (docs/plan_format.md)     plan.c
 plan.mcap    the same for ROS 2                                           README.md   how to play it
 robot/       arm and hand as robot.urdf and robot.xml, with meshes        scene/      as in a result folder
              world.xml: robot, object and surroundings for MuJoCo, as `execute` plays them
+plan.html    to look at and to play                      plan.gif, plan.png   the same as pictures
 """
 
 import csv
@@ -15,6 +16,7 @@ import numpy as np
 
 from dexnudge.arms.export import ROBOT_FILES, export_robot
 from dexnudge.errors import OutputError, check_kind, check_path
+from dexnudge.execution.film import write_film
 from dexnudge.jobs.folders import new_folder, replace_atomically
 from dexnudge.jobs.json_files import path_inside
 from dexnudge.scenes.files import SCENE_FILES
@@ -22,6 +24,7 @@ from dexnudge.scenes.scene import Scene
 from dexnudge.simulation.robot_model import robot_model
 from dexnudge.trajectories.mcap import write_mcap
 from dexnudge.trajectories.plan import JointTrajectory, Plan
+from dexnudge.trajectories.plan_film import ends_of_phases, film_of_plan
 from dexnudge.trajectories.plan_json import plan_text, rounded
 from dexnudge.trajectories.plan_reader import (
     parse_plan_json,
@@ -34,9 +37,9 @@ from dexnudge.trajectories.robot_files import check_effort, check_joints, check_
 
 PLAN, CSV, MCAP, README = "plan.json", "plan.csv", "plan.mcap", "README.md"
 ROBOT, SCENE = "robot", "scene"  # folders
-PAGE, FILM, WORLD_XML = "plan.html", "plan.gif", "world.xml"
+FILM, WORLD_XML = "plan", "world.xml"
 PLAN_FILES = (
-    *(CSV, MCAP, README, PAGE, FILM, f"{ROBOT}/{WORLD_XML}"),
+    *(CSV, MCAP, README, f"{FILM}.html", f"{FILM}.gif", f"{FILM}.png", f"{ROBOT}/{WORLD_XML}"),
     *(f"{ROBOT}/{file}" for file in ROBOT_FILES),
     *(f"{SCENE}/{file}" for file in SCENE_FILES),
 )
@@ -44,7 +47,7 @@ PLAN_FILES = (
 TEMPLATE = Path(__file__).with_name("plan_readme.md")
 
 
-def save_plan(plan: Plan, path: Path | str, *, overwrite: bool = False) -> None:
+def save_plan(plan: Plan, path: Path | str, *, overwrite: bool = False, pictures: bool = True) -> None:
     """Write a plan's folder, or plan.json alone where `path` ends in .json; see `Plan.save`.
 
     Raises:
@@ -75,6 +78,8 @@ def save_plan(plan: Plan, path: Path | str, *, overwrite: bool = False) -> None:
         (folder / CSV).write_text(csv_text(plan.robot.joint_names, trajectory), encoding="utf-8")
         write_mcap(plan, trajectory, folder / MCAP)
         (folder / README).write_text(_readme(plan), encoding="utf-8")
+        film = film_of_plan(plan, title="plan")
+        write_film(film, folder, name=FILM, pictures=pictures, moments=ends_of_phases(plan, film))
 
 
 def _check(text: str, path: Path, plan: Plan) -> None:

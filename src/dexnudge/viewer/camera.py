@@ -92,6 +92,9 @@ GLASS_HEIGHT = 120  # pixels of the picture that finds what stands in front
 GLASS_SHARE = {"object": 0.01, "hand": 0.06}  # of its pixels: a wall that hides less of both stays solid
 CONTACT_ROOM = 0.006  # [m] a contact lies between two surfaces; this much in front of it does not hide it
 MAX_WALLS = 8  # surfaces of the environment that are looked through
+FARTHER = (
+    4.0  # times as far away are trial cameras where an arm is to be seen: it takes that much more room than a hand
+)
 WEIGHTS = {"contacts": 1.0, "object": 1.0, "hand": 0.5, "base": -0.6, "sideways": 0.4, "height": -0.25}
 BEHIND_GLASS = 0.4  # worth of what is seen through the environment, against what is seen freely
 PREFERRED_ELEVATION = 32.0  # [deg] where both the top and the side of a flat object show
@@ -103,7 +106,7 @@ def choose_camera(scene: VisualScene, *, aspect: float) -> Camera:
 
     aspect: width of the picture over its height. Chosen once for each scene and aspect.
     """
-    # The base may leave the picture: it is large, and nothing happens there.
+    # Base and arm may leave the picture: they are large, and nothing happens there.
     framed = [scene.vertices("object", "link", "fingertip"), scene.arrow().mesh.vertices.reshape(-1, 3), scene.contacts]
     first_azimuth = np.arctan2(scene.motion[1], scene.motion[0]) + np.pi / AZIMUTHS
     directions = [
@@ -112,8 +115,10 @@ def choose_camera(scene: VisualScene, *, aspect: float) -> Camera:
         for turn in range(AZIMUTHS)
     ]
     points = np.concatenate(framed)
+    tangent = TAN_HALF_HEIGHT / (FARTHER if scene.with_role("arm") else 1.0)
     cameras = [
-        framing_camera(points, azimuth=azimuth, elevation=elevation, aspect=aspect) for azimuth, elevation in directions
+        framing_camera(points, azimuth=azimuth, elevation=elevation, aspect=aspect, tangent=tangent)
+        for azimuth, elevation in directions
     ]
     scores = _scores(scene, cameras, aspect)
     scores += WEIGHTS["height"] * np.repeat(np.abs(np.array(ELEVATIONS) / PREFERRED_ELEVATION - 1), AZIMUTHS)
@@ -122,7 +127,7 @@ def choose_camera(scene: VisualScene, *, aspect: float) -> Camera:
 
 def _scores(scene: VisualScene, cameras: list[Camera], aspect: float) -> Float[np.ndarray, " camera"]:
     """Return how well each camera sees what matters, by small pictures of all of them in one go."""
-    solid, hand, base = scene.triangles("object"), scene.triangles("link", "fingertip"), scene.triangles("base")
+    solid, hand, base = scene.triangles("object"), scene.triangles("link", "fingertip"), scene.triangles("base", "arm")
     walls = scene.triangles("environment", "assumed")  # what was never seen is looked through
     everything, environment = warp_mesh(np.concatenate([solid, hand, base])), warp_mesh(walls) if len(walls) else None
     positions = np.stack([camera.position for camera in cameras])

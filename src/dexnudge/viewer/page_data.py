@@ -22,7 +22,7 @@ from dexnudge.viewer.visual_scene import (
 
 ASPECT = 4 / 3  # of the stage for which the first view is chosen
 EDGE = (0.42, 0.42, 0.44)  # sRGB of the surroundings' edges
-MOVING: tuple[Role, ...] = ("object", "link", "fingertip", "base")
+MOVING: tuple[Role, ...] = ("object", "link", "fingertip", "base", "arm")
 NORMAL_SCALE = 127  # normals travel as signed bytes
 SHORT_INDEX = 65_536  # vertices that an index of two bytes can count
 

@@ -79,7 +79,9 @@ def ray_scene(
     hiding: of each part of the environment, the triangles that are glass; `hiding_faces` unless given. What was never seen
         is glass in any case.
     """
-    solid = [_triangles(part) for part in (*scene.with_role("object", "base", "link", "fingertip"), scene.arrow())]
+    solid = [
+        _triangles(part) for part in (*scene.with_role("object", "base", "arm", "link", "fingertip"), scene.arrow())
+    ]
     casting = np.concatenate(solid)
     glass, blocking = [np.zeros(0, TRIANGLE)], [casting]
     for place, part in enumerate(scene.with_role(*SURROUNDINGS)):

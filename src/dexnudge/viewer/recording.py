@@ -96,15 +96,23 @@ class Recording:
         return np.unique(np.minimum(found, len(self.frames) - 1))
 
 
-def recording_camera(recording: Recording, *, aspect: float) -> Camera:
-    """Return one camera for all moments: the best direction for the middle, as near as shows object and hand throughout."""
+def recording_camera(recording: Recording, *, aspect: float, near: bool = False) -> Camera:
+    """Return one camera for all moments: the best direction for the middle, as near as shows object and robot throughout.
+
+    Args:
+        recording: what is seen.
+        aspect: width of the picture over its height.
+        near: an arm, and a hand that is farther away than 0.25 m, may leave the picture. So may a hand without an arm.
+    """
     sampled = recording.part(recording.eventful(SAMPLES)).frames
     best = choose_camera(sampled[len(sampled) // 2], aspect=aspect)
     objects, hands = (
         np.concatenate([frame.vertices(*roles) for frame in sampled]) for roles in (("object",), ("link", "fingertip"))
     )
     low, high = objects.min(axis=0) - SURROUNDED, objects.max(axis=0) + SURROUNDED
-    near = hands[((hands >= low) & (hands <= high)).all(axis=1)]
+    arms = np.concatenate([frame.vertices("arm") for frame in sampled])
+    if near or not len(arms):
+        arms, hands = arms[:0], hands[((hands >= low) & (hands <= high)).all(axis=1)]
     arrows = [frame.arrow().mesh.vertices.reshape(-1, 3) for frame in sampled]
-    framed = np.concatenate([objects, near, *arrows])
+    framed = np.concatenate([objects, hands, arms, *arrows])
     return framing_camera(framed, azimuth=best.azimuth, elevation=best.elevation, aspect=aspect)

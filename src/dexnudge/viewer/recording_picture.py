@@ -3,7 +3,7 @@
 from pathlib import Path
 
 import numpy as np
-from jaxtyping import Bool, UInt8
+from jaxtyping import Bool, Int, UInt8
 from PIL import Image
 
 from dexnudge.errors import InputError, OutputError
@@ -20,6 +20,7 @@ PICTURE_TIME = (0.06, 0.2)  # [s] that the animation shows each picture: a long 
 LAST_PICTURE_TIME = 1.5  # [s] that it shows the last one, before it begins again
 COLOURS = 255  # of an animation's pictures together; one more is left for what did not change
 PALETTE_PICTURES = 4  # of which the colours are taken
+COARSE = 8  # levels of a channel that count as one kind of colour
 
 
 def write_recording_pictures(
@@ -28,15 +29,18 @@ def write_recording_pictures(
     animation: Path | str,
     *,
     pictures: int | None = None,
+    moments: Int[np.ndarray, " chosen"] | None = None,
     tile: tuple[int, int] = TILE,
 ) -> None:
     """Write the strip (PNG) and the animation (GIF); every picture says its time and phase.
 
     Args:
         recording: what is shown.
-        strip: up to six of the animation's moments, between which about equally much moves.
+        strip: up to six of the animation's moments, between which about equally much moves, unless `moments` are given.
+            Where there is an arm, a second row shows hand and object from near.
         animation: evenly spaced moments, in real time where the recording is not too long for that.
         pictures: of the animation, at most as many as the recording has moments; ten a second, up to 60, unless given.
+        moments: of the recording, which the strip shows.
         tile: width and height of a picture in pixels.
 
     Raises:
@@ -50,17 +54,33 @@ def write_recording_pictures(
     glass = _glass(recording, camera, aspect)
     length = float(recording.time[-1] - recording.time[0])
     animated = recording.evenly(pictures or int(np.clip(round(PICTURES_PER_SECOND * length), 2, MOST_PICTURES)))
-    wanted = recording.time[recording.eventful(STRIP_PICTURES)]
-    chosen = animated[np.unique(np.abs(recording.time[animated][:, None] - wanted).argmin(axis=0))].tolist()
+    if moments is None:
+        wanted = recording.time[recording.eventful(STRIP_PICTURES)]
+        moments = animated[np.unique(np.abs(recording.time[animated][:, None] - wanted).argmin(axis=0))]
     drawn = {
         index: render_array(recording.frames[index], size=tile, camera=camera, glass=glass)
-        for index in animated.tolist()
+        for index in np.union1d(animated, moments).tolist()
     }
     captions = {index: recording.caption(index) for index in drawn}
-    sheet = arrange([drawn[index] for index in chosen], [captions[index] for index in chosen], columns=len(chosen))
-    write_png(sheet, strip)
-    shown_for = float(np.clip(length / max(len(drawn) - 1, 1), *PICTURE_TIME))
-    _write_gif([arrange([drawn[index]], [captions[index]], columns=1) for index in drawn], shown_for, animation)
+    rows, titles = [drawn[index] for index in moments.tolist()], [captions[index] for index in moments.tolist()]
+    if recording.frames[0].with_role("arm"):
+        rows += _from_near(recording, moments, tile)
+        titles += [""] * len(moments)
+    write_png(arrange(rows, titles, columns=len(moments)), strip)
+    shown_for = float(np.clip(length / max(len(animated) - 1, 1), *PICTURE_TIME))
+    _write_gif(
+        [arrange([drawn[index]], [captions[index]], columns=1) for index in animated.tolist()], shown_for, animation
+    )
+
+
+def _from_near(
+    recording: Recording, moments: Int[np.ndarray, " chosen"], tile: tuple[int, int]
+) -> list[UInt8[np.ndarray, "height width 3"]]:
+    """Return pictures of hand and object alone."""
+    aspect = tile[0] / tile[1]
+    camera = recording_camera(recording, aspect=aspect, near=True)
+    glass = _glass(recording, camera, aspect)
+    return [render_array(recording.frames[index], size=tile, camera=camera, glass=glass) for index in moments.tolist()]
 
 
 def _glass(recording: Recording, camera: Camera, aspect: float) -> list[Bool[np.ndarray, " face"]]:
@@ -76,7 +96,11 @@ def _glass(recording: Recording, camera: Camera, aspect: float) -> list[Bool[np.
 def _write_gif(pictures: list[UInt8[np.ndarray, "height width 3"]], shown_for: float, path: Path | str) -> None:
     """Each picture is shown for so long [s], the last one longer."""
     some = [pictures[index] for index in np.linspace(0, len(pictures) - 1, PALETTE_PICTURES).astype(int)]
-    palette = Image.fromarray(np.concatenate(some)).quantize(COLOURS, method=Image.Quantize.MEDIANCUT)
+    pixels = np.concatenate(some).reshape(-1, 3)
+    # Half by area and half by kind, so that an arrow far away keeps its green.
+    kinds = np.unique(pixels[np.unique(pixels // COARSE, axis=0, return_index=True)[1]], axis=0)
+    shared = np.concatenate([pixels, np.resize(kinds, pixels.shape)])
+    palette = Image.fromarray(shared[None]).quantize(COLOURS, method=Image.Quantize.MEDIANCUT)
     frames = [Image.fromarray(picture).quantize(palette=palette, dither=Image.Dither.NONE) for picture in pictures]
     durations = [round(1e3 * shown_for)] * (len(frames) - 1) + [round(1e3 * LAST_PICTURE_TIME)]
     try:

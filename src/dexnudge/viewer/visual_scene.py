@@ -25,6 +25,7 @@ Role = Literal[
     "base",
     "link",
     "fingertip",
+    "arm",
     "glass",
     "contact",
     "arrow",
@@ -44,6 +45,7 @@ PALETTE: dict[Role, Colour] = {
     "base": (0.80, 0.82, 0.85),
     "link": (0.74, 0.77, 0.81),
     "fingertip": (0.36, 0.62, 0.82),
+    "arm": (0.82, 0.83, 0.86),
     "glass": (0.76, 0.82, 0.90),
     "contact": (1.00, 0.87, 0.10),
     "arrow": (0.10, 0.60, 0.38),
@@ -228,4 +230,6 @@ def visual_scenes(
 def _link_role(hand: Hand, name: str) -> Role:
     if name == hand.base_link:
         return "base"
+    if name in hand.coarse_links:
+        return "arm"
     return "fingertip" if name in hand.fingertip_links else "link"

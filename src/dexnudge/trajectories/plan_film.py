@@ -1,0 +1,85 @@
+"""A plan as a film: what it intends, before anything is played in physics."""
+
+import numpy as np
+from jaxtyping import Float, Int
+from scipy.spatial.transform import Rotation, Slerp
+
+from dexnudge.execution.film import with_object_at
+from dexnudge.trajectories.interpolation import at
+from dexnudge.trajectories.plan import Plan
+from dexnudge.trajectories.playback import efforts_at
+from dexnudge.viewer.recording import Curve, Recording
+from dexnudge.viewer.visual_scene import visual_scenes
+
+FRAME_TIME = 0.04  # [s] between frames: 25 a second
+
+
+def film_of_plan(plan: Plan, *, title: str = "") -> Recording:
+    """Return arm, hand and object through all phases, with the speed of the joints and of the palm.
+
+    The object rests but where a phase ends with it elsewhere: there it goes along with the palm.
+    """
+    trajectory, robot = plan.trajectory, plan.robot
+    ends = np.array([phase.end for phase in plan.phases])
+    time = np.unique(np.concatenate([np.arange(trajectory.time[0], trajectory.time[-1], FRAME_TIME), ends]))
+    joints, phase = at(trajectory, time), np.searchsorted(ends[:-1], time)
+    palm = robot.palm_poses(joints.position)
+    names = [plan.phases[index].name for index in phase]
+    objects = _object_poses(plan, time, phase, palm[:, :3, 3])
+    last_move = max((index for index, name in enumerate(names) if name == "push"), default=-1)
+    frames = [
+        with_object_at(frame, pose, moving=index <= last_move)
+        for index, (frame, pose) in enumerate(
+            zip(visual_scenes(plan.scene, robot.body, robot.coordinates(joints.position)), objects, strict=True)
+        )
+    ]
+    task = f"{1e3 * plan.length:.0f} mm in {trajectory.duration:.1f} s"
+    subtitle = f"{robot.hand.name} on {robot.arm.name}, {plan.scene.name}: {task}"
+    return Recording(frames, time, names, _charts(plan, time), title, subtitle)
+
+
+def ends_of_phases(plan: Plan, film: Recording) -> Int[np.ndarray, " phase"]:
+    """Return the frames at which the phases end."""
+    return np.searchsorted(film.time, [phase.end - 1e-9 for phase in plan.phases])
+
+
+def _charts(plan: Plan, time: Float[np.ndarray, " frame"]) -> dict[str, tuple[Curve, ...]]:
+    arm, limits, joints = plan.robot.arm.num_joints, plan.robot.limits, at(plan.trajectory, time)
+    speed = 100 * np.abs(joints.velocity) / limits.velocity
+    effort = 100 * np.abs(efforts_at(plan.trajectory, time)) / limits.effort
+    palm = plan.robot.palm_poses(joints.position)[:, :3, 3]
+    moved = 1e3 * np.linalg.norm(np.gradient(palm, time, axis=0), axis=1)
+
+    def of_both(share: Float[np.ndarray, "frame n"]) -> tuple[Curve, ...]:
+        parts = {"arm": share[:, :arm], "hand": share[:, arm:]}
+        return tuple(Curve(name, "%", part.max(axis=1, initial=0.0)) for name, part in parts.items())
+
+    return {
+        "fastest joint, of its limit": of_both(speed),
+        "palm's speed": (Curve("speed", "mm/s", moved),),
+        "torque that presses, of its limit": of_both(effort),
+    }
+
+
+def _object_poses(
+    plan: Plan, time: Float[np.ndarray, " frame"], phase: Int[np.ndarray, " frame"], palm: Float[np.ndarray, "frame 3"]
+) -> Float[np.ndarray, "frame 4 4"]:
+    """Return where the object is: between the ends of its phase, as far as the palm is on its way."""
+    starts = [plan.scene.T_world_object, *(each.T_world_object for each in plan.phases)]
+    poses = np.empty((len(time), 4, 4))
+    for index in np.unique(phase):
+        frames = np.flatnonzero(phase == index)
+        first = max(frames[0] - 1, 0)  # where the phase before it ended
+        way = palm[frames[-1]] - palm[first]
+        share = (palm[frames] - palm[first]) @ way / max(float(way @ way), 1e-12)
+        poses[frames] = _between(starts[index], starts[index + 1], share.clip(0.0, 1.0))
+    return poses
+
+
+def _between(
+    start: Float[np.ndarray, "4 4"], end: Float[np.ndarray, "4 4"], share: Float[np.ndarray, " frame"]
+) -> Float[np.ndarray, "frame 4 4"]:
+    poses = np.tile(np.eye(4), (len(share), 1, 1))
+    poses[:, :3, 3] = start[:3, 3] + share[:, None] * (end[:3, 3] - start[:3, 3])
+    poses[:, :3, :3] = Slerp([0, 1], Rotation.from_matrix([start[:3, :3], end[:3, :3]]))(share).as_matrix()
+    return poses
