@@ -80,6 +80,22 @@ def test_where_the_arm_stands_and_how_the_hand_is_mounted_count(scara, boxy_hand
     assert not Reach(scara, mount=trimesh.transformations.rotation_matrix(0.4, (0, 1, 0)))(here, block_scene).passed[0]
 
 
+def test_a_way_on_which_the_arm_is_in_the_surroundings_does_not_count(scara, boxy_hand, block_scene, tmp_path):
+    """A mast of 0.2 m on the flange, which is lifted by 3 cm before contact, under a plate 0.25 m over the floor."""
+    mast = trimesh.creation.box(bounds=[[-0.01, -0.01, 0.02], [0.01, 0.01, 0.2]])
+    arm = replace(scara, tree=replace(scara.tree, links={**scara.tree.links, "link5": mast}))
+    plate = trimesh.creation.box(bounds=[[-0.4, -0.4, 0.25], [0.4, 0.4, 0.27]])
+    roofed = replace(block_scene, environment_mesh=block_scene.environment_mesh + plate)
+    batch = hands(boxy_hand, np.full(3, 0.3), np.full(3, 0.1), np.full(3, 0.2), np.array([0.0, 0.04, 0.1]))
+    reach = Reach(arm, mount=np.eye(4))
+    assert reach(batch, block_scene).passed.tolist() == [True, True, True]
+    under = reach(batch, roofed)
+    assert under.passed.tolist() == [True, False, False]
+    assert "through the surroundings" in under.sentence
+    reach.save(tmp_path, boxy_hand)
+    np.testing.assert_array_equal(Reach.load(tmp_path)(batch, roofed).value, under.value)
+
+
 @pytest.fixture
 def samples(boxy_hand, block_scene, touching):
     """Two alike, on the block's nearer and farther half."""
@@ -115,6 +131,7 @@ def test_samples_are_ranked_by_an_arm_saved_with_it_and_checked_without(samples,
         ("T_flange_mount", [[1, 0], [0, 1]], r"mount has shape \(2, 2\)"),
         ("joints", [], "its flange is none of its links"),
         ("flange", None, "lacks the key 'flange'"),
+        ("point_joint", [0, 7], "its points do not belong to 4 joints"),
     ],
 )
 def test_a_damaged_arm_in_a_result_is_refused(samples, scara, tmp_path, key, value, message):

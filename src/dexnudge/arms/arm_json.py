@@ -11,7 +11,7 @@ import trimesh
 from dexnudge.arms.arm import Arm, JointLimits
 from dexnudge.errors import ArmError, DexnudgeError, quote
 from dexnudge.geometry.rigid import rigid_transform
-from dexnudge.hands.tree import Tree, TreeJoint, check_tree
+from dexnudge.hands.tree import Mimic, Tree, TreeJoint, check_tree
 from dexnudge.jobs.json_files import read_json_object
 
 FIXED, TURNS, SLIDES = "fixed", "revolute", "prismatic"
@@ -27,6 +27,7 @@ def write_arm(arm: Arm, path: Path, **others: Any) -> None:
             "child": joint.child,
             "origin": joint.origin.tolist(),
             "axis": joint.axis.tolist(),
+            "mimic": asdict(joint.mimic) if joint.mimic else None,
         }
         for joint in arm.tree.joints
     ]
@@ -65,7 +66,8 @@ def _arm(content: dict[str, Any]) -> Arm:
         kind, name = row["type"], str(row["name"])
         if kind not in (FIXED, TURNS, SLIDES):
             raise ValueError(f"joint '{name}' is of type {quote(kind)}; expected {FIXED}, {TURNS} or {SLIDES}")
-        moving = kind != FIXED
+        mimic = Mimic(str(row["mimic"]["leader"]), *_pair(row["mimic"])) if row["mimic"] else None
+        moving = kind != FIXED and mimic is None
         index = names.index(name) if moving else 0
         joints.append(
             TreeJoint(
@@ -74,20 +76,28 @@ def _arm(content: dict[str, Any]) -> Arm:
                 str(row["child"]),
                 rigid_transform(row["origin"], f"the origin of joint '{name}'"),
                 _numbers(row["axis"], 3),
-                fixed=not moving,
+                fixed=kind == FIXED,
                 lower=float(limits.lower[index]) if moving else 0.0,
                 upper=float(limits.upper[index]) if moving else 0.0,
+                mimic=mimic,
                 slides=kind == SLIDES,
             )
         )
     links = dict.fromkeys(link for joint in joints for link in (joint.parent, joint.child))
     tree = Tree(str(content["arm"]), {link: trimesh.Trimesh() for link in links}, tuple(joints))
     check_tree(tree)
-    if content["flange"] not in links or sum(not joint.fixed for joint in joints) != len(names):
+    if content["flange"] not in links or {each.name for each in joints if not each.fixed and each.mimic is None} != {
+        *names
+    }:
         raise ValueError("its flange is none of its links, or its joints are not those of its tree")
     home = _numbers(content["home"], len(names))
     base = rigid_transform(content["T_world_base"], "T_world_base")
     return Arm(tree.name, tree, names, limits, home, str(content["flange"]), base)
+
+
+def _pair(mimic: dict[str, Any]) -> tuple[float, float]:
+    multiplier, offset = _numbers([mimic["multiplier"], mimic["offset"]], 2).tolist()
+    return multiplier, offset
 
 
 def _numbers(values: Any, count: int) -> np.ndarray:

@@ -158,22 +158,28 @@ class Chain:
 
     def flange(self, positions: Float[np.ndarray, "pose n"]) -> FlangeState:
         """Return the state of the flange at joint angles."""
+        frames = self.frames(positions)
+        last = frames[:, -1] @ self._T_last_flange
+        before = np.concatenate([np.tile(np.eye(3), (len(frames), 1, 1, 1)), frames[:, :-1, :3, :3]], axis=1)
+        axes, slides = np.einsum("pjab,jb->pja", before, self._axis), self._slides[:, None]
+        linear = np.where(slides, axes, np.cross(axes, last[:, None, :3, 3] - frames[:, :, :3, 3]))
+        jacobian = np.concatenate([linear, np.where(slides, 0.0, axes)], axis=2).swapaxes(1, 2)
+        return FlangeState(last[:, :3, :3], last[:, :3, 3], jacobian @ self._factor)
+
+    def frames(self, positions: Float[np.ndarray, "pose n"]) -> Float[np.ndarray, "pose moving 4 4"]:
+        """Return the frame behind each of the chain's joints that move, in that of the base."""
         angles = positions @ self._factor.T + self._offset
         sine, cosine = np.sin(angles)[..., None, None], np.cos(angles)[..., None, None]
         turned = self._constant + sine * self._sine + cosine * self._cosine
         shifted = self._origin + (self._slides * angles)[..., None] * self._axis
         rotation, position = np.tile(np.eye(3), (len(positions), 1, 1)), np.zeros((len(positions), 3))
-        axes, places = np.empty((2, *angles.shape, 3))
+        frames = np.zeros((*angles.shape, 4, 4))
+        frames[..., 3, 3] = 1.0
         for joint in range(angles.shape[1]):
-            axes[:, joint] = rotation @ self._axis[joint]
             position = position + np.einsum("pab,pb->pa", rotation, shifted[:, joint])
             rotation = rotation @ turned[:, joint]
-            places[:, joint] = position
-        position = position + rotation @ self._T_last_flange[:3, 3]
-        slides = self._slides[:, None]
-        linear = np.where(slides, axes, np.cross(axes, position[:, None] - places))
-        jacobian = np.concatenate([linear, np.where(slides, 0.0, axes)], axis=2).swapaxes(1, 2)
-        return FlangeState(rotation @ self._T_last_flange[:3, :3], position, jacobian @ self._factor)
+            frames[:, joint, :3, :3], frames[:, joint, :3, 3] = rotation, position
+        return frames
 
 
 def _product(joints: Sequence[TreeJoint]) -> Float[np.ndarray, "4 4"]:

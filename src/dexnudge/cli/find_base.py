@@ -30,8 +30,8 @@ class FindBase(MountOptions):
     """Map the places around an object from which an arm reaches the verified configurations, along the motion.
 
     The base stands upright and faces the object. Writes base_map.png, base_map.npz and, of the best place, arm_base.json,
-    which --arm-base takes. Only reach is looked at, and whether the base itself is clear of the surroundings. Exit code 3:
-    no place reaches anything.
+    which --arm-base takes. What the arm would do between these places is not looked at. Exit code 3: no place reaches
+    anything.
     """
 
     folder: ResultFolder

@@ -1,9 +1,10 @@
 """How well an arm can carry a hand along a way: far from its joints' limits and from where it cannot move freely."""
 
+from collections.abc import Callable
 from dataclasses import dataclass
 
 import numpy as np
-from jaxtyping import Bool, Float
+from jaxtyping import Bool, Float, Int
 
 from dexnudge.arms.inverse_kinematics import LEVER, InverseKinematics
 
@@ -12,6 +13,7 @@ STEPS = 10  # of inverse kinematics from one station to the next
 LARGEST_TURN = 30.0  # [rad/m] of a joint by the flange's way: more is a jump to another branch
 FREELY = 0.1  # [m/rad] smallest singular value from which on the flange moves freely: 0.1 m/s ask 1 rad/s of a joint
 ROWS = 20_000  # of a batch: some 30 MB
+Blocked = Callable[[Float[np.ndarray, "row n"], Int[np.ndarray, " row"]], Bool[np.ndarray, " row"]] | None
 
 
 @dataclass(frozen=True)
@@ -33,10 +35,12 @@ def arm_margins(
     after: Float[np.ndarray, "way late 4 4"],
     *,
     starts: int = STARTS,
+    blocked: Blocked = None,
 ) -> ArmMargins:
     """Return the margins of ways of the flange, T_world_flange; each solution at contact is followed from there.
 
-    before: from contact to where the hand comes from. after: from contact to where it ends.
+    before: from contact to where the hand comes from. after: from contact to where it ends. blocked: tells at which joint
+    angles, of which ways, the arm cannot be; asked at contact and at both ends.
     """
     contact, own = after[:, 0], kinematics.starts(starts)
     margin, reached = np.zeros(len(contact)), np.zeros(len(contact), dtype=bool)
@@ -44,18 +48,25 @@ def arm_margins(
         found = kinematics.solve_all(np.repeat(contact[rows], starts, axis=0), np.tile(own, (len(rows), 1)))
         way, branches = np.repeat(rows, starts)[found.solved], found.positions[found.solved]
         reached[way] = True
+        if blocked:
+            free = ~blocked(branches, way)
+            way, branches = way[free], branches[free]
         kept = _margins(kinematics, branches)
         for stations in (before, after):
-            kept = np.minimum(kept, _followed(kinematics, stations[way], branches))
+            kept = np.minimum(kept, _followed(kinematics, stations, way, branches, blocked))
         np.maximum.at(margin, way, kept)
     return ArmMargins(margin, reached)
 
 
 def _followed(
-    kinematics: InverseKinematics, stations: Float[np.ndarray, "row station 4 4"], start: Float[np.ndarray, "row n"]
+    kinematics: InverseKinematics,
+    ways: Float[np.ndarray, "way station 4 4"],
+    way: Int[np.ndarray, " row"],
+    start: Float[np.ndarray, "row n"],
+    blocked: Blocked,
 ) -> Float[np.ndarray, " row"]:
-    """Return the least margin behind the first station; 0 where the branch ends."""
-    positions, rows, kept = start, np.arange(len(start)), np.ones(len(start))
+    """Return the least margin of each branch behind the first station; 0 where it ends, or is blocked at the last."""
+    positions, rows, kept, stations = start, np.arange(len(start)), np.ones(len(start)), ways[way]
     for before, after in zip(stations.swapaxes(0, 1), stations.swapaxes(0, 1)[1:], strict=False):
         found = kinematics.solve_all(after[rows], positions, most_steps=STEPS)
         far = np.linalg.norm(after[rows, :3, 3] - before[rows, :3, 3], axis=1)
@@ -64,6 +75,8 @@ def _followed(
         kept[rows[~on]] = 0.0
         rows, positions = rows[on], found.positions[on]
         kept[rows] = np.minimum(kept[rows], _margins(kinematics, positions))
+    if blocked:
+        kept[rows[blocked(positions, way[rows])]] = 0.0
     return kept
 
 

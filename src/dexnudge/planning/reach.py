@@ -6,18 +6,19 @@ from pathlib import Path
 from typing import Any
 
 import numpy as np
-from jaxtyping import Float
+from jaxtyping import Bool, Float
 
 from dexnudge.arms.arm import Arm
 from dexnudge.arms.arm_json import read_arm, write_arm
 from dexnudge.arms.inverse_kinematics import InverseKinematics
 from dexnudge.arms.mounting import mount
 from dexnudge.arms.robot import Robot
-from dexnudge.errors import check_kind
+from dexnudge.errors import ArmError, check_kind
 from dexnudge.geometry.rigid import rigid_transform
 from dexnudge.hands.batch import HandBatch
 from dexnudge.hands.hand import Hand
 from dexnudge.planning.arm_margin import arm_margins
+from dexnudge.planning.arm_points import ArmPoints, arm_points
 from dexnudge.planning.object_path import push_length
 from dexnudge.scenes.scene import Scene
 from dexnudge.verification.criteria import CriterionResult
@@ -36,7 +37,8 @@ class Reach:
     By inverse kinematics from eight starts, each followed from place to place. Its value is the margin in [0, 1]: the least
     along the way of the joints' distance to their limits, as a share of half their range, and of the Jacobian's smallest
     singular value, as a share of 0.1 m/rad; of the best way that an arm has, and 0 where it has none. Passed from 0.02 on.
-    Only the arm's joints are looked at, not what its links could hit.
+    Ways on which points of the arm's links are inside the surroundings, at contact or at either end, do not count. Whether
+    the whole way is free, and the arm clear of the object and of itself, is for a plan to find.
 
     Args:
         arm: the arm, where it stands.
@@ -55,25 +57,39 @@ class Reach:
         check_kind("arm", arm, Arm, 'load_arm("panda")')
         self.arm = arm
         self.mount = None if mount is None else rigid_transform(mount, "mount", unscaled="check the numbers")
-        self._kinematics = InverseKinematics(arm)
+        self._kinematics, self._points = InverseKinematics(arm), arm_points(arm)
+        self._robot: Robot | None = None  # of the hand that was asked for last
 
     def robot(self, hand: Hand) -> Robot:
         """Return the arm with the hand at its flange."""
-        return mount(self.arm, hand, self.mount)
+        if self._robot is None or self._robot.hand is not hand:
+            self._robot = mount(self.arm, hand, self.mount)
+        return self._robot
 
     def __call__(self, hands: HandBatch, scene: Scene) -> CriterionResult:
         """Judge each hand."""
-        found = arm_margins(self._kinematics, *flange_ways(self.robot(hands.hand), hands, scene))
+        found = arm_margins(
+            self._kinematics,
+            *flange_ways(self.robot(hands.hand), hands, scene),
+            blocked=lambda positions, _: self.blocked(scene, positions, self.arm.T_world_base[None]),
+        )
         if found.contact.any():
-            what = "the arm does not reach along the whole motion, or only at its joints' limits"
+            what = "the arm does not reach along the whole motion, or only at its joints' limits or through the surroundings"
         else:
             what = "the arm reaches none of the hands even at contact"
         sentence = f"{what}; move the `arm_base` (find-base shows where), turn the `mount`, or draw more (`num`)"
         return CriterionResult(found.margin, found.margin >= LEAST_MARGIN, sentence)
 
+    def blocked(
+        self, scene: Scene, positions: Float[np.ndarray, "row n"], T_world_base: Float[np.ndarray, "#row 4 4"]
+    ) -> Bool[np.ndarray, " row"]:
+        """Return at which joint angles, from which base (one, or each its own), a link stands in the surroundings."""
+        return self._points.blocked(self._kinematics.chain, scene, positions, T_world_base)
+
     def save(self, folder: Path, hand: Hand) -> None:
         """Write what the criterion needs, reach.json."""
-        write_arm(self.arm, folder / FILE, T_flange_mount=self.robot(hand).T_flange_mount)
+        mount, points = self.robot(hand).T_flange_mount, self._points
+        write_arm(self.arm, folder / FILE, T_flange_mount=mount, point_joint=points.joint, point_place=points.place)
 
     @classmethod
     def load(cls, folder: Path) -> Reach:
@@ -83,7 +99,9 @@ class Reach:
             ArmError: the file is missing or damaged.
         """
         arm, content = read_arm(folder / FILE)
-        return cls(arm, mount=content.get("T_flange_mount"))
+        found = cls(arm, mount=content.get("T_flange_mount"))
+        found._points = _points(content, sum(not joint.fixed for joint in arm.chain), folder / FILE)
+        return found
 
     def __repr__(self) -> str:
         return f"Reach({self.arm!r})"
@@ -100,6 +118,18 @@ def flange_ways(
     along = _moved(contact, push)
     after = _moved(along[:, -1], back)
     return before, np.concatenate([along, after[:, 1:]], axis=1)
+
+
+def _points(content: dict[str, Any], joints: int, path: Path) -> ArmPoints:
+    """Return the points on the links that a file holds; ArmError where they are none."""
+    try:
+        joint = np.asarray(content["point_joint"], dtype=np.int64)
+        place = np.asarray(content["point_place"], dtype=float).reshape(-1, 3)
+    except (KeyError, TypeError, ValueError) as error:
+        raise ArmError(f"{path}: its points are none ({error}); expected joints and places; sample again") from error
+    if joint.shape != (len(place),) or not np.isfinite(place).all() or not ((joint >= 0) & (joint < joints)).all():
+        raise ArmError(f"{path}: its points do not belong to {joints} joints; expected a joint for each; sample again")
+    return ArmPoints(joint, place)
 
 
 def _moved(

@@ -10,7 +10,7 @@ from typing import Any
 
 import numpy as np
 import torch
-from jaxtyping import Float
+from jaxtyping import Bool, Float, Int
 from scipy.ndimage import uniform_filter
 
 from dexnudge.arms.arm import Arm
@@ -169,14 +169,15 @@ def find_base(
     offsets = step * np.arange(-int(extent / step), int(extent / step) + 1)
     x, y = middle[0] + offsets, middle[1] + offsets
     share = np.full((len(high), len(y), len(x)), np.nan)
-    margin, kinematics = share.copy(), InverseKinematics(arm.standing_at(np.eye(4)))
+    margin = share.copy()
     for done, (height, row) in enumerate(np.ndindex(share.shape[:2])):
         poses = np.array([_facing(scene, each, y[row], high[height]) for each in x])
         free = [standing_depth(arm.standing_at(pose), scene)[0] <= DEEPEST for pose in poses]
         if any(free):
             T_base_world = np.linalg.inv(poses[free])[:, None, None]
             before, after = ((T_base_world @ way).reshape(-1, *way.shape[1:]) for way in ways)
-            found = _margins(kinematics, before, after).reshape(-1, len(rows))
+            found = _margins(reach, scene, np.repeat(poses[free], len(rows), axis=0), before, after)
+            found = found.reshape(-1, len(rows))
             share[height, row, free], margin[height, row, free] = (
                 (found >= LEAST_MARGIN).mean(axis=1),
                 found.mean(axis=1),
@@ -187,14 +188,27 @@ def find_base(
 
 
 def _margins(
-    kinematics: InverseKinematics, before: Float[np.ndarray, "way early 4 4"], after: Float[np.ndarray, "way late 4 4"]
+    reach: Reach,
+    scene: Scene,
+    bases: Float[np.ndarray, "way 4 4"],
+    before: Float[np.ndarray, "way early 4 4"],
+    after: Float[np.ndarray, "way late 4 4"],
 ) -> Float[np.ndarray, " way"]:
-    """Return the margins of ways: of those out of the arm's length without inverse kinematics, of most with few starts."""
-    margin = np.zeros(len(after))
+    """Return the margins of ways in the frames of their bases.
+
+    Of those out of the arm's length without inverse kinematics, of most others with few starts.
+    """
+    margin, kinematics = np.zeros(len(after)), InverseKinematics(reach.arm.standing_at(np.eye(4)))
     farthest = np.linalg.norm(after[:, :, :3, 3], axis=2).max(axis=1)
-    left = np.flatnonzero(farthest <= kinematics.arm.reach + SLACK)
+    left = np.flatnonzero(farthest <= reach.arm.reach + SLACK)
     for starts in (FEW_STARTS, STARTS):
-        margin[left] = arm_margins(kinematics, before[left], after[left], starts=starts).margin
+
+        def blocked(
+            positions: Float[np.ndarray, "row n"], way: Int[np.ndarray, " row"], own: Int[np.ndarray, " left"] = left
+        ) -> Bool[np.ndarray, " row"]:
+            return reach.blocked(scene, positions, bases[own[way]])
+
+        margin[left] = arm_margins(kinematics, before[left], after[left], starts=starts, blocked=blocked).margin
         left = left[margin[left] < LEAST_MARGIN]
     return margin
 
