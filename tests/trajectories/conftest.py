@@ -60,3 +60,26 @@ def block_plan(gantry, block_press, block_scene):
         for name in dict.fromkeys(names)
     )
     return Plan(gantry, block_scene, JointTrajectory(time, position, still, still, effort), phases, LENGTH)
+
+
+@pytest.fixture(scope="session")
+def lift_plan(block_plan):
+    """The same with the block taken once more, lifted by 10 cm and held for 2 s."""
+    pushed = block_plan.trajectory
+    opened, pressed = pushed.position[-1], pushed.position[3]
+    touching = np.array([LENGTH, 0.0, *pressed[2:]])
+    raised = touching + np.array([0.0, 0.1, 0.0, 0.0])
+    position = np.array([touching, touching, raised, raised])
+    effort = np.zeros_like(position)
+    effort[1:, 2:] = pushed.effort[3, 2:]
+    time = pushed.time[-1] + np.array([0.4, 0.8, 2.3, 4.3])
+    assert opened[0] == LENGTH
+    still = np.zeros_like(position)
+    whole = [
+        np.concatenate(pair) for pair in ((pushed.time, time), (pushed.position, position), (pushed.velocity, still))
+    ]
+    trajectory = JointTrajectory(*whole, whole[2], np.concatenate([pushed.effort, effort]))
+    pose = block_plan.scene.T_world_object
+    start, middle, end = pushed.time[-1], time[1], time[-1]
+    more = (Phase("regrasp", start, middle, 0, pose), Phase("lift", middle, end, 0, pose))
+    return replace(block_plan, trajectory=trajectory, phases=(*block_plan.phases, *more))

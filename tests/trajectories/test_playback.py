@@ -74,6 +74,18 @@ def test_what_is_saved_opens_in_mujoco_and_holds_the_records(episode, tmp_path):
     assert (folder / "plan/film.html").is_file()
 
 
+def test_a_lift_is_judged_as_a_lift(lift_plan):
+    episode = execute_plan(lift_plan)
+    assert episode.outcome is Outcome.SUCCESS
+    assert episode.lift.raised == pytest.approx(0.1, abs=0.005)
+    assert episode.summary()["lift"]["least_held"] == pytest.approx(0.1, abs=0.005)
+    effort = lift_plan.trajectory.effort.copy()
+    effort[-3:] = 0.0
+    weak = execute_plan(replace(lift_plan, trajectory=replace(lift_plan.trajectory, effort=effort)))
+    assert weak.outcome is Outcome.SLIPPED
+    assert weak.verdict.success
+
+
 @pytest.fixture(scope="module")
 def saved(block_plan, tmp_path_factory):
     folder = tmp_path_factory.mktemp("plans") / "PLAN"

@@ -71,9 +71,13 @@ class Execute:
 
     def _plan(self) -> tuple[bool, Path]:
         """Play the plan of the folder; the model is the one in it where it has one."""
-        if self.top != 1 or self.then_grasp:
-            given = "then_grasp" if self.then_grasp else "top"
-            raise InputError(f"`{given}` was given with a plan, which is one way of one configuration; leave it out")
+        if self.top != 1:
+            raise InputError("`top` was given with a plan, which is one way of one configuration; leave it out")
+        if self.then_grasp:
+            raise InputError(
+                "`then_grasp` was given with a plan, which is played as it is; leave it out, and plan with `then_grasp`: "
+                "then regrasp and lift are part of the plan"
+            )
         from dexnudge.execution.folder import PUSH_FOLDER
         from dexnudge.jobs.progress import progress
         from dexnudge.trajectories.plan_episode import execute_plan
@@ -153,6 +157,9 @@ def _print_phases(summary: dict[str, Any]) -> None:
         f"{summary['sentence']}: moved {1e3 * summary['length_reached']:.1f} of {1e3 * summary['length_asked']:.0f} mm, "
         f"turned {summary['turned_deg']:.1f} deg, {1e3 * summary['hand_environment']:.2f} mm into the surroundings"
     )
+    if "lift" in summary:
+        lift = summary["lift"]
+        say(f"lifted by {1e3 * lift['raised']:.0f} mm, held at {1e3 * lift['least_held']:.0f} mm or above")
 
 
 def _print_pushes(summary: dict[str, Any]) -> None:

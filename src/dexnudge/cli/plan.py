@@ -46,6 +46,10 @@ class Plan(MountOptions):
     """Try at most this many configurations."""
     seed: Count = 0
     """Seed of the planner."""
+    then_grasp: Flag = False
+    """Push until the object can be grasped, grasp it, lift it by 10 cm and hold it for 2 s."""
+    weights: OptionalFolder = None
+    """With --then-grasp: folder of the model that draws grasps; the shipped one unless given."""
     out: OptionalFolder = None
     """Folder to write; unless given DIR/plan, numbered where taken."""
     overwrite: Flag = False
@@ -78,6 +82,8 @@ class Plan(MountOptions):
                     mount=self.T_flange_mount(),
                     top=self.top,
                     seed=self.seed,
+                    then_grasp=self.then_grasp,
+                    weights=self.weights,
                     on_failure=lambda _: bars.advance(bar),
                 )
             except PlanningError as error:

@@ -1,6 +1,6 @@
 """What came of playing a plan in physics: judged, watched, saved."""
 
-from dataclasses import dataclass, fields
+from dataclasses import asdict, dataclass, fields, replace
 from pathlib import Path
 from typing import Any
 
@@ -9,12 +9,13 @@ from jaxtyping import Bool
 
 from dexnudge.execution.episode import EPISODE_FILES, MODEL_FILE, provenance, write_model
 from dexnudge.execution.film import film_of_trace, save_film, write_film
+from dexnudge.execution.grasp_and_lift import HOLD_TIME, LIFT
 from dexnudge.jobs.folders import new_folder
 from dexnudge.planning.outcomes import Outcome
 from dexnudge.results.folder import write_summary
 from dexnudge.simulation.robot_model import RobotModel, load_robot_model, robot_model
 from dexnudge.simulation.rollout import Divergence, Trace
-from dexnudge.simulation.success import PushVerdict, judge_push
+from dexnudge.simulation.success import LiftVerdict, PushVerdict, judge_lift, judge_push
 from dexnudge.trajectories.plan import Plan
 from dexnudge.trajectories.playback import PlanTrace, play
 from dexnudge.viewer.recording import Recording
@@ -35,6 +36,7 @@ class PlanEpisode:
         trace: records 20 ms apart.
         divergence: where the simulation diverged; None where it did not.
         verdict: on the push, up to its end, and if it succeeded also after the hand has withdrawn.
+        lift: verdict on the lift; None where the plan has none.
     """
 
     plan: Plan
@@ -42,15 +44,16 @@ class PlanEpisode:
     trace: PlanTrace
     divergence: Divergence | None
     verdict: PushVerdict
+    lift: LiftVerdict | None = None
 
     @property
     def outcome(self) -> Outcome:
         """How it ended; its `sentence` says it in words."""
-        return self.verdict.outcome
+        return self.lift.outcome if self.lift is not None and self.verdict.success else self.verdict.outcome
 
     @property
     def success(self) -> bool:
-        """Whether the object was pushed to where it should be, and stayed there."""
+        """Whether the object was pushed to where it should be, and lifted and held where the plan says so."""
         return self.outcome is Outcome.SUCCESS
 
     @property
@@ -132,6 +135,7 @@ class PlanEpisode:
             "turned_deg": verdict.turned_deg,
             "sunk": verdict.sunk,
             "hand_environment": verdict.hand_environment,
+            **({} if self.lift is None else {"lift": asdict(self.lift)}),
             "delay": self.delay,
             "phases": [{"name": str(name)} | self._figures(trace.phase == name) for name in dict.fromkeys(trace.phase)],
             "trace": TRACE_FILE,
@@ -166,7 +170,17 @@ def execute_plan(plan: Plan, *, xml: str | None = None) -> PlanEpisode:
     """
     model = robot_model(plan.robot, plan.scene) if xml is None else load_robot_model(xml, plan.robot)
     trace, divergence = play(plan, model)
-    return PlanEpisode(plan, model, trace, divergence, judge_plan(plan, trace, diverged=divergence is not None))
+    diverged = divergence is not None
+    verdict = judge_plan(plan, trace, diverged=diverged)
+    lifts = verdict.success and not diverged and plan.phases[-1].name == "lift"
+    return PlanEpisode(plan, model, trace, divergence, verdict, judge_plan_lift(trace) if lifts else None)
+
+
+def judge_plan_lift(trace: PlanTrace) -> LiftVerdict:
+    """Judge the lift at the end of a plan as `judge_lift` does; the last two seconds are those in which it is held."""
+    phase = np.where(trace.phase == "regrasp", "reach", trace.phase)
+    phase = np.where((phase == "lift") & (trace.time > trace.time[-1] - HOLD_TIME), "hold", phase)
+    return judge_lift(replace(trace, phase=phase), attempt=1, height=LIFT)
 
 
 def judge_plan(plan: Plan, trace: PlanTrace, *, diverged: bool) -> PushVerdict:

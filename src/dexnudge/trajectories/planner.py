@@ -1,8 +1,9 @@
 """Plans: verified configurations become one trajectory of arm and hand."""
 
 import time
-from collections.abc import Callable, Iterator
+from collections.abc import Callable
 from dataclasses import dataclass, replace
+from pathlib import Path
 from typing import Any
 
 import numpy as np
@@ -13,27 +14,33 @@ from dexnudge.arms.mounting import mount as mounted
 from dexnudge.arms.robot import Robot
 from dexnudge.arms.standing import check_base
 from dexnudge.errors import PlanningError, check_integer, check_kind
-from dexnudge.planning.arm_approach import Entry, NoWay
+from dexnudge.planning.arm_approach import NoWay
 from dexnudge.planning.object_path import push_length
+from dexnudge.planning.outcomes import Outcome
 from dexnudge.planning.push_way import PushWay, PushWayPlanner
-from dexnudge.planning.robot_motion import RobotClearance
 from dexnudge.results.samples import Sample, Samples
+from dexnudge.sampling.sampler import Sampler
 from dexnudge.scenes.scene import Scene
 from dexnudge.simulation.hand_path import SPEED
 from dexnudge.simulation.model import SimulationModel, scene_model
 from dexnudge.trajectories.limits import limits_used
 from dexnudge.trajectories.plan import JointTrajectory, Phase, Plan
 from dexnudge.trajectories.pressing import Press, press
-from dexnudge.trajectories.timing import CORNER, concatenated, hold, time_optimal, timed_way
+from dexnudge.trajectories.regrasp import graspable_length, with_grasp
+from dexnudge.trajectories.robot_timing import (
+    CLOSING_SPEED,
+    CONTACT_SPEED,
+    LOAD_TIME,
+    RELEASE_TIME,
+    SETTLE_TIME,
+    along,
+    rise,
+    through,
+)
+from dexnudge.trajectories.timing import concatenated, hold, timed_way
 
 TOP = 8  # configurations that are tried, best first
-CONTACT_SPEED = 0.05  # [m/s] of the hand on the last centimetres before contact
-CLOSING_SPEED = 0.01  # [m/s] at which fingers and palm close the last 2 mm
 CLOSING_STATIONS = 9
-LOAD_TIME, SETTLE_TIME, RELEASE_TIME = 0.3, 0.2, 0.2  # [s] in which forces are built up, come to rest, and are let go
-FINGER_LEVER = 0.1  # [m] from a finger's joint to its tip
-LEAST_STEP = 1.0e-6  # [m] between two stations: progress has to increase
-LEAST_CLEARANCE = 0.001  # [m] of the rounded way through the open; where it is nearer, the robot stops at each corner
 
 
 @dataclass(frozen=True)
@@ -52,6 +59,8 @@ def plan(
     mount: Any = None,
     top: int = TOP,
     seed: int = 0,
+    then_grasp: bool = False,
+    weights: Path | str | None = None,
     on_failure: Callable[[Failure], None] = lambda _: None,
 ) -> Plan:
     """Return a trajectory of arm and hand for the best verified configuration that has one.
@@ -64,7 +73,10 @@ def plan(
         arm: where it stands, such as `load_arm("panda", base=T_world_base)`.
         mount: (4, 4) T_flange_mount; the default of arm and hand unless given.
         top: configurations that are tried at most.
-        seed: of the planner.
+        seed: of the planner, and of the grasps.
+        then_grasp: push the object to where it can be grasped, grasp it, lift it by 10 cm and hold it for 2 s. Where it
+            lies after the push, and whether the grasp holds, comes from a rehearsal in MuJoCo, which takes half a minute.
+        weights: with `then_grasp`, folder of the model that draws grasps; None for the one that ships for this hand.
         on_failure: called with every configuration that has no plan.
 
     Raises:
@@ -72,6 +84,7 @@ def plan(
         ArmError: an arm that cannot stand there, a mount that cannot be, or an object out of its reach.
         PlanningError: no configuration has a plan; `failures` says why.
         MeshError: MuJoCo cannot take the object or the surroundings.
+        CheckpointError: with `then_grasp`, no weights for this hand, or weights that are broken or made for another.
     """
     check_integer("top", top, least=1)
     check_integer("seed", seed, least=0)
@@ -82,10 +95,15 @@ def plan(
         check_kind("samples", samples, Samples, "Sampler(hand).sample(scene)")
     if not chosen:
         raise PlanningError("none of the samples is verified, so there is nothing to plan; draw more (`num`)", ())
-    planner = Planner(chosen[0].scene, mounted(arm, chosen[0].hand, mount), seed=seed)
+    hand, scene = chosen[0].hand, chosen[0].scene
+    sampler = Sampler.from_pretrained(hand, weights=weights) if then_grasp else None
+    length = graspable_length(scene) if then_grasp else None
+    planner = Planner(scene, mounted(arm, hand, mount), length=length, seed=seed)
     failures: list[Failure] = []
     for place, sample in enumerate(chosen):
         found = planner(sample.q, configuration=place)
+        if isinstance(found, Plan) and sampler is not None:
+            found = _lifting(found, sampler, seed=seed)
         if isinstance(found, Plan):
             return found
         failures.append(found)
@@ -98,13 +116,25 @@ def plan(
     )
 
 
-class Planner:
-    """Plans for one robot in one scene; make it once for many configurations."""
+def _lifting(pushing: Plan, sampler: Sampler, *, seed: int) -> Plan | Failure:
+    """Return the plan that goes on with a grasp and a lift, or why there is none."""
+    lifted = with_grasp(pushing, sampler, seed=seed)
+    if lifted.outcome is Outcome.SUCCESS:
+        return lifted.episode.plan
+    phase = "lift" if lifted.attempts else "regrasp" if lifted.episode.success else "push"
+    return Failure(pushing.phases[0].configuration, phase, f"{lifted.outcome.sentence} {lifted.detail}".strip())
 
-    def __init__(self, scene: Scene, robot: Robot, *, seed: int = 0) -> None:
+
+class Planner:
+    """Plans for one robot in one scene; make it once for many configurations.
+
+    length: of the push [m]; None: that of the scene.
+    """
+
+    def __init__(self, scene: Scene, robot: Robot, *, length: float | None = None, seed: int = 0) -> None:
         check_base(robot, scene)
         self.scene, self.robot = scene, robot
-        self._way = PushWayPlanner(robot, scene, length=push_length(scene), seed=seed)
+        self._way = PushWayPlanner(robot, scene, length=push_length(scene) if length is None else length, seed=seed)
         self._simulation: SimulationModel | None = None
 
     def __call__(self, q: Float[np.ndarray, " coordinates"], *, configuration: int = 0) -> Plan | Failure:
@@ -136,22 +166,22 @@ class Planner:
         opening[-1] = push[-1]
         parts = {
             "pre-contact": [
-                self._through(way.transit, self._way.before.clearance),
-                *self._exit(way.entry, inward=True),
+                through(robot, way.transit, self._way.before.clearance),
+                along(robot, way.entry.exit[::-1]),
             ],
-            "contact": [self._stretch(way.entry.stretch[::-1])],
+            "contact": [along(robot, way.entry.stretch[::-1], speed=CONTACT_SPEED)],
             "squeeze": [
-                self._slow(closing),
+                along(robot, closing, speed=CLOSING_SPEED),
                 self._loaded(closing[-1], pressed, LOAD_TIME, 0.0, 1.0),
                 self._loaded(closing[-1], pressed, SETTLE_TIME, 1.0, 1.0),
             ],
             "push": [self._carried(push, pressed)],
             "retreat": [
                 self._loaded(push[-1], pressed, RELEASE_TIME, 1.0, 0.0),
-                self._slow(opening[::-1]),
-                self._stretch(way.leave.stretch),
-                *self._exit(way.leave, inward=False),
-                self._through(way.home, self._way.after.clearance),
+                along(robot, opening[::-1], speed=CLOSING_SPEED),
+                along(robot, way.leave.stretch, speed=CONTACT_SPEED),
+                along(robot, way.leave.exit),
+                through(robot, way.home, self._way.after.clearance),
             ],
         }
         pieces = {name: concatenated(*some) for name, some in parts.items()}
@@ -201,31 +231,12 @@ class Planner:
         positions[0] = start if np.abs(positions[0] - start).max() < 1e-3 else positions[0]
         return np.asarray(positions)
 
-    def _through(self, path: Float[np.ndarray, "vertex joint"], clearance: RobotClearance) -> JointTrajectory:
-        """Return the way through the open, with round corners where there is room for them."""
-        rounded = time_optimal(path, self.robot.limits, corner=CORNER)
-        if len(path) > 2 and clearance.of(rounded.position, stop=LEAST_CLEARANCE).min() < LEAST_CLEARANCE:
-            return time_optimal(path, self.robot.limits, corner=0.0)
-        return rounded
-
-    def _exit(self, entry: Entry, *, inward: bool) -> Iterator[JointTrajectory]:
-        """Yield the way between the open and where the hand waits."""
-        path = entry.exit[::-1] if inward else entry.exit
-        yield timed_way(path, _travelled(self.robot, path), self.robot.limits)
-
-    def _stretch(self, path: Float[np.ndarray, "station joint"]) -> JointTrajectory:
-        return timed_way(path, _travelled(self.robot, path), self.robot.limits, speed=CONTACT_SPEED)
-
-    def _slow(self, path: Float[np.ndarray, "station joint"]) -> JointTrajectory:
-        return timed_way(path, _travelled(self.robot, path), self.robot.limits, speed=CLOSING_SPEED)
-
     def _loaded(
         self, position: Float[np.ndarray, " joint"], pressed: Press, seconds: float, first: float, last: float
     ) -> JointTrajectory:
         """Return a stay during which the share of the forces goes smoothly from `first` to `last`."""
         still = hold(position, seconds)
-        share = still.time / still.time[-1]
-        loaded = first + (last - first) * share**2 * (3 - 2 * share)
+        loaded = first + (last - first) * rise(still)
         return replace(still, effort=pressed.efforts(self.robot, still.position, loaded))
 
     def _carried(self, path: Float[np.ndarray, "station joint"], pressed: Press) -> JointTrajectory:
@@ -233,12 +244,3 @@ class Planner:
         carried = timed_way(path, progress, self.robot.limits, speed=SPEED)
         effort = pressed.efforts(self.robot, carried.position, np.ones(len(carried.time)))
         return replace(carried, effort=effort)
-
-
-def _travelled(robot: Robot, path: Float[np.ndarray, "station joint"]) -> Float[np.ndarray, " station"]:
-    """Return how far the palm, or a fingertip by the fingers' turning, has come at each station [m], increasing."""
-    q = robot.configurations(path)
-    palm = np.linalg.norm(np.diff(q[:, :3], axis=0), axis=1)
-    turned = np.abs(np.diff(path[:, robot.arm.num_joints :], axis=0)) / robot.hand.joint_scales
-    steps = np.maximum(palm, FINGER_LEVER * turned.max(axis=1, initial=0.0))
-    return np.concatenate([[0.0], np.cumsum(np.maximum(steps, LEAST_STEP))])

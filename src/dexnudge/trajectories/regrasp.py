@@ -1,0 +1,223 @@
+"""A plan that goes on after its push: the robot grasps the object where a rehearsal has left it, lifts it and holds it."""
+
+from collections.abc import Iterator
+from dataclasses import dataclass, replace
+
+import numpy as np
+from jaxtyping import Float
+
+from dexnudge.execution.grasp_and_lift import HOLD_TIME, LIFT, LIFT_SPEED, MOST_PLANNED, SQUEEZE_SHARE, LiftWay
+from dexnudge.execution.grasp_finder import Grasp, GraspFinder, contacts_in_world
+from dexnudge.execution.slide_grasp_lift import AIM, GRASP_DRAWS
+from dexnudge.geometry.transforms import transform_configurations
+from dexnudge.hands.hand import ROOT_COORDINATES
+from dexnudge.mechanics.sliding_task import sliding_task
+from dexnudge.planning.arm_approach import ArmApproach, NoWay
+from dexnudge.planning.object_path import plan_object_motion, push_length
+from dexnudge.planning.outcomes import Outcome
+from dexnudge.sampling.sampler import Sampler
+from dexnudge.scenes.scene import Scene
+from dexnudge.simulation.hold import LiftRehearsal, squeeze
+from dexnudge.simulation.model import SimulationModel, scene_model
+from dexnudge.simulation.rollout import Rollout
+from dexnudge.trajectories.limits import limits_used
+from dexnudge.trajectories.plan import JointTrajectory, Phase, Plan
+from dexnudge.trajectories.plan_episode import PlanEpisode, execute_plan
+from dexnudge.trajectories.robot_timing import (
+    CLOSING_SPEED,
+    CONTACT_SPEED,
+    LOAD_TIME,
+    SETTLE_TIME,
+    along,
+    rise,
+    through,
+)
+from dexnudge.trajectories.timing import concatenated, hold, time_optimal
+
+CLOSING_STATIONS = 9
+LIFT_SPACING = 0.004  # [m] between stations of the lift
+
+
+@dataclass(frozen=True)
+class Lifted:
+    """What came of going on: the plan with regrasp and lift, played; or the push alone, and why there is no more.
+
+    outcome: SUCCESS where the object was lifted and held. detail: what it leaves open. attempts: grasps that were played.
+    """
+
+    episode: PlanEpisode
+    outcome: Outcome
+    detail: str = ""
+    attempts: int = 0
+
+
+def graspable_length(scene: Scene) -> float:
+    """Return by how much to push the object until enough of it is free to be grasped [m]; else the length of the scene."""
+    for limits in (AIM, None):
+        found = plan_object_motion(scene) if limits is None else plan_object_motion(scene, limits)
+        if not isinstance(found, Outcome) and found.length > 0.0:
+            return found.length
+    return push_length(scene)
+
+
+def with_grasp(
+    plan: Plan, sampler: Sampler, *, attempts: int = 3, draws: int = GRASP_DRAWS, seed: int = 0, xml: str | None = None
+) -> Lifted:
+    """Return the plan with the phases regrasp and lift, rehearsed: the first of some grasps that lifts the object.
+
+    The push is rehearsed, and grasps are drawn where the object lies then. Every rehearsal begins at the start of the plan.
+
+    Args:
+        plan: of a push.
+        sampler: of grasps by the robot's hand.
+        attempts: grasps that are played at most.
+        draws: grasps that are drawn.
+        seed: of the grasps and of the arm's planner.
+        xml: model of the plan's robot and scene; made anew if left out.
+
+    Raises:
+        MeshError: MuJoCo cannot take the object or the surroundings.
+    """
+    pushed = execute_plan(plan, xml=xml)
+    if not pushed.success:
+        return Lifted(pushed, pushed.outcome)
+    xml = pushed.model.simulation.xml
+    (T_world_object,) = pushed.model.simulation.object_poses(pushed.trace.qpos[-1:])
+    scene = replace(plan.scene, T_world_object=T_world_object)
+    simulation = replace(scene_model(plan.robot.hand, plan.scene), T_world_object=T_world_object)
+    finder = GraspFinder(plan.robot.hand, sampler, plan.scene, LiftRehearsal(simulation, plan.scene))
+    grasps, rejected = finder.find(scene, num=draws, seed=seed)
+    if not grasps:
+        reasons = ", ".join(f"{reason} {count}" for reason, count in rejected.most_common())
+        return Lifted(pushed, Outcome.NO_GRASP, f"in {draws} draws: {reasons}")
+    last = Lifted(pushed, Outcome.APPROACH_BLOCKED)
+    for found in _lifts(plan, scene, simulation, grasps, seed=seed):
+        if isinstance(found, str):
+            last = last if last.attempts else replace(last, detail=found)
+            continue
+        episode = execute_plan(found, xml=xml)
+        last = Lifted(episode, episode.outcome, attempts=last.attempts + 1)
+        if episode.success or last.attempts == attempts:
+            break
+    return last
+
+
+def _lifts(
+    plan: Plan, scene: Scene, simulation: SimulationModel, grasps: list[Grasp], *, seed: int
+) -> Iterator[Plan | str]:
+    """Yield the plan that goes on with each grasp, best first, or why it cannot."""
+    robot = plan.robot
+    approach = ArmApproach(robot, scene, contact="regrasp", before="regrasp", seed=seed)
+    up = LiftWay(robot.hand, scene, height=LIFT)
+    for grasp in grasps[:MOST_PLANNED]:
+        q = np.asarray(transform_configurations(scene.T_world_object, grasp.q[None])[0])
+        ways = up(q)
+        if ways is None:
+            yield "no free way up or out"
+            continue
+        way = approach.to(q, start=plan.trajectory.position[-1, : robot.arm.num_joints])
+        if isinstance(way, NoWay):
+            yield way.reason
+            continue
+        transit, entry = way
+        opening = time_optimal(np.stack([plan.trajectory.position[-1], transit[0]]), robot.limits, corner=0.0)
+        if approach.clearance.of(opening.position, stop=0.0).min() < 0.0:
+            yield "the hand cannot open its fingers at home"
+            continue
+        closed, effort = _closed(simulation, scene, grasp, q)
+        raised = _carried(closed, ways)
+        positions, reached = approach.followed(
+            np.concatenate([_between(q, closed), raised[1:]])[None], entry.stretch[:1, : robot.arm.num_joints]
+        )
+        if reached[0] < positions.shape[1]:
+            yield "the arm cannot follow the hand as it lifts"
+            continue
+        closing, lifting = positions[0, :CLOSING_STATIONS], positions[0, CLOSING_STATIONS - 1 :]
+        blocked = approach.what_blocks(lifting)
+        if blocked:
+            yield blocked
+            continue
+        closing[0] = entry.stretch[0]
+        yield _continued(
+            plan,
+            scene,
+            [
+                opening,
+                through(robot, transit, approach.clearance),
+                along(robot, entry.exit[::-1]),
+                along(robot, entry.stretch[::-1], speed=CONTACT_SPEED),
+                along(robot, closing, speed=CLOSING_SPEED),
+            ],
+            lifting,
+            effort,
+        )
+
+
+def _closed(
+    simulation: SimulationModel, scene: Scene, grasp: Grasp, q: Float[np.ndarray, " coordinates"]
+) -> tuple[Float[np.ndarray, " coordinates"], Float[np.ndarray, " d"]]:
+    """Return q and the fingers' efforts [N m] once they have closed on the object, rehearsed on a compliant arm."""
+    contacts = contacts_in_world(grasp.contacts, scene.T_world_object)
+    simulation.place(q)
+    friction = SQUEEZE_SHARE * scene.friction_hand
+    _, torque = squeeze(simulation, contacts, half_length=sliding_task(scene).half_length, friction=friction)
+    rollout = Rollout(simulation, q, recorded=False)
+    rollout.close(torque, "close")
+    closed = q.copy()
+    closed[ROOT_COORDINATES:] = rollout.q[ROOT_COORDINATES:]
+    motors = np.setdiff1d(np.arange(simulation.model.nu), simulation.base_motor)
+    force = simulation.data.actuator_force[motors]
+    return closed, np.asarray(force @ (simulation.motor_of_angle[motors] > 0))
+
+
+def _between(start: Float[np.ndarray, " coordinates"], end: Float[np.ndarray, " coordinates"]) -> np.ndarray:
+    return start + np.linspace(0.0, 1.0, CLOSING_STATIONS)[:, None] * (end - start)
+
+
+def _carried(
+    q: Float[np.ndarray, " coordinates"], ways: list[Float[np.ndarray, " 3"]]
+) -> Float[np.ndarray, "station coordinates"]:
+    """Return q along translations [m, world] one after another."""
+    rows, place = [q], np.array(q)
+    for way in ways:
+        count = int(np.ceil(np.linalg.norm(way) / LIFT_SPACING))
+        for share in np.arange(1, count + 1) / count:
+            row = np.array(place)
+            row[:3] += share * way
+            rows.append(row)
+        place = rows[-1]
+    return np.array(rows)
+
+
+def _continued(
+    plan: Plan,
+    scene: Scene,
+    coming: list[JointTrajectory],
+    lifting: Float[np.ndarray, "station joint"],
+    effort: Float[np.ndarray, " d"],
+) -> Plan | str:
+    """Return the plan that comes to the object, takes it, lifts it and holds it."""
+    robot = plan.robot
+    whole = np.concatenate([np.zeros(robot.arm.num_joints), effort])
+    load, raised = hold(lifting[0], LOAD_TIME), along(robot, lifting, speed=LIFT_SPEED)
+    held = [
+        replace(part, effort=np.tile(whole, (len(part.time), 1)))
+        for part in (hold(lifting[0], SETTLE_TIME), raised, hold(lifting[-1], HOLD_TIME))
+    ]
+    regrasp = concatenated(*coming, replace(load, effort=rise(load)[:, None] * whole), held[0])
+    lift = concatenated(*held[1:])
+    trajectory = concatenated(plan.trajectory, regrasp, lift)
+    exceeded = limits_used(trajectory, robot.limits).exceeded
+    if exceeded:
+        return str(exceeded[0])
+    start = plan.phases[-1].end
+    middle, end = (round(start + seconds, 6) for seconds in (regrasp.duration, regrasp.duration + lift.duration))
+    above = scene.T_world_object.copy()
+    above[2, 3] += LIFT
+    number = plan.phases[0].configuration
+    phases = (
+        *plan.phases,
+        Phase("regrasp", start, middle, number, scene.T_world_object),
+        Phase("lift", middle, end, number, above),
+    )
+    return replace(plan, trajectory=trajectory, phases=phases)
