@@ -1,5 +1,7 @@
 """How a hand sits on a flange: against geometry measured here, and mounts that cannot be."""
 
+from dataclasses import replace
+
 import numpy as np
 import pytest
 import torch
@@ -145,3 +147,10 @@ def test_a_hand_stands_in_front_of_what_reaches_beyond_the_flange(described):
     robot = dn.mount(arm, dn.load_hand("allegro"))
     points = hand_points(robot, np.concatenate([arm.home, robot.hand.apart]))
     assert 0.055 < points[:, 2].min() < 0.07  # the collar ends 60 mm in front of the flange
+
+
+def test_an_arm_of_the_same_name_with_another_flange_has_no_bracket(panda):
+    hand = dn.load_hand("shadow_lite")
+    other = replace(panda, flange="panda_link7")
+    turned = [dn.default_mount(arm, hand)[:3, :3] @ hand.palm_normal for arm in (panda, other)]
+    assert not np.allclose(*turned, atol=0.1)

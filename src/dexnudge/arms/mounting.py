@@ -30,6 +30,7 @@ WEDGES: dict[tuple[str, str], tuple[float, float]] = {
 BRACKETS: dict[tuple[str, str], tuple[float, float, float]] = {("panda", "shadow_lite"): (45.0, 80.0, 0.02)}
 # Of pairs of one maker the pose itself; there, the hand's housing encloses the flange.
 MAKERS = {("panda", "panda_gripper"): trimesh.transformations.rotation_matrix(np.radians(-45.0), (0.0, 0.0, 1.0))}
+FLANGES = {"panda": "panda_link8", "ur5e": "attachment_site", "xarm7": "link_eef"}  # of the arms in these tables
 GAP = 0.002  # [m] between the flange's plane and the hand: an adapter plate, and no overlap by rounding
 REAR = 0.02  # [m] of what is held, next to the flange: its middle lies on the flange's axis
 STEP, MOST_STEPS = 0.005, 21  # [m] by which the hand moves out where the arm's geometry reaches beyond its flange
@@ -93,10 +94,11 @@ def default_mount(arm: Arm, hand: Hand) -> Float[np.ndarray, "4 4"]:
     tilted hand is a wedge's.
     On a bracket (`BRACKETS`) base or palm begin 2 mm in front of the flange's plane, beside its axis.
     """
-    if (arm.name, hand.name) in MAKERS:
-        return MAKERS[arm.name, hand.name].copy()
-    bracket = BRACKETS.get((arm.name, hand.name))
-    turn, tilt = bracket[:2] if bracket else WEDGES.get((arm.name, hand.name), (0.0, 0.0))
+    pair = _pair(arm, hand)
+    if pair in MAKERS:
+        return MAKERS[pair].copy()
+    bracket = BRACKETS.get(pair)
+    turn, tilt = bracket[:2] if bracket else WEDGES.get(pair, (0.0, 0.0))
     poses, axis, normal = _at_rest(hand)
     T_flange_mount = np.eye(4)
     wedge = Rotation.from_euler("ZY", [turn, tilt], degrees=True).as_matrix()
@@ -120,6 +122,11 @@ def default_mount(arm: Arm, hand: Hand) -> Float[np.ndarray, "4 4"]:
         if not any(_overlaps(Robot(arm, hand, pose))):
             return np.asarray(pose)
     return np.asarray(outward @ T_flange_mount)
+
+
+def _pair(arm: Arm, hand: Hand) -> tuple[str, str]:
+    """Return the names by which a pair is known; of an arm that only shares its name with one of ours, none is."""
+    return (arm.name if FLANGES.get(arm.name) == arm.flange else "", hand.name)
 
 
 def outward_frame(arm: Arm) -> Float[np.ndarray, "4 4"]:
@@ -181,7 +188,7 @@ def _rigid(arm: Arm) -> set[str]:
 def _overlaps(robot: Robot) -> Iterator[tuple[float, str, str]]:
     """Yield (depth [m], link of the hand, link of the arm) of those that overlap too deep with the arm at home."""
     body, arm, hand = robot.body, robot.arm, robot.hand
-    makers = MAKERS.get((arm.name, hand.name))
+    makers = MAKERS.get(_pair(arm, hand))
     bolted = makers is not None and np.allclose(makers, robot.T_flange_mount, atol=DEEPEST)
     housed = {(link, robot.mount) for link in _rigid(arm)} if bolted else set()
     position = np.concatenate([arm.home, np.clip(hand.apart, hand.lower, hand.upper)])[None]
