@@ -73,6 +73,7 @@ def test_the_file_stands_alone_and_is_the_same_each_time(saved, tmp_path):
     assert sorted(path.name for path in saved.iterdir()) == [
         "README.md",
         "plan.csv",
+        "plan.html",
         "plan.json",
         "plan.mcap",
         "robot",
