@@ -25,7 +25,8 @@ ROOT = Path(__file__).parents[1]
 RUNS = Path(__file__).with_name("published_runs.yaml")
 BEGIN, END = "<!-- results:begin -->", "<!-- results:end -->"
 HANDS_BEGIN, HANDS_END = "<!-- hands:begin -->", "<!-- hands:end -->"
-KINDS = ("", "executed", "lifted")  # folders of a run that may hold a report
+ARM_BEGIN, ARM_END = "<!-- arm:begin -->", "<!-- arm:end -->"
+KINDS = ("", "executed", "lifted", "arm")  # folders of a run that may hold a report
 WITH_BASE = "with_base"
 SHOWN = {  # columns of the page: name in docs/data -> header
     "single": "single draw",
@@ -44,7 +45,24 @@ LABELS = {  # of methods, on the pages
     "guidance_only": "dexnudge, not projected",
     "random_start_projection": "random start + projection",
 }
-NOT_PERCENT = {"length_asked_mm": 0, "length_reached_mm": 0, "verified_per_second": 1, "joint_diversity": 2}  # digits
+ARM_SHOWN = {  # columns of the table of arms
+    "planned": "planned, %",
+    "plan_median": "planning, median s",
+    "plan_most": "90 %, s",
+    "executed": "executed, % of attempted",
+    "executed_of_planned": "of planned",
+    "palm_error_mm": "tracking, mm",
+}
+LIMITS, DEPTHS = ("position", "velocity", "acceleration", "jerk"), ("in_object_mm", "in_environment_mm", "in_itself_mm")
+NOT_PERCENT = {  # digits
+    "length_asked_mm": 0,
+    "length_reached_mm": 0,
+    "verified_per_second": 1,
+    "joint_diversity": 2,
+    "plan_median": 1,
+    "plan_most": 1,
+    "palm_error_mm": 1,
+}
 FIGURES = (  # that matter: what, run, kind, column
     ("single draw verified, %", "test42", "", "single"),
     ("single draw verified and robust, %", "test42", "", "single_robust"),
@@ -96,6 +114,8 @@ class Publish:
         readme = self.root / "README.md"
         replace_between(readme, BEGIN, END, main_table(data, "docs/data"))
         replace_between(readme, HANDS_BEGIN, HANDS_END, hands_table(listed, data, "docs/data"))
+        if ARM_BEGIN in readme.read_text(encoding="utf-8"):  # a README without these marks shows no arms
+            replace_between(readme, ARM_BEGIN, ARM_END, arms_table(listed, data, "docs/data"))
 
 
 def replace_between(file: Path, begin: str, end: str, text: str) -> None:
@@ -155,6 +175,8 @@ def page(listed: dict[str, Any], data: dict[str, list[Row]], docs: Path) -> str:
         main_table(data),
         "## Hands",
         hands_table(listed, data),
+        "## Arms",
+        arms_table(listed, data),
     ]
     for title in dict.fromkeys(run["title"] for run in listed.values() if run.get("page", "hand" not in run)):
         runs = {name: run for name, run in listed.items() if run["title"] == title}
@@ -237,6 +259,33 @@ def hands_table(listed: dict[str, Any], data: dict[str, list[Row]], link: str = 
     table = Table(["hand", *PAPER_SUCCESS], rows, labels=1).markdown()
     what = "Single draw · top-ranked · top-ranked executed in physics, % of everything attempted."
     return f"{table}\n\n{what} {' '.join(made)}"
+
+
+def arms_table(listed: dict[str, Any], data: dict[str, list[Row]], link: str = "data") -> str:
+    """What each arm whose run names it plans and executes, by scene."""
+    rows, made = [], []
+    for name, run in listed.items():
+        for row in _of(data, name, "arm") if "arm" in run else []:
+            used = "/".join(f"{float(row[f'{limit}_limit']):.2f}" if row[f"{limit}_limit"] else "–" for limit in LIMITS)
+            deep = "/".join(f"{float(row[depth]):.1f}" if row[depth] else "–" for depth in DEPTHS)
+            rows.append([run["arm"], row["scene"], *(text(row, column) for column in ARM_SHOWN), used, deep])
+        if found := _of(data, name, "arm") if "arm" in run else []:
+            reasons = {
+                f"{row['scene']}: {key.removeprefix('outcomes.')} {value}"
+                for row in found
+                for key, value in row.items()
+                if key.startswith("outcomes.") and value not in ("", "0")
+            }
+            without = f" Without success: {'; '.join(sorted(reasons))}." if reasons else ""
+            made.append(f"{run['arm']}: {made_with(found, f'{name}-arm', link)}{without}")
+    if not rows:
+        return "None."
+    header = ["arm", "scene", *ARM_SHOWN.values(), "limits used", "depth, mm"]
+    what = (
+        "% of everything attempted, 95 % intervals over objects. Limits used: largest share of position/velocity/"
+        "acceleration/jerk. Depth: greatest along the plans in object/surroundings/itself."
+    )
+    return f"{Table(header, rows).markdown()}\n\n{what} {' '.join(made)}"
 
 
 def run_table(found: list[tuple[list[Row], dict[str, Any]]]) -> str:

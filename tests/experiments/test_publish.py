@@ -12,6 +12,7 @@ import pytest
 import yaml
 
 from dexnudge.cli.main import main
+from dexnudge.experiments.arm_trial import ArmRecord, ArmTrial
 from dexnudge.experiments.config import ExperimentConfig
 from dexnudge.experiments.execution_trial import ExecutionRecord, ExecutionTrial
 from dexnudge.experiments.records import RecordWriter
@@ -19,6 +20,7 @@ from dexnudge.experiments.report import write_report
 from dexnudge.experiments.run import FILE, FORMAT_VERSION
 from dexnudge.experiments.sampling_trial import SamplingTrial
 from dexnudge.jobs.folders import claim_folder
+from dexnudge.trajectories.planner import Failure
 
 SCRIPT = Path(__file__).parents[2] / "benchmarks" / "publish.py"
 README = "before\n<!-- results:begin -->\nold\n<!-- results:end -->\n<!-- hands:begin -->\n<!-- hands:end -->\nafter\n"
@@ -89,6 +91,30 @@ def test_tables_say_what_they_were_made_with_and_pages_are_made_from_them(publis
     with (root / "docs" / "data" / "executed-executed-by-force-margin.csv").open() as file:
         bins = {(row["scenes"], row["group"]): row["rate"] for row in csv.DictReader(file)}
     assert (bins["all", "3 (cap)"], bins["table", "1 to 1.25"]) == ("1", "0")
+
+
+def test_arms_have_a_table_on_the_page_and_in_a_readme_that_has_room_for_it(publish, root, tmp_path):
+    out = tmp_path / "runs" / "arm"
+    config = asdict(ExperimentConfig(objects="a/some.txt", scenes=("table",), num=4))
+    claim_folder(out / "arm", FILE, config, format_version=FORMAT_VERSION, device="cpu")
+    common = {"scene": "table", "method": "steered_noise", "seed": 0, "num": 4, "verified": 1}
+    planned = {"limits": dict.fromkeys(("position", "velocity", "acceleration", "jerk"), 0.5)}
+    planned |= {"penetration_mm": {"object": 0.25, "environment": 0.0, "self_collision": 0.04}, "configuration": 0}
+    with closing(RecordWriter(out / "arm")) as writer:
+        writer.append(
+            ArmRecord(object="a", outcome="success", palm_error_mm=2.0, **planned, seconds={"plan": 3.0}, **common)
+        )
+        writer.append(ArmRecord(object="b", failures=[Failure(0, "push", "no")], seconds={"plan": 5.0}, **common))
+    write_report(ArmTrial("panda"), out.parent / "arm")
+    (root / "README.md").write_text(README + "<!-- arm:begin -->\n<!-- arm:end -->\n")
+    publish.Publish(("arm",), folder=tmp_path / "runs", root=root, only_write=True).run()
+    row = "| panda | table | 50.0 (0–100) | 3.0 (3.0–5.0) | 5.0 (3.0–5.0) | 50.0 (0–100) | 100.0 (100–100) | 2.0 | "
+    for page in ("README.md", "docs/results.md"):
+        text = (root / page).read_text()
+        assert f"{row}0.50/0.50/0.50/0.50 | 0.2/0.0/0.0 |\n" in text
+        assert "Without success: table: no plan: push 1." in text
+    table = (root / "README.md").read_text().partition("<!-- arm:begin -->\n")[2].partition("<!-- arm:end -->")[0]
+    assert len(table.splitlines()) == 5
 
 
 def test_one_run_is_published_anew_without_the_folders_of_the_others(publish, root, runs):

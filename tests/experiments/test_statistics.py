@@ -4,7 +4,7 @@ from itertools import combinations
 
 import numpy as np
 import pytest
-from scipy.stats import bootstrap
+from scipy.stats import binom, bootstrap
 
 from dexnudge.errors import InputError
 from dexnudge.experiments.statistics import (
@@ -14,6 +14,7 @@ from dexnudge.experiments.statistics import (
     estimate_of_sums,
     mean_estimate,
     mean_of_known,
+    quantile_estimate,
     ratio,
 )
 
@@ -99,3 +100,14 @@ def test_the_top_of_k_is_the_mean_over_every_choice_of_k(good):
 def test_more_draws_than_there_are_cannot_be_taken():
     with pytest.raises(InputError, match="cannot take 9 of 8 draws; expected 1 to 8"):
         chance_of_top([True] * 8, 9)
+
+
+def test_a_quantile_is_a_value_that_was_measured_and_its_interval_that_of_resampled_objects():
+    values = np.random.default_rng(0).exponential(size=200)
+    found = quantile_estimate(values.tolist(), 0.5)
+    ordered = np.sort(values)
+    assert found.value == ordered[99]
+    low, high = (ordered[int(binom.ppf(level, 200, 0.5))] for level in (0.025, 0.975))  # by order statistics
+    assert (found.low, found.high) == pytest.approx((low, high), abs=0.05)
+    assert quantile_estimate([3.0, 1.0, 2.0, 10.0], 0.9).value == 10.0
+    assert quantile_estimate([], 0.5) is None

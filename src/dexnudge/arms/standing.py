@@ -18,13 +18,13 @@ STAND = (0.1, 0.1, 0.05)  # [m] what an arm without geometry at its base stands 
 DEEPEST = 0.001  # [m] by which it may stand in them: meshes that touch, after rounding
 
 
-def default_base(arm: Arm, scene: Scene) -> Float[np.ndarray, "4 4"]:
+def default_base(arm: Arm, scene: Scene, *, distance: float = DISTANCE) -> Float[np.ndarray, "4 4"]:
     """Return T_world_base of an arm that looks at the object from where it goes, at the height of its underside.
 
-    0.6 m away, or as much farther as the base needs to be clear of the surroundings; z up, x towards the object.
+    `distance` [m] away, or as much farther as the base needs to be clear of the surroundings; z up, x towards the object.
 
     Raises:
-        ArmError: the surroundings leave no place within 1.2 m.
+        ArmError: the surroundings leave no place within 0.6 m more.
     """
     check_kind("arm", arm, Arm, 'load_arm("panda")')
     check_kind("scene", scene, Scene, 'build_scene("table", "phone", seed=0)')
@@ -34,13 +34,13 @@ def default_base(arm: Arm, scene: Scene) -> Float[np.ndarray, "4 4"]:
     T_world_base = np.eye(4)
     T_world_base[:3, :3] = np.stack([-way, np.cross([0.0, 0.0, 1.0], -way), [0.0, 0.0, 1.0]], axis=1)
     for step in range(MOST_STEPS + 1):
-        T_world_base[:3, 3] = bounds.mean(axis=0) + (DISTANCE + step * STEP) * way
+        T_world_base[:3, 3] = bounds.mean(axis=0) + (distance + step * STEP) * way
         T_world_base[2, 3] = bounds[0, 2]
         depth, where = standing_depth(arm.standing_at(T_world_base), scene)
         if depth <= DEEPEST:
             return T_world_base
     raise ArmError(
-        f"'{arm.name}' finds no place: expected room for its base {DISTANCE:g} to {DISTANCE + MOST_STEPS * STEP:g} m from "
+        f"'{arm.name}' finds no place: expected room for its base {distance:g} to {distance + MOST_STEPS * STEP:g} m from "
         f"the object along its motion, but the surroundings are {1e3 * depth:.0f} mm deep in it at {_point(where)}; "
         "give `arm_base`"
     )

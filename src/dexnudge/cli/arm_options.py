@@ -13,6 +13,7 @@ if TYPE_CHECKING:
     import numpy as np
 
     from dexnudge.arms.robot import Robot
+    from dexnudge.experiments.arm_trial import ArmTrial
     from dexnudge.hands.hand import Hand
     from dexnudge.scenes.scene import Scene
 
@@ -61,6 +62,55 @@ class ArmOptions(MountOptions):
         robot = mount(arm.standing_at(default_base(arm, scene) if base is None else base), hand, self.T_flange_mount())
         check_base(robot, scene)
         return robot
+
+
+@dataclass(frozen=True, kw_only=True)
+class EvaluatedArm(MountOptions):
+    """The arm for which `evaluate` plans, and where it stands in each scene."""
+
+    arm: Annotated[str | None, metavar("NAME_OR_FILE")] = None
+    """Plan for this arm: built-in, or a URDF or MJCF file; with --execute play the plans. Nothing else is run."""
+    arm_base: Pose = ()
+    """Where it stands in every scene: a JSON file with T_world_base, or metres and degrees."""
+    base_distance: Annotated[tuple[float, ...], metavar("FROM TO")] = ()
+    """How far from the object it stands [m], in the direction of its motion: drawn for each scene from these bounds, or one
+    number; 0.6 unless given."""
+
+    def trial(self, *, execute: bool) -> ArmTrial | None:
+        """Return the kind of trial that plans for the arm; None without one.
+
+        Raises:
+            InputError, ArmError, UnknownNameError: options that do not go together, no such arm, or no pose.
+        """
+        if self.arm is None:
+            given = [f"`{name}`" for name in ("arm_base", "base_distance", "mount") if getattr(self, name)]
+            if given:
+                raise ArmError(f"{' and '.join(given)} given without `arm`; name the arm, or leave it out")
+            return None
+        from dexnudge.arms.registry import load_arm
+        from dexnudge.experiments.arm_trial import ArmTrial
+
+        load_arm(self.arm)  # refuses what is none, before anything is written
+        base, mount = _tuples(typed_pose("arm_base", self.arm_base, "T_world_base")), _tuples(self.T_flange_mount())
+        if self.base_distance:
+            bounds = self._bounds(has_base=base is not None)
+            return ArmTrial(self.arm, base=base, mount=mount, base_distance=bounds, execute=execute)
+        return ArmTrial(self.arm, base=base, mount=mount, execute=execute)
+
+    def _bounds(self, *, has_base: bool) -> tuple[float, float]:
+        given = self.base_distance
+        if has_base:
+            raise ArmError("`arm_base` and `base_distance` are both given; expected one of them")
+        if len(given) > 2 or not all(0.1 <= value <= 3.0 for value in given) or given[0] > given[-1]:
+            raise ArmError(
+                f"`base_distance` is {' '.join(f'{value:g}' for value in given)}; expected one number, or FROM TO with FROM "
+                "at most TO, from 0.1 to 3 m"
+            )
+        return given[0], given[-1]
+
+
+def _tuples(pose: np.ndarray | None) -> tuple[tuple[float, ...], ...] | None:
+    return None if pose is None else tuple(map(tuple, pose.tolist()))
 
 
 def typed_pose(argument: str, words: tuple[str, ...], key: str) -> Any:

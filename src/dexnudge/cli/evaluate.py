@@ -21,6 +21,7 @@ from dexnudge.cli.arguments import (
     say,
     settings,
 )
+from dexnudge.cli.arm_options import EvaluatedArm
 from dexnudge.errors import InputError
 
 if TYPE_CHECKING:
@@ -66,6 +67,7 @@ class Evaluate(SetOptions):
     """Also slide, grasp and lift each object with its verified draws, for the lifted rate."""
     attempts: OptionalCount = None
     """With --then-grasp: most attempts for each object; 3 unless given."""
+    robot: EvaluatedArm = field(default_factory=EvaluatedArm)
     scan: Flag = False
     """Sample in scans of the scenes, and judge in the scenes themselves what is verified there; nothing else is run."""
     scans: ScanOptions = field(default_factory=ScanOptions)
@@ -79,6 +81,7 @@ class Evaluate(SetOptions):
         check_at_least(1, workers=self.workers, execute_num=self.execute_num)
         self._check_attempts()
         self._check_scan()
+        self._check_arm()
         say(*self._reports(), f"written: {self.out}")
         return 0
 
@@ -98,6 +101,13 @@ class Evaluate(SetOptions):
             raise InputError(
                 "`scan` and `then_grasp` are both given; expected one of them; run them one after the other"
             )
+
+    def _check_arm(self) -> None:
+        for name in ("scan", "then_grasp", "execute_errors"):
+            if self.robot.arm is not None and getattr(self, name):
+                raise InputError(
+                    f"`arm` and `{name}` are both given; expected one of them; run them one after the other"
+                )
 
     def _config(self) -> "ExperimentConfig":
         from dexnudge.experiments.config import ExperimentConfig
@@ -120,6 +130,8 @@ class Evaluate(SetOptions):
             from dexnudge.experiments.scanned_world import ScanErrors
 
             return [ScanTrial(ScanErrors(**self.scans.given()), execute=self.execute)]
+        if (arm := self.robot.trial(execute=self.execute)) is not None:
+            return [arm]
         kinds: list[TrialKind[Any]] = [SamplingTrial()]
         if self.execute:
             from dexnudge.experiments.execution_trial import ExecutionTrial

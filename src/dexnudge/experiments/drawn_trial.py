@@ -2,7 +2,7 @@
 
 import time
 from abc import abstractmethod
-from collections.abc import Callable
+from collections.abc import Callable, Sequence
 from dataclasses import replace
 from typing import Any
 
@@ -15,6 +15,7 @@ from dexnudge.sampling.problem import SamplingProblem, prepare
 from dexnudge.sampling.sampler import Sampler
 from dexnudge.scenes.families import build_scene
 from dexnudge.scenes.scene import Scene
+from dexnudge.verification.criteria import Criterion
 
 
 class TrialSampler:
@@ -51,8 +52,10 @@ class TrialSampler:
         scene.validate()
         return scene
 
-    def draw(self, key: TrialKey) -> Samples:
+    def draw(self, key: TrialKey, further: Callable[[Scene], Sequence[Criterion]] = lambda _: ()) -> Samples:
         """Return the draws of a trial, with its seconds by stage as if it had prepared the scene for itself.
+
+        further: conditions of success in a scene, beside those of the config.
 
         Raises:
             DexnudgeError: the object cannot be read or does not fit its scene.
@@ -61,7 +64,7 @@ class TrialSampler:
         if not self._warm:
             self._draw(key, problem, num=1)  # loads kernels: seconds that belong to no method
             self._warm = True
-        samples = self._draw(key, problem, num=self.config.num)
+        samples = self._draw(key, problem, num=self.config.num, further=further(problem.scene))
         return replace(samples, seconds={**seconds, **samples.seconds})
 
     def draw_in(self, scene: Scene, key: TrialKey) -> Samples:
@@ -72,13 +75,13 @@ class TrialSampler:
         samples = self._draw(key, problem, num=self.config.num)
         return replace(samples, seconds={"prepare": prepared, **samples.seconds})
 
-    def _draw(self, key: TrialKey, problem: SamplingProblem, *, num: int) -> Samples:
+    def _draw(self, key: TrialKey, problem: SamplingProblem, *, num: int, further: Sequence[Criterion] = ()) -> Samples:
         return self._sampler.sample(
             problem.scene,
             num=num,
             seed=trial_seed(self.config.seed, key),
             method=find_method(key.method).with_weights(self.config.losses or {}),
-            criteria=self.criteria,
+            criteria=[*self.criteria, *further],
             problem=problem,
         )
 

@@ -68,6 +68,21 @@ def mean_estimate(values: Sequence[float]) -> Estimate:
     return estimate_of_sums(columns, ratio)
 
 
+def quantile_estimate(values: Sequence[float], share: float, *, seed: int = 0) -> Estimate | None:
+    """Return the least value that a share of the objects does not exceed, with its interval; None without any value."""
+    if not values:
+        return None
+    ordered = np.sort(np.array(values, dtype=np.float64))
+
+    def quantile(drawn: Float[np.ndarray, "resample object"]) -> Float[np.ndarray, " resample"]:
+        reached = np.cumsum(drawn, axis=1) >= share * drawn.sum(axis=1, keepdims=True) - 1e-9
+        return np.asarray(ordered[reached.argmax(axis=1)])
+
+    found = np.sort(quantile(_times_drawn(len(ordered), seed)))
+    low, high = (_quantile(found, level) for level in ((1.0 - LEVEL) / 2.0, (1.0 + LEVEL) / 2.0))
+    return Estimate(float(quantile(np.ones((1, len(ordered))))[0]), low, high)
+
+
 def mean_of_known(values: Iterable[float | None]) -> Estimate | None:
     """Return the mean over the objects that have the number; None where none has."""
     known = [value for value in values if value is not None]

@@ -107,13 +107,16 @@ class PenetrationCheck:
             empty = np.zeros(0, dtype=np.int64)
             return Penetrations(nothing, nothing, nothing, PointHits(empty, empty, nothing, *np.zeros((2, 0, 3))))
         with ThreadPoolExecutor(THREADS) as pool:
-            self_collision = pool.submit(_self_penetration, self._hand, T_world_link)
-            environment = pool.submit(self._in_environment, T_world_link)
-            in_object = pool.submit(self._in_object, T_world_link, reach)
+            self_collision = pool.submit(self.in_itself, T_world_link)
+            environment = pool.submit(self.in_environment, T_world_link)
+            in_object = pool.submit(self.in_object, T_world_link, reach)
             object_depth, near_object = in_object.result()
             return Penetrations(object_depth, environment.result(), self_collision.result(), near_object)
 
-    def _in_object(self, T_world_link: np.ndarray, reach: float) -> tuple[np.ndarray, PointHits]:
+    def in_object(
+        self, T_world_link: Float[np.ndarray, "n link 4 4"], reach: float = 0.0
+    ) -> tuple[Float[np.ndarray, " n"], PointHits]:
+        """Return the depth of hand and object in each other, and the points within `reach` of it; see `Penetrations`."""
         hits = query_tree(
             self._hand.tree, self._T_object_world @ T_world_link, self._scene.object, links=self._all_links, reach=reach
         )
@@ -122,7 +125,8 @@ class PenetrationCheck:
         self._into_links(self._scene.object_triangles, T_world_link, deepest)
         return deepest, hits
 
-    def _in_environment(self, T_world_link: np.ndarray) -> np.ndarray:
+    def in_environment(self, T_world_link: Float[np.ndarray, "n link 4 4"]) -> Float[np.ndarray, " n"]:
+        """Return the depth of hand and surroundings in each other; see `Penetrations`."""
         deepest = np.zeros(len(T_world_link))
         clearance = self._clearance
         query_tree(
@@ -135,6 +139,10 @@ class PenetrationCheck:
         )
         self._into_links(self._scene.environment_triangles, T_world_link, deepest, clearance)
         return deepest
+
+    def in_itself(self, T_world_link: Float[np.ndarray, "n link 4 4"]) -> Float[np.ndarray, " n"]:
+        """Return the depth of the hand's links in each other; see `Penetrations`."""
+        return _self_penetration(self._hand, T_world_link)
 
     def _into_links(
         self, triangles: np.ndarray, T_world_link: np.ndarray, deepest: np.ndarray, clearance: float = 0.0
