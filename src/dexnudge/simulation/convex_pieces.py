@@ -6,7 +6,6 @@ against the part; of everything else the surface is taken.
 """
 
 import logging
-from importlib.metadata import version
 from typing import Any, TypeAlias
 
 import numpy as np
@@ -15,7 +14,6 @@ from jaxtyping import Float
 from scipy.spatial import ConvexHull, QhullError
 
 from dexnudge.errors import MeshError
-from dexnudge.geometry.disk_cache import cached_array
 from dexnudge.geometry.exact_distance import ExactDistance
 from dexnudge.geometry.mesh_repair import without_small_holes
 from dexnudge.geometry.surface_points import surface_points
@@ -109,25 +107,19 @@ def decomposed(
     Raises:
         MeshError: there are none, or none after `limit` [s].
     """
-    vertices, faces = np.asarray(mesh.vertices, dtype=np.float64), np.asarray(mesh.faces, dtype=np.int32)
-    whole = {
-        "preprocess_mode": "off" if mesh.is_watertight else "on",
-        "preprocess_resolution": VOXELS_OF_OPEN_MESH,
-        "resolution": SURFACE_SAMPLES,
-        "seed": 0,
-        **settings,
-    }
-
-    def cut() -> Float[np.ndarray, "_ 4"]:
-        pieces = coacd_pieces(vertices, faces, whole, limit=limit)
-        numbered = [np.insert(piece, 0, index, axis=1) for index, piece in enumerate(pieces)]
-        return np.concatenate([np.zeros((0, 4)), *numbered])
-
     try:
-        numbered = cached_array(
-            f"convex pieces by CoACD {version('coacd')}, {sorted(whole.items())}", (vertices, faces), cut
+        found = coacd_pieces(
+            np.asarray(mesh.vertices, dtype=np.float64),
+            np.asarray(mesh.faces, dtype=np.int32),
+            {
+                "preprocess_mode": "off" if mesh.is_watertight else "on",
+                "preprocess_resolution": VOXELS_OF_OPEN_MESH,
+                "resolution": SURFACE_SAMPLES,
+                "seed": 0,
+                **settings,
+            },
+            limit=limit,
         )
-        found = [numbered[numbered[:, 0] == index, 1:] for index in range(int(numbered[:, 0].max(initial=-1)) + 1)]
     except TimeoutError as error:
         raise MeshError(
             f"{what} with {len(mesh.faces):,} triangles was not cut into convex pieces within {limit:g} s; expected a "
