@@ -1,8 +1,10 @@
 """`dexnudge execute`: verified configurations played out in MuJoCo."""
 
+from __future__ import annotations
+
 from dataclasses import dataclass
 from pathlib import Path
-from typing import Any
+from typing import TYPE_CHECKING, Any
 
 from dexnudge.cli.arguments import (
     NOTHING_SUCCEEDED,
@@ -18,6 +20,10 @@ from dexnudge.cli.arguments import (
 )
 from dexnudge.errors import InputError
 
+if TYPE_CHECKING:
+    from dexnudge.trajectories.plan import Plan
+    from dexnudge.trajectories.plan_episode import PlanEpisode
+
 
 @dataclass(frozen=True)
 class Execute:
@@ -26,7 +32,8 @@ class Execute:
     A push succeeds if the object advances 80 % of the way, turns less than 15 degrees and is not dropped, and the hand
     never enters the surroundings by more than 2 mm. With --then-grasp the object is pushed until it can be grasped,
     grasped, lifted by 10 cm and held for 2 s, in one continuous simulation. Of a plan, arm and hand move by their own
-    motors alone, and what holds for the hand holds for the arm. Exit code 3: nothing succeeds.
+    motors alone, and what holds for the hand holds for the arm;
+    with --then-grasp the plan goes on from where the object then lies. Exit code 3: nothing succeeds.
     """
 
     folder: ResultFolder
@@ -73,11 +80,6 @@ class Execute:
         """Play the plan of the folder; the model is the one in it where it has one."""
         if self.top != 1:
             raise InputError("`top` was given with a plan, which is one way of one configuration; leave it out")
-        if self.then_grasp:
-            raise InputError(
-                "`then_grasp` was given with a plan, which is played as it is; leave it out, and plan with `then_grasp`: "
-                "then regrasp and lift are part of the plan"
-            )
         from dexnudge.execution.folder import PUSH_FOLDER
         from dexnudge.jobs.progress import progress
         from dexnudge.trajectories.plan_episode import execute_plan
@@ -88,10 +90,28 @@ class Execute:
         with progress() as bars:
             bars.add_task("executing", total=None)
             plan, world = load_plan(folder), folder / ROBOT / WORLD_XML
-            episode = execute_plan(plan, xml=world.read_text(encoding="utf-8") if world.is_file() else None)
+            xml = world.read_text(encoding="utf-8") if world.is_file() else None
+            if self.then_grasp and plan.phases[-1].name != "lift":
+                episode, why = self._going_on(plan, xml)
+            else:
+                episode, why = execute_plan(plan, xml=xml), ""
             episode.save(out, overwrite=self.overwrite, pictures=self.films > 0)
         _print_phases(episode.summary())
-        return episode.success, out
+        if why:
+            say(f"it was not grasped and lifted: {why}")
+        return episode.success and not why, out
+
+    def _going_on(self, plan: Plan, xml: str | None) -> tuple[PlanEpisode, str]:
+        """Play a plan that ends with its push, then grasp and lift the object where it lies; return why not, too."""
+        from dexnudge.planning.outcomes import Outcome
+        from dexnudge.sampling.sampler import Sampler
+        from dexnudge.trajectories.regrasp import with_grasp
+
+        sampler = Sampler.from_pretrained(plan.robot.hand, weights=self.weights)
+        lifted = with_grasp(plan, sampler, attempts=self.attempts, seed=self.seed, xml=xml)
+        if lifted.outcome is Outcome.SUCCESS:
+            return lifted.episode, ""
+        return lifted.episode, f"{lifted.outcome.sentence} {lifted.detail}".strip()
 
     def _push(self) -> tuple[bool, Path]:
         from dexnudge.execution.folder import PUSH_FOLDER, push_folder
