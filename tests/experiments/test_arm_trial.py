@@ -6,7 +6,8 @@ import pytest
 import trimesh
 
 from dexnudge.cli.main import main
-from dexnudge.experiments.arm_trial import ArmRecord, ArmTrial
+from dexnudge.experiments.arm_records import ArmRecord
+from dexnudge.experiments.arm_trial import ArmTrial
 from dexnudge.experiments.metrics import measure
 from dexnudge.trajectories.planner import Failure
 
@@ -66,6 +67,14 @@ def test_seconds_are_of_all_that_was_planned_for_and_figures_the_worst_of_the_pl
     assert (row["palm_error_mm"], row["advance"].value) == (0.3, pytest.approx(0.5))
     (nothing,) = measure(records[2:], ArmTrial.metrics)
     assert nothing["executed"] is nothing["executed_of_planned"] is nothing["jerk_limit"] is None
+
+
+def test_a_plan_that_goes_on_to_a_lift_succeeds_with_the_lift():
+    lifts = [record(name, plan=0, outcome="success", lift=lift) for name, lift in (("a", "success"), ("b", "slipped"))]
+    (row,) = measure(lifts, ArmTrial.metrics)
+    assert (row["executed"].value, row["lifted"].value) == (1.0, 0.5)
+    assert row["outcomes"] == {"played: lift, slipped": 1}
+    assert [each.succeeded for each in lifts] == [True, False]
 
 
 def test_reasons_are_counted_without_their_numbers_and_phases_have_a_table(records):

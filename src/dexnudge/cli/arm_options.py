@@ -69,14 +69,15 @@ class EvaluatedArm(MountOptions):
     """The arm for which `evaluate` plans, and where it stands in each scene."""
 
     arm: Annotated[str | None, metavar("NAME_OR_FILE")] = None
-    """Plan for this arm: built-in, or a URDF or MJCF file; with --execute play the plans. Nothing else is run."""
+    """Plan for this arm: built-in, or a URDF or MJCF file; with --execute play the plans, with
+    --then-grasp up to a lift. Nothing else is run."""
     arm_base: Pose = ()
     """Where it stands in every scene: a JSON file with T_world_base, or metres and degrees."""
     base_distance: Annotated[tuple[float, ...], metavar("FROM TO")] = ()
     """How far from the object it stands [m], in the direction of its motion: drawn for each scene from these bounds, or one
     number; 0.6 unless given."""
 
-    def trial(self, *, execute: bool) -> ArmTrial | None:
+    def trial(self, *, execute: bool, then_grasp: bool) -> ArmTrial | None:
         """Return the kind of trial that plans for the arm; None without one.
 
         Raises:
@@ -94,8 +95,10 @@ class EvaluatedArm(MountOptions):
         base, mount = _tuples(typed_pose("arm_base", self.arm_base, "T_world_base")), _tuples(self.T_flange_mount())
         if self.base_distance:
             bounds = self._bounds(has_base=base is not None)
-            return ArmTrial(self.arm, base=base, mount=mount, base_distance=bounds, execute=execute)
-        return ArmTrial(self.arm, base=base, mount=mount, execute=execute)
+            return ArmTrial(
+                self.arm, base=base, mount=mount, base_distance=bounds, execute=execute, then_grasp=then_grasp
+            )
+        return ArmTrial(self.arm, base=base, mount=mount, execute=execute, then_grasp=then_grasp)
 
     def _bounds(self, *, has_base: bool) -> tuple[float, float]:
         given = self.base_distance

@@ -103,7 +103,7 @@ class Evaluate(SetOptions):
             )
 
     def _check_arm(self) -> None:
-        for name in ("scan", "then_grasp", "execute_errors"):
+        for name in ("scan", "attempts", "execute_errors"):
             if self.robot.arm is not None and getattr(self, name):
                 raise InputError(
                     f"`arm` and `{name}` are both given; expected one of them; run them one after the other"
@@ -130,7 +130,7 @@ class Evaluate(SetOptions):
             from dexnudge.experiments.scanned_world import ScanErrors
 
             return [ScanTrial(ScanErrors(**self.scans.given()), execute=self.execute)]
-        if (arm := self.robot.trial(execute=self.execute)) is not None:
+        if (arm := self.robot.trial(execute=self.execute, then_grasp=self.then_grasp)) is not None:
             return [arm]
         kinds: list[TrialKind[Any]] = [SamplingTrial()]
         if self.execute:

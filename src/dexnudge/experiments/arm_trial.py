@@ -3,7 +3,7 @@
 import time
 from collections import Counter
 from collections.abc import Callable, Sequence
-from dataclasses import dataclass, field
+from dataclasses import dataclass
 from typing import Any, ClassVar
 
 import numpy as np
@@ -13,123 +13,27 @@ from dexnudge.arms.mounting import mount as mounted
 from dexnudge.arms.registry import load_arm
 from dexnudge.arms.robot import Robot
 from dexnudge.arms.standing import DISTANCE, check_base, default_base
+from dexnudge.experiments.arm_records import LIMITS, METRICS, ArmRecord, Records
 from dexnudge.experiments.config import ExperimentConfig, TrialKey, trial_seed
 from dexnudge.experiments.drawn_trial import TrialSampler
-from dexnudge.experiments.metrics import FAILED, OBJECTS, UNVERIFIED, Metric, share
-from dexnudge.experiments.records import TrialRecord
+from dexnudge.experiments.metrics import Metric
 from dexnudge.experiments.scan_trial import NUMBER
-from dexnudge.experiments.statistics import mean_of_known, quantile_estimate
 from dexnudge.experiments.tables import Table
 from dexnudge.experiments.trial import Section, TrialKind
 from dexnudge.hands.hand import Hand
-from dexnudge.planning.outcomes import Outcome
 from dexnudge.planning.reach import Reach
 from dexnudge.results.samples import Samples
+from dexnudge.sampling.sampler import Sampler
 from dexnudge.scenes.scene import Scene
 from dexnudge.trajectories.limits import limits_used
 from dexnudge.trajectories.plan import Plan
 from dexnudge.trajectories.plan_episode import execute_plan
 from dexnudge.trajectories.plan_penetration import plan_penetrations
-from dexnudge.trajectories.planner import TOP, Failure, Planner
+from dexnudge.trajectories.planner import TOP, Failure, Planner, lifting
+from dexnudge.trajectories.regrasp import graspable_length
 
-LIMITS = ("position", "velocity", "acceleration", "jerk")
 Pose = tuple[tuple[float, ...], ...]
 """(4, 4), as an experiment is told by it."""
-
-
-@dataclass(frozen=True, kw_only=True)
-class ArmRecord(TrialRecord):
-    """What an arm makes of the draws for an object in a scene.
-
-    `verified` counts the draws that the arm reaches, too. Figures are None, or empty, where there is no plan.
-
-    Attributes:
-        base_distance: of the arm's base from the object, level [m].
-        configuration: rank of the one that is planned, 0 the best. q: of it, world.
-        failures: of the configurations before it, or of all that were tried.
-        duration: of the trajectory [s]. phases: of each of them [s].
-        limits: largest share of each limit that any joint uses.
-        penetration_mm: greatest depth of arm and hand in object, environment and self, by `plan_penetrations`.
-        outcome: value of the `Outcome` of playing the plan; "" where it was not. length_asked, length_reached [m],
-            turned_deg: of that push. delay: of the joints behind the plan [s]. palm_error_mm, arm_error, hand_error:
-            greatest tracking error of the palm, of the arm's joints and of the hand's [rad].
-    """
-
-    kind: ClassVar[str] = "arm"
-
-    base_distance: float | None = None
-    configuration: int | None = None
-    q: list[float] = field(default_factory=list)
-    failures: list[Failure] = field(default_factory=list)
-    duration: float | None = None
-    phases: dict[str, float] = field(default_factory=dict)
-    limits: dict[str, float] = field(default_factory=dict)
-    penetration_mm: dict[str, float] = field(default_factory=dict)
-    outcome: str = ""
-    length_asked: float | None = None
-    length_reached: float | None = None
-    turned_deg: float | None = None
-    delay: float | None = None
-    palm_error_mm: float | None = None
-    arm_error: float | None = None
-    hand_error: float | None = None
-
-    @property
-    def planned(self) -> bool:
-        """Whether one of the configurations has a plan."""
-        return self.configuration is not None
-
-    @property
-    def executed(self) -> bool:
-        """Whether the plan pushes the object to where it should be."""
-        return self.outcome == Outcome.SUCCESS.value
-
-    @property
-    def succeeded(self) -> bool:
-        """Whether there is a plan, and where it was played, whether it succeeds."""
-        return self.planned and self.outcome in ("", Outcome.SUCCESS.value)
-
-
-Records = Sequence[ArmRecord]
-
-
-def _played(records: Records) -> bool:
-    return any(each.outcome for each in records)
-
-
-def _spent(part: float) -> Callable[[Records], Any]:
-    """Return the metric that is a quantile of the seconds of planning, with or without a plan."""
-    return lambda records: quantile_estimate([each.seconds["plan"] for each in records if "plan" in each.seconds], part)
-
-
-def _largest(name: str) -> Callable[[Records], float | None]:
-    return lambda records: max((each.limits[name] for each in records if each.planned), default=None)
-
-
-def _deepest(name: str) -> Callable[[Records], float | None]:
-    return lambda records: max((each.penetration_mm[name] for each in records if each.planned), default=None)
-
-
-def _greatest(name: str) -> Callable[[Records], float | None]:
-    return lambda records: max((value for each in records if (value := getattr(each, name)) is not None), default=None)
-
-
-def _advance(record: ArmRecord) -> float | None:
-    """Share of the length asked for by which the object moved."""
-    return record.length_reached / record.length_asked if record.length_reached and record.length_asked else None
-
-
-def _endings(records: Records) -> dict[str, int]:
-    """Scenes without success by why, most frequent first: the phase that most of their configurations fail in."""
-    found: Counter[str] = Counter()
-    for each in records:
-        if each.status != "done":
-            found["no draw verified and reached" if each.status == "unverified" else "object failed"] += 1
-        elif not each.planned:
-            found[f"no plan: {Counter(one.phase for one in each.failures).most_common(1)[0][0]}"] += 1
-        elif not each.succeeded:
-            found[f"played: {each.outcome.replace('_', ' ')}"] += 1
-    return dict(found.most_common())
 
 
 @dataclass(frozen=True)
@@ -139,6 +43,7 @@ class ArmTrial(TrialKind[ArmRecord]):
     arm: name or file. base: T_world_base; None for `default_base`. base_distance: from how far [m] to how far that is from
     the object, drawn evenly for each object and scene; it is more where the base would touch the surroundings. mount:
     T_flange_mount; None for the default. top: configurations that are tried. execute: whether the plan is played.
+    then_grasp: whether the plan goes on with a grasp and a lift; its seconds then include the rehearsals of these.
     """
 
     title: ClassVar[str] = "Planned for an arm"
@@ -153,31 +58,7 @@ class ArmTrial(TrialKind[ArmRecord]):
     folder: ClassVar[str] = "arm"
     record: ClassVar[type[ArmRecord]] = ArmRecord
     needs_verified: ClassVar[bool] = False  # the experiment's own draws need not be reached
-    metrics: ClassVar[Sequence[Metric]] = (
-        OBJECTS,
-        FAILED,
-        UNVERIFIED,
-        Metric("planned", share(lambda each: each.planned), "planned"),
-        Metric("plan_median", _spent(0.5), "median, s", 1),
-        Metric("plan_most", _spent(0.9), "90 %, s", 1),
-        *(Metric(f"{name}_limit", _largest(name), f"{name} limit", 2) for name in LIMITS),
-        Metric("in_object_mm", _deepest("object"), "depth in object, mm", 2),
-        Metric("in_environment_mm", _deepest("environment"), "in surroundings, mm", 2),
-        Metric("in_itself_mm", _deepest("self_collision"), "in itself, mm", 2),
-        Metric(
-            "executed",
-            lambda records: share(lambda each: each.executed)(records) if _played(records) else None,
-            "executed, of attempted",
-        ),
-        Metric(
-            "executed_of_planned",
-            lambda records: mean_of_known(float(each.executed) for each in records if each.outcome),
-            "of planned",
-        ),
-        Metric("advance", lambda records: mean_of_known(map(_advance, records)), "advance"),
-        Metric("palm_error_mm", _greatest("palm_error_mm"), "tracking, mm", 1),
-        Metric("outcomes", _endings, "Why objects were not planned or not pushed", "counts"),
-    )
+    metrics: ClassVar[Sequence[Metric]] = METRICS
     rate: ClassVar[str] = "planned"
 
     arm: str
@@ -186,10 +67,12 @@ class ArmTrial(TrialKind[ArmRecord]):
     mount: Pose | None = None
     top: int = TOP
     execute: bool = False
+    then_grasp: bool = False
 
     def start(self, config: ExperimentConfig) -> Callable[[TrialKey], ArmRecord]:
         """Load sampler and arm; return what draws for a trial, plans, and plays."""
         sampler, arm = TrialSampler(config), load_arm(self.arm)
+        grasps = Sampler.from_pretrained(sampler.hand, weights=config.weights) if self.then_grasp else None
 
         def standing(scene: Scene, hand: Hand, seed: int) -> Robot:
             if self.base is None:
@@ -213,7 +96,7 @@ class ArmTrial(TrialKind[ArmRecord]):
             samples = sampler.draw(key, reach)
             drawn = time.perf_counter() - clock
             base = robots[0].arm.T_world_base
-            found = self._planned(samples, robots[0], seed) if samples.num_verified else {"seconds": {}}
+            found = self._planned(samples, robots[0], seed, grasps) if samples.num_verified else {"seconds": {}}
             return self.record(
                 **key._asdict(),
                 **{
@@ -254,13 +137,16 @@ class ArmTrial(TrialKind[ArmRecord]):
             Section("Seconds of each phase", "Median over the plans.", Table(["scene", *names], lasting, labels=1)),
         ]
 
-    def _planned(self, samples: Samples, robot: Robot, seed: int) -> dict[str, Any]:
+    def _planned(self, samples: Samples, robot: Robot, seed: int, grasps: Sampler | None) -> dict[str, Any]:
         """Return fields of a record: the plan of the best configuration that has one, and the failures before it."""
         clock = time.perf_counter()
-        planner = Planner(samples.scene, robot, seed=seed)
+        length = None if grasps is None else graspable_length(samples.scene)
+        planner = Planner(samples.scene, robot, length=length, seed=seed)
         failures: list[Failure] = []
         for rank, sample in enumerate(samples.verified[: self.top]):
             found = planner(sample.q, configuration=rank)
+            if isinstance(found, Plan) and grasps is not None:
+                found = lifting(found, grasps, seed=seed)
             if isinstance(found, Plan):
                 seconds = {"plan": time.perf_counter() - clock}
                 seconds |= {f"plan: {stage}": value for stage, value in found.seconds.items()}
@@ -300,7 +186,8 @@ def _executed(plan: Plan) -> dict[str, Any]:
     episode = execute_plan(plan)
     off, arm = np.abs(episode.trace.tracking_error), plan.robot.arm.num_joints
     return {
-        "outcome": episode.outcome.value,
+        "outcome": episode.verdict.outcome.value,
+        "lift": "" if episode.lift is None else episode.lift.outcome.value,
         "length_asked": round(episode.length_asked, 5),
         "length_reached": round(episode.length_reached, 5),
         "turned_deg": round(episode.verdict.turned_deg, 3),

@@ -23,6 +23,7 @@ STEP = 0.0002  # [m] a fifth of what a plan may penetrate
 SELF_INTERVAL = (
     0.010  # [s] between states at which the robot is looked for in itself: links turn slowly about each other
 )
+MOVING = ("push", "lift")  # phases in which the object goes along with the hand
 BATCH = 256  # states that are measured at once
 
 
@@ -75,18 +76,19 @@ def plan_penetrations(plan: Plan) -> PlanPenetrations:
 def object_poses(
     plan: Plan, time: Float[np.ndarray, " t"], T_world_palm: Float[np.ndarray, "t 4 4"]
 ) -> Float[np.ndarray, "t 4 4"]:
-    """Return T_world_object at times [s]: at rest, or, in a phase that moves it, as far on its way as the palm is."""
+    """Return T_world_object at times [s]: at rest, or, while it is pushed or lifted, as far on its way as the palm is."""
     poses = np.tile(plan.scene.T_world_object, (len(time), 1, 1))
     before = plan.scene.T_world_object
     for phase in plan.phases:
         rows = np.flatnonzero(time >= phase.start)
         way = phase.T_world_object[:3, 3] - before[:3, 3]
-        if len(rows) and way @ way > 0:
+        share = np.ones(len(rows))
+        if phase.name in MOVING and len(rows) and way @ way > 0:
             share = (T_world_palm[rows, :3, 3] - T_world_palm[rows[0], :3, 3]) @ way / (way @ way)
             share = np.where(time[rows] > phase.end, 1.0, share.clip(0.0, 1.0))
-            ends = Rotation.from_matrix(np.stack([before[:3, :3], phase.T_world_object[:3, :3]]))
-            poses[rows, :3, :3] = Slerp([0.0, 1.0], ends)(share).as_matrix()
-            poses[rows, :3, 3] = before[:3, 3] + share[:, None] * way
+        ends = Rotation.from_matrix(np.stack([before[:3, :3], phase.T_world_object[:3, :3]]))
+        poses[rows, :3, :3] = Slerp([0.0, 1.0], ends)(share).as_matrix()
+        poses[rows, :3, 3] = before[:3, 3] + share[:, None] * way
         before = phase.T_world_object
     return poses
 

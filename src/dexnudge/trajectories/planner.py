@@ -103,7 +103,7 @@ def plan(
     for place, sample in enumerate(chosen):
         found = planner(sample.q, configuration=place)
         if isinstance(found, Plan) and sampler is not None:
-            found = _lifting(found, sampler, seed=seed)
+            found = lifting(found, sampler, seed=seed)
         if isinstance(found, Plan):
             return found
         failures.append(found)
@@ -116,7 +116,7 @@ def plan(
     )
 
 
-def _lifting(pushing: Plan, sampler: Sampler, *, seed: int) -> Plan | Failure:
+def lifting(pushing: Plan, sampler: Sampler, *, seed: int) -> Plan | Failure:
     """Return the plan that goes on with a grasp and a lift, or why there is none."""
     lifted = with_grasp(pushing, sampler, seed=seed)
     if lifted.outcome is Outcome.SUCCESS:
