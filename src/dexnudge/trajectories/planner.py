@@ -40,6 +40,8 @@ from dexnudge.trajectories.robot_timing import (
 from dexnudge.trajectories.timing import concatenated, hold, timed_way
 
 TOP = 8  # configurations that are tried, best first
+GIVING_WAY = (1.0, 0.5, 0.0)  # of what fingers gave way by in the rehearsal; where that is not clean, less is planned
+DEEPEST = 0.0009  # [m] of the hand in object, surroundings or itself: nearly what a configuration may have
 CLOSING_STATIONS = 9
 
 
@@ -149,8 +151,15 @@ class Planner:
         seconds = {**self._way.seconds, "forces": time.perf_counter() - clock}
         if not pressed.verdict.success:
             return Failure(configuration, "push", f"in a rehearsal, {pressed.verdict.outcome.sentence}")
+        cleaned = (pressed.nearer_contact(share) for share in GIVING_WAY)
+        clean = next((one for one in cleaned if one.depth(self.robot.hand, self.scene) <= DEEPEST), None)
+        if clean is None:
+            return Failure(
+                configuration, "push", f"the hand that presses gets more than {1e3 * DEEPEST:g} mm into something"
+            )
+        seconds["forces"] = time.perf_counter() - clock
         clock = time.perf_counter()
-        found = self._timed(way, pressed, configuration)
+        found = self._timed(way, clean, configuration)
         if isinstance(found, Failure):
             return found
         seconds["timing"] = time.perf_counter() - clock

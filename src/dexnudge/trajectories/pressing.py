@@ -1,6 +1,6 @@
 """What hand and arm do while they press on an object and carry it along: where they go, and the efforts with which."""
 
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 
 import numpy as np
 import torch
@@ -9,6 +9,7 @@ from scipy.interpolate import CubicSpline
 from scipy.spatial.transform import Rotation
 
 from dexnudge.arms.robot import Robot
+from dexnudge.hands.hand import Hand
 from dexnudge.mechanics.sliding_task import sliding_task
 from dexnudge.planning.object_path import push_length, supports_of_way
 from dexnudge.scenes.scene import Scene
@@ -17,9 +18,13 @@ from dexnudge.simulation.model import SimulationModel
 from dexnudge.simulation.push_forces import LEAST_FORCE, push_forces
 from dexnudge.simulation.rollout import Rollout
 from dexnudge.simulation.success import PushVerdict, judge_push
+from dexnudge.verification.penetration import PenetrationCheck
 from dexnudge.verification.verdicts import contacts_of
 
 STOP = PHASES[-1]
+
+
+CLOSING_LOOKS = 5  # places from contact to where the hand presses at which depths are looked at
 
 
 @dataclass(frozen=True)
@@ -62,6 +67,26 @@ class Press:
         columns = rotations(q).as_matrix()[:, :, :2]
         q[:, 3:6], q[:, 6:9] = columns[:, :, 0], columns[:, :, 1]
         return np.asarray(q)
+
+    def nearer_contact(self, share: float) -> "Press":
+        """Return the same push with the hand nearer to how it was at contact: 1 leaves it, with 0 nothing gives way."""
+        rigid = np.tile(self.contact, (len(self.pressing), 1))
+        rigid[:, :3] += np.outer(np.linspace(0.0, self.length, len(rigid)), self.motion)
+        pressing = rigid + share * (self.pressing - rigid)
+        pressing[:, 3:9] = rotations(pressing).as_matrix()[:, :, :2].transpose(0, 2, 1).reshape(-1, 6)
+        return replace(self, pressing=pressing)
+
+    def depth(self, hand: Hand, scene: Scene) -> float:
+        """Return how deep the hand gets into object, surroundings or itself from contact to the end of the push [m]."""
+        closing = self.contact + np.linspace(0.0, 1.0, CLOSING_LOOKS)[:, None] * (self.touching - self.contact)
+        q = np.concatenate([closing, self.pressing])
+        done = np.concatenate([np.zeros(CLOSING_LOOKS), np.linspace(0.0, self.length, len(self.pressing))])
+        T_world_link = hand.forward_kinematics(torch.as_tensor(q)).numpy()
+        carried = T_world_link.copy()
+        carried[:, :, :3, 3] -= (done[:, None] * self.motion)[:, None]
+        check = PenetrationCheck(hand, scene)
+        found = check.in_object(carried)[0], check.in_environment(T_world_link), check.in_itself(T_world_link)
+        return float(max(each.max() for each in found))
 
     def efforts(
         self, robot: Robot, positions: Float[np.ndarray, "k n"], loaded: Float[np.ndarray, " k"]
