@@ -25,7 +25,7 @@ from dexnudge.simulation.hand_path import SPEED
 from dexnudge.simulation.model import SimulationModel, scene_model
 from dexnudge.trajectories.limits import limits_used
 from dexnudge.trajectories.plan import JointTrajectory, Phase, Plan
-from dexnudge.trajectories.pressing import Press, press
+from dexnudge.trajectories.pressing import DEEPEST, GIVING_WAY, Press, press
 from dexnudge.trajectories.regrasp import graspable_length, with_grasp
 from dexnudge.trajectories.robot_timing import (
     CLOSING_SPEED,
@@ -40,8 +40,6 @@ from dexnudge.trajectories.robot_timing import (
 from dexnudge.trajectories.timing import concatenated, hold, timed_way
 
 TOP = 8  # configurations that are tried, best first
-GIVING_WAY = (1.0, 0.5, 0.0)  # of what fingers gave way by in the rehearsal; where that is not clean, less is planned
-DEEPEST = 0.0009  # [m] of the hand in object, surroundings or itself: nearly what a configuration may have
 CLOSING_STATIONS = 9
 
 

@@ -24,6 +24,8 @@ from dexnudge.verification.verdicts import contacts_of
 STOP = PHASES[-1]
 
 
+GIVING_WAY = (1.0, 0.5, 0.0)  # of what fingers gave way by in a rehearsal; where that is not clean, less is planned
+DEEPEST = 0.0009  # [m] of the hand in object, surroundings or itself: nearly what a configuration may have
 CLOSING_LOOKS = 5  # places from contact to where the hand presses at which depths are looked at
 
 
@@ -79,14 +81,8 @@ class Press:
     def depth(self, hand: Hand, scene: Scene) -> float:
         """Return how deep the hand gets into object, surroundings or itself from contact to the end of the push [m]."""
         closing = self.contact + np.linspace(0.0, 1.0, CLOSING_LOOKS)[:, None] * (self.touching - self.contact)
-        q = np.concatenate([closing, self.pressing])
         done = np.concatenate([np.zeros(CLOSING_LOOKS), np.linspace(0.0, self.length, len(self.pressing))])
-        T_world_link = hand.forward_kinematics(torch.as_tensor(q)).numpy()
-        carried = T_world_link.copy()
-        carried[:, :, :3, 3] -= (done[:, None] * self.motion)[:, None]
-        check = PenetrationCheck(hand, scene)
-        found = check.in_object(carried)[0], check.in_environment(T_world_link), check.in_itself(T_world_link)
-        return float(max(each.max() for each in found))
+        return deepest(hand, scene, np.concatenate([closing, self.pressing]), done[:, None] * self.motion)
 
     def efforts(
         self, robot: Robot, positions: Float[np.ndarray, "k n"], loaded: Float[np.ndarray, " k"]
@@ -105,6 +101,18 @@ class Press:
         return np.asarray(
             loaded[:, None] * np.concatenate([np.einsum("kxj,kx->kj", jacobians, wrench), fingers], axis=1)
         )
+
+
+def deepest(
+    hand: Hand, scene: Scene, q: Float[np.ndarray, "k coordinates"], carried: Float[np.ndarray, "k 3"]
+) -> float:
+    """Return how deep the hand gets into itself, the surroundings, or the object that it has `carried` so far [m]."""
+    T_world_link = hand.forward_kinematics(torch.as_tensor(q)).numpy()
+    T_of_object = T_world_link.copy()
+    T_of_object[:, :, :3, 3] -= carried[:, None]
+    check = PenetrationCheck(hand, scene)
+    found = check.in_object(T_of_object)[0], check.in_environment(T_world_link), check.in_itself(T_world_link)
+    return float(max(each.max() for each in found))
 
 
 def press(

@@ -23,6 +23,7 @@ from dexnudge.simulation.rollout import Rollout
 from dexnudge.trajectories.limits import limits_used
 from dexnudge.trajectories.plan import JointTrajectory, Phase, Plan
 from dexnudge.trajectories.plan_episode import PlanEpisode, execute_plan
+from dexnudge.trajectories.pressing import DEEPEST, GIVING_WAY, deepest
 from dexnudge.trajectories.robot_timing import (
     CLOSING_SPEED,
     CONTACT_SPEED,
@@ -124,7 +125,14 @@ def _lifts(
         if approach.clearance.of(opening.position, stop=0.0).min() < 0.0:
             yield "the hand cannot open its fingers at home"
             continue
-        closed, effort = _closed(simulation, scene, grasp, q)
+        gripping, effort = _closed(simulation, scene, grasp, q)
+        tries = (q + share * (gripping - q) for share in GIVING_WAY)
+        closed = next(
+            (one for one in tries if deepest(robot.hand, scene, one[None], np.zeros((1, 3))) <= DEEPEST), None
+        )
+        if closed is None:
+            yield f"the hand that grips gets more than {1e3 * DEEPEST:g} mm into something"
+            continue
         raised = _carried(closed, ways)
         positions, reached = approach.followed(
             np.concatenate([_between(q, closed), raised[1:]])[None], entry.stretch[:1, : robot.arm.num_joints]
