@@ -1,6 +1,6 @@
 """A robot arm: the chain from its base to its flange, and what its joints may do."""
 
-from collections.abc import Iterator
+from collections.abc import Sequence
 from dataclasses import dataclass, field, replace
 from functools import cached_property
 from pathlib import Path
@@ -13,7 +13,7 @@ from scipy.spatial.transform import Rotation
 from dexnudge.errors import ArmError, SceneError
 from dexnudge.geometry.rigid import rigid_transform
 from dexnudge.hands.joint_ranges import line_of
-from dexnudge.hands.tree import Tree, TreeJoint
+from dexnudge.hands.tree import Tree, TreeJoint, chain_to
 
 REACH_DRAWS, REACH_KEPT = 2000, 20  # joint angles drawn at a time, and the farthest around which the next are drawn
 REACH_SPREADS = (0.1, 0.03, 0.01, 0.003, 0.001, 0.0)  # of the joints' ranges, in which they are drawn
@@ -80,12 +80,7 @@ class Arm:
     @cached_property
     def chain(self) -> tuple[TreeJoint, ...]:
         """The joints from the base to the flange, fixed ones among them."""
-        carrier = {joint.child: joint for joint in self.tree.joints}
-        found, link = [], self.flange
-        while link in carrier:
-            found.append(carrier[link])
-            link = carrier[link].parent
-        return tuple(reversed(found))
+        return tuple(chain_to(self.tree, self.flange))
 
     @property
     def base(self) -> str:
@@ -104,28 +99,30 @@ class Arm:
                 found[name] = (self.joint_names.index(leader), factor, offset)
         return found
 
-    def motions(self, positions: Float[np.ndarray, "k n"]) -> Iterator[tuple[TreeJoint, Float[np.ndarray, "k 4 4"]]]:
-        """Yield each joint from the base to the flange with its motion at joint angles: identity where it is fixed."""
-        for joint in self.chain:
-            index, factor, offset = self.lines.get(joint.name, (0, 0.0, 0.0))
-            yield joint, _motions(joint, factor * positions[:, index] + offset)
-
     def flange_poses(self, positions: Float[np.ndarray, "k n"]) -> Float[np.ndarray, "k 4 4"]:
         """Return T_world_flange at joint angles."""
-        pose = np.tile(self.T_world_base, (len(positions), 1, 1))
-        for joint, motion in self.motions(positions):
-            pose = pose @ joint.origin @ motion
-        return np.asarray(pose)
+        return self._poses(positions, self.chain)[self.flange]
 
     def link_poses(self, position: Float[np.ndarray, " n"]) -> dict[str, Float[np.ndarray, "4 4"]]:
         """Return T_world_link of every link at joint angles."""
-        carrier, poses = {joint.child: joint for joint in self.tree.joints}, {self.base: self.T_world_base}
-        for link in self.tree.links:
-            if link in carrier:
-                joint = carrier[link]
-                index, factor, offset = self.lines.get(joint.name, (0, 0.0, 0.0))
-                motion = _motions(joint, np.array([factor * position[index] + offset]))[0]
-                poses[link] = poses[joint.parent] @ joint.origin @ motion
+        carrier = {joint.child: joint for joint in self.tree.joints}
+        joints = [carrier[link] for link in self.tree.links if link in carrier]
+        return {link: pose[0] for link, pose in self._poses(position[None], joints).items()}
+
+    def _poses(
+        self, positions: Float[np.ndarray, "k n"], joints: Sequence[TreeJoint]
+    ) -> dict[str, Float[np.ndarray, "k 4 4"]]:
+        """Return T_world_link of the base and of what hangs from these joints, parents first."""
+        poses = {self.base: np.tile(self.T_world_base, (len(positions), 1, 1))}
+        for joint in joints:
+            index, factor, offset = self.lines.get(joint.name, (0, 0.0, 0.0))
+            motion = np.tile(np.eye(4), (len(positions), 1, 1))
+            values = (factor * positions[:, index] + offset)[:, None]
+            if joint.slides and not joint.fixed:
+                motion[:, :3, 3] = values * joint.axis
+            elif not joint.fixed:
+                motion[:, :3, :3] = Rotation.from_rotvec(values * joint.axis).as_matrix()
+            poses[joint.child] = poses[joint.parent] @ joint.origin @ motion
         return poses
 
     @cached_property
@@ -152,14 +149,3 @@ def rigid_pose(value: Any, name: str) -> Float[np.ndarray, "4 4"]:
         return rigid_transform(value, name, unscaled="check the numbers")
     except SceneError as error:
         raise ArmError(str(error)) from error
-
-
-def _motions(joint: TreeJoint, values: Float[np.ndarray, " k"]) -> Float[np.ndarray, "k 4 4"]:
-    poses = np.tile(np.eye(4), (len(values), 1, 1))
-    if joint.fixed:
-        return poses
-    if joint.slides:
-        poses[:, :3, 3] = values[:, None] * joint.axis
-    else:
-        poses[:, :3, :3] = Rotation.from_rotvec(values[:, None] * joint.axis).as_matrix()
-    return poses

@@ -17,7 +17,7 @@ from dexnudge.hands.config import GEOMETRIES, yaml_beside
 from dexnudge.hands.joint_ranges import Farthest, with_ranges
 from dexnudge.hands.package_files import package_file
 from dexnudge.hands.registry import read_robot_tree
-from dexnudge.hands.tree import Tree, TreeJoint
+from dexnudge.hands.tree import Tree, TreeJoint, chain_to
 from dexnudge.hands.tree_checks import check_sizes
 
 OTHER_YAML = "arm.yaml"  # beside the description, where there is no `<stem>.yaml`
@@ -59,7 +59,7 @@ def arm_from_description(
             f"the z-axis of '{flange}' does not lie along the last joint's: unless told otherwise, hands are mounted along "
             "the axis that does; is another link the flange?"
         )
-    names = tuple(joint.name for joint in _independent(tree, flange))
+    names = tuple(joint.name for joint in chain_to(tree, flange) if not joint.fixed and joint.mimic is None)
     limits = _limits(tree, names, config, where, path)
     arm = Arm(config.name or tree.name, tree, names, limits, limits.lower, flange, notes=tuple(notes), source=path)
     home, note = _home(arm, config, where)
@@ -103,15 +103,6 @@ def _with_hulls(tree: Tree, path: Path, config: ArmConfig, packages: Mapping[str
     hulls = {link: shown[link].convex_hull for link in bare if link in shown and len(shown[link].faces)}
     note = f"no collision geometry: the hull of the visual one stands for it: {', '.join(hulls)}"
     return replace(tree, links={**tree.links, **hulls}, notes=(*tree.notes, note)) if hulls else tree
-
-
-def _independent(tree: Tree, flange: str) -> list[TreeJoint]:
-    """Return the joints that move the flange, from the base on, without those that follow others."""
-    carrier, found, link = {joint.child: joint for joint in tree.joints}, [], flange
-    while link in carrier:
-        found.append(carrier[link])
-        link = carrier[link].parent
-    return [joint for joint in reversed(found) if not joint.fixed and joint.mimic is None]
 
 
 def _with_limits(tree: Tree, config: ArmConfig, where: str) -> Tree:

@@ -10,7 +10,7 @@ from dexnudge.arms.config import ArmConfig
 from dexnudge.errors import ArmError, did_you_mean
 from dexnudge.hands.arm_cut import WORLD, below
 from dexnudge.hands.joint_ranges import line_of
-from dexnudge.hands.tree import Tree, TreeJoint
+from dexnudge.hands.tree import Tree, TreeJoint, chain_to
 
 LEAST_JOINTS = 4  # fewer bring a hand to few poses: a wrist, or a gripper
 ALONG = np.cos(np.radians(10.0))  # of the flange's z-axis to the last joint's
@@ -59,10 +59,10 @@ def find_flange(tree: Tree, source: str) -> str:
     Raises:
         ArmError: it is not clear; the message names the links that may be meant.
     """
-    joints = {joint.name: joint for joint in tree.joints}
-    ends = [link for link in tree.links if _turns(link, joints) >= LEAST_JOINTS]
+    turns = {link: sum(map(_turns, chain_to(tree, link))) for link in tree.links}
+    ends = [link for link in tree.links if turns[link] >= LEAST_JOINTS]
     if not ends:
-        most = max((_turns(link, joints) for link in tree.links), default=0)
+        most = max(turns.values(), default=0)
         raise ArmError(
             f"{source}: expected an arm of at least {LEAST_JOINTS} joints one after another, found {most}; name a "
             "description with an arm"
@@ -73,7 +73,7 @@ def find_flange(tree: Tree, source: str) -> str:
         return best[0]
     leaves = [link for link in ends if all(joint.parent != link for joint in tree.joints)]
     bare = [link for link in leaves if not len(tree.links[link].faces) and _points_out(tree, link)]
-    if not best and len(leaves) == len(bare) == 1 and not _carrier(tree, bare[0]).mimic:
+    if not best and len(leaves) == len(bare) == 1 and not chain_to(tree, bare[0])[-1].mimic:
         return bare[0]
     shown = list(best) or ends
     more = f" and {len(shown) - MOST_NAMED} more" if len(shown) > MOST_NAMED else ""
@@ -90,11 +90,8 @@ def cut_at(tree: Tree, flange: str, source: str) -> Tree:
         ArmError: no such link, too few joints, or one that follows a joint of something else.
     """
     _check_link(flange, "flange", tree)
-    way = [flange]
-    while way[-1] != _root(tree):
-        way.append(_carrier(tree, way[-1]).parent)
+    root, of_way = _root(tree), chain_to(tree, flange)
     joints = {joint.name: joint for joint in tree.joints}
-    of_way = [_carrier(tree, link) for link in reversed(way[:-1])]
     own = {joint.name for joint in of_way if not joint.fixed and joint.mimic is None}
     for joint in of_way:
         line = line_of(joints, joint.name) if joint.mimic is not None and not joint.fixed else None
@@ -111,11 +108,11 @@ def cut_at(tree: Tree, flange: str, source: str) -> Tree:
     if len(own) < LEAST_JOINTS:
         raise ArmError(
             f"{source}: expected at least {LEAST_JOINTS} joints between base and flange, found {len(own)} between "
-            f"'{way[-1]}' and '{flange}'; name another flange, or another arm"
+            f"'{root}' and '{flange}'; name another flange, or another arm"
         )
     moving = max(number for number, joint in enumerate(of_way) if not joint.fixed)
     last = {joint.child for joint in of_way[moving:]}
-    kept, cut = set(way), []
+    kept, cut = {root, *(joint.child for joint in of_way)}, []
     for joint in _parents_first(tree):
         if joint.child in kept or joint.parent not in kept:
             continue
@@ -127,7 +124,7 @@ def cut_at(tree: Tree, flange: str, source: str) -> Tree:
         else:
             kept.add(joint.child)
     solid = [joint.child for joint in cut if any(len(mesh.faces) for mesh in below(tree, joint.child).links.values())]
-    order = [way[-1], *(joint.child for joint in _parents_first(tree))]
+    order = [root, *(joint.child for joint in _parents_first(tree))]
     links = {name: tree.links[name] for name in order if name in kept}
     kept_joints = tuple(joint for joint in tree.joints if joint.child in kept)
     notes = (f"cut off, with all that hangs there: {', '.join(solid)}",) if solid else ()
@@ -148,10 +145,6 @@ def _root(tree: Tree) -> str:
     return next(iter(set(tree.links) - {joint.child for joint in tree.joints}))
 
 
-def _carrier(tree: Tree, link: str) -> TreeJoint:
-    return next(joint for joint in tree.joints if joint.child == link)
-
-
 def _parents_first(tree: Tree) -> list[TreeJoint]:
     order = [joint for joint in tree.joints if joint.parent == _root(tree)]
     for joint in order:
@@ -159,14 +152,8 @@ def _parents_first(tree: Tree) -> list[TreeJoint]:
     return order
 
 
-def _turns(link: str, joints: dict[str, TreeJoint]) -> int:
-    """Return how many joints of its own move a link."""
-    carrier, found = {joint.child: joint for joint in joints.values()}, 0
-    while link in carrier:
-        joint = carrier[link]
-        found += not joint.fixed and joint.mimic is None and joint.places is None
-        link = joint.parent
-    return found
+def _turns(joint: TreeJoint) -> bool:
+    return not joint.fixed and joint.mimic is None and joint.places is None
 
 
 def _is_called(link: str, name: str) -> bool:
@@ -175,11 +162,12 @@ def _is_called(link: str, name: str) -> bool:
 
 def last_axis(tree: Tree, link: str) -> np.ndarray:
     """Return the axis of the last joint that moves a link, in the link's frame."""
-    turn, carrier = np.eye(3), {joint.child: joint for joint in tree.joints}
-    while link in carrier and carrier[link].fixed:
-        turn = carrier[link].origin[:3, :3] @ turn
-        link = carrier[link].parent
-    return np.asarray(turn.T @ carrier[link].axis if link in carrier else np.array([0.0, 0.0, 1.0]))
+    turn = np.eye(3)
+    for joint in reversed(chain_to(tree, link)):
+        if not joint.fixed:
+            return np.asarray(turn.T @ joint.axis)
+        turn = joint.origin[:3, :3] @ turn
+    return np.array([0.0, 0.0, 1.0])
 
 
 def _points_out(tree: Tree, link: str) -> bool:

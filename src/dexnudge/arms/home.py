@@ -36,8 +36,6 @@ def _near_zero(position: Float[np.ndarray, " n"], arm: Arm) -> Float[np.ndarray,
 
 def _worth(position: Float[np.ndarray, " n"], arm: Arm) -> float:
     """Return how high the joints stand, in reaches, less a tenth of how far they turn [rad]."""
-    pose, heights = np.eye(4), []
-    for joint, motion in arm.motions(position[None]):
-        pose = pose @ joint.origin @ motion[0]
-        heights.append(pose[2, 3])
+    poses = arm.link_poses(position)
+    heights = [poses[joint.child][2, 3] for joint in arm.chain]
     return float(np.mean(heights) / arm.reach - 0.1 * np.abs(position).mean())

@@ -6,7 +6,7 @@ that takes one at a time (mink: 7 ms a start) would need minutes for what is don
 solves 68 % of a Panda's poses where this solves 99.8 %.
 """
 
-from collections.abc import Iterator, Sequence
+from collections.abc import Sequence
 from dataclasses import dataclass
 from functools import cached_property
 
@@ -61,22 +61,11 @@ class InverseKinematics:
         self._T_base_world = np.linalg.inv(arm.T_world_base)
 
     def solve(
-        self, T_world_flange: Float[np.ndarray, "4 4"], start: Float[np.ndarray, " n"], *, most_steps: int = MOST_STEPS
+        self, T_world_flange: Float[np.ndarray, "4 4"], start: Float[np.ndarray, " n"]
     ) -> Float[np.ndarray, " n"] | None:
         """Return joint angles within their limits that bring the flange there, near `start`; None if none are found."""
-        found = self.solve_all(T_world_flange[None], np.asarray(start, dtype=float)[None], most_steps=most_steps)
+        found = self.solve_all(T_world_flange[None], np.asarray(start, dtype=float)[None])
         return found.positions[0] if found.solved[0] else None
-
-    def solutions(
-        self, T_world_flange: Float[np.ndarray, "4 4"], *, starts: int, generator: np.random.Generator
-    ) -> Iterator[Float[np.ndarray, " n"]]:
-        """Yield solutions from home and from random joint angles, `starts` in all; some may be alike."""
-        limits = self.arm.limits
-        drawn = generator.uniform(limits.lower, limits.upper, (starts - 1, self.arm.num_joints))
-        found = self.solve_all(
-            np.repeat(T_world_flange[None], starts, axis=0), np.concatenate([self.arm.home[None], drawn])
-        )
-        yield from found.positions[found.solved]
 
     def starts(self, count: int) -> Float[np.ndarray, "count n"]:
         """Return home and joint angles spread evenly over their range; the same every time."""

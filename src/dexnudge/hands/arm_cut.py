@@ -3,7 +3,7 @@
 from dataclasses import replace
 
 from dexnudge.hands.config import HandConfig
-from dexnudge.hands.tree import Tree, TreeJoint, check_tree
+from dexnudge.hands.tree import Tree, TreeJoint, chain_to, check_tree
 from dexnudge.hands.tree_checks import check_names
 
 WORLD = "world"  # MuJoCo's name for what does not move
@@ -81,18 +81,9 @@ def _without_long_chain(tree: Tree, config: HandConfig, notes: list[str]) -> Tre
 
     What is cut off is an arm, or a whole robot with its other arm.
     """
-    carrier = {joint.child: joint for joint in tree.joints}
-
-    def movable_above(link: str) -> list[str]:
-        names = []
-        while link in carrier:
-            turns = not (carrier[link].fixed or carrier[link].slides or carrier[link].places)
-            names += [carrier[link].name] if turns else []
-            link = carrier[link].parent
-        return names
-
     place = _place(tree, config)
-    cut = movable_above(place)
+    above = reversed(chain_to(tree, place))
+    cut = [joint.name for joint in above if not (joint.fixed or joint.slides or joint.places)]
     if len(cut) <= (0 if place != config.palm else WRIST_JOINTS):
         return tree
     kept = below(tree, place)
@@ -106,17 +97,14 @@ def _without_long_chain(tree: Tree, config: HandConfig, notes: list[str]) -> Tre
 
 def _without_slides_above(tree: Tree, config: HandConfig, notes: list[str]) -> Tree:
     """Return the tree below the last joint that slides above palm and fingertips, such as a gantry's or a lift's."""
-    carrier = {joint.child: joint for joint in tree.joints}
-    link = _place(tree, config)
-    while link in carrier:
-        joint = carrier[link]
-        kept = below(tree, link)
+    for joint in reversed(chain_to(tree, _place(tree, config))):
+        kept = below(tree, joint.child)
         if (joint.slides or joint.places) and set(config.fingertips.values()) <= set(kept.links):
             notes.append(
-                f"'{joint.name}', which moves '{link}' along, was cut off with {len(tree.links) - len(kept.links)} links"
+                f"'{joint.name}', which moves '{joint.child}' along, was cut off with "
+                f"{len(tree.links) - len(kept.links)} links"
             )
             return kept
-        link = joint.parent
     return tree
 
 

@@ -61,6 +61,15 @@ class Tree:
     home: dict[str, float] = field(default_factory=dict)
 
 
+def chain_to(tree: Tree, link: str) -> list[TreeJoint]:
+    """Return the joints from the root to a link, fixed ones among them."""
+    carrier, found = {joint.child: joint for joint in tree.joints}, []
+    while link in carrier:
+        found.append(carrier[link])
+        link = carrier[link].parent
+    return found[::-1]
+
+
 def locked(joint: TreeJoint, value: float) -> TreeJoint:
     """Return a joint fixed where it stands at `value` [rad or m]."""
     if joint.slides:
@@ -108,15 +117,9 @@ def rerooted(tree: Tree, palm: str) -> Tree:
     parent by R(-a, t). For that the former parent's frame moves by O, and its geometry and other joints by O^-1; the
     frames of links between the old root and the palm therefore differ from the file's.
     """
-    carrier = {joint.child: joint for joint in tree.joints}
-    shift: dict[str, np.ndarray] = {}  # T_old_new of the links whose frames move
-    reversed_joints: set[str] = set()
-    link = palm
-    while link in carrier:
-        joint = carrier[link]
-        shift[joint.parent] = joint.origin
-        reversed_joints.add(joint.name)
-        link = joint.parent
+    above = chain_to(tree, palm)
+    shift = {joint.parent: joint.origin for joint in above}  # T_old_new of the links whose frames move
+    reversed_joints = {joint.name for joint in above}
     if not shift:
         return tree
     joints = []

@@ -8,6 +8,7 @@ from jaxtyping import Bool, Float, Int
 
 from dexnudge.arms.arm import Arm
 from dexnudge.arms.inverse_kinematics import Chain
+from dexnudge.hands.tree import chain_to
 from dexnudge.jobs.cached import cached_per_instance
 from dexnudge.scenes.placement import surroundings_distance
 from dexnudge.scenes.scene import Scene
@@ -48,15 +49,14 @@ class ArmPoints:
 @cached_per_instance
 def arm_points(arm: Arm) -> ArmPoints:
     """Return points spread over the links between base and flange; the same every time."""
-    below = {joint.child: joint for joint in arm.tree.joints}
     moving = [joint.name for joint in arm.chain if not joint.fixed]
     joints, places = [np.zeros(0, dtype=np.int64)], [np.zeros((0, 3))]
     for link, mesh in arm.tree.links.items():
-        pose, above = np.eye(4), link
-        while above in below and below[above].fixed:
-            pose, above = below[above].origin @ pose, below[above].parent
-        if above in below and below[above].name in moving and len(mesh.faces):
+        pose, above = np.eye(4), chain_to(arm.tree, link)
+        while above and above[-1].fixed:
+            pose = above.pop().origin @ pose
+        if above and above[-1].name in moving and len(mesh.faces):
             drawn = np.asarray(trimesh.sample.sample_surface(mesh, PER_LINK, seed=SEED)[0])
             places.append(trimesh.transform_points(drawn, pose))
-            joints.append(np.full(len(drawn), moving.index(below[above].name)))
+            joints.append(np.full(len(drawn), moving.index(above[-1].name)))
     return ArmPoints(np.concatenate(joints), np.concatenate(places))

@@ -41,11 +41,6 @@ class LimitsUsed:
     jerk: Float[np.ndarray, " n"]
     exceeded: tuple[Exceeded, ...]
 
-    @property
-    def stretch(self) -> float:
-        """Factor on time that brings velocity, acceleration and jerk to their limits; below 1 if there is room."""
-        return float(max(self.velocity.max(), self.acceleration.max() ** (1 / 2), self.jerk.max() ** (1 / 3)))
-
 
 def limits_used(
     trajectory: JointTrajectory, limits: JointLimits, joint_names: Sequence[str] | None = None
