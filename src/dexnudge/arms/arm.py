@@ -33,6 +33,11 @@ class JointLimits:
     jerk: Float[np.ndarray, " n"]
     effort: Float[np.ndarray, " n"]
 
+    def room(self, position: Float[np.ndarray, "k n"]) -> Float[np.ndarray, " k"]:
+        """Return the least distance of a joint to its limits, as a share of half its range; below 0 outside."""
+        least = np.minimum(position - self.lower, self.upper - position)
+        return np.asarray((least / ((self.upper - self.lower) / 2)).min(axis=1))
+
     def __add__(self, other: "JointLimits") -> "JointLimits":
         """Return the limits of these joints and then of the others'."""
         return JointLimits(**{name: np.concatenate([one, vars(other)[name]]) for name, one in vars(self).items()})

@@ -5,7 +5,6 @@ from dataclasses import replace
 from typing import Any
 
 import numpy as np
-import torch
 import trimesh
 from jaxtyping import Float
 from scipy.spatial.transform import Rotation
@@ -15,7 +14,7 @@ from dexnudge.arms.flange import last_axis
 from dexnudge.arms.robot import Robot
 from dexnudge.errors import ArmError, check_kind
 from dexnudge.geometry.overlap import deepest_overlap
-from dexnudge.hands.hand import ROOT_COORDINATES, Hand
+from dexnudge.hands.hand import Hand
 
 # Of named pairs: turn of the palm about the flange's z-axis, and tilt of the fingers from that axis to where the palm
 # faces [deg]; a wedge makes it. Of tilts in steps of 15 degrees these bring the arm to most of the configurations that were
@@ -155,10 +154,7 @@ def _at_rest(
     hand: Hand,
 ) -> tuple[Float[np.ndarray, "link 4 4"], Float[np.ndarray, " 3"], Float[np.ndarray, " 3"]]:
     """Return T_mount_link of the open hand, where its fingers point, and where its palm faces, in the mount's frame."""
-    q = np.zeros((1, ROOT_COORDINATES + hand.num_joints))
-    q[0, 3] = q[0, 7] = 1.0
-    q[0, ROOT_COORDINATES:] = hand.apart
-    poses = hand.forward_kinematics(torch.as_tensor(q))[0].numpy()
+    poses = hand.forward_kinematics(hand.at_origin(hand.apart[None]))[0].numpy()
     T_mount_palm = np.linalg.inv(poses[_mount_index(hand)])
     normal = hand.palm_normal / np.linalg.norm(hand.palm_normal)
     axis, normal = (normal, hand.finger_axis) if hand.fingers_face else (hand.finger_axis, normal)
@@ -191,11 +187,7 @@ def _overlaps(robot: Robot) -> Iterator[tuple[float, str, str]]:
     makers = MAKERS.get(_pair(arm, hand))
     bolted = makers is not None and np.allclose(makers, robot.T_flange_mount, atol=DEEPEST)
     housed = {(link, robot.mount) for link in _rigid(arm)} if bolted else set()
-    position = np.concatenate([arm.home, np.clip(hand.apart, hand.lower, hand.upper)])[None]
-    poses = body.forward_kinematics(torch.as_tensor(robot.coordinates(position)))[0].numpy()
-    placed = [mesh.copy() for mesh in body.link_meshes]
-    for mesh, pose in zip(placed, poses, strict=True):
-        mesh.apply_transform(pose)
+    placed = [mesh.copy().apply_transform(pose) for mesh, pose in zip(body.link_meshes, robot.at_home(), strict=True)]
     solid = [index for index, mesh in enumerate(placed) if len(mesh.faces)]
     links = len(arm.tree.links)
     for mine in (index for index in solid if index < links):

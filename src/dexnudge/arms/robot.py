@@ -8,7 +8,7 @@ import torch
 from jaxtyping import Float
 
 from dexnudge.arms.arm import Arm, JointLimits
-from dexnudge.hands.hand import ROOT_COORDINATES, Hand, Joint
+from dexnudge.hands.hand import Hand, Joint
 from dexnudge.hands.motors import JOINT_EFFORT, JOINT_VELOCITY
 from dexnudge.hands.tree import Mimic, Tree, TreeJoint, rerooted
 from dexnudge.jobs.cached import cached_per_instance
@@ -77,10 +77,18 @@ class Robot:
         root = np.concatenate([self.arm.T_world_base[:3, 3], *self.arm.T_world_base[:3, :2].T])
         return np.concatenate([np.tile(root, (len(positions), 1)), positions], axis=1)
 
+    def link_poses(self, positions: Float[np.ndarray, "k joint"]) -> Float[np.ndarray, "k link 4 4"]:
+        """Return T_world_link of the links of `body` at positions."""
+        return self.body.forward_kinematics(torch.as_tensor(self.coordinates(positions))).numpy()
+
+    def at_home(self) -> Float[np.ndarray, "link 4 4"]:
+        """Return T_world_link of the links of `body` with the arm at home and the hand open."""
+        opened = np.clip(self.hand.apart, self.hand.lower, self.hand.upper)
+        return self.link_poses(np.concatenate([self.arm.home, opened])[None])[0]
+
     def palm_poses(self, positions: Float[np.ndarray, "k joint"]) -> Float[np.ndarray, "k 4 4"]:
         """Return T_world_palm at positions."""
-        found = self.body.forward_kinematics(torch.as_tensor(self.coordinates(positions)))[:, self.palm].numpy()
-        return np.asarray(found @ self._T_link_palm)
+        return np.asarray(self.link_poses(positions)[:, self.palm] @ self._T_link_palm)
 
     def configurations(self, positions: Float[np.ndarray, "k joint"]) -> Float[np.ndarray, "k coordinates"]:
         """Return q of the hand at positions."""
@@ -98,13 +106,9 @@ class Robot:
     def _T_link_palm(self) -> Float[np.ndarray, "4 4"]:
         """Pose of the palm's frame, as q has it, in the frame that the palm has in `body`, which may hang from its base."""
         zero = np.zeros((1, self.arm.num_joints + self.hand.num_joints))
-        T_world_link = self.body.forward_kinematics(torch.as_tensor(self.coordinates(zero)))[0].numpy()
-        flange = self.body.link_names.index(self.flange)
-        q = np.zeros((1, ROOT_COORDINATES + self.hand.num_joints))
-        q[0, 3], q[0, 7] = 1.0, 1.0
-        T_palm_mount = self.hand.forward_kinematics(torch.as_tensor(q))[
-            0, self.hand.link_names.index(self.mount)
-        ].numpy()
+        T_world_link, flange = self.link_poses(zero)[0], self.body.link_names.index(self.flange)
+        T_palm_link = self.hand.forward_kinematics(self.hand.at_origin(zero[:, self.arm.num_joints :]))[0].numpy()
+        T_palm_mount = T_palm_link[self.hand.link_names.index(self.mount)]
         T_world_palm = T_world_link[flange] @ self.T_flange_mount @ np.linalg.inv(T_palm_mount)
         return np.asarray(np.linalg.inv(T_world_link[self.palm]) @ T_world_palm)
 

@@ -1,7 +1,6 @@
 """Where an arm stands in a scene: a sensible place, and what is wrong with a given one."""
 
 import numpy as np
-import torch
 import trimesh
 from jaxtyping import Float
 
@@ -93,9 +92,7 @@ def standing_mesh(arm: Arm) -> trimesh.Trimesh:
 def _length(robot: Robot) -> float:
     """Return the greatest distance of the open hand's geometry from the flange [m]."""
     body, links = robot.body, len(robot.arm.tree.links)
-    position = np.concatenate([robot.arm.home, robot.hand.apart])[None]
-    poses = body.forward_kinematics(torch.as_tensor(robot.coordinates(position)))[0].numpy()
-    flange = robot.arm.flange_poses(robot.arm.home[None])[0, :3, 3]
+    poses, flange = robot.at_home(), robot.arm.flange_poses(robot.arm.home[None])[0, :3, 3]
     distances = [
         np.linalg.norm(trimesh.transform_points(mesh.vertices, pose) - flange, axis=1).max(initial=0.0)
         for mesh, pose in zip(body.link_meshes[links:], poses[links:], strict=True)

@@ -3,13 +3,12 @@
 from itertools import combinations
 
 import numpy as np
-import torch
 import trimesh
 from jaxtyping import Float
 
 from dexnudge.finding import Finding, length_text
 from dexnudge.hands.closing import Closing, tip_distance
-from dexnudge.hands.hand import ROOT_COORDINATES, Hand
+from dexnudge.hands.hand import Hand
 
 LEAST_MOVE = 0.001  # [m] of some link while a joint goes through its range; less is a joint that moves nothing
 MEETING = 0.03  # [m] between the tips of a closed hand: fingers that pass beside the thumb still pinch a thin object
@@ -37,10 +36,7 @@ def direction_numbers(direction: Float[np.ndarray, " 3"]) -> str:
 
 
 def _placed(hand: Hand, angles: Float[np.ndarray, "n d"]) -> Float[np.ndarray, "n link 4 4"]:
-    q = torch.zeros(len(angles), ROOT_COORDINATES + hand.num_joints, dtype=torch.float64)
-    q[:, 3] = q[:, 7] = 1.0
-    q[:, ROOT_COORDINATES:] = torch.as_tensor(angles)
-    return hand.forward_kinematics(q).numpy()
+    return hand.forward_kinematics(hand.at_origin(angles)).numpy()
 
 
 def _joints(hand: Hand) -> list[Finding]:

@@ -13,7 +13,7 @@ from scipy.spatial import cKDTree
 from torch import Tensor
 
 from dexnudge.hands.hand import ROOT_COORDINATES, Hand
-from dexnudge.hands.palm_direction import SAME_WAY, at_origin, closing_digits, palm_direction, stand_in_two_rows
+from dexnudge.hands.palm_direction import SAME_WAY, closing_digits, palm_direction, stand_in_two_rows
 from dexnudge.jobs.cached import cached_per_instance
 
 STARTS = 8  # random ones of the search for the pose in which the tips meet, beside rest and mid-range
@@ -116,7 +116,7 @@ def _palm_distance(hand: Hand, angles: Float[np.ndarray, " d"]) -> float:
 
 def _spread(hand: Hand, angles: Float[np.ndarray, "n d"]) -> Float[np.ndarray, " n"]:
     """Return the mean squared distance of the tips from their mean [m^2]."""
-    return _tip_spread(hand.keypoints(at_origin(hand, angles))).numpy()
+    return _tip_spread(hand.keypoints(hand.at_origin(angles))).numpy()
 
 
 def _tip_spread(tips: Float[Tensor, "n digit 3"]) -> Float[Tensor, " n"]:
@@ -129,13 +129,13 @@ def _tips_together(hand: Hand, rest: Float[np.ndarray, " d"]) -> Float[np.ndarra
     starts = np.random.default_rng(0).uniform(hand.lower, hand.upper, (STARTS, hand.num_joints))
     starts = np.concatenate([rest[None], (hand.lower + hand.upper)[None] / 2, starts])
     scale, home = torch.as_tensor(ranges), torch.as_tensor(rest)
-    size = float(np.square(hand.keypoints(at_origin(hand, rest[None]))[0].numpy()).sum(axis=1).max())
+    size = float(np.square(hand.keypoints(hand.at_origin(rest[None]))[0].numpy()).sum(axis=1).max())
 
     def energy(q: Tensor) -> Tensor:
         turning = ((q[:, ROOT_COORDINATES:] - home) / scale).square().mean(dim=1)
         return _tip_spread(hand.keypoints(q)) / size + REST_WEIGHT * turning
 
-    q = at_origin(hand, starts)
+    q = hand.at_origin(starts)
     mean, square = torch.zeros_like(q), torch.zeros_like(q)
     for step in range(1, STEPS + 1):
         q = q.detach().requires_grad_()
@@ -180,7 +180,7 @@ def tip_distance(hand: Hand, angles: Float[np.ndarray, " d"]) -> float:
 
 def _placed_points(hand: Hand, angles: Float[np.ndarray, " d"]) -> list[Float[np.ndarray, "p 3"]]:
     """Return the surface points of the palm and of the tips in the palm's frame [m], by link; none of the other links."""
-    transforms = hand.forward_kinematics(at_origin(hand, angles[None]))[0].numpy()
+    transforms = hand.forward_kinematics(hand.at_origin(angles[None]))[0].numpy()
     dense, asked = hand.dense_points, {0, *hand.fingertip_indices}
     return [
         trimesh.transform_points(dense.points[dense.link == link], transforms[link])

@@ -241,9 +241,14 @@ class Hand:
     @property
     def _zero(self) -> Float[Tensor, "1 coordinates"]:
         """The configuration with the root at the origin and all joint angles 0."""
-        zero = torch.zeros(1, ROOT_COORDINATES + self.num_joints, dtype=torch.float64)
-        zero[0, 3], zero[0, 7] = 1.0, 1.0
-        return zero
+        return self.at_origin(np.zeros((1, self.num_joints)))
+
+    def at_origin(self, joint_angles: Float[np.ndarray, "n joint"]) -> Float[Tensor, "n coordinates"]:
+        """Return configurations with the palm at the origin and these joint angles."""
+        q = torch.zeros(len(joint_angles), ROOT_COORDINATES + self.num_joints, dtype=torch.float64)
+        q[:, 3] = q[:, 7] = 1.0
+        q[:, ROOT_COORDINATES:] = torch.as_tensor(joint_angles)
+        return q
 
     @cached_property
     def apart(self) -> Float[np.ndarray, " d"]:

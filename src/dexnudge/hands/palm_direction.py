@@ -3,12 +3,10 @@
 from dataclasses import dataclass
 
 import numpy as np
-import torch
 import trimesh
 from jaxtyping import Float
-from torch import Tensor
 
-from dexnudge.hands.hand import ROOT_COORDINATES, Hand
+from dexnudge.hands.hand import Hand
 
 SAME_WAY = np.cos(np.radians(35.0))  # between the pads of fingers that lie side by side
 PARALLEL = np.cos(np.radians(20.0))  # axes of the joints that flex one finger
@@ -17,14 +15,6 @@ AHEAD = np.cos(np.radians(30.0))  # of where the tips meet, seen from the digits
 FACE = np.cos(np.radians(54.7))  # to the nearest of a box's axes at most
 CLEAR = 0.15  # lead in the cues' agreement over any other direction that leaves no doubt
 SNAP = np.cos(np.radians(15.0))  # a direction that near an axis of the palm's frame is meant to be that axis
-
-
-def at_origin(hand: Hand, angles: Float[np.ndarray, "n d"]) -> Float[Tensor, "n coordinates"]:
-    """Return configurations q with the palm at the origin and these joint angles."""
-    q = torch.zeros(len(angles), ROOT_COORDINATES + hand.num_joints, dtype=torch.float64)
-    q[:, 3], q[:, 7] = 1.0, 1.0
-    q[:, ROOT_COORDINATES:] = torch.as_tensor(angles)
-    return q
 
 
 @dataclass(frozen=True)
@@ -42,7 +32,7 @@ class Digits:
 
 def closing_digits(hand: Hand, start: Float[np.ndarray, " d"], met: Float[np.ndarray, " d"]) -> Digits:
     """Return the digits of a hand that moves from joint angles `start` (d,) to `met` (d,)."""
-    q = at_origin(hand, np.stack([start, met]))
+    q = hand.at_origin(np.stack([start, met]))
     transforms = hand.forward_kinematics(q)[0].numpy()
     base, way, length, pad = [], [], [], []
     for end in hand.fingertip_indices:
@@ -105,7 +95,7 @@ def stand_in_two_rows(digits: Digits, normal: Float[np.ndarray, " 3"]) -> bool:
 
 def palm_direction(hand: Hand, digits: Digits, met: Float[np.ndarray, " d"]) -> tuple[Float[np.ndarray, " 3"], float]:
     """Return the candidate direction for which most cues speak, and its confidence."""
-    centre = hand.keypoints(at_origin(hand, met[None]))[0].numpy().mean(axis=0) - digits.base.mean(axis=0)
+    centre = hand.keypoints(hand.at_origin(met[None]))[0].numpy().mean(axis=0) - digits.base.mean(axis=0)
     axes = _palm_axes(hand)
     beside = [digits.pad[digits.pad @ pad > SAME_WAY].mean(axis=0) for pad in digits.pad if pad.any()]
     candidates = [_snapped(_unit(way)) for way in (*beside, digits.pad.mean(axis=0), digits.way.mean(axis=0))]

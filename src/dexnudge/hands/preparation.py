@@ -9,7 +9,6 @@ from functools import cached_property
 from pathlib import Path
 
 import numpy as np
-import torch
 import trimesh
 from jaxtyping import Float
 
@@ -19,7 +18,7 @@ from dexnudge.hands.anatomy import LEAST_DIGITS, LONGEST_DIGIT, HandPart, hand_a
 from dexnudge.hands.checks import direction_numbers, hand_findings
 from dexnudge.hands.closing import Closing, closing, tip_distance
 from dexnudge.hands.config import GEOMETRIES, LONGEST_QUOTE, HandConfig, read_hand_config, unit_direction, yaml_beside
-from dexnudge.hands.hand import ROOT_COORDINATES, Hand, Joint
+from dexnudge.hands.hand import Hand, Joint
 from dexnudge.hands.named import HANDS
 from dexnudge.hands.registry import PREPARED_NAME, check_packages, is_description, load_hand, read_hand, read_tree
 from dexnudge.hands.tree import Tree
@@ -216,10 +215,7 @@ def _without_bars(hand: Hand) -> Hand:
     Such a bar has no motor of its own, reaches less far, and touches the other digit however far that is closed.
     """
     shares = np.array([0.0, 0.5, 1.0])[:, None]
-    q = torch.zeros(3, ROOT_COORDINATES + hand.num_joints, dtype=torch.float64)
-    q[:, 3] = q[:, 7] = 1.0
-    q[:, ROOT_COORDINATES:] = torch.as_tensor(hand.lower + shares * (hand.upper - hand.lower))
-    poses = hand.forward_kinematics(q).numpy()
+    poses = hand.forward_kinematics(hand.at_origin(hand.lower + shares * (hand.upper - hand.lower))).numpy()
     links = {
         digit: [name for name in hand.link_names if hand.digit_of_link[name] == digit] for digit in hand.fingertips
     }

@@ -82,9 +82,7 @@ def _followed(
 
 def _margins(kinematics: InverseKinematics, positions: Float[np.ndarray, "row n"]) -> Float[np.ndarray, " row"]:
     """Return the margin at joint angles."""
-    limits = kinematics.arm.limits
-    room = np.minimum(positions - limits.lower, limits.upper - positions) / ((limits.upper - limits.lower) / 2)
     jacobian = kinematics.chain.flange(positions).jacobian
     jacobian[:, 3:] *= LEVER
     smallest = np.linalg.svd(jacobian, compute_uv=False).min(axis=1, initial=np.inf)
-    return np.clip(np.minimum(room.min(axis=1), smallest / FREELY), 0.0, 1.0)
+    return np.clip(np.minimum(kinematics.arm.limits.room(positions), smallest / FREELY), 0.0, 1.0)

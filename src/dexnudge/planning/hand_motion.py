@@ -9,7 +9,6 @@ from dataclasses import dataclass
 from itertools import pairwise
 
 import numpy as np
-import torch
 from jaxtyping import Float
 from scipy.spatial.transform import Rotation
 
@@ -66,14 +65,9 @@ class StateSpace:
 
 def state_space(hand: Hand, closed: Float[np.ndarray, " joint"]) -> StateSpace:
     """Return the space of a hand that is to close to the joint angles `closed` [rad]."""
-    wanted = torch.zeros(1, ROOT_COORDINATES + hand.num_joints, dtype=torch.float64)
-    wanted[0, 3], wanted[0, 7] = 1.0, 1.0
-    wanted[0, ROOT_COORDINATES:] = torch.as_tensor(hand.apart)
-    opened = hand.clamp(wanted)[0, ROOT_COORDINATES:].numpy()
+    opened = hand.clamp(hand.at_origin(hand.apart[None]))[0, ROOT_COORDINATES:].numpy()
     steps = np.linspace(0.0, 1.0, SWEEP_STEPS + 1)[:, None]
-    q = np.tile(wanted.numpy(), (len(steps), 1))
-    q[:, ROOT_COORDINATES:] = closed + steps * (opened - closed)
-    T = hand.forward_kinematics(torch.as_tensor(q)).numpy()
+    T = hand.forward_kinematics(hand.at_origin(closed + steps * (opened - closed))).numpy()
     points = hand.sparse_points
     placed = np.einsum("slij,lj->sli", T[:, points.link, :3, :3], points.points) + T[:, points.link][..., :3, 3]
     way = np.linalg.norm(np.diff(placed, axis=0), axis=2).sum(axis=0)

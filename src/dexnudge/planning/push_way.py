@@ -129,9 +129,7 @@ class PushWayPlanner:
 
     def _room(self, push: Float[np.ndarray, "station joint"]) -> float:
         """Return the arm's least distance to a joint limit, as a share of half the joint's range."""
-        limits, angles = self.robot.arm.limits, push[:, : self.robot.arm.num_joints]
-        room = np.minimum(angles - limits.lower, limits.upper - angles) / (limits.upper - limits.lower) * 2
-        return float(room.min())
+        return float(self.robot.arm.limits.room(push[:, : self.robot.arm.num_joints]).min())
 
     def _lap(self, stage: str) -> None:
         now = time.perf_counter()

@@ -5,9 +5,9 @@ from jaxtyping import Float, Int
 from scipy.spatial.transform import Rotation, Slerp
 
 from dexnudge.execution.film import with_object_at
+from dexnudge.simulation.hand_path import interpolated
 from dexnudge.trajectories.interpolation import at
 from dexnudge.trajectories.plan import Plan
-from dexnudge.trajectories.playback import efforts_at
 from dexnudge.viewer.recording import Curve, Recording
 from dexnudge.viewer.visual_scene import visual_scenes
 
@@ -46,7 +46,7 @@ def ends_of_phases(plan: Plan, film: Recording) -> Int[np.ndarray, " phase"]:
 def _charts(plan: Plan, time: Float[np.ndarray, " frame"]) -> dict[str, tuple[Curve, ...]]:
     arm, limits, joints = plan.robot.arm.num_joints, plan.robot.limits, at(plan.trajectory, time)
     speed = 100 * np.abs(joints.velocity) / limits.velocity
-    effort = 100 * np.abs(efforts_at(plan.trajectory, time)) / limits.effort
+    effort = 100 * np.abs(interpolated(time, plan.trajectory.time, plan.trajectory.effort)) / limits.effort
     palm = plan.robot.palm_poses(joints.position)[:, :3, 3]
     moved = 1e3 * np.linalg.norm(np.gradient(palm, time, axis=0), axis=1)
 

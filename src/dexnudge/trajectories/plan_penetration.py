@@ -9,7 +9,6 @@ from collections.abc import Callable
 from dataclasses import dataclass
 
 import numpy as np
-import torch
 from jaxtyping import Float, Int
 from scipy.spatial.transform import Rotation, Slerp
 
@@ -20,9 +19,7 @@ from dexnudge.verification.penetration import PenetrationCheck
 
 INTERVAL = 0.001  # [s] controllers of arms run at 1 kHz
 STEP = 0.0002  # [m] a fifth of what a plan may penetrate
-SELF_INTERVAL = (
-    0.010  # [s] between states at which the robot is looked for in itself: links turn slowly about each other
-)
+SELF_INTERVAL = 0.01  # [s] between states at which the robot is looked for in itself: links turn slowly
 MOVING = ("push", "lift")  # phases in which the object goes along with the hand
 BATCH = 256  # states that are measured at once
 
@@ -51,15 +48,14 @@ def plan_penetrations(plan: Plan) -> PlanPenetrations:
     robot, knots = plan.robot, plan.trajectory.time
     time = np.append(np.arange(knots[0], knots[-1], INTERVAL), knots[-1])
     positions = at(plan.trajectory, time).position
-    T_world_link = robot.body.forward_kinematics(torch.as_tensor(robot.coordinates(positions))).numpy()
+    T_world_link = robot.link_poses(positions)
     T_world_object = object_poses(plan, time, robot.palm_poses(positions))
     check = PenetrationCheck(robot.body, plan.scene)
     carried = np.linalg.norm(np.diff(T_world_object[:, :3, 3], axis=0), axis=1)
     chosen = _stations(np.cumsum(np.append(0.0, _ways(robot.body, T_world_link) + carried)))
     apart = chosen[_stations(time[chosen] - time[0], SELF_INTERVAL)]
-    T_object = plan.scene.T_world_object @ np.linalg.inv(
-        T_world_object
-    )  # as if the robot moved, and the object did not
+    # As if the robot moved, and the object did not.
+    T_object = plan.scene.T_world_object @ np.linalg.inv(T_world_object)
 
     def measured(rows: Int[np.ndarray, " n"], depths: Callable[[np.ndarray], np.ndarray]) -> np.ndarray:
         return np.concatenate([depths(part) for part in np.array_split(rows, -(-len(rows) // BATCH))])

@@ -9,11 +9,12 @@ from jaxtyping import Float
 
 from dexnudge.arms.export import robot_actuators
 from dexnudge.hands.motors import Actuator
+from dexnudge.simulation.hand_path import interpolated
 from dexnudge.simulation.model import HAND_SIDE, OBJECT_SIDE, TIMESTEP
 from dexnudge.simulation.robot_model import RobotModel, robot_model
 from dexnudge.simulation.rollout import Command, Divergence, Rollout, Trace
 from dexnudge.trajectories.interpolation import at
-from dexnudge.trajectories.plan import JointTrajectory, Plan
+from dexnudge.trajectories.plan import Plan
 
 
 @dataclass(frozen=True, kw_only=True)
@@ -90,8 +91,8 @@ class PlanRollout(Rollout):
         trajectory, names = plan.trajectory, plan.robot.joint_names
         steps = round(trajectory.duration / TIMESTEP)
         time = trajectory.time[0] + TIMESTEP * np.arange(steps + 1)
-        joints = at(trajectory, time)
-        ctrl = set_points(self._motors, names, joints.position, joints.velocity, efforts_at(trajectory, time))
+        joints, effort = at(trajectory, time), interpolated(time, trajectory.time, trajectory.effort)
+        ctrl = set_points(self._motors, names, joints.position, joints.velocity, effort)
         q = plan.robot.coordinates(joints.position)
         ends = np.array([phase.end for phase in plan.phases[:-1]])
         phase = np.searchsorted(ends, time[1:] - TIMESTEP / 2)
@@ -145,8 +146,3 @@ class PlanRollout(Rollout):
                 mujoco.mj_contactForce(model, data, index, force)
                 found[simulation.link_body == model.geom_bodyid[mine]] += force[0]
         return found
-
-
-def efforts_at(trajectory: JointTrajectory, time: Float[np.ndarray, " t"]) -> Float[np.ndarray, "t n"]:
-    """Return the efforts at times [s]: linear between samples."""
-    return np.stack([np.interp(time, trajectory.time, column) for column in trajectory.effort.T], axis=1)

@@ -198,7 +198,7 @@ def palm_jacobians(
     Linear [m/rad] then angular [rad/rad], world; of joints that slide per metre.
     """
     body = robot.body
-    T_world_link = body.forward_kinematics(torch.as_tensor(robot.coordinates(positions))).numpy()
+    T_world_link = robot.link_poses(positions)
     jacobians = np.zeros((len(positions), 6, robot.arm.num_joints))
     for link, joint in enumerate(body.joints):
         if joint is None or joint.index is None or joint.index >= robot.arm.num_joints:

@@ -6,12 +6,11 @@ from concurrent.futures import ThreadPoolExecutor
 from dataclasses import dataclass
 
 import numpy as np
-import torch
 import trimesh
 from jaxtyping import Float
 
 from dexnudge.geometry.surface_lattice import Boxes, lattice_in_boxes
-from dexnudge.hands.hand import ROOT_COORDINATES, Hand
+from dexnudge.hands.hand import Hand
 from dexnudge.jobs.cached import cached_per_instance
 from dexnudge.scenes.placement import surroundings_distance
 from dexnudge.scenes.scene import Scene
@@ -171,10 +170,7 @@ class PenetrationCheck:
 
 def self_penetration(hand: Hand, joint_angles: Float[np.ndarray, "n joint"]) -> Float[np.ndarray, " n"]:
     """Return the greatest depth of any link in one that it must not touch [m], 0 where none is inside."""
-    q = np.zeros((len(joint_angles), ROOT_COORDINATES + hand.num_joints))
-    q[:, 3] = q[:, 7] = 1.0
-    q[:, ROOT_COORDINATES:] = joint_angles
-    return _self_penetration(hand_solids(hand), hand.forward_kinematics(torch.as_tensor(q)).numpy())
+    return _self_penetration(hand_solids(hand), hand.forward_kinematics(hand.at_origin(joint_angles)).numpy())
 
 
 def _self_penetration(hand: HandSolids, T_world_link: np.ndarray) -> np.ndarray:

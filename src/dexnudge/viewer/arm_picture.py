@@ -3,7 +3,6 @@
 from pathlib import Path
 
 import numpy as np
-import torch
 import trimesh
 from jaxtyping import Float, UInt8
 
@@ -60,18 +59,16 @@ def arm_picture(arm: Arm | Robot, *, tile: tuple[int, int] = TILE) -> UInt8[np.n
 
 def _parts(arm: Arm | Robot) -> list[Part]:
     """Return links and axes where the base stands at the origin, smaller than they are."""
-    own, hand = (arm, None) if isinstance(arm, Arm) else (arm.arm, arm.hand)
-    own = own.standing_at(np.eye(4))
+    own = (arm if isinstance(arm, Arm) else arm.arm).standing_at(np.eye(4))
     poses = own.link_poses(own.home)
     placed = [
         (own.tree.links[link], pose, PALM_COLOUR if number % 2 else BASE_COLOUR)
         for number, (link, pose) in enumerate(poses.items())
     ]
-    if hand is not None and isinstance(arm, Robot):
-        position = np.concatenate([own.home, np.clip(hand.apart, hand.lower, hand.upper)])[None]
-        body = arm.body.forward_kinematics(torch.as_tensor(arm.coordinates(position)))[0].numpy()
-        to_base, first = np.linalg.inv(arm.arm.T_world_base), len(own.tree.links)
-        meshes = zip(arm.body.link_names[first:], arm.body.link_meshes[first:], to_base @ body[first:], strict=True)
+    if isinstance(arm, Robot):
+        first = len(own.tree.links)
+        hanging = np.linalg.inv(arm.arm.T_world_base) @ arm.at_home()[first:]
+        meshes = zip(arm.body.link_names[first:], arm.body.link_meshes[first:], hanging, strict=True)
         placed += [(mesh, pose, _digit_colour(arm, name)) for name, mesh, pose in meshes]
     points = [trimesh.transform_points(mesh.vertices, pose) for mesh, pose, _ in placed if len(mesh.faces)]
     scale = SIZE / float(np.ptp(np.concatenate(points), axis=0).max())

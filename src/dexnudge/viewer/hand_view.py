@@ -3,11 +3,10 @@
 from collections.abc import Sequence
 
 import numpy as np
-import torch
 import trimesh
 from jaxtyping import Float
 
-from dexnudge.hands.hand import ROOT_COORDINATES, Hand
+from dexnudge.hands.hand import Hand
 from dexnudge.jobs.cached import cached_per_instance
 from dexnudge.viewer.trace_kernel import first_hits, warp_mesh
 from dexnudge.viewer.visual_scene import Colour, Part, Role, VisualScene
@@ -96,17 +95,8 @@ def _zero(hand: Hand) -> Float[np.ndarray, " joint"]:
     return np.clip(np.zeros(hand.num_joints), hand.lower, hand.upper)
 
 
-def _configurations(
-    hand: Hand, poses: Sequence[Float[np.ndarray, " joint"]]
-) -> Float[torch.Tensor, "pose coordinates"]:
-    q = torch.zeros(len(poses), ROOT_COORDINATES + hand.num_joints, dtype=torch.float64)
-    q[:, 3], q[:, 7] = 1.0, 1.0
-    q[:, ROOT_COORDINATES:] = torch.as_tensor(np.stack(poses))
-    return q
-
-
 def _link_poses(hand: Hand, poses: Sequence[Float[np.ndarray, " joint"]]) -> Float[np.ndarray, "pose link 4 4"]:
-    return hand.forward_kinematics(_configurations(hand, poses)).numpy()
+    return hand.forward_kinematics(hand.at_origin(np.stack(poses))).numpy()
 
 
 def _look(hand: Hand, link: str) -> tuple[Role, Colour]:
@@ -130,7 +120,7 @@ def _normal(hand: Hand) -> Float[np.ndarray, "3"]:
 def _axes(hand: Hand) -> Float[np.ndarray, "3 3"]:
     """Return the rotation from the palm's frame to that of the view."""
     normal = _normal(hand)
-    tips = hand.keypoints(_configurations(hand, [_zero(hand)]))[0].numpy()
+    tips = hand.keypoints(hand.at_origin(_zero(hand)[None]))[0].numpy()
     fingers = tips if len(tips) < 3 else np.delete(tips, hand.thumb, axis=0)
     way = fingers.mean(axis=0) - _palm_face(hand)
     if np.linalg.norm(np.cross(way, normal)) > ALONG * np.linalg.norm(way):
