@@ -10,7 +10,7 @@ from dexnudge.arms.config import ArmConfig
 from dexnudge.errors import ArmError, did_you_mean
 from dexnudge.hands.arm_cut import WORLD, below
 from dexnudge.hands.joint_ranges import line_of
-from dexnudge.hands.tree import Tree, TreeJoint, chain_to
+from dexnudge.hands.tree import Tree, TreeJoint, chain_to, joints_below
 
 LEAST_JOINTS = 4  # fewer bring a hand to few poses: a wrist, or a gripper
 ALONG = np.cos(np.radians(10.0))  # of the flange's z-axis to the last joint's
@@ -113,7 +113,7 @@ def cut_at(tree: Tree, flange: str, source: str) -> Tree:
     moving = max(number for number, joint in enumerate(of_way) if not joint.fixed)
     last = {joint.child for joint in of_way[moving:]}
     kept, cut = {root, *(joint.child for joint in of_way)}, []
-    for joint in _parents_first(tree):
+    for joint in joints_below(tree, root):
         if joint.child in kept or joint.parent not in kept:
             continue
         line = None if joint.fixed else line_of(joints, joint.name)
@@ -124,7 +124,7 @@ def cut_at(tree: Tree, flange: str, source: str) -> Tree:
         else:
             kept.add(joint.child)
     solid = [joint.child for joint in cut if any(len(mesh.faces) for mesh in below(tree, joint.child).links.values())]
-    order = [root, *(joint.child for joint in _parents_first(tree))]
+    order = [root, *(joint.child for joint in joints_below(tree, root))]
     links = {name: tree.links[name] for name in order if name in kept}
     kept_joints = tuple(joint for joint in tree.joints if joint.child in kept)
     notes = (f"cut off, with all that hangs there: {', '.join(solid)}",) if solid else ()
@@ -143,13 +143,6 @@ def _check_link(link: str, key: str, tree: Tree) -> None:
 
 def _root(tree: Tree) -> str:
     return next(iter(set(tree.links) - {joint.child for joint in tree.joints}))
-
-
-def _parents_first(tree: Tree) -> list[TreeJoint]:
-    order = [joint for joint in tree.joints if joint.parent == _root(tree)]
-    for joint in order:
-        order += [other for other in tree.joints if other.parent == joint.child]
-    return order
 
 
 def _turns(joint: TreeJoint) -> bool:

@@ -10,7 +10,7 @@ from jaxtyping import Float
 from dexnudge.arms.arm import Arm, JointLimits
 from dexnudge.hands.hand import Hand, Joint
 from dexnudge.hands.motors import JOINT_EFFORT, JOINT_VELOCITY
-from dexnudge.hands.tree import Mimic, Tree, TreeJoint, rerooted
+from dexnudge.hands.tree import Tree, TreeJoint, joints_below, rerooted
 from dexnudge.jobs.cached import cached_per_instance
 
 FINGER_ACCELERATION = 20.0  # [rad/s^2] ten times Shadow's published velocity limit: it is reached in 0.1 s
@@ -121,61 +121,39 @@ def _unique(name: str, taken: tuple[str, ...], prefix: str) -> str:
     return f"{prefix}_{name}" if name in taken else name
 
 
-def _joint(joint: TreeJoint, name: str, arm: Arm) -> Joint:
-    index, factor, offset = (None, 1.0, 0.0) if joint.fixed else arm.lines[joint.name]
-    return Joint(name, joint.origin, joint.axis, index, factor, offset, joint.slides)
-
-
 def _body(robot: Robot) -> Hand:
     arm, hand = robot.arm, robot.hand
     rename = {name: _unique(name, hand.link_names, arm.name) for name in arm.tree.links}
-    own = tuple(joint.name for joint in hand.joints if joint is not None)
-    carrier = {rename[joint.child]: joint for joint in arm.tree.joints}
-    arm_links = list(rename.values())
+    of_hand = {joint.name: joint for joint in hand.joints if joint is not None}
     root, T_flange_root = _root(robot)
     hanging = _hanging(hand, root)
-    hand_links = _from_root(hanging, root)
-    links = arm_links + hand_links
-    arm_names = tuple(_unique(name, own, arm.name) for name in arm.joint_names)
-    names = arm_names + hand.joint_names
+    above: dict[str, tuple[str, Joint]] = {}  # of each link, its parent and the joint between them
+    for joint in arm.tree.joints:
+        index, factor, offset = (None, 1.0, 0.0) if joint.fixed else arm.lines[joint.name]
+        name = _unique(joint.name, tuple(of_hand), arm.name)
+        made = Joint(name, joint.origin, joint.axis, index, factor, offset, joint.slides)
+        above[rename[joint.child]] = rename[joint.parent], made
     fixed = Joint(f"{arm.name}_{hand.name}_mount", T_flange_root, np.array([0.0, 0.0, 1.0]), None)
-    parents, joints = [], []
-    for link in arm_links:
-        joint = carrier.get(link)
-        parents.append(-1 if joint is None else links.index(rename[joint.parent]))
-        joints.append(None if joint is None else _joint(joint, _unique(joint.name, own, arm.name), arm))
-    below = {joint.child: joint for joint in hanging.joints}
-    of_hand = {joint.name: joint for joint in hand.joints if joint is not None}
-    for link in hand_links:
-        if link == root:
-            parents.append(links.index(rename[arm.flange]))
-            joints.append(fixed)
-            continue
-        joint = below[link]
-        index = of_hand[joint.name].index
-        parents.append(links.index(joint.parent))
-        joints.append(
-            replace(
-                of_hand[joint.name],
-                origin=joint.origin,
-                axis=joint.axis,
-                index=None if index is None else arm.num_joints + index,
-            )
-        )
+    above[root] = rename[arm.flange], fixed
+    for joint in hanging.joints:
+        own = of_hand[joint.name]
+        index = None if own.index is None else arm.num_joints + own.index
+        above[joint.child] = joint.parent, replace(own, origin=joint.origin, axis=joint.axis, index=index)
     meshes = {rename[name]: mesh for name, mesh in arm.tree.links.items()} | hanging.links
+    links = [*rename.values(), root, *(joint.child for joint in joints_below(hanging, root))]
     return Hand(
         name=f"{arm.name}_{hand.name}",
-        joint_names=names,
+        joint_names=(*(_unique(name, tuple(of_hand), arm.name) for name in arm.joint_names), *hand.joint_names),
         lower=robot.limits.lower,
         upper=robot.limits.upper,
         link_names=tuple(links),
-        link_parent=np.array(parents),
-        joints=tuple(joints),
+        link_parent=np.array([links.index(above[link][0]) if link in above else -1 for link in links]),
+        joints=tuple(above[link][1] if link in above else None for link in links),
         link_meshes=tuple(meshes[link] for link in links),
         fingertips=hand.fingertips,
         couplings=hand.couplings,
         palm_normal=hand.palm_normal,
-        coarse_links=frozenset(arm_links),
+        coarse_links=frozenset(rename.values()),
     )
 
 
@@ -204,19 +182,6 @@ def _tree_of(hand: Hand) -> Tree:
     joints = []
     for link, joint in enumerate(hand.joints):
         if joint is not None:
-            mimic = (
-                None if joint.index is None else Mimic(hand.joint_names[joint.index], joint.multiplier, joint.offset)
-            )
             parent, child = hand.link_names[hand.link_parent[link]], hand.link_names[link]
-            joints.append(
-                TreeJoint(joint.name, parent, child, joint.origin, joint.axis, joint.index is None, mimic=mimic)
-            )
+            joints.append(TreeJoint(joint.name, parent, child, joint.origin, joint.axis, joint.index is None))
     return Tree(hand.name, dict(zip(hand.link_names, hand.link_meshes, strict=True)), tuple(joints))
-
-
-def _from_root(tree: Tree, root: str) -> list[str]:
-    """Return the links, parents before children."""
-    order = [root]
-    for link in order:
-        order += [joint.child for joint in tree.joints if joint.parent == link]
-    return order

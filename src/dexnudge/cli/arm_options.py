@@ -12,6 +12,7 @@ from dexnudge.errors import ArmError, SceneError
 if TYPE_CHECKING:
     import numpy as np
 
+    from dexnudge.arms.arm import Arm
     from dexnudge.arms.robot import Robot
     from dexnudge.experiments.arm_trial import ArmTrial
     from dexnudge.hands.hand import Hand
@@ -50,16 +51,12 @@ class ArmOptions(MountOptions):
             ArmError, UnknownNameError: no such arm, or it cannot stand or carry the hand so.
         """
         from dexnudge.arms.mounting import mount
-        from dexnudge.arms.registry import load_arm
-        from dexnudge.arms.standing import check_base, default_base
+        from dexnudge.arms.standing import check_base
 
         if self.arm is None:
-            given = [f"`{name}`" for name in ("arm_base", "mount") if getattr(self, name)]
-            if given:
-                raise ArmError(f"{' and '.join(given)} given without `arm`; name the arm, or leave it out")
+            _refuse_without_arm(self, "arm_base", "mount")
             return None
-        base, arm = typed_pose("arm_base", self.arm_base, "T_world_base"), load_arm(self.arm)
-        robot = mount(arm.standing_at(default_base(arm, scene) if base is None else base), hand, self.T_flange_mount())
+        robot = mount(standing_arm(self.arm, self.arm_base, scene), hand, self.T_flange_mount())
         check_base(robot, scene)
         return robot
 
@@ -84,21 +81,15 @@ class EvaluatedArm(MountOptions):
             InputError, ArmError, UnknownNameError: options that do not go together, no such arm, or no pose.
         """
         if self.arm is None:
-            given = [f"`{name}`" for name in ("arm_base", "base_distance", "mount") if getattr(self, name)]
-            if given:
-                raise ArmError(f"{' and '.join(given)} given without `arm`; name the arm, or leave it out")
+            _refuse_without_arm(self, "arm_base", "base_distance", "mount")
             return None
         from dexnudge.arms.registry import load_arm
         from dexnudge.experiments.arm_trial import ArmTrial
 
         load_arm(self.arm)  # refuses what is none, before anything is written
         base, mount = _tuples(typed_pose("arm_base", self.arm_base, "T_world_base")), _tuples(self.T_flange_mount())
-        if self.base_distance:
-            bounds = self._bounds(has_base=base is not None)
-            return ArmTrial(
-                self.arm, base=base, mount=mount, base_distance=bounds, execute=execute, then_grasp=then_grasp
-            )
-        return ArmTrial(self.arm, base=base, mount=mount, execute=execute, then_grasp=then_grasp)
+        bounds = self._bounds(has_base=base is not None) if self.base_distance else ArmTrial.base_distance
+        return ArmTrial(self.arm, base=base, mount=mount, base_distance=bounds, execute=execute, then_grasp=then_grasp)
 
     def _bounds(self, *, has_base: bool) -> tuple[float, float]:
         given = self.base_distance
@@ -114,6 +105,21 @@ class EvaluatedArm(MountOptions):
 
 def _tuples(pose: np.ndarray | None) -> tuple[tuple[float, ...], ...] | None:
     return None if pose is None else tuple(map(tuple, pose.tolist()))
+
+
+def _refuse_without_arm(options: MountOptions, *names: str) -> None:
+    given = [f"`{name}`" for name in names if getattr(options, name)]
+    if given:
+        raise ArmError(f"{' and '.join(given)} given without `arm`; name the arm, or leave it out")
+
+
+def standing_arm(name: str, words: tuple[str, ...], scene: Scene) -> Arm:
+    """Return the arm of that name where `arm_base` puts it, or where it stands sensibly in a scene."""
+    from dexnudge.arms.registry import load_arm
+    from dexnudge.arms.standing import default_base
+
+    base, arm = typed_pose("arm_base", words, "T_world_base"), load_arm(name)
+    return arm.standing_at(default_base(arm, scene) if base is None else base)
 
 
 def typed_pose(argument: str, words: tuple[str, ...], key: str) -> Any:
@@ -143,10 +149,10 @@ def typed_pose(argument: str, words: tuple[str, ...], key: str) -> Any:
     from dexnudge.arms.arm import rigid_pose
 
     numbers = np.array([float(word) for word in words])
+    if not np.isfinite(numbers).all():
+        raise ArmError(f"`{argument}` got {' '.join(words)}; expected finite numbers")
     pose = np.eye(4)
     pose[:3, 3] = numbers[:3]
-    if len(numbers) == 6 and np.isfinite(numbers).all():
+    if len(numbers) == 6:
         pose[:3, :3] = Rotation.from_euler("xyz", numbers[3:], degrees=True).as_matrix()
-    elif not np.isfinite(numbers).all():
-        raise ArmError(f"`{argument}` got {' '.join(words)}; expected finite numbers")
     return rigid_pose(pose, f"`{argument}`")

@@ -19,7 +19,7 @@ from dexnudge.cli.arguments import (
     stdout,
     table,
 )
-from dexnudge.cli.arm_options import MountOptions, Pose
+from dexnudge.cli.arm_options import MountOptions, Pose, standing_arm
 
 if TYPE_CHECKING:
     from dexnudge.trajectories.plan import Plan as PlanResult
@@ -61,9 +61,6 @@ class Plan(MountOptions):
         """Plan, write, print."""
         check_at_least(1, top=self.top)
         check_at_least(0, seed=self.seed, films=self.films)
-        from dexnudge.arms.registry import load_arm
-        from dexnudge.arms.standing import default_base
-        from dexnudge.cli.arm_options import typed_pose
         from dexnudge.errors import PlanningError
         from dexnudge.jobs.progress import progress
         from dexnudge.results.folder import load_samples
@@ -71,8 +68,7 @@ class Plan(MountOptions):
 
         out = out_folder(self.out, Path(self.folder) / PLAN_FOLDER, overwrite=self.overwrite)
         samples = load_samples(self.folder)
-        base, arm = typed_pose("arm_base", self.arm_base, "T_world_base"), load_arm(self.arm)
-        arm = arm.standing_at(default_base(arm, samples.scene) if base is None else base)
+        arm = standing_arm(self.arm, self.arm_base, samples.scene)
         with progress() as bars:
             bar = bars.add_task("planning", total=min(self.top, samples.num_verified))
             try:

@@ -77,21 +77,13 @@ class ArmRecord(TrialRecord):
 Records = Sequence[ArmRecord]
 
 
-def _played(records: Records) -> bool:
-    return any(each.outcome for each in records)
-
-
 def _spent(part: float) -> Callable[[Records], Any]:
     """Return the metric that is a quantile of the seconds of planning, with or without a plan."""
     return lambda records: quantile_estimate([each.seconds["plan"] for each in records if "plan" in each.seconds], part)
 
 
-def _largest(name: str) -> Callable[[Records], float | None]:
-    return lambda records: max((each.limits[name] for each in records if each.planned), default=None)
-
-
-def _deepest(name: str) -> Callable[[Records], float | None]:
-    return lambda records: max((each.penetration_mm[name] for each in records if each.planned), default=None)
+def _largest(field: str, name: str) -> Callable[[Records], float | None]:
+    return lambda records: max((getattr(each, field)[name] for each in records if each.planned), default=None)
 
 
 def _greatest(name: str) -> Callable[[Records], float | None]:
@@ -124,13 +116,13 @@ METRICS: Sequence[Metric] = (
     Metric("planned", share(lambda each: each.planned), "planned"),
     Metric("plan_median", _spent(0.5), "median, s", 1),
     Metric("plan_most", _spent(0.9), "90 %, s", 1),
-    *(Metric(f"{name}_limit", _largest(name), f"{name} limit", 2) for name in LIMITS),
-    Metric("in_object_mm", _deepest("object"), "depth in object, mm", 2),
-    Metric("in_environment_mm", _deepest("environment"), "in surroundings, mm", 2),
-    Metric("in_itself_mm", _deepest("self_collision"), "in itself, mm", 2),
+    *(Metric(f"{name}_limit", _largest("limits", name), f"{name} limit", 2) for name in LIMITS),
+    Metric("in_object_mm", _largest("penetration_mm", "object"), "depth in object, mm", 2),
+    Metric("in_environment_mm", _largest("penetration_mm", "environment"), "in surroundings, mm", 2),
+    Metric("in_itself_mm", _largest("penetration_mm", "self_collision"), "in itself, mm", 2),
     Metric(
         "executed",
-        lambda records: share(lambda each: each.executed)(records) if _played(records) else None,
+        lambda records: share(lambda each: each.executed)(records) if any(each.outcome for each in records) else None,
         "executed, of attempted",
     ),
     Metric(

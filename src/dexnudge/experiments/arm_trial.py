@@ -29,7 +29,7 @@ from dexnudge.trajectories.limits import limits_used
 from dexnudge.trajectories.plan import Plan
 from dexnudge.trajectories.plan_episode import execute_plan
 from dexnudge.trajectories.plan_penetration import plan_penetrations
-from dexnudge.trajectories.planner import TOP, Failure, Planner, lifting
+from dexnudge.trajectories.planner import TOP, Planner, first_plan
 from dexnudge.trajectories.regrasp import graspable_length
 
 Pose = tuple[tuple[float, ...], ...]
@@ -142,27 +142,20 @@ class ArmTrial(TrialKind[ArmRecord]):
         clock = time.perf_counter()
         length = None if grasps is None else graspable_length(samples.scene)
         planner = Planner(samples.scene, robot, length=length, seed=seed)
-        failures: list[Failure] = []
-        for rank, sample in enumerate(samples.verified[: self.top]):
-            found = planner(sample.q, configuration=rank)
-            if isinstance(found, Plan) and grasps is not None:
-                found = lifting(found, grasps, seed=seed)
-            if isinstance(found, Plan):
-                seconds = {"plan": time.perf_counter() - clock}
-                seconds |= {f"plan: {stage}": value for stage, value in found.seconds.items()}
-                fields = {
-                    "configuration": rank,
-                    "q": [round(float(value), 7) for value in sample.q],
-                    **_measured(found),
-                }
-                seconds["measure"] = time.perf_counter() - clock - seconds["plan"]
-                if self.execute:
-                    clock = time.perf_counter()
-                    fields |= _executed(found)
-                    seconds["execute"] = time.perf_counter() - clock
-                return {**fields, "failures": failures, "seconds": seconds}
-            failures.append(found)
-        return {"failures": failures, "seconds": {"plan": time.perf_counter() - clock}}
+        found, failures = first_plan(planner, samples.verified[: self.top], grasps, seed=seed)
+        seconds = {"plan": time.perf_counter() - clock}
+        if found is None:
+            return {"failures": failures, "seconds": seconds}
+        seconds |= {f"plan: {stage}": value for stage, value in found.seconds.items()}
+        rank = len(failures)
+        q = [round(float(value), 7) for value in samples.verified[rank].q]
+        fields = {"configuration": rank, "q": q, **_measured(found)}
+        seconds["measure"] = time.perf_counter() - clock - seconds["plan"]
+        if self.execute:
+            clock = time.perf_counter()
+            fields |= _executed(found)
+            seconds["execute"] = time.perf_counter() - clock
+        return {**fields, "failures": failures, "seconds": seconds}
 
 
 def _level_distance(T_world_base: Float[np.ndarray, "4 4"], scene: Scene) -> float:

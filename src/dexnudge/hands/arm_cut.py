@@ -3,7 +3,7 @@
 from dataclasses import replace
 
 from dexnudge.hands.config import HandConfig
-from dexnudge.hands.tree import Tree, TreeJoint, chain_to, check_tree
+from dexnudge.hands.tree import Tree, TreeJoint, chain_to, check_tree, joints_below
 from dexnudge.hands.tree_checks import check_names
 
 WORLD = "world"  # MuJoCo's name for what does not move
@@ -130,25 +130,13 @@ def without_base(tree: Tree, config: HandConfig) -> Tree:
 
 def _place(tree: Tree, config: HandConfig) -> str:
     """Return the link at which the hand hangs in the world: the base where the palm hangs from it, else the palm."""
-    if config.base_link is not None and config.palm in _descendants(tree, config.base_link):
+    if config.base_link is not None and config.palm in below(tree, config.base_link).links:
         return config.base_link
     return config.palm
 
 
 def below(tree: Tree, link: str) -> Tree:
     """Return the tree of a link and all links below it."""
-    kept = _descendants(tree, link)
+    kept = {link, *(joint.child for joint in joints_below(tree, link))}
     links = {name: mesh for name, mesh in tree.links.items() if name in kept}
     return replace(tree, links=links, joints=tuple(joint for joint in tree.joints if joint.parent in kept))
-
-
-def _descendants(tree: Tree, link: str) -> set[str]:
-    """Return a link and all links below it."""
-    children: dict[str, list[str]] = {}
-    for joint in tree.joints:
-        children.setdefault(joint.parent, []).append(joint.child)
-    found, waiting = set(), [link]
-    while waiting:
-        found.add(waiting[-1])
-        waiting += children.get(waiting.pop(), [])
-    return found

@@ -70,6 +70,17 @@ def chain_to(tree: Tree, link: str) -> list[TreeJoint]:
     return found[::-1]
 
 
+def joints_below(tree: Tree, link: str) -> list[TreeJoint]:
+    """Return the joints below a link, parents first."""
+    hanging: dict[str, list[TreeJoint]] = {}
+    for joint in tree.joints:
+        hanging.setdefault(joint.parent, []).append(joint)
+    found = list(hanging.get(link, ()))
+    for joint in found:
+        found += hanging.get(joint.child, ())
+    return found
+
+
 def locked(joint: TreeJoint, value: float) -> TreeJoint:
     """Return a joint fixed where it stands at `value` [rad or m]."""
     if joint.slides:

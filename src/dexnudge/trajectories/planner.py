@@ -1,7 +1,7 @@
 """Plans: verified configurations become one trajectory of arm and hand."""
 
 import time
-from collections.abc import Callable
+from collections.abc import Callable, Iterable
 from dataclasses import dataclass, replace
 from pathlib import Path
 from typing import Any
@@ -99,15 +99,9 @@ def plan(
     sampler = Sampler.from_pretrained(hand, weights=weights) if then_grasp else None
     length = graspable_length(scene) if then_grasp else None
     planner = Planner(scene, mounted(arm, hand, mount), length=length, seed=seed)
-    failures: list[Failure] = []
-    for place, sample in enumerate(chosen):
-        found = planner(sample.q, configuration=place)
-        if isinstance(found, Plan) and sampler is not None:
-            found = lifting(found, sampler, seed=seed)
-        if isinstance(found, Plan):
-            return found
-        failures.append(found)
-        on_failure(found)
+    found, failures = first_plan(planner, chosen, sampler, seed=seed, on_failure=on_failure)
+    if found is not None:
+        return found
     raise PlanningError(
         f"none of {len(failures)} configurations has a plan for {planner.robot!r}: "
         + "; ".join(f"{one.configuration}: {one.phase}: {one.reason}" for one in failures)
@@ -116,7 +110,28 @@ def plan(
     )
 
 
-def lifting(pushing: Plan, sampler: Sampler, *, seed: int) -> Plan | Failure:
+def first_plan(
+    planner: "Planner",
+    samples: Iterable[Sample],
+    sampler: Sampler | None,
+    *,
+    seed: int,
+    on_failure: Callable[[Failure], None] = lambda _: None,
+) -> tuple[Plan | None, list[Failure]]:
+    """Return the plan of the first sample that has one, with `sampler` up to a lift, and why those before have none."""
+    failures: list[Failure] = []
+    for place, sample in enumerate(samples):
+        found = planner(sample.q, configuration=place)
+        if isinstance(found, Plan) and sampler is not None:
+            found = _lifting(found, sampler, seed=seed)
+        if isinstance(found, Plan):
+            return found, failures
+        failures.append(found)
+        on_failure(found)
+    return None, failures
+
+
+def _lifting(pushing: Plan, sampler: Sampler, *, seed: int) -> Plan | Failure:
     """Return the plan that goes on with a grasp and a lift, or why there is none."""
     lifted = with_grasp(pushing, sampler, seed=seed)
     if lifted.outcome is Outcome.SUCCESS:
