@@ -66,7 +66,10 @@ def _arm(content: dict[str, Any]) -> Arm:
         kind, name = row["type"], str(row["name"])
         if kind not in (FIXED, TURNS, SLIDES):
             raise ValueError(f"joint '{name}' is of type {quote(kind)}; expected {FIXED}, {TURNS} or {SLIDES}")
-        mimic = Mimic(str(row["mimic"]["leader"]), *_pair(row["mimic"])) if row["mimic"] else None
+        mimic = None
+        if row["mimic"]:
+            multiplier, offset = _numbers([row["mimic"]["multiplier"], row["mimic"]["offset"]], 2).tolist()
+            mimic = Mimic(str(row["mimic"]["leader"]), multiplier, offset)
         moving = kind != FIXED and mimic is None
         index = names.index(name) if moving else 0
         joints.append(
@@ -86,18 +89,12 @@ def _arm(content: dict[str, Any]) -> Arm:
     links = dict.fromkeys(link for joint in joints for link in (joint.parent, joint.child))
     tree = Tree(str(content["arm"]), {link: trimesh.Trimesh() for link in links}, tuple(joints))
     check_tree(tree)
-    if content["flange"] not in links or {each.name for each in joints if not each.fixed and each.mimic is None} != {
-        *names
-    }:
+    moving_names = {each.name for each in joints if not each.fixed and each.mimic is None}
+    if content["flange"] not in links or moving_names != set(names):
         raise ValueError("its flange is none of its links, or its joints are not those of its tree")
     home = _numbers(content["home"], len(names))
     base = rigid_transform(content["T_world_base"], "T_world_base")
     return Arm(tree.name, tree, names, limits, home, str(content["flange"]), base)
-
-
-def _pair(mimic: dict[str, Any]) -> tuple[float, float]:
-    multiplier, offset = _numbers([mimic["multiplier"], mimic["offset"]], 2).tolist()
-    return multiplier, offset
 
 
 def _numbers(values: Any, count: int) -> np.ndarray:

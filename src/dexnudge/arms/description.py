@@ -161,11 +161,8 @@ def _refuse_nonsense(
                 f"{stated if stated is not None else value}; mend it"
             )
         if key == "velocity" and value > FASTEST[joint.slides]:
-            smaller = (
-                f"in millimetres? write {value / 1e3:g}"
-                if joint.slides
-                else f"in degrees? write {np.radians(value):.4g}"
-            )
+            degrees = f"in degrees? write {np.radians(value):.4g}"
+            smaller = f"in millimetres? write {value / 1e3:g}" if joint.slides else degrees
             raise ArmError(
                 f"{where}: joint '{joint.name}': expected a limit of velocity in {unit}, at most "
                 f"{FASTEST[joint.slides]:g}, got {value:g}; {smaller}"
@@ -209,8 +206,5 @@ def _home(arm: Arm, config: ArmConfig, where: str) -> tuple[Float[np.ndarray, " 
         home = np.array([arm.tree.home[name] for name in arm.joint_names])
         if (home >= low - ROUNDED).all() and (home <= high + ROUNDED).all():
             return np.clip(home, low, high), "the home is the description's own; 'home' in the arm's YAML names another"
-    return (
-        home_in_front(arm),
-        "the home was chosen: the flange half the reach ahead, facing down, or else the middle of the \
-limits; 'home' in the arm's YAML names another",
-    )
+    chosen = "the flange half the reach ahead, facing down, or else the middle of the limits"
+    return home_in_front(arm), f"the home was chosen: {chosen}; 'home' in the arm's YAML names another"

@@ -96,11 +96,8 @@ def cut_at(tree: Tree, flange: str, source: str) -> Tree:
     for joint in of_way:
         line = line_of(joints, joint.name) if joint.mimic is not None and not joint.fixed else None
         if joint.places is not None or (joint.mimic is not None and (line is None or line[0] not in own)):
-            kind = (
-                f"moves as a {joint.places} joint"
-                if joint.places
-                else f"follows '{getattr(joint.mimic, 'leader', '')}'"
-            )
+            follows = f"follows '{getattr(joint.mimic, 'leader', '')}'"
+            kind = f"moves as a {joint.places} joint" if joint.places else follows
             raise ArmError(
                 f"{source}: joint '{joint.name}' between base and flange {kind}: expected joints that turn or slide, or "
                 "follow one between base and flange; mend the joint, or name another flange or base"
@@ -117,9 +114,9 @@ def cut_at(tree: Tree, flange: str, source: str) -> Tree:
         if joint.child in kept or joint.parent not in kept:
             continue
         line = None if joint.fixed else line_of(joints, joint.name)
-        follows = joint.fixed or (line is not None and line[0] in own)
+        stays = joint.fixed or (line is not None and line[0] in own)
         grips = joint.parent in last and any(not other.fixed for other in below(tree, joint.child).joints)
-        if joint.parent == flange or grips or not follows:
+        if joint.parent == flange or grips or not stays:
             cut.append(joint)
         else:
             kept.add(joint.child)

@@ -8,7 +8,6 @@ solves 68 % of a Panda's poses where this solves 99.8 %.
 
 from collections.abc import Sequence
 from dataclasses import dataclass
-from functools import cached_property
 
 import numpy as np
 from jaxtyping import Bool, Float
@@ -58,6 +57,7 @@ class InverseKinematics:
 
     def __init__(self, arm: Arm) -> None:
         self.arm = arm
+        self.chain = Chain(arm)
         self._T_base_world = np.linalg.inv(arm.T_world_base)
 
     def solve(
@@ -105,11 +105,6 @@ class InverseKinematics:
             jacobian[:, 3:] *= LEVER
             here = np.clip(here + self._step(here, away[left], jacobian), limits.lower, limits.upper)
         return Solutions(best, solved, error)
-
-    @cached_property
-    def chain(self) -> "Chain":
-        """The arm's joints from its base to its flange."""
-        return Chain(self.arm)
 
     def _step(
         self,

@@ -105,16 +105,13 @@ def default_mount(arm: Arm, hand: Hand) -> Float[np.ndarray, "4 4"]:
     points = trimesh.transform_points(_hand_points(hand, poses), T_flange_mount)
     held = hand.link_meshes[_mount_index(hand)].vertices
     held = trimesh.transform_points(held, T_flange_mount) if len(held) else points
-    if bracket:
-        fingers = T_flange_mount[:3, :3] @ axis
-        rear = held[held @ fingers < (held @ fingers).min() + REAR]
-        T_flange_mount[:2, 3] = bracket[2] * fingers[:2] / np.linalg.norm(fingers[:2])
-        T_flange_mount[:2, 3] -= (rear.min(axis=0) + rear.max(axis=0))[:2] / 2
-        T_flange_mount[2, 3] = GAP - held[:, 2].min()
-        return T_flange_mount
-    rear = held[held[:, 2] < held[:, 2].min() + REAR]
+    fingers = T_flange_mount[:3, :3] @ axis if bracket else np.array([0.0, 0.0, 1.0])
+    rear = held[held @ fingers < (held @ fingers).min() + REAR]
     T_flange_mount[:2, 3] = -(rear.min(axis=0) + rear.max(axis=0))[:2] / 2
-    T_flange_mount[2, 3] = GAP - points[:, 2].min()
+    T_flange_mount[2, 3] = GAP - (held if bracket else points)[:, 2].min()
+    if bracket:
+        T_flange_mount[:2, 3] += bracket[2] * fingers[:2] / np.linalg.norm(fingers[:2])
+        return T_flange_mount
     outward = outward_frame(arm)
     for step in range(MOST_STEPS):
         pose = outward @ trimesh.transformations.translation_matrix([0.0, 0.0, step * STEP]) @ T_flange_mount

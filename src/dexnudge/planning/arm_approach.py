@@ -148,9 +148,8 @@ class ArmApproach:
             end = int(near[0]) if len(near) else count
             if end < split:
                 phase = self._contact if count < split else self._before
-                failed = NoWay(
-                    phase, self._arm.what_blocks(way[end]) if len(near) else "the arm cannot follow the hand"
-                )
+                what = self._arm.what_blocks(way[end]) if len(near) else "the arm cannot follow the hand"
+                failed = NoWay(phase, what)
                 continue
             entry = Entry(way[:split], way[split - 1 : end], float(path[end - 1][7]))
             (found if end == len(way) else short).append(entry)

@@ -31,9 +31,7 @@ BATCH = 128  # states of one launch; the buffers are that long
 NO_STOP = -1.0e3  # [m] below every distance: the walk goes on until the least one is found
 OBSTACLES: tuple[str, str] = ("environment", "object")  # columns of what the kernel returns
 CLEARANCE = 0.003  # [m] kept at every state that is checked
-PADDING = (
-    0.007  # [m] of an arm's links, besides that clearance: their points are 8 mm apart, what is sharp fits between
-)
+PADDING = 0.007  # [m] of an arm's links, besides that clearance: what is sharp fits between points 8 mm apart
 ASSURED = 0.0005  # [m] what is left of it between them, by the bound on how far any point of the hand moves
 
 

@@ -57,11 +57,8 @@ class PushWayPlanner:
         self._clock = time.perf_counter()
         q, home = np.asarray(q, dtype=np.float64), self.robot.arm.home
         way = self._carried(q)
-        sunk = -float(
-            self._hand.shifted(q, np.linspace(0.0, self.length, SHIFTS)[:, None] * self.scene.motion)
-            .distance[:, 0]
-            .min()
-        )
+        shifts = np.linspace(0.0, self.length, SHIFTS)[:, None] * self.scene.motion
+        sunk = -float(self._hand.shifted(q, shifts).distance[:, 0].min())
         if sunk > DEEPEST:
             return NoWay("push", f"the hand gets {1e3 * sunk:.1f} mm into the surroundings")
         entering, leaving = self.before.hand_ways(q), self.after.hand_ways(way[-1])

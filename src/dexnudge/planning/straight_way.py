@@ -25,10 +25,8 @@ def follow(
     After the first station that is out of reach, or reached by a jump alone, none of that way is reached.
     """
     angles, going = np.array(start, dtype=float), np.ones(len(start), dtype=bool)
-    found, reached = (
-        np.zeros((*T_world_flange.shape[:2], angles.shape[1])),
-        np.zeros(T_world_flange.shape[:2], dtype=bool),
-    )
+    reached = np.zeros(T_world_flange.shape[:2], dtype=bool)
+    found = np.zeros((*reached.shape, angles.shape[1]))
     for station in range(T_world_flange.shape[1]):
         rows = np.flatnonzero(going)
         if not len(rows):
@@ -59,9 +57,5 @@ def evenly(rows: Float[np.ndarray, "station 8"], count: int) -> Float[np.ndarray
     """Return `count` states on the same path, evenly spread over the stations, the first and the last among them."""
     places = np.linspace(0.0, len(rows) - 1, count)
     first = np.minimum(places.astype(int), len(rows) - 2)
-    return np.array(
-        [
-            between(rows[row], rows[row + 1], np.array([place - row]))[0]
-            for row, place in zip(first, places, strict=True)
-        ]
-    )
+    pairs = zip(first, places, strict=True)
+    return np.array([between(rows[row], rows[row + 1], np.array([place - row]))[0] for row, place in pairs])

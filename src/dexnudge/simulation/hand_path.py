@@ -142,6 +142,12 @@ def interpolated(
     return np.stack([np.interp(at, places, column) for column in values.T], axis=1)
 
 
+def orthonormal(q: Path) -> Path:
+    """Return the same rows with orthonormal columns of rotation."""
+    columns = rotations(q).as_matrix()[:, :, :2].transpose(0, 2, 1).reshape(-1, 6)
+    return np.concatenate([q[:, :3], columns, q[:, ROOT_COORDINATES:]], axis=1)
+
+
 def rotations(q: Path) -> Rotation:
     """Return the rotation of each row's palm; the two stored columns are made orthonormal."""
     x = q[:, 3:6] / np.linalg.norm(q[:, 3:6], axis=1, keepdims=True)

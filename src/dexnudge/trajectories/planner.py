@@ -34,13 +34,13 @@ from dexnudge.trajectories.robot_timing import (
     RELEASE_TIME,
     SETTLE_TIME,
     along,
+    closing,
     rise,
     through,
 )
 from dexnudge.trajectories.timing import concatenated, hold, timed_way
 
 TOP = 8  # configurations that are tried, best first
-CLOSING_STATIONS = 9
 
 
 @dataclass(frozen=True)
@@ -180,10 +180,10 @@ class Planner:
 
     def _timed(self, way: PushWay, pressed: Press, configuration: int) -> Plan | Failure:
         robot, limits = self.robot, self.robot.limits
-        closing = self._closing(way.push[0], pressed, at=0.0)
+        closed = self._closing(way.push[0], pressed, at=0.0)
         opening = self._closing(way.push[-1], pressed, at=pressed.length)
-        push = None if closing is None else self._pushed(closing[-1], pressed)
-        if closing is None or opening is None or push is None:
+        push = None if closed is None else self._pushed(closed[-1], pressed)
+        if closed is None or opening is None or push is None:
             return Failure(configuration, "squeeze", "the arm cannot follow the hand as it closes")
         opening[-1] = push[-1]
         parts = {
@@ -193,9 +193,9 @@ class Planner:
             ],
             "contact": [along(robot, way.entry.stretch[::-1], speed=CONTACT_SPEED)],
             "squeeze": [
-                along(robot, closing, speed=CLOSING_SPEED),
-                self._loaded(closing[-1], pressed, LOAD_TIME, 0.0, 1.0),
-                self._loaded(closing[-1], pressed, SETTLE_TIME, 1.0, 1.0),
+                along(robot, closed, speed=CLOSING_SPEED),
+                self._loaded(closed[-1], pressed, LOAD_TIME, 0.0, 1.0),
+                self._loaded(closed[-1], pressed, SETTLE_TIME, 1.0, 1.0),
             ],
             "push": [self._carried(push, pressed)],
             "retreat": [
@@ -215,16 +215,9 @@ class Planner:
         for name, piece in pieces.items():
             end = round(start + piece.duration, 6)
             moved = name in ("push", "retreat")
-            phases.append(
-                Phase(
-                    name,
-                    start,
-                    end,
-                    configuration,
-                    (self._way.moved if moved else self.scene).T_world_object,
-                    dict(pressed.link_force) if name in ("squeeze", "push") else {},
-                )
-            )
+            T_world_object = (self._way.moved if moved else self.scene).T_world_object
+            force = dict(pressed.link_force) if name in ("squeeze", "push") else {}
+            phases.append(Phase(name, start, end, configuration, T_world_object, force))
             start = end
         return Plan(robot, self.scene, trajectory, tuple(phases), pressed.length)
 
@@ -235,7 +228,7 @@ class Planner:
         first = pressed.contact.copy()
         first[:3] += at * pressed.motion
         (last,) = pressed.carried(np.array([at]))
-        return self._followed(first + np.linspace(0.0, 1.0, CLOSING_STATIONS)[:, None] * (last - first), contact)
+        return self._followed(closing(first, last), contact)
 
     def _pushed(
         self, touching: Float[np.ndarray, " joint"], pressed: Press

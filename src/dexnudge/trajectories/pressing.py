@@ -13,7 +13,7 @@ from dexnudge.hands.hand import Hand
 from dexnudge.mechanics.sliding_task import sliding_task
 from dexnudge.planning.object_path import push_length, supports_of_way
 from dexnudge.scenes.scene import Scene
-from dexnudge.simulation.hand_path import PHASES, PUSH, SQUEEZE, interpolated, push_path, rotations
+from dexnudge.simulation.hand_path import PHASES, PUSH, SQUEEZE, interpolated, orthonormal, push_path
 from dexnudge.simulation.model import SimulationModel
 from dexnudge.simulation.push_forces import LEAST_FORCE, push_forces
 from dexnudge.simulation.rollout import Rollout
@@ -66,17 +66,13 @@ class Press:
         along = np.outer(places, np.concatenate([self.motion, np.zeros(len(self.contact) - 3)]))
         q = CubicSpline(places, self.pressing - along)(travelled)
         q[:, :3] += np.outer(travelled, self.motion)
-        columns = rotations(q).as_matrix()[:, :, :2]
-        q[:, 3:6], q[:, 6:9] = columns[:, :, 0], columns[:, :, 1]
-        return np.asarray(q)
+        return orthonormal(q)
 
     def nearer_contact(self, share: float) -> "Press":
         """Return the same push with the hand nearer to how it was at contact: 1 leaves it, with 0 nothing gives way."""
         rigid = np.tile(self.contact, (len(self.pressing), 1))
         rigid[:, :3] += np.outer(np.linspace(0.0, self.length, len(rigid)), self.motion)
-        pressing = rigid + share * (self.pressing - rigid)
-        pressing[:, 3:9] = rotations(pressing).as_matrix()[:, :, :2].transpose(0, 2, 1).reshape(-1, 6)
-        return replace(self, pressing=pressing)
+        return replace(self, pressing=orthonormal(rigid + share * (self.pressing - rigid)))
 
     def depth(self, hand: Hand, scene: Scene) -> float:
         """Return how deep the hand gets into object, surroundings or itself from contact to the end of the push [m]."""
@@ -180,10 +176,9 @@ class _Rehearsal(Rollout):
         means = np.stack([rows[mine].mean(axis=0) for mine in near])
         means[:, :3] += np.outer(travelled, motion)
         found, force = np.split(means, [q.shape[1]], axis=1)
-        found[:, 3:9] = rotations(found).as_matrix()[:, :, :2].transpose(0, 2, 1).reshape(-1, 6)
         target = Rotation.from_quat(trace.mocap[kept[0], 3:], scalar_first=True)
         wrench = np.concatenate([target.apply(force[:, base[:3]]), target.apply(force[:, base[3:]])], axis=1)
-        return simulation.hand.clamp(torch.as_tensor(found)).numpy(), force, wrench
+        return simulation.hand.clamp(torch.as_tensor(orthonormal(found))).numpy(), force, wrench
 
     def _record(self, phase: str, deepest: float) -> None:
         super()._record(phase, deepest)

@@ -26,16 +26,17 @@ from dexnudge.trajectories.plan_episode import PlanEpisode, execute_plan
 from dexnudge.trajectories.pressing import DEEPEST, GIVING_WAY, deepest
 from dexnudge.trajectories.robot_timing import (
     CLOSING_SPEED,
+    CLOSING_STATIONS,
     CONTACT_SPEED,
     LOAD_TIME,
     SETTLE_TIME,
     along,
+    closing,
     rise,
     through,
 )
 from dexnudge.trajectories.timing import concatenated, hold, time_optimal
 
-CLOSING_STATIONS = 9
 LIFT_SPACING = 0.004  # [m] between stations of the lift
 
 
@@ -134,18 +135,17 @@ def _lifts(
             yield f"the hand that grips gets more than {1e3 * DEEPEST:g} mm into something"
             continue
         raised = _carried(closed, ways)
-        positions, reached = approach.followed(
-            np.concatenate([_between(q, closed), raised[1:]])[None], entry.stretch[:1, : robot.arm.num_joints]
-        )
+        stations = np.concatenate([closing(q, closed), raised[1:]])
+        positions, reached = approach.followed(stations[None], entry.stretch[:1, : robot.arm.num_joints])
         if reached[0] < positions.shape[1]:
             yield "the arm cannot follow the hand as it lifts"
             continue
-        closing, lifting = positions[0, :CLOSING_STATIONS], positions[0, CLOSING_STATIONS - 1 :]
+        gripped, lifting = positions[0, :CLOSING_STATIONS], positions[0, CLOSING_STATIONS - 1 :]
         blocked = approach.what_blocks(lifting)
         if blocked:
             yield blocked
             continue
-        closing[0] = entry.stretch[0]
+        gripped[0] = entry.stretch[0]
         yield _continued(
             plan,
             scene,
@@ -154,7 +154,7 @@ def _lifts(
                 through(robot, transit, approach.clearance),
                 along(robot, entry.exit[::-1]),
                 along(robot, entry.stretch[::-1], speed=CONTACT_SPEED),
-                along(robot, closing, speed=CLOSING_SPEED),
+                along(robot, gripped, speed=CLOSING_SPEED),
             ],
             lifting,
             effort,
@@ -176,10 +176,6 @@ def _closed(
     motors = np.setdiff1d(np.arange(simulation.model.nu), simulation.base_motor)
     force = simulation.data.actuator_force[motors]
     return closed, np.asarray(force @ (simulation.motor_of_angle[motors] > 0))
-
-
-def _between(start: Float[np.ndarray, " coordinates"], end: Float[np.ndarray, " coordinates"]) -> np.ndarray:
-    return start + np.linspace(0.0, 1.0, CLOSING_STATIONS)[:, None] * (end - start)
 
 
 def _carried(

@@ -10,10 +10,18 @@ from dexnudge.trajectories.timing import CORNER, time_optimal, timed_way
 
 CONTACT_SPEED = 0.05  # [m/s] of the hand on the last centimetres before contact
 CLOSING_SPEED = 0.01  # [m/s] at which fingers and palm close the last 2 mm
+CLOSING_STATIONS = 9
 LOAD_TIME, SETTLE_TIME, RELEASE_TIME = 0.3, 0.2, 0.2  # [s] in which forces are built up, come to rest, and are let go
 FINGER_LEVER = 0.1  # [m] from a finger's joint to its tip
 LEAST_STEP = 1.0e-6  # [m] between two stations: progress has to increase
 LEAST_CLEARANCE = 0.001  # [m] of the rounded way through the open; where it is nearer, the robot stops at each corner
+
+
+def closing(
+    contact: Float[np.ndarray, " row"], pressing: Float[np.ndarray, " row"]
+) -> Float[np.ndarray, "station row"]:
+    """Return stations from contact to where the hand presses, both among them."""
+    return contact + np.linspace(0.0, 1.0, CLOSING_STATIONS)[:, None] * (pressing - contact)
 
 
 def through(robot: Robot, path: Float[np.ndarray, "vertex joint"], clearance: RobotClearance) -> JointTrajectory:
