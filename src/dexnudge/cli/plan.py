@@ -2,7 +2,8 @@
 
 from __future__ import annotations
 
-from dataclasses import dataclass
+import json
+from dataclasses import asdict, dataclass
 from pathlib import Path
 from typing import TYPE_CHECKING, Annotated
 
@@ -20,6 +21,7 @@ from dexnudge.cli.arguments import (
     table,
 )
 from dexnudge.cli.arm_options import MountOptions, Pose, standing_arm
+from dexnudge.errors import PlanningError
 
 if TYPE_CHECKING:
     from dexnudge.trajectories.plan import Plan as PlanResult
@@ -61,18 +63,36 @@ class Plan(MountOptions):
         """Plan, write, print."""
         check_at_least(1, top=self.top)
         check_at_least(0, seed=self.seed, films=self.films)
-        from dexnudge.errors import PlanningError
+        from dexnudge.jobs.folders import new_folder
+        from dexnudge.trajectories.plan_folder import PLAN, PLAN_FILES, write_plan
+
+        out = out_folder(self.out, Path(self.folder) / PLAN_FOLDER, overwrite=self.overwrite)
+        marker = FAILURES if (out / FAILURES).is_file() and not (out / PLAN).is_file() else PLAN
+        with new_folder(out, overwrite=self.overwrite, marker=marker, ours=(PLAN, *PLAN_FILES, FAILURES)) as folder:
+            found = self._planned()
+            if isinstance(found, PlanningError):
+                _write_failures(found, folder)
+            else:
+                write_plan(found, folder, pictures=self.films > 0)
+        if isinstance(found, PlanningError):
+            say("no configuration has a plan; move --arm-base (find-base shows where), turn --mount, or draw more")
+            say(f"written: {out}")
+            return NOTHING_SUCCEEDED
+        _print(found)
+        say(f"written: {out}", f"watch it: {out / 'plan.html'}", f"play it: dexnudge execute {out}")
+        return 0
+
+    def _planned(self) -> PlanResult | PlanningError:
         from dexnudge.jobs.progress import progress
         from dexnudge.results.folder import load_samples
         from dexnudge.trajectories.planner import plan
 
-        out = out_folder(self.out, Path(self.folder) / PLAN_FOLDER, overwrite=self.overwrite)
         samples = load_samples(self.folder)
         arm = standing_arm(self.arm, self.arm_base, samples.scene)
         with progress() as bars:
             bar = bars.add_task("planning", total=min(self.top, samples.num_verified))
             try:
-                found = plan(
+                return plan(
                     samples,
                     arm,
                     mount=self.T_flange_mount(),
@@ -83,34 +103,19 @@ class Plan(MountOptions):
                     on_failure=lambda _: bars.advance(bar),
                 )
             except PlanningError as error:
-                bars.stop()
-                return self._failed(error, out)
-        found.save(out, overwrite=self.overwrite, pictures=self.films > 0)
-        _print(found)
-        say(f"written: {out}", f"watch it: {out / 'plan.html'}", f"play it: dexnudge execute {out}")
-        return 0
+                return error
 
-    def _failed(self, error: Exception, out: Path) -> int:
-        """Print and write why there is no plan."""
-        import json
-        from dataclasses import asdict
 
-        from dexnudge.errors import PlanningError
-        from dexnudge.jobs.folders import new_folder
-
-        assert isinstance(error, PlanningError)
-        if not error.failures:
-            raise error
-        shown = table("configuration", "phase", "reason")
-        for one in error.failures:
-            shown.add_row(str(one.configuration), one.phase, one.reason)
-        stdout().print(shown)
-        with new_folder(out, overwrite=self.overwrite, marker=FAILURES, ours=()) as folder:
-            content = {"failures": [asdict(one) for one in error.failures]}
-            (folder / FAILURES).write_text(json.dumps(content, indent=1), encoding="utf-8")
-        say("no configuration has a plan; move --arm-base (find-base shows where), turn --mount, or draw more")
-        say(f"written: {out}")
-        return NOTHING_SUCCEEDED
+def _write_failures(error: PlanningError, folder: Path) -> None:
+    """Print and write why there is no plan."""
+    shown = table("configuration", "phase", "reason")
+    for one in error.failures:
+        shown.add_row(str(one.configuration), one.phase, one.reason)
+    stdout().print(shown)
+    if not error.failures:
+        say("none of the samples is verified")
+    content = {"failures": [asdict(one) for one in error.failures]}
+    (folder / FAILURES).write_text(json.dumps(content, indent=1), encoding="utf-8")
 
 
 def _print(plan: PlanResult) -> None:

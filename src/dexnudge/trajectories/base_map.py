@@ -28,6 +28,8 @@ from dexnudge.viewer.picture import check_png, write_png
 
 EXTENT = 0.9  # [m] of the map from the object, either way along x and y
 STEP = 0.1  # [m] from a place to the next
+FARTHEST = 10.0  # [m] from the object; no arm reaches that far
+MOST_PLACES = 20_000  # of a map: ten minutes
 MOST = 16  # configurations that are tried, the best: more of them change a share by a few percent
 FEW_STARTS = 2  # of inverse kinematics at first: what they reach needs no more
 SLACK = 0.01  # [m] beyond the arm's reach, which is searched for
@@ -158,9 +160,16 @@ def find_base(
         raise InputError(
             "none of the samples is verified, so nothing is to be reached; expected at least one; draw more"
         )
-    if not (0 < step <= extent < np.inf) or high.ndim != 1 or not len(high) or not np.isfinite(high).all():
+    if not (0 < step <= extent <= FARTHEST) or high.ndim != 1 or not len(high) or not np.isfinite(high).all():
         raise InputError(
-            f"no map of `extent` {extent}, `step` {step} and `heights` {heights}; expected 0 < step <= extent"
+            f"no map of `extent` {extent}, `step` {step} and `heights` {heights}; expected 0 < step <= extent and at most "
+            f"{FARTHEST:g} m"
+        )
+    places = len(high) * (2 * int(extent / step) + 1) ** 2
+    if places > MOST_PLACES:
+        raise InputError(
+            f"a map of {places:.3g} places: `extent` {extent:g} m, `step` {step:g} m, {len(high)} heights; expected at most "
+            f"{MOST_PLACES:,}; give a longer `step`"
         )
     scene, reach = samples.scene, Reach(arm, mount=mount)
     hands = HandBatch(samples.hand, torch.as_tensor(samples.q[rows].astype(np.float64)), dense=True)

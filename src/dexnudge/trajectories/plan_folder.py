@@ -58,10 +58,9 @@ def save_plan(plan: Plan, path: Path | str, *, overwrite: bool = False, pictures
     check_kind("plan", plan, Plan, "that of dn.load_plan")
     check_path("path", path, OutputError)
     path = Path(path)
-    trajectory, alone = rounded(plan), path.suffix == ".json"
-    text = plan_text(plan, trajectory, scene=None if alone else SCENE)
-    _check(text, path if alone else path / PLAN, plan)
-    if alone:
+    if path.suffix == ".json":
+        text = plan_text(plan, rounded(plan), scene=None)
+        _check(text, path, plan)
         if path.exists() and not overwrite:
             raise OutputError(
                 f"{path} exists; expected a new file; choose another `path`, or replace it with `overwrite`"
@@ -70,16 +69,24 @@ def save_plan(plan: Plan, path: Path | str, *, overwrite: bool = False, pictures
             file.write_text(text, encoding="utf-8")
         return
     with new_folder(path, overwrite=overwrite, marker=PLAN, ours=PLAN_FILES, argument="path") as folder:
-        (folder / PLAN).write_text(text, encoding="utf-8")
-        plan.scene.save(folder / SCENE)
-        export_robot(plan.robot, folder / ROBOT)
-        start = np.asarray(trajectory.position[0])
-        (folder / ROBOT / WORLD_XML).write_text(robot_model(plan.robot, plan.scene).xml_at(start), encoding="utf-8")
-        (folder / CSV).write_text(csv_text(plan.robot.joint_names, trajectory), encoding="utf-8")
-        write_mcap(plan, trajectory, folder / MCAP)
-        (folder / README).write_text(_readme(plan), encoding="utf-8")
-        film = film_of_plan(plan, title="plan")
-        write_film(film, folder, name=FILM, pictures=pictures, moments=ends_of_phases(plan, film))
+        write_plan(plan, folder, pictures=pictures)
+
+
+def write_plan(plan: Plan, folder: Path, *, pictures: bool = True) -> None:
+    """Write a plan's files into an empty folder; raises what `save_plan` does."""
+    trajectory = rounded(plan)
+    text = plan_text(plan, trajectory, scene=SCENE)
+    _check(text, folder / PLAN, plan)
+    (folder / PLAN).write_text(text, encoding="utf-8")
+    plan.scene.save(folder / SCENE)
+    export_robot(plan.robot, folder / ROBOT)
+    start = np.asarray(trajectory.position[0])
+    (folder / ROBOT / WORLD_XML).write_text(robot_model(plan.robot, plan.scene).xml_at(start), encoding="utf-8")
+    (folder / CSV).write_text(csv_text(plan.robot.joint_names, trajectory), encoding="utf-8")
+    write_mcap(plan, trajectory, folder / MCAP)
+    (folder / README).write_text(_readme(plan), encoding="utf-8")
+    film = film_of_plan(plan, title="plan")
+    write_film(film, folder, name=FILM, pictures=pictures, moments=ends_of_phases(plan, film))
 
 
 def _check(text: str, path: Path, plan: Plan) -> None:
