@@ -152,3 +152,18 @@ def test_a_base_that_cannot_be_is_refused(carrier, scene):
     away = carrier.arm.standing_at(trimesh.transformations.translation_matrix((5.0, 0.0, 0.5)))
     with pytest.raises(dn.ArmError, match="out of reach"):
         Planner(scene, replace(carrier, arm=away))
+
+
+def test_an_arm_keeps_from_its_limits_where_its_home_does(planned):
+    arm, limits = planned.robot.arm.num_joints, planned.robot.arm.limits
+    position = planned.trajectory.position[:, :arm]
+    assert (position >= limits.lower + 0.0199).all()
+    assert (position <= limits.upper - 0.0199).all()
+
+
+def test_a_slow_plan_is_the_same_plan_slower(planned, carrier, scene, pressing):
+    slow = Planner(scene, carrier, speed=0.25)(pressing)
+    fastest = np.abs(slow.trajectory.velocity).max(axis=0)
+    assert (fastest[:7] <= 0.25 * carrier.arm.limits.velocity).all()
+    assert slow.trajectory.duration > 2.5 * planned.trajectory.duration
+    np.testing.assert_allclose(slow.trajectory.position[-1], planned.trajectory.position[-1], atol=1e-6)

@@ -48,6 +48,8 @@ class Plan(MountOptions):
     """Try at most this many configurations."""
     seed: Count = 0
     """Seed of the planner."""
+    speed: Annotated[float, metavar("X")] = 1.0
+    """Share of the joints' velocities that is used, at most 1; small for a first run on a robot."""
     then_grasp: Flag = False
     """Push until the object can be grasped, grasp it, lift it by 10 cm and hold it for 2 s."""
     weights: OptionalFolder = None
@@ -99,6 +101,7 @@ class Plan(MountOptions):
                     top=self.top,
                     seed=self.seed,
                     then_grasp=self.then_grasp,
+                    speed=self.speed,
                     weights=self.weights,
                     on_failure=lambda _: bars.advance(bar),
                 )

@@ -13,7 +13,7 @@ from dexnudge.arms.arm import Arm
 from dexnudge.arms.mounting import mount as mounted
 from dexnudge.arms.robot import Robot
 from dexnudge.arms.standing import check_base
-from dexnudge.errors import PlanningError, check_integer, check_kind
+from dexnudge.errors import InputError, PlanningError, check_integer, check_kind
 from dexnudge.planning.arm_approach import NoWay
 from dexnudge.planning.object_path import push_length
 from dexnudge.planning.outcomes import Outcome
@@ -33,12 +33,16 @@ from dexnudge.trajectories.robot_timing import (
     LOAD_TIME,
     RELEASE_TIME,
     SETTLE_TIME,
+<<<<<<< HEAD
     along,
     closing,
+=======
+    Pace,
+>>>>>>> 1b2d653 (Plans keep the arm 0.02 rad from its joints' limits, and --speed slows them down for a first run)
     rise,
-    through,
+    with_margin,
 )
-from dexnudge.trajectories.timing import concatenated, hold, timed_way
+from dexnudge.trajectories.timing import concatenated, hold
 
 TOP = 8  # configurations that are tried, best first
 
@@ -60,6 +64,7 @@ def plan(
     top: int = TOP,
     seed: int = 0,
     then_grasp: bool = False,
+    speed: float = 1.0,
     weights: Path | str | None = None,
     on_failure: Callable[[Failure], None] = lambda _: None,
 ) -> Plan:
@@ -76,6 +81,7 @@ def plan(
         seed: of the planner, and of the grasps.
         then_grasp: push the object to where it can be grasped, grasp it, lift it by 10 cm and hold it for 2 s. Where it
             lies after the push, and whether the grasp holds, comes from a rehearsal in MuJoCo, which takes half a minute.
+        speed: share of the joints' velocities that is used, above 0, at most 1: small for a first run on a robot.
         weights: with `then_grasp`, folder of the model that draws grasps; None for the one that ships for this hand.
         on_failure: called with every configuration that has no plan.
 
@@ -88,6 +94,8 @@ def plan(
     """
     check_integer("top", top, least=1)
     check_integer("seed", seed, least=0)
+    if not 0 < speed <= 1:
+        raise InputError(f"`speed` is {speed}; expected a share above 0, at most 1")
     chosen = [samples] if isinstance(samples, Sample) else samples
     if isinstance(chosen, Samples):
         chosen = list(chosen.verified[:top])
@@ -98,10 +106,23 @@ def plan(
     hand, scene = chosen[0].hand, chosen[0].scene
     sampler = Sampler.from_pretrained(hand, weights=weights) if then_grasp else None
     length = graspable_length(scene) if then_grasp else None
+<<<<<<< HEAD
     planner = Planner(scene, mounted(arm, hand, mount), length=length, seed=seed)
     found, failures = first_plan(planner, chosen, sampler, seed=seed, on_failure=on_failure)
     if found is not None:
         return found
+=======
+    planner = Planner(scene, mounted(arm, hand, mount), length=length, speed=speed, seed=seed)
+    failures: list[Failure] = []
+    for place, sample in enumerate(chosen):
+        found = planner(sample.q, configuration=place)
+        if isinstance(found, Plan) and sampler is not None:
+            found = lifting(found, sampler, speed=speed, seed=seed)
+        if isinstance(found, Plan):
+            return found
+        failures.append(found)
+        on_failure(found)
+>>>>>>> 1b2d653 (Plans keep the arm 0.02 rad from its joints' limits, and --speed slows them down for a first run)
     raise PlanningError(
         f"none of {len(failures)} configurations has a plan for {planner.robot!r}: "
         + "; ".join(f"{one.configuration}: {one.phase}: {one.reason}" for one in failures)
@@ -110,6 +131,7 @@ def plan(
     )
 
 
+<<<<<<< HEAD
 def first_plan(
     planner: "Planner",
     samples: Iterable[Sample],
@@ -132,8 +154,11 @@ def first_plan(
 
 
 def _lifting(pushing: Plan, sampler: Sampler, *, seed: int) -> Plan | Failure:
+=======
+def lifting(pushing: Plan, sampler: Sampler, *, speed: float = 1.0, seed: int) -> Plan | Failure:
+>>>>>>> 1b2d653 (Plans keep the arm 0.02 rad from its joints' limits, and --speed slows them down for a first run)
     """Return the plan that goes on with a grasp and a lift, or why there is none."""
-    lifted = with_grasp(pushing, sampler, seed=seed)
+    lifted = with_grasp(pushing, sampler, speed=speed, seed=seed)
     if lifted.outcome is Outcome.SUCCESS:
         return lifted.episode.plan
     phase = "lift" if lifted.attempts else "regrasp" if lifted.episode.success else "push"
@@ -143,13 +168,17 @@ def _lifting(pushing: Plan, sampler: Sampler, *, seed: int) -> Plan | Failure:
 class Planner:
     """Plans for one robot in one scene; make it once for many configurations.
 
-    length: of the push [m]; None: that of the scene.
+    length: of the push [m]; None: that of the scene. speed: share of full speed.
     """
 
-    def __init__(self, scene: Scene, robot: Robot, *, length: float | None = None, seed: int = 0) -> None:
+    def __init__(
+        self, scene: Scene, robot: Robot, *, length: float | None = None, speed: float = 1.0, seed: int = 0
+    ) -> None:
         check_base(robot, scene)
         self.scene, self.robot = scene, robot
-        self._way = PushWayPlanner(robot, scene, length=push_length(scene) if length is None else length, seed=seed)
+        length = push_length(scene) if length is None else length
+        self._way = PushWayPlanner(with_margin(robot), scene, length=length, seed=seed)
+        self._pace = Pace(robot, speed)
         self._simulation: SimulationModel | None = None
 
     def __call__(self, q: Float[np.ndarray, " coordinates"], *, configuration: int = 0) -> Plan | Failure:
@@ -179,8 +208,13 @@ class Planner:
         return replace(found, seconds={stage: round(value, 4) for stage, value in seconds.items()})
 
     def _timed(self, way: PushWay, pressed: Press, configuration: int) -> Plan | Failure:
+<<<<<<< HEAD
         robot, limits = self.robot, self.robot.limits
         closed = self._closing(way.push[0], pressed, at=0.0)
+=======
+        robot, pace = self.robot, self._pace
+        closing = self._closing(way.push[0], pressed, at=0.0)
+>>>>>>> 1b2d653 (Plans keep the arm 0.02 rad from its joints' limits, and --speed slows them down for a first run)
         opening = self._closing(way.push[-1], pressed, at=pressed.length)
         push = None if closed is None else self._pushed(closed[-1], pressed)
         if closed is None or opening is None or push is None:
@@ -188,27 +222,33 @@ class Planner:
         opening[-1] = push[-1]
         parts = {
             "pre-contact": [
-                through(robot, way.transit, self._way.before.clearance),
-                along(robot, way.entry.exit[::-1]),
+                pace.through(way.transit, self._way.before.clearance),
+                pace.along(way.entry.exit[::-1]),
             ],
-            "contact": [along(robot, way.entry.stretch[::-1], speed=CONTACT_SPEED)],
+            "contact": [pace.along(way.entry.stretch[::-1], speed=CONTACT_SPEED)],
             "squeeze": [
+<<<<<<< HEAD
                 along(robot, closed, speed=CLOSING_SPEED),
                 self._loaded(closed[-1], pressed, LOAD_TIME, 0.0, 1.0),
                 self._loaded(closed[-1], pressed, SETTLE_TIME, 1.0, 1.0),
+=======
+                pace.along(closing, speed=CLOSING_SPEED),
+                self._loaded(closing[-1], pressed, LOAD_TIME, 0.0, 1.0),
+                self._loaded(closing[-1], pressed, SETTLE_TIME, 1.0, 1.0),
+>>>>>>> 1b2d653 (Plans keep the arm 0.02 rad from its joints' limits, and --speed slows them down for a first run)
             ],
             "push": [self._carried(push, pressed)],
             "retreat": [
                 self._loaded(push[-1], pressed, RELEASE_TIME, 1.0, 0.0),
-                along(robot, opening[::-1], speed=CLOSING_SPEED),
-                along(robot, way.leave.stretch, speed=CONTACT_SPEED),
-                along(robot, way.leave.exit),
-                through(robot, way.home, self._way.after.clearance),
+                pace.along(opening[::-1], speed=CLOSING_SPEED),
+                pace.along(way.leave.stretch, speed=CONTACT_SPEED),
+                pace.along(way.leave.exit),
+                pace.through(way.home, self._way.after.clearance),
             ],
         }
         pieces = {name: concatenated(*some) for name, some in parts.items()}
         trajectory = concatenated(*pieces.values())
-        exceeded = limits_used(trajectory, limits).exceeded
+        exceeded = limits_used(trajectory, robot.limits, robot.joint_names).exceeded
         if exceeded:
             return Failure(configuration, "timing", str(exceeded[0]))
         phases, start = [], 0.0
@@ -256,6 +296,6 @@ class Planner:
 
     def _carried(self, path: Float[np.ndarray, "station joint"], pressed: Press) -> JointTrajectory:
         progress = np.linspace(0.0, pressed.length, len(path))
-        carried = timed_way(path, progress, self.robot.limits, speed=SPEED)
+        carried = self._pace.passed(path, progress, speed=SPEED)
         effort = pressed.efforts(self.robot, carried.position, np.ones(len(carried.time)))
         return replace(carried, effort=effort)

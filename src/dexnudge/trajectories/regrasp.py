@@ -30,10 +30,14 @@ from dexnudge.trajectories.robot_timing import (
     CONTACT_SPEED,
     LOAD_TIME,
     SETTLE_TIME,
+<<<<<<< HEAD
     along,
     closing,
+=======
+    Pace,
+>>>>>>> 1b2d653 (Plans keep the arm 0.02 rad from its joints' limits, and --speed slows them down for a first run)
     rise,
-    through,
+    with_margin,
 )
 from dexnudge.trajectories.timing import concatenated, hold, time_optimal
 
@@ -63,7 +67,14 @@ def graspable_length(scene: Scene) -> float:
 
 
 def with_grasp(
-    plan: Plan, sampler: Sampler, *, attempts: int = 3, draws: int = GRASP_DRAWS, seed: int = 0, xml: str | None = None
+    plan: Plan,
+    sampler: Sampler,
+    *,
+    attempts: int = 3,
+    draws: int = GRASP_DRAWS,
+    speed: float = 1.0,
+    seed: int = 0,
+    xml: str | None = None,
 ) -> Lifted:
     """Return the plan with the phases regrasp and lift, rehearsed: the first of some grasps that lifts the object.
 
@@ -74,6 +85,7 @@ def with_grasp(
         sampler: of grasps by the robot's hand.
         attempts: grasps that are played at most.
         draws: grasps that are drawn.
+        speed: share of full speed; see `Pace`.
         seed: of the grasps and of the arm's planner.
         xml: model of the plan's robot and scene; made anew if left out.
 
@@ -93,7 +105,7 @@ def with_grasp(
         reasons = ", ".join(f"{reason} {count}" for reason, count in rejected.most_common())
         return Lifted(pushed, Outcome.NO_GRASP, f"in {draws} draws: {reasons}")
     last = Lifted(pushed, Outcome.APPROACH_BLOCKED)
-    for found in _lifts(plan, scene, simulation, grasps, seed=seed):
+    for found in _lifts(plan, Pace(plan.robot, speed), scene, simulation, grasps, seed=seed):
         if isinstance(found, str):
             last = last if last.attempts else replace(last, detail=found)
             continue
@@ -105,11 +117,11 @@ def with_grasp(
 
 
 def _lifts(
-    plan: Plan, scene: Scene, simulation: SimulationModel, grasps: list[Grasp], *, seed: int
+    plan: Plan, pace: Pace, scene: Scene, simulation: SimulationModel, grasps: list[Grasp], *, seed: int
 ) -> Iterator[Plan | str]:
     """Yield the plan that goes on with each grasp, best first, or why it cannot."""
     robot = plan.robot
-    approach = ArmApproach(robot, scene, contact="regrasp", before="regrasp", seed=seed)
+    approach = ArmApproach(with_margin(robot), scene, contact="regrasp", before="regrasp", seed=seed)
     up = LiftWay(robot.hand, scene, height=LIFT)
     for grasp in grasps[:MOST_PLANNED]:
         q = np.asarray(transform_configurations(scene.T_world_object, grasp.q[None])[0])
@@ -122,7 +134,7 @@ def _lifts(
             yield way.reason
             continue
         transit, entry = way
-        opening = time_optimal(np.stack([plan.trajectory.position[-1], transit[0]]), robot.limits, corner=0.0)
+        opening = time_optimal(np.stack([plan.trajectory.position[-1], transit[0]]), pace.limits, corner=0.0)
         if approach.clearance.of(opening.position, stop=0.0).min() < 0.0:
             yield "the hand cannot open its fingers at home"
             continue
@@ -148,13 +160,21 @@ def _lifts(
         gripped[0] = entry.stretch[0]
         yield _continued(
             plan,
+            pace,
             scene,
             [
                 opening,
+<<<<<<< HEAD
                 through(robot, transit, approach.clearance),
                 along(robot, entry.exit[::-1]),
                 along(robot, entry.stretch[::-1], speed=CONTACT_SPEED),
                 along(robot, gripped, speed=CLOSING_SPEED),
+=======
+                pace.through(transit, approach.clearance),
+                pace.along(entry.exit[::-1]),
+                pace.along(entry.stretch[::-1], speed=CONTACT_SPEED),
+                pace.along(closing, speed=CLOSING_SPEED),
+>>>>>>> 1b2d653 (Plans keep the arm 0.02 rad from its joints' limits, and --speed slows them down for a first run)
             ],
             lifting,
             effort,
@@ -195,6 +215,7 @@ def _carried(
 
 def _continued(
     plan: Plan,
+    pace: Pace,
     scene: Scene,
     coming: list[JointTrajectory],
     lifting: Float[np.ndarray, "station joint"],
@@ -203,7 +224,7 @@ def _continued(
     """Return the plan that comes to the object, takes it, lifts it and holds it."""
     robot = plan.robot
     whole = np.concatenate([np.zeros(robot.arm.num_joints), effort])
-    load, raised = hold(lifting[0], LOAD_TIME), along(robot, lifting, speed=LIFT_SPEED)
+    load, raised = hold(lifting[0], LOAD_TIME), pace.along(lifting, speed=LIFT_SPEED)
     held = [
         replace(part, effort=np.tile(whole, (len(part.time), 1)))
         for part in (hold(lifting[0], SETTLE_TIME), raised, hold(lifting[-1], HOLD_TIME))
@@ -211,7 +232,7 @@ def _continued(
     regrasp = concatenated(*coming, replace(load, effort=rise(load)[:, None] * whole), held[0])
     lift = concatenated(*held[1:])
     trajectory = concatenated(plan.trajectory, regrasp, lift)
-    exceeded = limits_used(trajectory, robot.limits).exceeded
+    exceeded = limits_used(trajectory, robot.limits, robot.joint_names).exceeded
     if exceeded:
         return str(exceeded[0])
     start = plan.phases[-1].end
