@@ -33,12 +33,8 @@ from dexnudge.trajectories.robot_timing import (
     LOAD_TIME,
     RELEASE_TIME,
     SETTLE_TIME,
-<<<<<<< HEAD
-    along,
-    closing,
-=======
     Pace,
->>>>>>> 1b2d653 (Plans keep the arm 0.02 rad from its joints' limits, and --speed slows them down for a first run)
+    closing,
     rise,
     with_margin,
 )
@@ -106,23 +102,10 @@ def plan(
     hand, scene = chosen[0].hand, chosen[0].scene
     sampler = Sampler.from_pretrained(hand, weights=weights) if then_grasp else None
     length = graspable_length(scene) if then_grasp else None
-<<<<<<< HEAD
-    planner = Planner(scene, mounted(arm, hand, mount), length=length, seed=seed)
-    found, failures = first_plan(planner, chosen, sampler, seed=seed, on_failure=on_failure)
+    planner = Planner(scene, mounted(arm, hand, mount), length=length, speed=speed, seed=seed)
+    found, failures = first_plan(planner, chosen, sampler, speed=speed, seed=seed, on_failure=on_failure)
     if found is not None:
         return found
-=======
-    planner = Planner(scene, mounted(arm, hand, mount), length=length, speed=speed, seed=seed)
-    failures: list[Failure] = []
-    for place, sample in enumerate(chosen):
-        found = planner(sample.q, configuration=place)
-        if isinstance(found, Plan) and sampler is not None:
-            found = lifting(found, sampler, speed=speed, seed=seed)
-        if isinstance(found, Plan):
-            return found
-        failures.append(found)
-        on_failure(found)
->>>>>>> 1b2d653 (Plans keep the arm 0.02 rad from its joints' limits, and --speed slows them down for a first run)
     raise PlanningError(
         f"none of {len(failures)} configurations has a plan for {planner.robot!r}: "
         + "; ".join(f"{one.configuration}: {one.phase}: {one.reason}" for one in failures)
@@ -131,12 +114,12 @@ def plan(
     )
 
 
-<<<<<<< HEAD
 def first_plan(
     planner: "Planner",
     samples: Iterable[Sample],
     sampler: Sampler | None,
     *,
+    speed: float = 1.0,
     seed: int,
     on_failure: Callable[[Failure], None] = lambda _: None,
 ) -> tuple[Plan | None, list[Failure]]:
@@ -145,7 +128,7 @@ def first_plan(
     for place, sample in enumerate(samples):
         found = planner(sample.q, configuration=place)
         if isinstance(found, Plan) and sampler is not None:
-            found = _lifting(found, sampler, seed=seed)
+            found = _lifting(found, sampler, speed=speed, seed=seed)
         if isinstance(found, Plan):
             return found, failures
         failures.append(found)
@@ -153,10 +136,7 @@ def first_plan(
     return None, failures
 
 
-def _lifting(pushing: Plan, sampler: Sampler, *, seed: int) -> Plan | Failure:
-=======
-def lifting(pushing: Plan, sampler: Sampler, *, speed: float = 1.0, seed: int) -> Plan | Failure:
->>>>>>> 1b2d653 (Plans keep the arm 0.02 rad from its joints' limits, and --speed slows them down for a first run)
+def _lifting(pushing: Plan, sampler: Sampler, *, speed: float, seed: int) -> Plan | Failure:
     """Return the plan that goes on with a grasp and a lift, or why there is none."""
     lifted = with_grasp(pushing, sampler, speed=speed, seed=seed)
     if lifted.outcome is Outcome.SUCCESS:
@@ -208,13 +188,8 @@ class Planner:
         return replace(found, seconds={stage: round(value, 4) for stage, value in seconds.items()})
 
     def _timed(self, way: PushWay, pressed: Press, configuration: int) -> Plan | Failure:
-<<<<<<< HEAD
-        robot, limits = self.robot, self.robot.limits
-        closed = self._closing(way.push[0], pressed, at=0.0)
-=======
         robot, pace = self.robot, self._pace
-        closing = self._closing(way.push[0], pressed, at=0.0)
->>>>>>> 1b2d653 (Plans keep the arm 0.02 rad from its joints' limits, and --speed slows them down for a first run)
+        closed = self._closing(way.push[0], pressed, at=0.0)
         opening = self._closing(way.push[-1], pressed, at=pressed.length)
         push = None if closed is None else self._pushed(closed[-1], pressed)
         if closed is None or opening is None or push is None:
@@ -227,15 +202,9 @@ class Planner:
             ],
             "contact": [pace.along(way.entry.stretch[::-1], speed=CONTACT_SPEED)],
             "squeeze": [
-<<<<<<< HEAD
-                along(robot, closed, speed=CLOSING_SPEED),
+                pace.along(closed, speed=CLOSING_SPEED),
                 self._loaded(closed[-1], pressed, LOAD_TIME, 0.0, 1.0),
                 self._loaded(closed[-1], pressed, SETTLE_TIME, 1.0, 1.0),
-=======
-                pace.along(closing, speed=CLOSING_SPEED),
-                self._loaded(closing[-1], pressed, LOAD_TIME, 0.0, 1.0),
-                self._loaded(closing[-1], pressed, SETTLE_TIME, 1.0, 1.0),
->>>>>>> 1b2d653 (Plans keep the arm 0.02 rad from its joints' limits, and --speed slows them down for a first run)
             ],
             "push": [self._carried(push, pressed)],
             "retreat": [

@@ -30,12 +30,8 @@ from dexnudge.trajectories.robot_timing import (
     CONTACT_SPEED,
     LOAD_TIME,
     SETTLE_TIME,
-<<<<<<< HEAD
-    along,
-    closing,
-=======
     Pace,
->>>>>>> 1b2d653 (Plans keep the arm 0.02 rad from its joints' limits, and --speed slows them down for a first run)
+    closing,
     rise,
     with_margin,
 )
@@ -164,17 +160,10 @@ def _lifts(
             scene,
             [
                 opening,
-<<<<<<< HEAD
-                through(robot, transit, approach.clearance),
-                along(robot, entry.exit[::-1]),
-                along(robot, entry.stretch[::-1], speed=CONTACT_SPEED),
-                along(robot, gripped, speed=CLOSING_SPEED),
-=======
                 pace.through(transit, approach.clearance),
                 pace.along(entry.exit[::-1]),
                 pace.along(entry.stretch[::-1], speed=CONTACT_SPEED),
-                pace.along(closing, speed=CLOSING_SPEED),
->>>>>>> 1b2d653 (Plans keep the arm 0.02 rad from its joints' limits, and --speed slows them down for a first run)
+                pace.along(gripped, speed=CLOSING_SPEED),
             ],
             lifting,
             effort,

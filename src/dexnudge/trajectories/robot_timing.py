@@ -22,7 +22,6 @@ LEAST_STEP = 1.0e-6  # [m] between two stations: progress has to increase
 LEAST_CLEARANCE = 0.001  # [m] of the rounded way through the open; where it is nearer, the robot stops at each corner
 
 
-<<<<<<< HEAD
 def closing(
     contact: Float[np.ndarray, " row"], pressing: Float[np.ndarray, " row"]
 ) -> Float[np.ndarray, "station row"]:
@@ -30,13 +29,6 @@ def closing(
     return contact + np.linspace(0.0, 1.0, CLOSING_STATIONS)[:, None] * (pressing - contact)
 
 
-def through(robot: Robot, path: Float[np.ndarray, "vertex joint"], clearance: RobotClearance) -> JointTrajectory:
-    """Return the way through the open, with round corners where there is room for them."""
-    rounded = time_optimal(path, robot.limits, corner=CORNER)
-    if len(path) > 2 and clearance.of(rounded.position, stop=LEAST_CLEARANCE).min() < LEAST_CLEARANCE:
-        return time_optimal(path, robot.limits, corner=0.0)
-    return rounded
-=======
 @dataclass(frozen=True, eq=False)
 class Pace:
     """How fast a robot may go: at full speed within its limits, or at a share of it, for a first run.
@@ -74,7 +66,6 @@ class Pace:
     ) -> JointTrajectory:
         """Return the way along stations at `speed` [m/s] of progress, times the pace."""
         return timed_way(path, progress, self.limits, speed=None if speed is None else speed * self.share)
->>>>>>> 1b2d653 (Plans keep the arm 0.02 rad from its joints' limits, and --speed slows them down for a first run)
 
 
 def with_margin(robot: Robot) -> Robot:
