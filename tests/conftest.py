@@ -325,7 +325,9 @@ def crane_plan(crane, gripper: Path, block_scene):
     moved = block_scene.T_world_object.copy()
     moved[0, 3] += 0.05
     phases = (
-        Phase("pre-contact", 0.0, 1.5, 3, block_scene.T_world_object),
+        Phase("pre-contact", 0.0, 1.0, 3, block_scene.T_world_object),
+        Phase("contact", 1.0, 1.25, 3, block_scene.T_world_object),
+        Phase("squeeze", 1.25, 1.5, 3, block_scene.T_world_object),
         Phase("push", 1.5, 2.5, 3, moved, {"atip": 1.5, "ttip": 0.25}),
         Phase("retreat", 2.5, 4.0, 3, moved),
     )

@@ -55,11 +55,24 @@ def block_plan(gantry, block_press, block_scene):
     still = np.zeros_like(position)
     time = np.array([0.0, *(end for end, _ in STAGES)])
     names = [name for _, name in STAGES]
-    phases = tuple(
-        Phase(name, time[names.index(name)], time[len(names) - names[::-1].index(name)], 0, block_scene.T_world_object)
+    pushed = block_scene.T_world_object.copy()
+    pushed[0, 3] += LENGTH
+    _, *phases = (
+        Phase(
+            name,
+            time[names.index(name)],
+            time[len(names) - names[::-1].index(name)],
+            0,
+            pushed if name in ("push", "retreat") else block_scene.T_world_object,
+        )
         for name in dict.fromkeys(names)
     )
-    return Plan(gantry, block_scene, JointTrajectory(time, position, still, still, effort), phases, LENGTH)
+    half = STAGES[0][0] / 2
+    coming = (
+        Phase("pre-contact", 0.0, half, 0, block_scene.T_world_object),
+        Phase("contact", half, 2 * half, 0, block_scene.T_world_object),
+    )
+    return Plan(gantry, block_scene, JointTrajectory(time, position, still, still, effort), (*coming, *phases), LENGTH)
 
 
 @pytest.fixture(scope="session")

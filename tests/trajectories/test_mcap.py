@@ -66,7 +66,7 @@ def test_each_phase_is_a_text_where_the_object_is_when_it_starts(messages, conte
         assert (marker.text, marker.type, marker.header.frame_id) == (phase["name"], marker.TEXT_VIEW_FACING, "world")
         assert marker.header.stamp.sec + 1e-9 * marker.header.stamp.nanosec == pytest.approx(phase["start"], abs=2e-9)
     at = [message.markers[0].pose.position.x for _, _, message in messages["/phases"]]
-    np.testing.assert_allclose(at, [0.0, 0.0, 0.05], atol=1e-9)
+    np.testing.assert_allclose(at, [0.0, 0.0, 0.0, 0.0, 0.05], atol=1e-9)
 
 
 def test_the_file_stands_alone_and_is_the_same_each_time(saved, tmp_path):

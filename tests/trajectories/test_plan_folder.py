@@ -16,7 +16,7 @@ import dexnudge as dn
 from dexnudge.arms.export import export_robot
 from dexnudge.arms.named.panda import panda
 from dexnudge.arms.robot import Robot
-from dexnudge.trajectories.plan import JointTrajectory, Phase, Plan
+from dexnudge.trajectories.plan import PHASES, JointTrajectory, Phase, Plan
 from dexnudge.trajectories.plan_json import FORMAT_VERSION
 
 JOINTS = ["crane_a1", "lift", "bend", "a2", "a1", "b2", "b1", "t2", "t1"]
@@ -100,9 +100,9 @@ def test_the_json_is_small_and_complete(crane_plan, saved, content):
     assert (content["arm"], content["hand"], content["scene"]) == ("crane", "gripper", "scene")
     assert (content["flange"], content["mount"]) == ("flange", "palm")
     assert content["limits"]["lift"] == [-0.2, 0.3, 0.5, 5.0, 200.0]
-    assert [phase["name"] for phase in content["phases"]] == ["pre-contact", "push", "retreat"]
-    assert set(content["phases"][1]) == {"name", "start", "end", "configuration", "link_force", "T_world_object"}
-    assert content["phases"][1]["link_force"] == {"atip": 1.5, "ttip": 0.25}
+    assert [phase["name"] for phase in content["phases"]] == list(PHASES[:5])
+    assert set(content["phases"][3]) == {"name", "start", "end", "configuration", "link_force", "T_world_object"}
+    assert content["phases"][3]["link_force"] == {"atip": 1.5, "ttip": 0.25}
     assert content["versions"]["dexnudge"] == dn.__version__
 
 
@@ -120,8 +120,14 @@ def test_actuators_drive_every_joint_and_two_on_a_tendon_share_one(content, save
 def test_a_robot_that_is_bought_is_read_back(block_scene, tmp_path, hand):
     robot = Robot(panda(), dn.load_hand(hand), np.eye(4))
     middle = np.clip(np.zeros((2, len(robot.joint_names))), robot.limits.lower, robot.limits.upper)
+    here, there = block_scene.T_world_object, block_scene.T_world_object.copy()
+    there[:3, 3] += 0.1 * block_scene.motion
+    phases = tuple(
+        Phase(name, place / 5, (place + 1) / 5, 0, here if place < 3 else there)
+        for place, name in enumerate(PHASES[:5])
+    )
     still = JointTrajectory(np.array([0.0, 1.0]), middle, *(np.zeros_like(middle) for _ in range(3)))
-    Plan(robot, block_scene, still, (Phase("push", 0.0, 1.0, 0, np.eye(4)),), 0.1).save(tmp_path / "plan.json")
+    Plan(robot, block_scene, still, phases, 0.1).save(tmp_path / "plan.json")
     content = json.loads((tmp_path / "plan.json").read_text()) | {"scene": "."}
     (tmp_path / "plan.json").write_text(json.dumps(content))
     export_robot(robot, tmp_path / "robot")
@@ -264,9 +270,9 @@ BAD = {
     "time stands": (at("time", 3), 0.1, r"time\[3\] is 0.1 s, after 0.1 s; expected increasing times"),
     "time from 1": (at("time", 0), 0.005, r"time begins with \[0.005, 0.05\]; expected two samples or more from 0 s"),
     "one sample": (at("time"), [0.0], r"time begins with \[0.0\]"),
-    "gap": (at("phases", 1, "start"), 1.75, "phase 'push' is from 1.75 to 2.5 s; expected it to start at 1.5 s"),
-    "backwards": (at("phases", 2, "end"), 2.0, "phase 'retreat' is from 2.5 to 2 s; expected .* to end later"),
-    "too long": (at("phases", 2, "end"), 9.0, "the phases end at 9 s, the trajectory at 4 s; expected the same"),
+    "gap": (at("phases", 3, "start"), 1.75, "phase 'push' is from 1.75 to 2.5 s; expected it to start at 1.5 s"),
+    "backwards": (at("phases", 4, "end"), 2.0, "phase 'retreat' is from 2.5 to 2 s; expected .* to end later"),
+    "too long": (at("phases", 4, "end"), 9.0, "the phases end at 9 s, the trajectory at 4 s; expected the same"),
     "too early": (at("phases", 0, "start"), -1.0, r"phases\[0\]: start is -1; expected at least 0"),
     "no phases": (at("phases"), [], r"phases is \[\]; expected a list of objects"),
     "strange phase": (
@@ -277,16 +283,20 @@ BAD = {
     "half a phase": (at("phases", 0), {"name": "push"}, r"phases\[0\] lacks start, end, configuration"),
     "no place": (at("phases", 0, "T_world_object"), [[1.0]], r"phases\[0\]: T_world_object has shape \(1, 1\)"),
     "force of nothing": (
-        at("phases", 1, "link_force"),
+        at("phases", 3, "link_force"),
         {"elbow": 1.0},
         "phase 'push' names 'elbow'; expected links",
     ),
     "pulling": (
-        at("phases", 1, "link_force"),
+        at("phases", 3, "link_force"),
         {"palm": -1.0},
         "link_force of 'palm' is -1; expected at least 0",
     ),
-    "configuration": (at("phases", 1, "configuration"), 1.5, "configuration is 1.5; expected an integer of at least 0"),
+    "configuration": (
+        at("phases", 3, "configuration"),
+        1.5,
+        "configuration is 1.5; expected an integer of 0 to 1000000",
+    ),
     "no limits": (at("limits"), {}, "limits of crane_a1, .* are missing"),
     "limits of another": (at("limits", "elbow"), [0, 1, 1, 1, 1], "limits of elbow are there, of no joint of the plan"),
     "four limits": (at("limits", "a2"), [0, 1, 2, 3], "limits of 'a2' has 4 numbers; expected 5"),

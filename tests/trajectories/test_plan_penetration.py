@@ -51,16 +51,16 @@ def test_a_dip_of_milliseconds_through_the_table_is_found(block_plan, block_scen
 
 
 def test_the_object_is_looked_for_where_it_is_at_that_time(block_plan, found):
-    """A pad is in a block that stands 5 mm aside from the end of the first phase on; before, it is not."""
+    """A pad is in a block that stands 5 mm aside from the end of the second phase on; before, it is not."""
     assert found.greatest["object"] < 0.001
     aside = block_plan.scene.T_world_object.copy()
     aside[1, 3] += 0.005
-    contact, *later = block_plan.phases
-    plan = replace(block_plan, phases=(contact, *(replace(phase, T_world_object=aside) for phase in later)))
+    early, later = block_plan.phases[:2], block_plan.phases[2:]
+    plan = replace(block_plan, phases=(*early, *(replace(phase, T_world_object=aside) for phase in later)))
     moved = plan_penetrations(plan)
-    end = plan.phases[0].end
+    end = plan.phases[1].end
     assert moved.object[moved.time < end].max() < 0.001
-    assert moved.object[(moved.time > end) & (moved.time < plan.phases[1].end)].max() == pytest.approx(0.005, abs=5e-4)
+    assert moved.object[(moved.time > end) & (moved.time < plan.phases[2].end)].max() == pytest.approx(0.005, abs=5e-4)
 
 
 def test_the_object_goes_along_with_the_palm(block_plan):

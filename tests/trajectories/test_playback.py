@@ -2,6 +2,7 @@
 
 import json
 import re
+import shutil
 from dataclasses import replace
 from pathlib import Path
 
@@ -113,30 +114,25 @@ def test_the_world_starts_where_the_plan_does(saved):
 
 
 def test_who_reads_plan_json_and_world_xml_alone_moves_the_object_alike(saved, monkeypatch):
-    world = (saved / "robot/world.xml").read_text(encoding="utf-8")
-    episode = execute_plan(load_plan(saved), xml=world)
+    episode = load_plan(saved).execute()
     assert episode.length_reached == pytest.approx(0.05, abs=0.002)
     place = replayed(saved, monkeypatch)
-    np.testing.assert_allclose(place, episode.trace.qpos[-1][-7:], atol=1e-6)
-    anew = load_plan(saved).execute()
-    np.testing.assert_allclose(place, anew.trace.qpos[-1][-7:], atol=1e-4)
+    np.testing.assert_allclose(place, episode.trace.qpos[-1][-7:], atol=1e-4)
 
 
 def test_the_command_plays_a_plan_and_exits_3_where_the_object_stays(saved, tmp_path, capsys):
-    out = tmp_path / "played"
-    assert main(["execute", str(saved), "--out", str(out), "--films", "0"]) == 0
+    out, folder = tmp_path / "played", Path(shutil.copytree(saved, tmp_path / "PLAN"))
+    (folder / "robot/world.xml").write_text('<mujoco><include file="/etc/passwd"/></mujoco>')  # for others: never read
+    assert main(["execute", str(folder), "--out", str(out), "--films", "0"]) == 0
     shown = capsys.readouterr().out
     assert "success: moved 50.0 of 50 mm, turned 0.0 deg, 0.00 mm into the surroundings" in shown
     summary = json.loads((out / "summary.json").read_text(encoding="utf-8"))
-    assert [phase["name"] for phase in summary["phases"]] == ["contact", "squeeze", "push", "retreat"]
+    assert [phase["name"] for phase in summary["phases"]] == ["pre-contact", "contact", "squeeze", "push", "retreat"]
     assert summary["length_reached"] == pytest.approx(0.05, abs=0.002)
     assert max(phase["arm_error"] for phase in summary["phases"]) < 2e-4
-    plan = json.loads((saved / "plan.json").read_text(encoding="utf-8"))
-    (saved / "plan.json").write_text(json.dumps(plan | {"effort": np.zeros_like(plan["effort"]).tolist()}))
-    try:
-        assert main(["execute", str(saved / "plan.json"), "--out", str(tmp_path / "weak"), "--films", "0"]) == 3
-    finally:
-        (saved / "plan.json").write_text(json.dumps(plan))
+    plan = json.loads((folder / "plan.json").read_text(encoding="utf-8"))
+    (folder / "plan.json").write_text(json.dumps(plan | {"effort": np.zeros_like(plan["effort"]).tolist()}))
+    assert main(["execute", str(folder / "plan.json"), "--out", str(tmp_path / "weak"), "--films", "0"]) == 3
     assert "less than 80% of the length asked for" in capsys.readouterr().out
 
 

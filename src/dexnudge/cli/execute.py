@@ -77,38 +77,37 @@ class Execute:
         return 0 if succeeded else NOTHING_SUCCEEDED
 
     def _plan(self) -> tuple[bool, Path]:
-        """Play the plan of the folder; the model is the one in it where it has one."""
+        """Play the plan of the folder in a model made anew of its robot and scene; world.xml is for other simulators."""
         if self.top != 1:
             raise InputError("`top` was given with a plan, which is one way of one configuration; leave it out")
         from dexnudge.execution.folder import PUSH_FOLDER
         from dexnudge.jobs.progress import progress
         from dexnudge.trajectories.plan_episode import execute_plan
-        from dexnudge.trajectories.plan_folder import ROBOT, WORLD_XML, load_plan
+        from dexnudge.trajectories.plan_folder import load_plan
 
         folder = Path(self.folder) if Path(self.folder).is_dir() else Path(self.folder).parent
         out = out_folder(self.out, folder / PUSH_FOLDER, overwrite=self.overwrite)
         with progress() as bars:
             bars.add_task("executing", total=None)
-            plan, world = load_plan(folder), folder / ROBOT / WORLD_XML
-            xml = world.read_text(encoding="utf-8") if world.is_file() else None
+            plan = load_plan(folder)
             if self.then_grasp and plan.phases[-1].name != "lift":
-                episode, why = self._going_on(plan, xml)
+                episode, why = self._going_on(plan)
             else:
-                episode, why = execute_plan(plan, xml=xml), ""
+                episode, why = execute_plan(plan), ""
             episode.save(out, overwrite=self.overwrite, pictures=self.films > 0)
         _print_phases(episode.summary())
         if why:
             say(f"it was not grasped and lifted: {why}")
         return episode.success and not why, out
 
-    def _going_on(self, plan: Plan, xml: str | None) -> tuple[PlanEpisode, str]:
+    def _going_on(self, plan: Plan) -> tuple[PlanEpisode, str]:
         """Play a plan that ends with its push, then grasp and lift the object where it lies; return why not, too."""
         from dexnudge.planning.outcomes import Outcome
         from dexnudge.sampling.sampler import Sampler
         from dexnudge.trajectories.regrasp import with_grasp
 
         sampler = Sampler.from_pretrained(plan.robot.hand, weights=self.weights)
-        lifted = with_grasp(plan, sampler, attempts=self.attempts, seed=self.seed, xml=xml)
+        lifted = with_grasp(plan, sampler, attempts=self.attempts, seed=self.seed)
         if lifted.outcome is Outcome.SUCCESS:
             return lifted.episode, ""
         return lifted.episode, f"{lifted.outcome.sentence} {lifted.detail}".strip()

@@ -1,6 +1,7 @@
 """Arm, hand, object and surroundings as one MuJoCo model: the arm stands fixed at its base and moves by its own motors."""
 
 from dataclasses import dataclass, replace
+from pathlib import Path
 from xml.etree import ElementTree
 
 import mujoco
@@ -10,7 +11,7 @@ from jaxtyping import Float
 from dexnudge.arms.export import mjcf_of_robot
 from dexnudge.arms.robot import Robot
 from dexnudge.errors import InputError
-from dexnudge.hands.xml_text import numbers
+from dexnudge.hands.xml_text import numbers, refuse_entities
 from dexnudge.scenes.scene import Scene
 from dexnudge.simulation.convex_pieces import environment_pieces
 from dexnudge.simulation.model import SimulationModel, add_scene, indexed, link_surface, spec_of_links
@@ -67,18 +68,29 @@ def load_robot_model(xml: str, robot: Robot) -> RobotModel:
     The object starts where the text has it, so that whoever plays the text alone begins alike.
 
     Raises:
-        InputError: no such model, or that of another robot.
+        InputError: no such model, that of another robot, or one that names files.
     """
     try:
+        _check_closed(xml)
         model = mujoco.MjModel.from_xml_string(xml)
         found = indexed(robot.body, model, xml, np.eye(4))
-    except (ValueError, KeyError) as error:
+    except (ValueError, KeyError, ElementTree.ParseError) as error:
         raise InputError(
             f"the simulation's model is not that of {robot!r}: {error}; expected its links, joints and motors beside an "
             "object and surroundings; write it anew"
         ) from error
     (T_world_object,) = found.object_poses(model.qpos0[None])
     return RobotModel(robot, replace(found, T_world_object=T_world_object))
+
+
+def _check_closed(xml: str) -> None:
+    """Raise ValueError where a model would have MuJoCo open a file."""
+    path = Path("the model")
+    refuse_entities(xml, path)
+    for element in ElementTree.fromstring(xml).iter():  # noqa: S314 - it has no entities
+        names = [name for name, value in element.items() if name.startswith("file") and value]
+        if element.tag == "include" or names:
+            raise ValueError(f"<{element.tag} {' '.join(names)}> opens a file; expected all of it in the text")
 
 
 def _reached(robot: Robot, scene: Scene) -> Float[np.ndarray, "2 3"]:

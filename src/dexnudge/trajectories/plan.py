@@ -98,7 +98,8 @@ class Plan:
             pictures: draw plan.gif and plan.png, which takes some seconds; plan.html is always there.
 
         Raises:
-            InputError: numbers that no controller may be given: not finite, or outside the joints' limits.
+            InputError: numbers that no controller may be given, not finite or outside the joints' limits, or phases that
+                are no push.
             MeshError: MuJoCo cannot take the object or the surroundings.
             OutputError: `path` exists without `overwrite`, is no plan, or cannot be written.
         """
@@ -110,6 +111,7 @@ class Plan:
         """Play the plan out in MuJoCo by the motors of arm and hand; nothing else moves them.
 
         Raises:
+            InputError: the phases are no push.
             MeshError: MuJoCo cannot take the object or the surroundings.
         """
         from dexnudge.trajectories.plan_episode import execute_plan

@@ -17,6 +17,7 @@ from dexnudge.simulation.robot_model import RobotModel, load_robot_model, robot_
 from dexnudge.simulation.rollout import Divergence, Trace
 from dexnudge.simulation.success import LiftVerdict, PushVerdict, judge_lift, judge_push
 from dexnudge.trajectories.plan import Plan
+from dexnudge.trajectories.plan_phases import check_phases
 from dexnudge.trajectories.playback import PlanTrace, play
 from dexnudge.viewer.recording import Recording
 
@@ -162,12 +163,13 @@ def execute_plan(plan: Plan, *, xml: str | None = None) -> PlanEpisode:
 
     Args:
         plan: the plan.
-        xml: the model of its robot and scene, such as world.xml in a plan's folder; None: made anew.
+        xml: the model of its robot and scene, of an episode before; None: made anew.
 
     Raises:
-        InputError: `xml` is no such model.
+        InputError: the phases are no push, or `xml` is no such model.
         MeshError: MuJoCo cannot take the object or the surroundings.
     """
+    check_phases(plan.phases, plan.length, plan.scene, "plan")
     model = robot_model(plan.robot, plan.scene) if xml is None else load_robot_model(xml, plan.robot)
     trace, divergence = play(plan, model)
     diverged = divergence is not None
@@ -185,9 +187,9 @@ def judge_plan_lift(trace: PlanTrace) -> LiftVerdict:
 
 def judge_plan(plan: Plan, trace: PlanTrace, *, diverged: bool) -> PushVerdict:
     """Judge the push of a plan at its end and once the hand has withdrawn: the first that fails, else the former."""
-    verdicts = []
+    verdicts, ends = [], {phase.name: phase.end for phase in plan.phases}
     for last in ("push", "retreat"):
-        end = max((phase.end for phase in plan.phases if phase.name == last), default=0.0) - plan.trajectory.time[0]
+        end = ends[last] - plan.trajectory.time[0]
         verdicts.append(judge_push(_until(trace, end), motion=plan.scene.motion, length=plan.length, diverged=diverged))
     return next((verdict for verdict in verdicts if not verdict.success), verdicts[0])
 

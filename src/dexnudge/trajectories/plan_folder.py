@@ -26,10 +26,10 @@ from dexnudge.trajectories.mcap import write_mcap
 from dexnudge.trajectories.plan import JointTrajectory, Plan
 from dexnudge.trajectories.plan_film import ends_of_phases, film_of_plan
 from dexnudge.trajectories.plan_json import plan_text, rounded
+from dexnudge.trajectories.plan_phases import check_phases, read_phases
 from dexnudge.trajectories.plan_reader import (
     parse_plan_json,
     read_limits,
-    read_phases,
     read_plan_json,
     read_trajectory,
 )
@@ -51,7 +51,8 @@ def save_plan(plan: Plan, path: Path | str, *, overwrite: bool = False, pictures
     """Write a plan's folder, or plan.json alone where `path` ends in .json; see `Plan.save`.
 
     Raises:
-        InputError: numbers that no controller may be given: not finite, or outside the joints' limits.
+        InputError: numbers that no controller may be given, not finite or outside the joints' limits, or phases that are
+            no push.
         MeshError: MuJoCo cannot take the object or the surroundings.
         OutputError: `path` exists without `overwrite`, is no plan, or cannot be written.
     """
@@ -93,7 +94,9 @@ def _check(text: str, path: Path, plan: Plan) -> None:
     """Refuse what `load_plan` would refuse."""
     content = parse_plan_json(text, path)
     trajectory = read_trajectory(content, read_limits(content, path), path)
-    check_links(read_phases(content, trajectory.time, path), plan.robot.hand.link_names, path)
+    phases = read_phases(content, trajectory.time, path)
+    check_links(phases, plan.robot.hand.link_names, path)
+    check_phases(phases, content["length"], plan.scene, str(path))
     check_effort(trajectory, plan.robot, path)
 
 
@@ -117,6 +120,7 @@ def load_plan(path: Path | str) -> Plan:
     check_links(phases, robot.hand.link_names, file)
     check_effort(trajectory, robot, file)
     scene = Scene.load(path_inside(file.parent, content["scene"], "scene", file=PLAN, what="scene"))
+    check_phases(phases, content["length"], scene, str(file))
     return Plan(robot, scene, trajectory, phases, content["length"], content["seconds"])
 
 

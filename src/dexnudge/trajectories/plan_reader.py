@@ -11,14 +11,15 @@ from dexnudge.arms.arm import JointLimits
 from dexnudge.errors import InputError, quote
 from dexnudge.geometry.rigid import rigid_transform
 from dexnudge.trajectories.limits import limits_used
-from dexnudge.trajectories.plan import PHASES, JointTrajectory, Phase
+from dexnudge.trajectories.plan import JointTrajectory
 from dexnudge.trajectories.plan_json import ARRAYS, FORMAT_VERSION, LIMITS
 
 LARGEST_FILE = 2**26  # [bytes] 9 minutes of 23 joints every 10 ms
 BEYOND = 1e-6  # [rad], [m] that a position may lie outside its limits, and in proportion that limits may differ
 MOST_SHARE = 1.001  # of a limit that is used: rounding of times to 1 ns shakes the jerk by so much
 AT_REST = 1e-6  # [rad/s], [m/s]
-AT_ONCE = 1e-9  # [s] between the end of a phase and the start of the next
+LONGEST = 600.0  # [s] of a plan
+LONGEST_PIECE, SHORTEST_PIECE = 10.0, 1e-6  # [s] between two samples; the quintic is looked at every millisecond
 AGAIN = "plan again, or take the file as it was written"
 
 
@@ -76,11 +77,11 @@ def parse_plan_json(text: str, path: Path) -> dict[str, Any]:
         raise InputError(f"{path}: unit is {quote(content['unit'])}; expected 'rad'; {AGAIN}")
     for key in ("T_world_base", "T_flange_mount"):
         content[key] = rigid_transform(content[key], f"{path}: {key}", unscaled="check the numbers")
-    content["length"] = _number(content["length"], f"{path}: length", "at least 0")
+    content["length"] = number(content["length"], f"{path}: length", "at least 0")
     seconds = content.get("seconds", {})
     if not isinstance(seconds, dict):
         raise InputError(f"{path}: seconds is {quote(seconds)}; expected an object; {AGAIN}")
-    content["seconds"] = {key: _number(value, f"{path}: seconds of {key!r}") for key, value in seconds.items()}
+    content["seconds"] = {key: number(value, f"{path}: seconds of {key!r}") for key, value in seconds.items()}
     content["home"] = _row(content["home"], None, f"{path}: home")
     return content
 
@@ -137,6 +138,16 @@ def read_trajectory(content: dict[str, Any], limits: dict[str, Float[np.ndarray,
             f"{path}: time[{late[0] + 1}] is {time[late[0] + 1]} s, after {time[late[0]]} s; expected increasing times; "
             f"{AGAIN}"
         )
+    if time[-1] > LONGEST:
+        raise InputError(f"{path}: time ends with {time[-1]:g} s; expected at most {LONGEST:g} s; {AGAIN}")
+    pieces = np.diff(time)
+    for piece, what in ((pieces.argmax(), "at most"), (pieces.argmin(), "at least")):
+        if not SHORTEST_PIECE <= pieces[piece] <= LONGEST_PIECE:
+            bound = LONGEST_PIECE if what == "at most" else SHORTEST_PIECE
+            raise InputError(
+                f"{path}: time[{piece + 1}] is {pieces[piece]:g} s after the sample before it; expected {what} {bound:g} s; "
+                f"{AGAIN}"
+            )
     arrays = {name: _rows(content[name], len(time), names, f"{path}: {name}") for name in ARRAYS[1:]}
     table = np.stack([limits[name] for name in names])
     position = arrays["position"]
@@ -170,59 +181,12 @@ def joint_limits(
     return JointLimits(**columns, effort=np.full(len(limits), np.inf) if effort is None else effort)
 
 
-def read_phases(content: dict[str, Any], time: Float[np.ndarray, " k"], path: Path) -> tuple[Phase, ...]:
-    """Return the phases.
-
-    Raises:
-        InputError: an unknown name, a gap, a time outside the trajectory's, or a force below 0.
-    """
-    entries = content["phases"]
-    if not isinstance(entries, list) or not entries or not all(isinstance(each, dict) for each in entries):
-        raise InputError(f"{path}: phases is {quote(entries)}; expected a list of objects; {AGAIN}")
-    phases = [_phase(each, f"{path}: phases[{index}]") for index, each in enumerate(entries)]
-    ends = [float(time[0]), *(phase.end for phase in phases)]
-    for phase, before in zip(phases, ends, strict=False):
-        if abs(phase.start - before) > AT_ONCE or phase.end < phase.start:
-            raise InputError(
-                f"{path}: phase '{phase.name}' is from {phase.start:g} to {phase.end:g} s; expected it to start at "
-                f"{before:g} s, where what is before it ends, and to end later; {AGAIN}"
-            )
-    if abs(ends[-1] - time[-1]) > AT_ONCE:
-        raise InputError(
-            f"{path}: the phases end at {ends[-1]:g} s, the trajectory at {time[-1]:g} s; expected the same; {AGAIN}"
-        )
-    return tuple(phases)
-
-
-def _phase(entry: dict[str, Any], where: str) -> Phase:
-    missing = [key for key in Phase.__dataclass_fields__ if key not in entry]
-    if missing:
-        raise InputError(f"{where} lacks {', '.join(missing)}; expected {', '.join(Phase.__dataclass_fields__)}")
-    if entry["name"] not in PHASES:
-        raise InputError(f"{where} is called {quote(entry['name'])}; expected one of {', '.join(PHASES)}")
-    if type(entry["configuration"]) is not int or entry["configuration"] < 0:
-        raise InputError(
-            f"{where}: configuration is {quote(entry['configuration'])}; expected an integer of at least 0"
-        )
-    forces = entry["link_force"]
-    if not isinstance(forces, dict):
-        raise InputError(f"{where}: link_force is {quote(forces)}; expected an object of links and newtons")
-    return Phase(
-        name=entry["name"],
-        start=_number(entry["start"], f"{where}: start"),
-        end=_number(entry["end"], f"{where}: end"),
-        configuration=entry["configuration"],
-        T_world_object=rigid_transform(entry["T_world_object"], f"{where}: T_world_object"),
-        link_force={name: _number(force, f"{where}: link_force of '{name}'") for name, force in forces.items()},
-    )
-
-
-def _number(value: Any, where: str, expected: str = "at least 0") -> float:
+def number(value: Any, where: str, expected: str = "at least 0") -> float:
     """Return a number of 0 or more."""
-    number = _row([value], 1, where)[0]
-    if number < 0:
-        raise InputError(f"{where} is {number:g}; expected {expected}; {AGAIN}")
-    return float(number)
+    (found,) = _row([value], 1, where).tolist()
+    if found < 0:
+        raise InputError(f"{where} is {found:g}; expected {expected}; {AGAIN}")
+    return float(found)
 
 
 def _row(value: Any, length: int | None, where: str) -> Float[np.ndarray, " n"]:

@@ -70,7 +70,6 @@ def with_grasp(
     draws: int = GRASP_DRAWS,
     speed: float = 1.0,
     seed: int = 0,
-    xml: str | None = None,
 ) -> Lifted:
     """Return the plan with the phases regrasp and lift, rehearsed: the first of some grasps that lifts the object.
 
@@ -83,12 +82,11 @@ def with_grasp(
         draws: grasps that are drawn.
         speed: share of full speed; see `Pace`.
         seed: of the grasps and of the arm's planner.
-        xml: model of the plan's robot and scene; made anew if left out.
 
     Raises:
         MeshError: MuJoCo cannot take the object or the surroundings.
     """
-    pushed = execute_plan(plan, xml=xml)
+    pushed = execute_plan(plan)
     if not pushed.success:
         return Lifted(pushed, pushed.outcome)
     xml = pushed.model.simulation.xml
