@@ -208,7 +208,7 @@ def test_what_no_controller_may_be_given_is_not_saved(crane_plan, tmp_path):
     position = crane_plan.trajectory.position.copy()
     position[7, 3] = np.nan
     wrong = replace(crane_plan, trajectory=replace(crane_plan.trajectory, position=position))
-    with pytest.raises(dn.InputError, match=r"PLAN/plan.json: position\[7\] holds NaN or infinity"):
+    with pytest.raises(dn.InputError, match=r"^plan.json: position\[7\] holds NaN or infinity"):
         wrong.save(tmp_path / "PLAN")
     position[7, 1], position[7, 3] = 1.0, 0.1
     position[7, 3] = 0.1

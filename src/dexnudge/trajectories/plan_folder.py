@@ -77,7 +77,7 @@ def write_plan(plan: Plan, folder: Path, *, pictures: bool = True) -> None:
     """Write a plan's files into an empty folder; raises what `save_plan` does."""
     trajectory = rounded(plan)
     text = plan_text(plan, trajectory, scene=SCENE)
-    _check(text, folder / PLAN, plan)
+    _check(text, Path(PLAN), plan)  # the folder has another name until it is whole
     (folder / PLAN).write_text(text, encoding="utf-8")
     plan.scene.save(folder / SCENE)
     export_robot(plan.robot, folder / ROBOT)
