@@ -92,6 +92,13 @@ class Arm:
         """The link that stands on the ground."""
         return self.chain[0].parent
 
+    def rigid_with(self, link: str) -> set[str]:
+        """Return the links that never move against a link, itself among them."""
+        found, fixed = {link}, [joint for joint in self.tree.joints if joint.fixed]
+        for _ in fixed:
+            found |= {end for one in fixed for end in (one.parent, one.child) if {one.parent, one.child} & found}
+        return found
+
     @cached_property
     def lines(self) -> dict[str, tuple[int, float, float]]:
         """Of each joint that moves: the entry of the joint angles that it follows, with what factor and offset."""

@@ -59,7 +59,7 @@ def mount(arm: Arm, hand: Hand, T_flange_mount: Any = None) -> Robot:
     met = sorted(_overlaps(robot), reverse=True)
     if met:
         links = ", ".join(f"'{of_hand}' {1e3 * depth:.0f} mm into '{of_arm}'" for depth, of_hand, of_arm in met[:3])
-        rigid = _rigid(arm)
+        rigid = arm.rigid_with(arm.flange)
         everywhere = any(of_arm in rigid for _, _, of_arm in met)
         raise ArmError(
             f"this mount turns the hand into the arm: {links}, {'whatever the joint angles' if everywhere else 'at home'}; "
@@ -133,7 +133,7 @@ def outward_frame(arm: Arm) -> Float[np.ndarray, "4 4"]:
         return np.eye(4)
     poses = arm.link_poses(arm.home)
     flange = np.linalg.inv(poses[arm.flange])
-    still = _rigid(arm)
+    still = arm.rigid_with(arm.flange)
     meshes = [(link, mesh) for link, mesh in arm.tree.links.items() if link not in still]
     behind = [trimesh.transform_points(mesh.vertices, flange @ poses[link]) for link, mesh in meshes if len(mesh.faces)]
     z = np.eye(3)[nearest] * (-1.0 if behind and np.concatenate(behind[-2:])[:, nearest].mean() > 0 else 1.0)
@@ -169,21 +169,12 @@ def _hand_points(hand: Hand, poses: Float[np.ndarray, "link 4 4"]) -> Float[np.n
     )
 
 
-def _rigid(arm: Arm) -> set[str]:
-    """Return the links that never move against the flange."""
-    found = {arm.flange}
-    fixed = [joint for joint in arm.tree.joints if joint.fixed]
-    for _ in fixed:
-        found |= {end for joint in fixed for end in (joint.parent, joint.child) if {joint.parent, joint.child} & found}
-    return found
-
-
 def _overlaps(robot: Robot) -> Iterator[tuple[float, str, str]]:
     """Yield (depth [m], link of the hand, link of the arm) of those that overlap too deep with the arm at home."""
     body, arm, hand = robot.body, robot.arm, robot.hand
     makers = MAKERS.get(_pair(arm, hand))
     bolted = makers is not None and np.allclose(makers, robot.T_flange_mount, atol=DEEPEST)
-    housed = {(link, robot.mount) for link in _rigid(arm)} if bolted else set()
+    housed = {(link, robot.mount) for link in arm.rigid_with(arm.flange)} if bolted else set()
     placed = [mesh.copy().apply_transform(pose) for mesh, pose in zip(body.link_meshes, robot.at_home(), strict=True)]
     solid = [index for index, mesh in enumerate(placed) if len(mesh.faces)]
     links = len(arm.tree.links)

@@ -76,13 +76,9 @@ def standing_depth(arm: Arm, scene: Scene) -> tuple[float, Float[np.ndarray, " 3
 
 def standing_mesh(arm: Arm) -> trimesh.Trimesh:
     """Return the links that never move as one mesh where the arm stands [m]; a small box for an arm without any."""
-    still = {arm.base}
-    for link in arm.tree.links:
-        still |= {joint.child for joint in arm.tree.joints if joint.fixed and joint.parent == link and link in still}
-    poses = arm.link_poses(arm.home)
-    placed = [
-        arm.tree.links[link].copy().apply_transform(poses[link]) for link in still if len(arm.tree.links[link].faces)
-    ]
+    still, poses = arm.rigid_with(arm.base), arm.link_poses(arm.home)
+    meshes = [(link, mesh) for link, mesh in arm.tree.links.items() if link in still and len(mesh.faces)]
+    placed = [mesh.copy().apply_transform(poses[link]) for link, mesh in meshes]
     if placed:
         return trimesh.util.concatenate(placed)
     above = trimesh.transformations.translation_matrix([0.0, 0.0, STAND[2] / 2])

@@ -67,7 +67,6 @@ def with_grasp(
     sampler: Sampler,
     *,
     attempts: int = 3,
-    draws: int = GRASP_DRAWS,
     speed: float = 1.0,
     seed: int = 0,
 ) -> Lifted:
@@ -79,7 +78,6 @@ def with_grasp(
         plan: of a push.
         sampler: of grasps by the robot's hand.
         attempts: grasps that are played at most.
-        draws: grasps that are drawn.
         speed: share of full speed; see `Pace`.
         seed: of the grasps and of the arm's planner.
 
@@ -94,10 +92,10 @@ def with_grasp(
     scene = replace(plan.scene, T_world_object=T_world_object)
     simulation = replace(scene_model(plan.robot.hand, plan.scene), T_world_object=T_world_object)
     finder = GraspFinder(plan.robot.hand, sampler, plan.scene, LiftRehearsal(simulation, plan.scene))
-    grasps, rejected = finder.find(scene, num=draws, seed=seed)
+    grasps, rejected = finder.find(scene, num=GRASP_DRAWS, seed=seed)
     if not grasps:
         reasons = ", ".join(f"{reason} {count}" for reason, count in rejected.most_common())
-        return Lifted(pushed, Outcome.NO_GRASP, f"in {draws} draws: {reasons}")
+        return Lifted(pushed, Outcome.NO_GRASP, f"in {GRASP_DRAWS} draws: {reasons}")
     last = Lifted(pushed, Outcome.APPROACH_BLOCKED)
     for found in _lifts(plan, Pace(plan.robot, speed), scene, simulation, grasps, seed=seed):
         if isinstance(found, str):

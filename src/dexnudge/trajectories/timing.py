@@ -119,13 +119,9 @@ def concatenated(*trajectories: JointTrajectory) -> JointTrajectory:
     time = _joined(times)
     steps = np.rint(time / SAMPLE_INTERVAL)
     on_grid = np.abs(time / SAMPLE_INTERVAL - steps).max() < DISTINCT * len(time)
-    return JointTrajectory(
-        time=steps * SAMPLE_INTERVAL if on_grid else time,
-        position=_joined([each.position for each in trajectories]),
-        velocity=_joined([each.velocity for each in trajectories]),
-        acceleration=_joined([each.acceleration for each in trajectories]),
-        effort=_joined([each.effort for each in trajectories]),
-    )
+    values = ("position", "velocity", "acceleration", "effort")
+    whole = {name: _joined([getattr(each, name) for each in trajectories]) for name in values}
+    return JointTrajectory(steps * SAMPLE_INTERVAL if on_grid else time, **whole)
 
 
 def _joined(parts: list[np.ndarray]) -> np.ndarray:
