@@ -48,7 +48,7 @@ def arm_from_description(
         flange = config.flange or find_flange(tree, str(path))
         tree = _with_hulls(cut_at(tree, flange, str(path)), path, config, packages)
         check_sizes(tree, OF_AN_ARM.slide)
-        tree = with_ranges(_with_endless(_with_limits(tree, config, where)), OF_AN_ARM)
+        tree = with_ranges(_with_limits(tree, config, where), OF_AN_ARM)
     except HandError as error:
         raise ArmError(str(error)) from error
     notes = list(tree.notes)
@@ -106,7 +106,7 @@ def _with_hulls(tree: Tree, path: Path, config: ArmConfig, packages: Mapping[str
 
 
 def _with_limits(tree: Tree, config: ArmConfig, where: str) -> Tree:
-    """Return the tree with the position limits of the YAML in place of its own."""
+    """Return the tree with the position limits of the YAML in place of its own, and some for those that have none."""
     stated = {key: config.limits[key] for key in ("lower", "upper") if key in config.limits}
     names = [joint.name for joint in tree.joints if not joint.fixed and joint.mimic is None]
     ends = {key: dict(zip(names, per_joint(value, names, key, where), strict=True)) for key, value in stated.items()}
@@ -116,12 +116,9 @@ def _with_limits(tree: Tree, config: ArmConfig, where: str) -> Tree:
         lower, upper = mine.get("lower", np.nan), mine.get("upper", np.nan)
         lower, upper = (joint.lower if np.isnan(lower) else lower), (joint.upper if np.isnan(upper) else upper)
         both = len(mine) == 2 and np.isfinite(list(mine.values())).all()
-        joints.append(replace(joint, lower=lower, upper=upper, endless=joint.endless and not both))
-    return replace(tree, joints=tuple(joints))
-
-
-def _with_endless(tree: Tree) -> Tree:
-    joints = (replace(joint, lower=-ENDLESS, upper=ENDLESS) if joint.endless else joint for joint in tree.joints)
+        endless = joint.endless and not both
+        lower, upper = (-ENDLESS, ENDLESS) if endless else (lower, upper)
+        joints.append(replace(joint, lower=lower, upper=upper, endless=endless))
     return replace(tree, joints=tuple(joints))
 
 

@@ -187,15 +187,13 @@ def _carried(
     q: Float[np.ndarray, " coordinates"], ways: list[Float[np.ndarray, " 3"]]
 ) -> Float[np.ndarray, "station coordinates"]:
     """Return q along translations [m, world] one after another."""
-    rows, place = [q], np.array(q)
+    rows = q[None]
     for way in ways:
         count = int(np.ceil(np.linalg.norm(way) / LIFT_SPACING))
-        for share in np.arange(1, count + 1) / count:
-            row = np.array(place)
-            row[:3] += share * way
-            rows.append(row)
-        place = rows[-1]
-    return np.array(rows)
+        carried = np.repeat(rows[-1:], count, axis=0)
+        carried[:, :3] += (np.arange(1, count + 1) / count)[:, None] * way
+        rows = np.concatenate([rows, carried])
+    return rows
 
 
 def _continued(
