@@ -22,7 +22,7 @@ from dexnudge.simulation.surface_pieces import REACH
 class RobotModel:
     """The model of a robot in a scene; `simulation.hand` is the robot's body, links of the arm count as the hand's.
 
-    The motors are those of `arms.servos`, in the same order.
+    The motors are `robot_actuators`, in the same order.
     """
 
     robot: Robot
