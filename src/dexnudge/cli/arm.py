@@ -9,7 +9,7 @@ from typing import TYPE_CHECKING, Annotated
 
 import tyro
 
-from dexnudge.cli.arguments import Flag, OptionalFolder, metavar, named_folders, say, stdout, table
+from dexnudge.cli.arguments import Flag, OptionalFolder, metavar, say, stdout, table
 from dexnudge.cli.arm_options import MountOptions
 from dexnudge.errors import InputError
 
@@ -37,18 +37,15 @@ class ArmCommand(MountOptions):
     """Folder to write the picture, arm.png, to."""
     overwrite: Flag = False
     """Replace the picture that an earlier call wrote there."""
-    package: tyro.conf.UseAppendAction[Annotated[tuple[str, ...], metavar("NAME=DIR")]] = ()
-    """Folder of a ROS package whose meshes the description names by package://NAME. Repeatable."""
 
     def run(self) -> int:
         """Print the tables and the notes; write the picture if asked."""
         from dexnudge.arms.mounting import mount
-        from dexnudge.arms.registry import load_arm
         from dexnudge.hands.registry import load_hand
 
         if self.mount and self.hand is None:
             raise InputError("`mount` given without `hand`; name the hand, or leave it out")
-        arm = load_arm(self.arm, packages=named_folders(self.package))
+        arm = self.loaded(self.arm)
         _print(arm)
         robot = None if self.hand is None else mount(arm, load_hand(self.hand), self.T_flange_mount())
         if robot is not None:
@@ -78,7 +75,7 @@ def _print(arm: Arm) -> None:
     stdout().print(rows)
     x, y, z = arm.flange_poses(arm.home[None])[0, :3, 3]
     say(
-        f"base: {arm.base}; flange: {arm.flange}, at home at ({x:.3f}, {y:.3f}, {z:.3f}) m; reach {arm.reach:.3f} m",
+        f"base: {arm.base}; flange: {arm.flange}, at home at ({x:.3f}, {y:.3f}, {z:.3f}) m; reach {arm.reach:.3f} m from base to flange",
         *(f"note: {note}" for note in arm.notes),
     )
 

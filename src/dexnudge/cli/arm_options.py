@@ -6,7 +6,9 @@ from dataclasses import dataclass
 from pathlib import Path
 from typing import TYPE_CHECKING, Annotated, Any
 
-from dexnudge.cli.arguments import is_number, metavar
+import tyro
+
+from dexnudge.cli.arguments import is_number, metavar, named_folders
 from dexnudge.errors import ArmError, SceneError
 
 if TYPE_CHECKING:
@@ -23,15 +25,23 @@ Pose = Annotated[tuple[str, ...], metavar("JSON|X Y Z [ROLL PITCH YAW]")]
 
 @dataclass(frozen=True, kw_only=True)
 class MountOptions:
-    """How the hand is mounted."""
+    """How the hand is mounted, and where the arm's meshes are."""
 
     mount: Pose = ()
     """Pose of the hand's base, or of its palm where it has none, in the flange's frame: a JSON file with T_flange_mount, or
     metres and degrees; one that fits hand and arm unless given."""
+    package: tyro.conf.UseAppendAction[Annotated[tuple[str, ...], metavar("NAME=DIR")]] = ()
+    """Folder of a ROS package whose meshes the arm's description names by package://NAME. Repeatable."""
 
     def T_flange_mount(self) -> np.ndarray | None:
         """Return the pose that the user gave; None without one."""
         return typed_pose("mount", self.mount, "T_flange_mount")
+
+    def loaded(self, name: str) -> Arm:
+        """Return the arm of that name or file, its meshes found."""
+        from dexnudge.arms.registry import load_arm
+
+        return load_arm(name, packages=named_folders(self.package))
 
 
 @dataclass(frozen=True, kw_only=True)
@@ -54,9 +64,9 @@ class ArmOptions(MountOptions):
         from dexnudge.arms.standing import check_base
 
         if self.arm is None:
-            _refuse_without_arm(self, "arm_base", "mount")
+            _refuse_without_arm(self, "arm_base", "mount", "package")
             return None
-        robot = mount(standing_arm(self.arm, self.arm_base, scene), hand, self.T_flange_mount())
+        robot = mount(standing_arm(self.loaded(self.arm), self.arm_base, scene), hand, self.T_flange_mount())
         check_base(robot, scene)
         return robot
 
@@ -81,15 +91,22 @@ class EvaluatedArm(MountOptions):
             InputError, ArmError, UnknownNameError: options that do not go together, no such arm, or no pose.
         """
         if self.arm is None:
-            _refuse_without_arm(self, "arm_base", "base_distance", "mount")
+            _refuse_without_arm(self, "arm_base", "base_distance", "mount", "package")
             return None
-        from dexnudge.arms.registry import load_arm
         from dexnudge.experiments.arm_trial import ArmTrial
 
-        load_arm(self.arm)  # refuses what is none, before anything is written
+        self.loaded(self.arm)  # refuses what is none, before anything is written
         base, mount = _tuples(typed_pose("arm_base", self.arm_base, "T_world_base")), _tuples(self.T_flange_mount())
         bounds = self._bounds(has_base=base is not None) if self.base_distance else ArmTrial.base_distance
-        return ArmTrial(self.arm, base=base, mount=mount, base_distance=bounds, execute=execute, then_grasp=then_grasp)
+        return ArmTrial(
+            self.arm,
+            base=base,
+            mount=mount,
+            base_distance=bounds,
+            packages=tuple(named_folders(self.package).items()),
+            execute=execute,
+            then_grasp=then_grasp,
+        )
 
     def _bounds(self, *, has_base: bool) -> tuple[float, float]:
         given = self.base_distance
@@ -113,12 +130,11 @@ def _refuse_without_arm(options: MountOptions, *names: str) -> None:
         raise ArmError(f"{' and '.join(given)} given without `arm`; name the arm, or leave it out")
 
 
-def standing_arm(name: str, words: tuple[str, ...], scene: Scene) -> Arm:
-    """Return the arm of that name where `arm_base` puts it, or where it stands sensibly in a scene."""
-    from dexnudge.arms.registry import load_arm
+def standing_arm(arm: Arm, words: tuple[str, ...], scene: Scene) -> Arm:
+    """Return the arm where `arm_base` puts it, or where it stands sensibly in a scene."""
     from dexnudge.arms.standing import default_base
 
-    base, arm = typed_pose("arm_base", words, "T_world_base"), load_arm(name)
+    base = typed_pose("arm_base", words, "T_world_base")
     return arm.standing_at(default_base(arm, scene) if base is None else base)
 
 

@@ -51,19 +51,19 @@ class FindBase(MountOptions):
 
     def run(self) -> int:
         """Map, write, print."""
-        from dexnudge.arms.registry import load_arm
         from dexnudge.jobs.progress import progress
         from dexnudge.results.folder import load_samples
         from dexnudge.trajectories.base_map import find_base
 
-        samples, arm = load_samples(self.folder), load_arm(self.arm)
+        arm, mount = self.loaded(self.arm), self.T_flange_mount()  # what is wrong with them is said before samples load
+        samples = load_samples(self.folder)
         out = out_folder(self.out, Path(self.folder) / "base", overwrite=self.overwrite)
         with progress() as bars:
             bar = bars.add_task("places", total=None)
             found = find_base(
                 samples,
                 arm,
-                mount=self.T_flange_mount(),
+                mount=mount,
                 heights=self.heights,
                 extent=self.extent,
                 step=self.step,

@@ -20,7 +20,7 @@ from dexnudge.cli.arguments import (
     stdout,
     table,
 )
-from dexnudge.cli.arm_options import MountOptions, Pose, standing_arm
+from dexnudge.cli.arm_options import MountOptions, Pose, standing_arm, typed_pose
 from dexnudge.errors import PlanningError
 
 if TYPE_CHECKING:
@@ -28,6 +28,7 @@ if TYPE_CHECKING:
 
 PLAN_FOLDER = "plan"
 FAILURES = "failures.json"
+WORTH_SAYING = 0.01  # [m] below the plane of the arm's base
 
 
 @dataclass(frozen=True, kw_only=True)
@@ -44,6 +45,8 @@ class Plan(MountOptions):
     """Built-in arm, or a URDF or MJCF file; an unknown name lists them."""
     arm_base: Pose = ()
     """Where it stands: a JSON file with T_world_base, or metres and degrees; a sensible place unless given."""
+    floor: Annotated[float | None, metavar("Z")] = None
+    """What the arm stands on, height of its top [m, world]: arm and hand stay above it. Unless given, they know no floor."""
     top: Count = 8
     """Try at most this many configurations."""
     seed: Count = 0
@@ -81,6 +84,8 @@ class Plan(MountOptions):
             say(f"written: {out}")
             return NOTHING_SUCCEEDED
         _print(found)
+        if self.floor is None:
+            _say_below(found)
         say(f"written: {out}", f"watch it: {out / 'plan.html'}", f"play it: dexnudge execute {out}")
         return 0
 
@@ -89,15 +94,18 @@ class Plan(MountOptions):
         from dexnudge.results.folder import load_samples
         from dexnudge.trajectories.planner import plan
 
+        arm, mount = self.loaded(self.arm), self.T_flange_mount()  # what is wrong with them is said before samples load
+        typed_pose("arm_base", self.arm_base, "T_world_base")
         samples = load_samples(self.folder)
-        arm = standing_arm(self.arm, self.arm_base, samples.scene)
+        arm = standing_arm(arm, self.arm_base, samples.scene)
         with progress() as bars:
             bar = bars.add_task("planning", total=min(self.top, samples.num_verified))
             try:
                 return plan(
                     samples,
                     arm,
-                    mount=self.T_flange_mount(),
+                    mount=mount,
+                    floor=self.floor,
                     top=self.top,
                     seed=self.seed,
                     then_grasp=self.then_grasp,
@@ -119,6 +127,17 @@ def _write_failures(error: PlanningError, folder: Path) -> None:
         say("none of the samples is verified")
     content = {"failures": [asdict(one) for one in error.failures]}
     (folder / FAILURES).write_text(json.dumps(content, indent=1), encoding="utf-8")
+
+
+def _say_below(plan: PlanResult) -> None:
+    from dexnudge.trajectories.floor import below_base
+
+    if (below := below_base(plan)) > WORTH_SAYING:
+        plane = plan.robot.arm.T_world_base[2, 3]
+        say(
+            f"comes {100 * below:.0f} cm below the plane that the arm stands on; --floor {plane:.3g} keeps it above, where "
+            "base and object lie no lower"
+        )
 
 
 def _print(plan: PlanResult) -> None:

@@ -42,7 +42,7 @@ class ArmTrial(TrialKind[ArmRecord]):
 
     arm: name or file. base: T_world_base; None for `default_base`. base_distance: from how far [m] to how far that is from
     the object, drawn evenly for each object and scene; it is more where the base would touch the surroundings. mount:
-    T_flange_mount; None for the default. top: configurations that are tried. execute: whether the plan is played.
+    T_flange_mount; None for the default. packages: ROS packages that the description names, and their folders. top: configurations that are tried. execute: whether the plan is played.
     then_grasp: whether the plan goes on with a grasp and a lift; its seconds then include the rehearsals of these.
     """
 
@@ -65,13 +65,14 @@ class ArmTrial(TrialKind[ArmRecord]):
     base: Pose | None = None
     base_distance: tuple[float, float] = (DISTANCE, DISTANCE)
     mount: Pose | None = None
+    packages: tuple[tuple[str, str], ...] = ()
     top: int = TOP
     execute: bool = False
     then_grasp: bool = False
 
     def start(self, config: ExperimentConfig) -> Callable[[TrialKey], ArmRecord]:
         """Load sampler and arm; return what draws for a trial, plans, and plays."""
-        sampler, arm = TrialSampler(config), load_arm(self.arm)
+        sampler, arm = TrialSampler(config), load_arm(self.arm, packages=dict(self.packages))
         grasps = Sampler.from_pretrained(sampler.hand, weights=config.weights) if self.then_grasp else None
 
         def standing(scene: Scene, hand: Hand, seed: int) -> Robot:

@@ -22,6 +22,7 @@ from dexnudge.jobs.json_files import path_inside
 from dexnudge.scenes.files import SCENE_FILES
 from dexnudge.scenes.scene import Scene
 from dexnudge.simulation.robot_model import robot_model
+from dexnudge.trajectories.floor import below_base
 from dexnudge.trajectories.mcap import write_mcap
 from dexnudge.trajectories.plan import JointTrajectory, Plan
 from dexnudge.trajectories.plan_film import ends_of_phases, film_of_plan
@@ -149,5 +150,6 @@ def _readme(plan: Plan) -> str:
         arm_joints=", ".join(robot.joint_names[: arm.num_joints]),
         hand_joints=", ".join(robot.joint_names[arm.num_joints :]),
         base=", ".join(f"{value:.3f}" for value in arm.T_world_base[:3, 3]),
+        below=f"arm and hand come {100 * below_base(plan):.0f} cm below the plane of the base",
         phases="\n".join(phases),
     )

@@ -23,6 +23,7 @@ from dexnudge.sampling.sampler import Sampler
 from dexnudge.scenes.scene import Scene
 from dexnudge.simulation.hand_path import SPEED
 from dexnudge.simulation.model import SimulationModel, scene_model
+from dexnudge.trajectories.floor import with_floor
 from dexnudge.trajectories.limits import limits_used
 from dexnudge.trajectories.plan import JointTrajectory, Phase, Plan
 from dexnudge.trajectories.pressing import DEEPEST, GIVING_WAY, Press, press
@@ -57,6 +58,7 @@ def plan(
     arm: Arm,
     *,
     mount: Any = None,
+    floor: float | None = None,
     top: int = TOP,
     seed: int = 0,
     then_grasp: bool = False,
@@ -73,6 +75,9 @@ def plan(
         samples: of one scene, best first; or a single one.
         arm: where it stands, such as `load_arm("panda", base=T_world_base)`.
         mount: (4, 4) T_flange_mount; the default of arm and hand unless given.
+        floor: what the arm stands on, height of its top [m, world z]: a slab of 3 x 3 m that joins the scene's surroundings.
+            Without it the arm knows nothing of what it stands on, and may sweep below its base. An object that is pushed
+            over an edge needs the room below it.
         top: configurations that are tried at most.
         seed: of the planner, and of the grasps.
         then_grasp: push the object to where it can be grasped, grasp it, lift it by 10 cm and hold it for 2 s. Where it
@@ -83,7 +88,8 @@ def plan(
 
     Raises:
         InputError: something else than samples, none of which is verified, or a number out of range.
-        ArmError: an arm that cannot stand there, a mount that cannot be, or an object out of its reach.
+        ArmError: an arm that cannot stand there, a mount that cannot be, an object out of its reach, or a floor above base
+            or object.
         PlanningError: no configuration has a plan; `failures` says why.
         MeshError: MuJoCo cannot take the object or the surroundings.
         CheckpointError: with `then_grasp`, no weights for this hand, or weights that are broken or made for another.
@@ -100,6 +106,7 @@ def plan(
     if not chosen:
         raise PlanningError("none of the samples is verified, so there is nothing to plan; draw more (`num`)", ())
     hand, scene = chosen[0].hand, chosen[0].scene
+    scene = scene if floor is None else with_floor(scene, arm, floor)
     sampler = Sampler.from_pretrained(hand, weights=weights) if then_grasp else None
     length = graspable_length(scene) if then_grasp else None
     planner = Planner(scene, mounted(arm, hand, mount), length=length, speed=speed, seed=seed)
