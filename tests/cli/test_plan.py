@@ -59,3 +59,45 @@ def test_a_map_of_too_many_places_is_refused(dexnudge, sampled, tmp_path):
     found = dexnudge("find-base", sampled, "--arm", "panda", "--step", "1e-9", "--out", tmp_path / "base")
     assert found.code == 2
     assert "at most 20,000" in found.err
+
+
+@pytest.mark.parametrize("command", ["plan", "find-base"])
+@pytest.mark.parametrize(
+    ("options", "said"),
+    [
+        (["--arm", "no_such_arm"], "no_such_arm"),
+        (["--arm", "panda", "--package", "x"], "--package got 'x'; expected NAME=DIR"),
+        (["--arm", "panda", "--mount", "1"], "--mount got 1; expected a JSON file"),
+    ],
+)
+def test_a_wrong_arm_is_said_before_the_samples_are_loaded(dexnudge, tmp_path, command, options, said):
+    found = dexnudge(command, tmp_path, *options, "--out", tmp_path / "made")  # an empty folder
+    assert found.code == 2
+    assert said in found.err
+
+
+def test_a_malformed_base_is_said_before_the_samples_are_loaded(dexnudge, tmp_path):
+    found = dexnudge("plan", tmp_path, "--arm-base", "1", "2", "--out", tmp_path / "made")
+    assert "--arm-base got 1 2; expected a JSON file" in found.err
+
+
+def test_meshes_of_a_ros_package_are_found_where_it_is_said(dexnudge, tmp_path):
+    """An arm whose meshes are named by package:// is read with --package, and refused without."""
+    import trimesh
+
+    (tmp_path / "elsewhere/meshes").mkdir(parents=True)
+    trimesh.creation.box((0.05, 0.05, 0.2)).export(tmp_path / "elsewhere/meshes/link.stl")
+    mesh = '<collision><geometry><mesh filename="package://stick/meshes/link.stl"/></geometry></collision>'
+    links = "".join(f'<link name="l{i}">{mesh}</link>' for i in range(5))
+    joints = "".join(
+        f'<joint name="j{i}" type="revolute"><parent link="l{i}"/><child link="l{i + 1}"/><origin xyz="0 0 0.2"/>'
+        f'<axis xyz="{axis}"/><limit lower="-2" upper="2" velocity="2" effort="50"/></joint>'
+        for i, axis in enumerate(("0 0 1", "0 1 0", "0 1 0", "0 0 1"))
+    )
+    end = '<link name="tool0"/><joint name="end" type="fixed"><parent link="l4"/><child link="tool0"/></joint>'
+    (tmp_path / "stick.urdf").write_text(f'<robot name="stick">{links}{joints}{end}</robot>')
+    (tmp_path / "stick.yaml").write_text("flange: tool0\nhome: [0, 0, 0, 0]\nlimits: {acceleration: 5, jerk: 50}\n")
+    command = ["plan", tmp_path, "--arm", tmp_path / "stick.urdf", "--out", tmp_path / "made"]
+    assert "package://stick" in dexnudge(*command).err
+    found = dexnudge(*command, "--package", f"stick={tmp_path / 'elsewhere'}")
+    assert "configurations.npz is missing" in found.err  # the arm is there, the samples are not

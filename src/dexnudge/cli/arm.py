@@ -75,7 +75,8 @@ def _print(arm: Arm) -> None:
     stdout().print(rows)
     x, y, z = arm.flange_poses(arm.home[None])[0, :3, 3]
     say(
-        f"base: {arm.base}; flange: {arm.flange}, at home at ({x:.3f}, {y:.3f}, {z:.3f}) m; reach {arm.reach:.3f} m from base to flange",
+        f"base: {arm.base}; flange: {arm.flange}, at home at ({x:.3f}, {y:.3f}, {z:.3f}) m; "
+        f"reach {arm.reach:.3f} m from base to flange",
         *(f"note: {note}" for note in arm.notes),
     )
 

@@ -42,8 +42,9 @@ class ArmTrial(TrialKind[ArmRecord]):
 
     arm: name or file. base: T_world_base; None for `default_base`. base_distance: from how far [m] to how far that is from
     the object, drawn evenly for each object and scene; it is more where the base would touch the surroundings. mount:
-    T_flange_mount; None for the default. packages: ROS packages that the description names, and their folders. top: configurations that are tried. execute: whether the plan is played.
-    then_grasp: whether the plan goes on with a grasp and a lift; its seconds then include the rehearsals of these.
+    T_flange_mount; None for the default. packages: ROS packages that the description names, and their folders. top:
+    configurations that are tried. execute: whether the plan is played. then_grasp: whether the plan goes on with a grasp and
+    a lift; its seconds then include the rehearsals of these.
     """
 
     title: ClassVar[str] = "Planned for an arm"

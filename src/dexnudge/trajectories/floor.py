@@ -1,7 +1,6 @@
 """What an arm stands on: a slab that joins a scene's surroundings, and how far a plan comes below the arm's base."""
 
 from dataclasses import replace
-from numbers import Real
 from typing import Any
 
 import numpy as np
@@ -28,7 +27,7 @@ def with_floor(scene: Scene, arm: Arm, floor: float) -> Scene:
         InputError: `floor` is no finite number.
         ArmError: the base or the object would stand in it by more than 1 mm.
     """
-    if not isinstance(floor, Real) or not np.isfinite(floor):
+    if not np.isfinite(floor):
         raise InputError(f"`floor` is {quote(floor)}; expected the height of its top [m, world z]")
     lowest = {"the object": scene.way_bounds()[0, 2], f"the base of '{arm.name}'": standing_mesh(arm).bounds[0, 2]}
     for what, height in lowest.items():
