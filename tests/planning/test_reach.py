@@ -124,13 +124,22 @@ def test_samples_are_ranked_by_an_arm_saved_with_it_and_checked_without(samples,
     assert read.rank(arm.standing_at(np.eye(4))).num_verified < 2
 
 
+gone, null = "gone", "null"  # what a key of the file may be in place of a value
+
+
 @pytest.mark.parametrize(
     ("key", "value", "message"),
     [
         ("home", [0.0], r"is no list of 4 finite numbers; expected the arm that `dexnudge sample` wrote"),
         ("T_flange_mount", [[1, 0], [0, 1]], r"mount has shape \(2, 2\)"),
         ("joints", [], "its flange is none of its links"),
-        ("flange", None, "lacks the key 'flange'"),
+        ("flange", gone, "lacks the key 'flange'"),
+        *(
+            (key, null, f"reach.json: {key} is None; expected ")
+            for key in ("arm", "joints", "joint_names", "limits", "home", "flange", "T_world_base", "T_flange_mount")
+        ),
+        ("limits", [1.0], r"limits is \[1.0\]; expected an object"),
+        ("home", [10**400, 0.0, 0.0, 0.0], "reach.json: .*; expected the arm that"),
         ("point_joint", [0, 7], "its points do not belong to 4 joints"),
     ],
 )
@@ -138,8 +147,8 @@ def test_a_damaged_arm_in_a_result_is_refused(samples, scara, tmp_path, key, val
     file = tmp_path / FILE
     Reach(scara, mount=np.eye(4)).save(tmp_path, samples.hand)
     content = json.loads(file.read_text())
-    content[key] = value
-    if value is None:
+    content[key] = None if value == null else value
+    if value == gone:
         del content[key]
     file.write_text(json.dumps(content))
     with pytest.raises(dn.InputError, match=message):

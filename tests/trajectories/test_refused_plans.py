@@ -7,6 +7,7 @@ from pathlib import Path
 from time import perf_counter
 
 import pytest
+import trimesh
 
 import dexnudge as dn
 from dexnudge.simulation.robot_model import load_robot_model, robot_model
@@ -181,6 +182,71 @@ def test_long_ways_between_samples_are_refused_before_they_are_followed(changed,
     with pytest.raises(dn.InputError, match=message):
         dn.load_plan(folder)
     assert perf_counter() - start < 1.0
+
+
+def without(key):
+    return lambda content, _: content.pop(key)
+
+
+OTHERWISE = {
+    "no motors": (without("actuators"), None, "lacks actuators"),
+    "motors of nothing": (at("actuators"), None, "actuators is None; expected the 7 motors of arm and hand"),
+    "a motor less": (lambda content, _: content["actuators"].pop(), None, "actuators is .*; expected the 7 motors"),
+    "a motor that is none": (at("actuators", 2), 3, r"actuators\[2\]: name is 3; expected bend, of the motor 'bend'"),
+    "motor of a joint": (
+        at("actuators", 0, "joints"),
+        {"elbow": 1.0},
+        r"actuators\[0\]: joints is {'elbow': 1.0}; exp",
+    ),
+    "pulls twice": (at("actuators", 6, "joints", "b1"), 2.0, r"actuators\[6\]: joints is .*; expected {'b1': 1.0"),
+    "stiffer": (
+        at("actuators", 0, "kp"),
+        5.1e4,
+        r"actuators\[0\]: kp is 51000.0; expected .*, of the motor 'crane_a1'",
+    ),
+    "kv of NaN": (at("actuators", 0, "kv"), float("nan"), r"actuators\[0\]: kv is nan; expected"),
+    "kp of text": (at("actuators", 0, "kp"), "5000", r"actuators\[0\]: kp is '5000'; expected"),
+    "no units of a slide": (without("units"), None, r"units is None; expected \['rad', 'm', 'rad'"),
+    "degrees": (at("units"), ["deg"] * 9, r"units is \['deg', .*; expected \['rad', 'm', 'rad'"),
+    "home beyond": (at("home", 1), 0.4, "home of 'lift' is 0.4; expected it within its limits -0.2 to 0.3"),
+}
+
+
+@pytest.mark.parametrize("case", OTHERWISE)
+def test_a_plan_of_another_robot_is_refused(changed, case):
+    change, value, message = OTHERWISE[case]
+    with pytest.raises(dn.InputError, match=message):
+        dn.load_plan(changed(change, value))
+
+
+def test_a_key_that_stands_twice_is_refused(saved, changed):
+    folder = changed(lambda *_: None, None)
+    text = (folder / "plan.json").read_text()
+    (folder / "plan.json").write_text(text.replace('"length"', '"arm": "other", "length"', 1))
+    with pytest.raises(dn.InputError, match="the key 'arm' stands twice in an object; expected it once"):
+        dn.load_plan(folder)
+    (folder / "plan.json").write_text(text)
+    file = folder / "scene" / "scene.json"
+    file.write_text(file.read_text().replace('"motion"', '"motion": [0, 0, 1], "motion"', 1))
+    with pytest.raises(dn.InputError, match=r"scene.json: .*the key 'motion' stands twice in an object"):
+        dn.load_plan(folder)
+
+
+def test_a_robot_whose_files_were_changed_is_refused(saved, tmp_path):
+    folder = Path(shutil.copytree(saved, tmp_path / "PLAN"))
+    urdf = folder / "robot" / "robot.urdf"
+    text = urdf.read_text()
+    urdf.write_text(text.replace('effort="50.0"', 'effort="1000000000.0"'))
+    assert urdf.read_text() != text
+    with pytest.raises(
+        dn.InputError, match=r"actuators\[0\]: kp is .*; it follows from the robot's joints and efforts"
+    ):
+        dn.load_plan(folder)
+    urdf.write_text(text)
+    (mesh,) = (folder / "robot" / "meshes").glob("*column.obj")
+    trimesh.load_mesh(mesh).apply_scale(1000.0).export(mesh)
+    with pytest.raises(dn.InputError, match=r"link 'column' is 60 m long: expected at most 20 m; in millimetres\?"):
+        dn.load_plan(folder)
 
 
 @pytest.mark.parametrize(

@@ -15,6 +15,16 @@ from dexnudge.hands.tree import Mimic, Tree, TreeJoint, check_tree
 from dexnudge.jobs.json_files import read_json_object
 
 FIXED, TURNS, SLIDES = "fixed", "revolute", "prismatic"
+KINDS: dict[str, tuple[type, str]] = {
+    "arm": (str, "a name"),
+    "joints": (list, "a list of joints"),
+    "joint_names": (list, "a list of names"),
+    "limits": (dict, "an object of lists of numbers"),
+    "home": (list, "a list of numbers"),
+    "flange": (str, "the name of a link"),
+    "T_world_base": (list, "4 x 4 numbers"),
+}
+"""What each key of the file holds."""
 
 
 def write_arm(arm: Arm, path: Path, **others: Any) -> None:
@@ -53,12 +63,21 @@ def read_arm(path: Path) -> tuple[Arm, dict[str, Any]]:
     try:
         content = read_json_object(path)
         return _arm(content), content
-    except (KeyError, TypeError, ValueError, DexnudgeError) as error:  # a SceneError is a ValueError, too
+    except (
+        KeyError,
+        TypeError,
+        ValueError,
+        OverflowError,
+        DexnudgeError,
+    ) as error:  # a SceneError is a ValueError, too
         what = f"lacks the key {error}" if isinstance(error, KeyError) else str(error)
         raise ArmError(f"{path}: {what}; expected the arm that `dexnudge sample` wrote; sample again") from error
 
 
 def _arm(content: dict[str, Any]) -> Arm:
+    for key, (kind, expected) in KINDS.items():
+        if type(content[key]) is not kind:
+            raise ValueError(f"{key} is {quote(content[key])}; expected {expected}")
     names = tuple(map(str, content["joint_names"]))
     limits = JointLimits(**{name: _numbers(values, len(names)) for name, values in content["limits"].items()})
     joints = []

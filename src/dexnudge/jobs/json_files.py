@@ -6,17 +6,19 @@ import json
 from pathlib import Path
 from typing import Any
 
-from dexnudge.errors import SceneError
+from dexnudge.errors import SceneError, quote
 
 
 def read_json(path: Path) -> Any:
     """Read a JSON file.
 
     Raises:
-        SceneError: missing, unreadable, malformed, or with NaN or infinity in it.
+        SceneError: missing, unreadable, malformed, or with a key that stands twice, NaN or infinity in it.
     """
     try:
-        return json.loads(path.read_text(encoding="utf-8"), parse_constant=_refuse_constant)
+        return json.loads(
+            path.read_text(encoding="utf-8"), parse_constant=_refuse_constant, object_pairs_hook=unique_keys
+        )
     except (FileNotFoundError, IsADirectoryError) as error:
         raise SceneError(f"{path}: no such file; expected a JSON file") from error
     except (ValueError, OSError, RecursionError) as error:
@@ -55,6 +57,20 @@ def path_inside(folder: Path, value: Any, key: str, *, file: str, what: str) -> 
             f"copy the {what} into the folder"
         )
     return target
+
+
+def unique_keys(pairs: list[tuple[str, Any]]) -> dict[str, Any]:
+    """Return the object of a JSON text; an `object_pairs_hook`.
+
+    Raises:
+        ValueError: a key stands twice, of which readers keep one or the other.
+    """
+    found: dict[str, Any] = {}
+    for key, value in pairs:
+        if key in found:
+            raise ValueError(f"the key {quote(key)} stands twice in an object; expected it once")
+        found[key] = value
+    return found
 
 
 def _refuse_constant(text: str) -> float:

@@ -13,7 +13,7 @@ from dexnudge.arms.arm_json import read_arm, write_arm
 from dexnudge.arms.inverse_kinematics import InverseKinematics
 from dexnudge.arms.mounting import mount
 from dexnudge.arms.robot import Robot
-from dexnudge.errors import ArmError, check_kind
+from dexnudge.errors import ArmError, check_kind, quote
 from dexnudge.geometry.rigid import rigid_transform
 from dexnudge.hands.batch import HandBatch
 from dexnudge.hands.hand import Hand
@@ -99,7 +99,10 @@ class Reach:
             ArmError: the file is missing or damaged.
         """
         arm, content = read_arm(folder / FILE)
-        found = cls(arm, mount=content.get("T_flange_mount"))
+        mount = content.get("T_flange_mount")
+        if mount is None:
+            raise ArmError(f"{folder / FILE}: T_flange_mount is {quote(mount)}; expected 4 x 4 numbers; sample again")
+        found = cls(arm, mount=mount)
         found._points = _points(content, sum(not joint.fixed for joint in arm.chain), folder / FILE)
         return found
 

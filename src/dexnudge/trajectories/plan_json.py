@@ -11,6 +11,7 @@ from typing import Any
 import numpy as np
 
 from dexnudge.arms.export import robot_actuators
+from dexnudge.arms.robot import Robot
 from dexnudge.jobs.provenance import versions
 from dexnudge.trajectories.plan import JointTrajectory, Plan
 
@@ -46,8 +47,8 @@ def plan_text(plan: Plan, trajectory: JointTrajectory, *, scene: str | None) -> 
         trajectory: its trajectory, as `rounded`.
         scene: path of the scene's folder relative to the file; None where there is none.
     """
-    robot, body, limits = plan.robot, plan.robot.body, plan.robot.limits
-    units = np.where(body.sliding, "m", "rad").tolist()
+    robot, limits = plan.robot, plan.robot.limits
+    units = units_of(robot)
     head = {
         "format_version": FORMAT_VERSION,
         "arm": robot.arm.name,
@@ -67,10 +68,7 @@ def plan_text(plan: Plan, trajectory: JointTrajectory, *, scene: str | None) -> 
     lists = {
         "limits": dict(zip(robot.joint_names, of_joint, strict=True)),
         "phases": [asdict(phase) | {"T_world_object": phase.T_world_object.tolist()} for phase in plan.phases],
-        "actuators": [
-            {"name": motor.name, "joints": motor.joints, "kp": motor.kp, "kv": motor.kv}
-            for motor in robot_actuators(robot)
-        ],
+        "actuators": motors_of(robot),
         **{name: getattr(trajectory, name).tolist() for name in ARRAYS},
     }
     tail = {"seconds": plan.seconds, "versions": versions()}
@@ -78,6 +76,18 @@ def plan_text(plan: Plan, trajectory: JointTrajectory, *, scene: str | None) -> 
     lines += [f"{json.dumps(key)}: {_lines(value)}" for key, value in lists.items()]
     lines += [f"{json.dumps(key)}: {_json(value)}" for key, value in tail.items()]
     return "{\n" + ",\n".join(lines) + "\n}\n"
+
+
+def units_of(robot: Robot) -> list[str]:
+    """Return the unit of each joint: "m" of those that slide, "rad" of the others."""
+    return ["m" if slides else "rad" for slides in robot.body.sliding]
+
+
+def motors_of(robot: Robot) -> list[dict[str, Any]]:
+    """Return the actuators of plan.json."""
+    return [
+        {"name": motor.name, "joints": motor.joints, "kp": motor.kp, "kv": motor.kv} for motor in robot_actuators(robot)
+    ]
 
 
 def _lines(values: Any) -> str:

@@ -10,6 +10,7 @@ from jaxtyping import Float
 from dexnudge.arms.arm import JointLimits
 from dexnudge.errors import InputError, quote
 from dexnudge.geometry.rigid import rigid_transform
+from dexnudge.jobs.json_files import unique_keys
 from dexnudge.trajectories.limits import limits_used
 from dexnudge.trajectories.plan import JointTrajectory
 from dexnudge.trajectories.plan_json import ARRAYS, FORMAT_VERSION, LIMITS
@@ -50,7 +51,7 @@ def parse_plan_json(text: str, path: Path) -> dict[str, Any]:
         InputError: truncated, foreign, of a later version, or a value that no plan can have.
     """
     try:
-        content = json.loads(text)
+        content = json.loads(text, object_pairs_hook=unique_keys)
     except (ValueError, RecursionError, MemoryError) as error:
         raise InputError(f"{path} is truncated or damaged ({error}); expected JSON; {AGAIN}") from error
     if not isinstance(content, dict):
@@ -66,7 +67,7 @@ def parse_plan_json(text: str, path: Path) -> dict[str, Any]:
             "dexnudge, or plan again"
         )
     required = ("arm", "hand", "unit", "length", "T_world_base", "flange", "mount", "T_flange_mount", "home", "limits")
-    missing = [key for key in (*required, "scene", "phases", *ARRAYS) if key not in content]
+    missing = [key for key in (*required, "scene", "phases", "actuators", *ARRAYS) if key not in content]
     if missing:
         raise InputError(f"{path} lacks {', '.join(missing)}; expected all keys of a plan; {AGAIN}")
     _check_names(content["joint_names"], path)

@@ -10,17 +10,19 @@ import numpy as np
 from jaxtyping import Float
 
 from dexnudge.arms.arm import Arm
+from dexnudge.arms.description import OF_AN_ARM
 from dexnudge.arms.export import HAND_FOLDER, STAND, URDF, WORLD
 from dexnudge.arms.robot import Robot
 from dexnudge.errors import InputError, quote
 from dexnudge.hands.hand import Hand, Joint
 from dexnudge.hands.registry import load_hand
 from dexnudge.hands.tree import Mimic, Tree, TreeJoint
+from dexnudge.hands.tree_checks import check_sizes
 from dexnudge.hands.urdf import urdf_tree
 from dexnudge.hands.urdf_links import numbers_of
 from dexnudge.hands.xml_text import read_xml
 from dexnudge.trajectories.plan import JointTrajectory, Phase
-from dexnudge.trajectories.plan_json import LIMITS
+from dexnudge.trajectories.plan_json import LIMITS, motors_of, units_of
 from dexnudge.trajectories.plan_reader import AGAIN, BEYOND, MOST_SHARE, joint_limits
 
 SAME_PLACE = 1e-6  # [m], and of rotations' entries: frames that two files state
@@ -47,8 +49,15 @@ def read_robot(folder: Path, content: dict[str, Any], limits: dict[str, Float[np
             f"held; {AGAIN}"
         )
     tree = urdf_tree(path, "collision")
+    check_sizes(tree, OF_AN_ARM.slide)
     arm = _arm(tree, hand, content, limits, path)
     robot = Robot(arm, hand, content["T_flange_mount"])
+    if content.get("units", ["rad"] * len(robot.joint_names)) != units_of(robot):
+        raise InputError(
+            f"{plan}: units is {quote(content.get('units'))}; expected {units_of(robot)}, one a joint, as they turn or "
+            f"slide; {AGAIN}"
+        )
+    _check_motors(content["actuators"], robot, plan)
     _check_links(robot, {joint.child: joint for joint in tree.joints}, path, plan)
     return robot
 
@@ -69,6 +78,12 @@ def _arm(
             f"{path.parent}: the arm has {len(moving)} joints, home {len(content['home'])} numbers; expected a number a "
             f"joint; {AGAIN}"
         )
+    for joint, angle in zip(moving, content["home"].tolist(), strict=True):
+        if not joint.lower - BEYOND <= angle <= joint.upper + BEYOND:
+            raise InputError(
+                f"{path.parent}: home of '{joint.name}' is {angle:g}; expected it within its limits {joint.lower:g} to "
+                f"{joint.upper:g}; {AGAIN}"
+            )
     stated = _stated_limits(path)
 
     def of_urdf(key: str) -> Float[np.ndarray, " n"]:
@@ -90,6 +105,27 @@ def _arm(
         flange=content["flange"],
         T_world_base=content["T_world_base"],
     )
+
+
+def _check_motors(given: Any, robot: Robot, plan: Path) -> None:
+    """Raise InputError unless a plan's actuators are those that drive the robot."""
+    expected = motors_of(robot)
+    if not isinstance(given, list) or len(given) != len(expected):
+        raise InputError(
+            f"{plan}: actuators is {quote(given)}; expected the {len(expected)} motors of arm and hand; {AGAIN}"
+        )
+    for index, (found, motor) in enumerate(zip(given, expected, strict=True)):
+        for key, value in motor.items():
+            got = found.get(key) if isinstance(found, dict) else found
+            if not (_close(got, value) if isinstance(value, float) else got == value):
+                raise InputError(
+                    f"{plan}: actuators[{index}]: {key} is {quote(got)}; expected {value}, of the motor "
+                    f"'{motor['name']}'; it follows from the robot's joints and efforts; {AGAIN}"
+                )
+
+
+def _close(found: Any, expected: float) -> bool:
+    return type(found) in (int, float) and math.isclose(found, expected, rel_tol=BEYOND)
 
 
 def _check_links(robot: Robot, carrier: dict[str, TreeJoint], path: Path, plan: Path) -> None:
