@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import json
+import time
 from dataclasses import asdict, dataclass
 from pathlib import Path
 from typing import TYPE_CHECKING, Annotated
@@ -71,33 +72,40 @@ class Plan(MountOptions):
         from dexnudge.jobs.folders import new_folder
         from dexnudge.trajectories.plan_folder import PLAN, PLAN_FILES, write_plan
 
+        start = time.perf_counter()
         out = out_folder(self.out, Path(self.folder) / PLAN_FOLDER, overwrite=self.overwrite)
         marker = FAILURES if (out / FAILURES).is_file() and not (out / PLAN).is_file() else PLAN
         with new_folder(out, overwrite=self.overwrite, marker=marker, ours=(PLAN, *PLAN_FILES, FAILURES)) as folder:
-            found = self._planned()
+            seconds = {"load": 0.0}
+            found = self._planned(seconds)
             if isinstance(found, PlanningError):
                 _write_failures(found, folder)
             else:
+                planned = time.perf_counter()
                 write_plan(found, folder, pictures=self.films > 0)
+                seconds |= {**found.seconds, "files and pictures": time.perf_counter() - planned}
         if isinstance(found, PlanningError):
             say("no configuration has a plan; move --arm-base (find-base shows where), turn --mount, or draw more")
             say(f"written: {out}")
             return NOTHING_SUCCEEDED
-        _print(found)
+        _print(found, seconds, total=time.perf_counter() - start)
         if self.floor is None:
             _say_below(found)
         say(f"written: {out}", f"watch it: {out / 'plan.html'}", f"play it: dexnudge execute {out}")
         return 0
 
-    def _planned(self) -> PlanResult | PlanningError:
+    def _planned(self, seconds: dict[str, float]) -> PlanResult | PlanningError:
+        """Return the plan, or why there is none; add what loading took to `seconds`."""
         from dexnudge.jobs.progress import progress
         from dexnudge.results.folder import load_samples
         from dexnudge.trajectories.planner import plan
 
+        start = time.perf_counter()
         arm, mount = self.loaded(self.arm), self.T_flange_mount()  # what is wrong with them is said before samples load
         typed_pose("arm_base", self.arm_base, "T_world_base")
         samples = load_samples(self.folder)
         arm = standing_arm(arm, self.arm_base, samples.scene)
+        seconds["load"] = time.perf_counter() - start
         with progress() as bars:
             bar = bars.add_task("planning", total=min(self.top, samples.num_verified))
             try:
@@ -140,7 +148,7 @@ def _say_below(plan: PlanResult) -> None:
         )
 
 
-def _print(plan: PlanResult) -> None:
+def _print(plan: PlanResult, seconds: dict[str, float], *, total: float) -> None:
     from dexnudge.trajectories.limits import limits_used
 
     used = limits_used(plan.trajectory, plan.robot.limits)
@@ -149,6 +157,8 @@ def _print(plan: PlanResult) -> None:
         force = f"{sum(phase.link_force.values()):.1f}" if phase.link_force else ""
         shown.add_row(phase.name, f"{phase.start:.2f}", f"{phase.end:.2f}", force)
     stdout().print(shown)
-    shares = [f"{name} {getattr(used, name).max():.0%}" for name in ("position", "velocity", "acceleration", "jerk")]
+    arm = plan.robot.arm.num_joints
+    shares = [f"position {used.position[:arm].max():.0%} of the arm, {used.position[arm:].max():.0%} of the hand"]
+    shares += [f"{name} {getattr(used, name).max():.0%}" for name in ("velocity", "acceleration", "jerk")]
     say(f"configuration {plan.phases[0].configuration}; greatest share of the limits: {', '.join(shares)}")
-    say(f"seconds: {', '.join(f'{stage} {value:.1f}' for stage, value in plan.seconds.items())}")
+    say(f"seconds: {', '.join(f'{stage} {value:.1f}' for stage, value in seconds.items())}; total {total:.1f}")
