@@ -3,11 +3,13 @@ import json
 import re
 import xml.etree.ElementTree as ElementTree
 from dataclasses import replace
+from itertools import pairwise
 
 import numpy as np
 import pytest
 
 from dexnudge.errors import InputError, OutputError
+from dexnudge.viewer.charts import NAME_WIDTH, recording_charts
 from dexnudge.viewer.page import write_recording_page
 
 HOSTILE = "</script><script>alert(1)</script><img src=x onerror=alert(2)> & \"q\" 'r' $title"
@@ -91,3 +93,14 @@ def test_what_cannot_be_shown_or_written_is_refused(recording, tmp_path):
         replace(recording, frames=[recording.frames[0], fewer, *recording.frames[2:]])
     with pytest.raises(OutputError, match="cannot be written"):
         write_recording_page(recording, tmp_path / "missing" / "film.html")
+
+
+def test_short_phases_are_named_too_and_names_do_not_meet(recording):
+    """Five phases, two of them a frame long and next to each other: each is named, and two names in a row keep apart."""
+    names = ["pre-contact"] * 18 + ["contact", "squeeze"] + ["push"] * 10 + ["retreat"] * 11
+    (chart,) = recording_charts(replace(recording, phase=names, charts={"way": recording.charts["way"]}))
+    found = re.findall(r'<text x="([\d.]+)" y="([\d.]+)" class="phase">([^<]+)', chart)
+    assert [name for _, _, name in found] == list(dict.fromkeys(names))
+    for row in {y for _, y, _ in found}:
+        placed = [(float(x), NAME_WIDTH * len(name) / 2) for x, y, name in found if y == row]
+        assert all(x + half <= other - its + 0.1 for (x, half), (other, its) in pairwise(placed))

@@ -11,9 +11,10 @@ from dexnudge.viewer.recording import Curve, Recording
 
 COLOURS = ("#3b6fb6", "#e07b39", "#2a8f6a", "#8e5ea2")  # of a chart's curves, in turn
 BANDS = ("#f4f6f8", "#e9edf2")  # of phases, alternating
-WIDTH, HEIGHT = 440.0, 112.0  # pixels
-LEFT, RIGHT, TOP, BOTTOM = 44.0, 8.0, 24.0, 18.0  # pixels around the curves
-NAME_WIDTH = 6.0  # pixels of a letter: a phase whose band is narrower than its name goes without one
+WIDTH, HEIGHT = 440.0, 122.0  # pixels
+LEFT, RIGHT, TOP, BOTTOM = 44.0, 8.0, 24.0, 28.0  # pixels around the curves
+NAME_WIDTH = 5.5  # pixels of a letter of a phase's name
+NAME_ROWS = (HEIGHT - 17, HEIGHT - 6)  # pixels from the top: names that would meet in one go to the other
 TICKS = 3  # numbers beside the axis, about
 NOISE = 0.03  # of a chart's range: what lies less beyond 0 gets no room of its own
 LEAST_RANGE = 1.0  # in a curve's own unit, so that a quantity that stays does not fill its chart with noise
@@ -43,11 +44,17 @@ def _chart(title: str, curves: Sequence[Curve], recording: Recording) -> str:
         return LEFT + (time - first) * across, TOP + (high - value) * up
 
     parts = []
+    taken = dict.fromkeys(NAME_ROWS, 0.0)
     for index, (name, begin, end) in enumerate(phase_spans(recording)):
         x, wide = place(begin, low)[0], (end - begin) * across
-        parts.append(f'<rect x="{x:.1f}" y="{TOP}" width="{wide:.1f}" height="{height}" fill="{BANDS[index % 2]}"/>')
-        if wide > NAME_WIDTH * len(name):
-            parts.append(f'<text x="{x + wide / 2:.1f}" y="{HEIGHT - 5}" class="phase">{escape(name)}</text>')
+        parts.append(f'<rect x="{x:.1f}" y="{TOP}" width="{wide:.1f}" height="{height}" fill="{BANDS[index % 2]}">')
+        parts.append(f"<title>{escape(name)}</title></rect>")
+        half = NAME_WIDTH * len(name) / 2
+        middle = min(x + wide / 2, WIDTH - half)
+        row = next((row for row, end in taken.items() if middle - half >= end), None)
+        if row is not None and name:  # where many short phases follow each other, the band's title still says it
+            taken[row] = middle + half
+            parts.append(f'<text x="{middle:.1f}" y="{row}" class="phase">{escape(name)}</text>')
     for tick in np.arange(low, high + step / 2, step).tolist():
         y = place(first, tick)[1]
         parts.append(f'<line x1="{LEFT}" y1="{y:.1f}" x2="{WIDTH - RIGHT}" y2="{y:.1f}" class="grid"/>')
