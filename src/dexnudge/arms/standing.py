@@ -11,7 +11,7 @@ from dexnudge.geometry.overlap import deepest_overlap
 from dexnudge.scenes.placement import surroundings_distance
 from dexnudge.scenes.scene import Scene
 
-DISTANCE = 0.6  # [m] from the object: there, 80 to 95 % of the verified configurations can be reached by a Panda
+DISTANCE = 0.7  # [m] from the object: from there, the named arms get into a shelf and out of it again
 STEP, MOST_STEPS = 0.02, 30  # [m] by which the base moves outward while it touches the surroundings
 STAND = (0.1, 0.1, 0.05)  # [m] what an arm without geometry at its base stands on
 DEEPEST = 0.001  # [m] by which it may stand in them: meshes that touch, after rounding

@@ -51,7 +51,7 @@ class ArmOptions(MountOptions):
     arm: Annotated[str | None, metavar("NAME_OR_FILE")] = None
     """Built-in arm, or a URDF or MJCF file; an unknown name lists them."""
     arm_base: Pose = ()
-    """Where it stands: a JSON file with T_world_base, or metres and degrees; 0.6 m from the object in the direction of its
+    """Where it stands: a JSON file with T_world_base, or metres and degrees; 0.7 m from the object in the direction of its
     motion unless given."""
 
     def robot(self, hand: Hand, scene: Scene) -> Robot | None:

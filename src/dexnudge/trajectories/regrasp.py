@@ -6,8 +6,10 @@ from dataclasses import dataclass, replace
 import numpy as np
 from jaxtyping import Float
 
+from dexnudge.arms.robot import Robot
 from dexnudge.execution.grasp_and_lift import HOLD_TIME, LIFT, LIFT_SPEED, MOST_PLANNED, SQUEEZE_SHARE, LiftWay
 from dexnudge.execution.grasp_finder import Grasp, GraspFinder, contacts_in_world
+from dexnudge.execution.scene_rollout import opening_path
 from dexnudge.execution.slide_grasp_lift import AIM, GRASP_DRAWS
 from dexnudge.geometry.transforms import transform_configurations
 from dexnudge.hands.hand import ROOT_COORDINATES
@@ -126,7 +128,11 @@ def _lifts(
             yield way.reason
             continue
         transit, entry = way
-        opening = time_optimal(np.stack([plan.trajectory.position[-1], transit[0]]), pace.limits, corner=0.0)
+        fingers = _by_the_open_hand(robot, plan.trajectory.position[-1], transit[0])
+        if fingers is None:
+            yield "the fingers get into each other on their way from the push to the grasp"
+            continue
+        opening = time_optimal(fingers, pace.limits, corner=0.0)
         if approach.clearance.of(opening.position, stop=0.0).min() < 0.0:
             yield "the hand cannot open its fingers at home"
             continue
@@ -181,6 +187,18 @@ def _closed(
     motors = np.setdiff1d(np.arange(simulation.model.nu), simulation.base_motor)
     force = simulation.data.actuator_force[motors]
     return closed, np.asarray(force @ (simulation.motor_of_angle[motors] > 0))
+
+
+def _by_the_open_hand(
+    robot: Robot, start: Float[np.ndarray, " joint"], end: Float[np.ndarray, " joint"]
+) -> Float[np.ndarray, "vertex joint"] | None:
+    """Return positions between two postures of the fingers by way of the open hand, clean ones; None if there are none."""
+    arm = robot.arm.num_joints
+    opens, closes = (opening_path(robot.hand, posture[arm:]) for posture in (start, end))
+    if opens is None or closes is None:
+        return None
+    rows = [start[arm:], *opens, *closes[-2::-1], end[arm:]]
+    return np.array([np.concatenate([start[:arm], row]) for row in rows])
 
 
 def _carried(
