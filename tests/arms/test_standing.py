@@ -45,7 +45,7 @@ def test_the_arm_looks_at_the_object_from_where_it_goes(robot, family):
 
 def test_the_base_moves_outward_past_what_stands_there(robot, table):
     bounds = table.object_in_world().bounds
-    spot = bounds.mean(axis=0) + 0.6 * table.motion
+    spot = bounds.mean(axis=0) + DISTANCE * table.motion
     pillar = trimesh.creation.box((0.1, 0.1, 1.0), transform=trimesh.transformations.translation_matrix(spot))
     crowded = replace(table, environment_mesh=trimesh.util.concatenate([table.environment_mesh, pillar]))
     T = dn.default_base(robot.arm, crowded)
