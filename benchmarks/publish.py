@@ -268,7 +268,8 @@ def arms_table(listed: dict[str, Any], data: dict[str, list[Row]], link: str = "
         for row in _of(data, name, "arm") if "arm" in run else []:
             used = "/".join(f"{float(row[f'{limit}_limit']):.2f}" if row[f"{limit}_limit"] else "–" for limit in LIMITS)
             deep = "/".join(f"{float(row[depth]):.1f}" if row[depth] else "–" for depth in DEPTHS)
-            rows.append([run["arm"], row["scene"], *(text(row, column) for column in ARM_SHOWN), used, deep])
+            lifted = ", to a lift" if "--then-grasp" in run["command"] else ""
+            rows.append([run["arm"], row["scene"] + lifted, *(text(row, column) for column in ARM_SHOWN), used, deep])
         if found := _of(data, name, "arm") if "arm" in run else []:
             reasons = {
                 f"{row['scene']}: {key.removeprefix('outcomes.')} {value}"
