@@ -59,8 +59,7 @@ class HandClearance:
         """States measured so far: what a budget is counted in, since it is the same on every machine."""
         self.origin = scene.T_world_object[:3, 3].copy()  # single precision is finest near the object
         self._model = _model(hand)
-        self._meshes: list[wp.Mesh] = []
-        obstacles = [self._obstacle(mesh) for mesh in (scene.environment_mesh, scene.object_in_world())]
+        self._trees, obstacles = _obstacles(scene)  # the kernel holds only the trees' numbers
         links, joints = len(hand.link_names), hand.num_joints
         self._arrays = {
             "translation": np.zeros((BATCH, 3), np.float32),
@@ -129,18 +128,27 @@ class HandClearance:
         T_world_link = self.hand.forward_kinematics(torch.as_tensor(q[None], dtype=torch.float64))[0, link].numpy()
         return self.hand.link_names[link], T_world_link[:3, :3] @ balls.point[ball] + T_world_link[:3, 3]
 
-    def _obstacle(self, mesh: trimesh.Trimesh) -> WarpStruct:
-        vertices = np.asarray(mesh.vertices - self.origin, dtype=np.float32)
+
+@cached_per_instance
+def _obstacles(scene: Scene) -> tuple[list[wp.Mesh], list[WarpStruct]]:
+    """Return trees over surroundings and object, and what the kernel is told of them; one of each for all that measure.
+
+    In the frame of the kernel, whose origin is the object's.
+    """
+    trees, obstacles = [], []
+    for mesh in (scene.environment_mesh, scene.object_in_world()):
+        vertices = np.asarray(mesh.vertices - scene.T_world_object[:3, 3], dtype=np.float32)
         tree = wp.Mesh(
             points=wp.array(vertices, dtype=wp.vec3, device="cpu"),
             indices=wp.array(np.asarray(mesh.faces, dtype=np.int32).ravel(), dtype=wp.int32, device="cpu"),
             support_winding_number=True,
         )
-        self._meshes.append(tree)  # the kernel holds only its number
         obstacle = Obstacle()
         obstacle.mesh = tree.id
         obstacle.low, obstacle.high = (wp.vec3(*end.tolist()) for end in (vertices.min(axis=0), vertices.max(axis=0)))
-        return obstacle
+        trees.append(tree)
+        obstacles.append(obstacle)
+    return trees, obstacles
 
 
 def _balls(hand: Hand) -> PointBalls:
