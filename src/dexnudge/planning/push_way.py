@@ -61,10 +61,13 @@ class PushWayPlanner:
         sunk = -float(self._hand.shifted(q, shifts).distance[:, 0].min())
         if sunk > DEEPEST:
             return NoWay("push", f"the hand gets {1e3 * sunk:.1f} mm into the surroundings")
-        entering, leaving = self.before.hand_ways(q), self.after.hand_ways(way[-1])
+        entering = self.before.hand_ways(q)
+        if isinstance(entering, NoWay):
+            return entering
+        leaving = self.after.hand_ways(way[-1])
         self._lap("hand")
-        if isinstance(entering, NoWay) or isinstance(leaving, NoWay):
-            return entering if isinstance(entering, NoWay) else leaving  # type: ignore[return-value]
+        if isinstance(leaving, NoWay):
+            return leaving
         pushes = self._pushes(way)
         self._lap("push")
         if isinstance(pushes, NoWay):

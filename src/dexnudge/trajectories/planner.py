@@ -42,6 +42,8 @@ from dexnudge.trajectories.robot_timing import (
 from dexnudge.trajectories.timing import concatenated, hold
 
 TOP = 8  # configurations that are tried, best first
+PUSH_SPACING = 0.002  # [m] between stations of the push
+SAME_POSITION = 1e-3  # [rad] by which inverse kinematics may leave the position that it starts from
 
 
 @dataclass(frozen=True)
@@ -249,7 +251,7 @@ class Planner:
     def _pushed(
         self, touching: Float[np.ndarray, " joint"], pressed: Press
     ) -> Float[np.ndarray, "station joint"] | None:
-        count = int(np.ceil(pressed.length / 0.002)) + 1
+        count = int(np.ceil(pressed.length / PUSH_SPACING)) + 1
         return self._followed(pressed.carried(np.linspace(0.0, pressed.length, count)), touching)
 
     def _followed(
@@ -258,9 +260,9 @@ class Planner:
         positions, reached = self._way.before.followed(q[None], start[None, : self.robot.arm.num_joints])
         if reached[0] < len(q):
             return None
-        positions = positions[0]
-        positions[0] = start if np.abs(positions[0] - start).max() < 1e-3 else positions[0]
-        return np.asarray(positions)
+        if np.abs(positions[0, 0] - start).max() < SAME_POSITION:
+            positions[0, 0] = start
+        return np.asarray(positions[0])
 
     def _loaded(
         self, position: Float[np.ndarray, " joint"], pressed: Press, seconds: float, first: float, last: float
