@@ -41,10 +41,12 @@ def test_a_folder_that_is_taken_is_said_before_anything_is_planned(dexnudge, sam
         raise AssertionError("planned for nothing")
 
     monkeypatch.setattr("dexnudge.trajectories.planner.plan", plan)
-    for options in ([], ["--overwrite"]):
-        found = dexnudge("plan", sampled, "--out", tmp_path / "taken", *options)
-        assert found.code == 2
-        assert "--out" in found.err
+    monkeypatch.setattr("dexnudge.trajectories.base_map.find_base", plan)
+    for command in (["plan"], ["find-base", "--arm", "panda"]):
+        for options in ([], ["--overwrite"]):
+            found = dexnudge(*command, sampled, "--out", tmp_path / "taken", *options)
+            assert found.code == 2
+            assert "--out" in found.err
     assert (tmp_path / "taken/mine.txt").read_text() == "mine"
 
 

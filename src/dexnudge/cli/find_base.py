@@ -53,15 +53,14 @@ class FindBase(MountOptions):
         """Map, write, print."""
         from dexnudge.jobs.progress import progress
         from dexnudge.results.folder import load_samples
-        from dexnudge.trajectories.base_map import find_base
+        from dexnudge.trajectories.base_map import find_base, map_folder
 
         arm, mount = self.loaded(self.arm), self.T_flange_mount()  # what is wrong with them is said before samples load
-        samples = load_samples(self.folder)
         out = out_folder(self.out, Path(self.folder) / "base", overwrite=self.overwrite)
-        with progress() as bars:
+        with map_folder(out, overwrite=self.overwrite) as folder, progress() as bars:
             bar = bars.add_task("places", total=None)
             found = find_base(
-                samples,
+                load_samples(self.folder),
                 arm,
                 mount=mount,
                 heights=self.heights,
@@ -69,7 +68,7 @@ class FindBase(MountOptions):
                 step=self.step,
                 on_progress=lambda done, places: bars.update(bar, completed=done, total=places),
             )
-        found.save(out, overwrite=self.overwrite)
+            found.write(folder)
         _print(found)
         say(f"written: {out}")
         if not found.best():

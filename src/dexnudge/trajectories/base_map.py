@@ -4,6 +4,7 @@ from __future__ import annotations
 
 import json
 from collections.abc import Callable, Sequence
+from contextlib import AbstractContextManager
 from dataclasses import dataclass
 from pathlib import Path
 from typing import Any
@@ -112,13 +113,17 @@ class BaseMap:
             OutputError: `out` exists without `overwrite`, is no map's folder, or cannot be written.
         """
         check_path("out", out, OutputError)
-        with new_folder(out, overwrite=overwrite, marker=ARRAYS, ours=(BASE, PICTURE)) as folder:
-            arrays = {name: getattr(self, name) for name in ("x", "y", "heights", "share", "margin")}
-            np.savez_compressed(folder / ARRAYS, **arrays)
-            self.picture(folder / PICTURE)
-            if self.best():
-                content = {"arm": self.arm, "T_world_base": self.T_world_base.tolist()}
-                (folder / BASE).write_text(json.dumps(content, indent=2) + "\n", encoding="utf-8")
+        with map_folder(out, overwrite=overwrite) as folder:
+            self.write(folder)
+
+    def write(self, folder: Path) -> None:
+        """Write the same into an empty folder."""
+        arrays = {name: getattr(self, name) for name in ("x", "y", "heights", "share", "margin")}
+        np.savez_compressed(folder / ARRAYS, **arrays)
+        self.picture(folder / PICTURE)
+        if self.best():
+            content = {"arm": self.arm, "T_world_base": self.T_world_base.tolist()}
+            (folder / BASE).write_text(json.dumps(content, indent=2) + "\n", encoding="utf-8")
 
     def __repr__(self) -> str:
         free, best = np.isfinite(self.share), self.best()
@@ -127,6 +132,11 @@ class BaseMap:
             return f"{said}; none reaches any of {self.tried} configurations"
         place = ", ".join(f"{value:.2f}" for value in self.pose(*best[0])[:3, 3])
         return f"{said}; the best, ({place}), reaches {self.share[best[0]]:.0%} of {self.tried} configurations"
+
+
+def map_folder(out: Path | str, *, overwrite: bool) -> AbstractContextManager[Path]:
+    """Own a new folder for a map; see `new_folder`."""
+    return new_folder(out, overwrite=overwrite, marker=ARRAYS, ours=(BASE, PICTURE))
 
 
 def find_base(
