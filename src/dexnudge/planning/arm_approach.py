@@ -80,9 +80,10 @@ class ArmApproach:
         self, q: Float[np.ndarray, " coordinates"], *, start: Float[np.ndarray, " n"]
     ) -> tuple[Float[np.ndarray, "vertex joint"], Entry] | NoWay:
         """Return vertices of straight motions in joint space from the arm's joint angles `start`, and how they go on."""
-        hand, solved = self.hand_ways(q), self.solutions(q)
+        hand = self.hand_ways(q)
         if isinstance(hand, NoWay):
             return hand
+        solved = self.solutions(q)
         if not len(solved):
             return NoWay(self._contact, "out of reach")
         failed = NoWay(self._contact, "")
