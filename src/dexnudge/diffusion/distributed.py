@@ -98,6 +98,8 @@ def joined_processes(device: str) -> Iterator[Processes]:
         distributed.init_process_group("nccl" if device == "cuda" else "gloo")
     try:
         yield Processes(rank=rank, count=count, device=place)
+        if count > 1:
+            distributed.barrier()  # who leaves gloo while another still writes is aborted at its exit now and then
     finally:
         if count > 1:
             distributed.destroy_process_group()
