@@ -7,10 +7,15 @@ import pytest
 
 from dexnudge.mechanics.contacts import HandContacts
 from dexnudge.mechanics.sliding_task import SlidingTask
+from dexnudge.scenes.motion import Twist
 from dexnudge.scenes.support_contacts import SupportContacts
 
 LENGTH, WIDTH, HEIGHT = 0.16, 0.08, 0.02
 FACES = np.array([[-1.0, 0, 0], [1, 0, 0], [0, 1, 0], [0, -1, 0], [0, 0, 1]])
+
+
+def slide(*motion: float) -> Twist:
+    return Twist(np.array(motion), np.zeros(3))
 
 
 @pytest.fixture
@@ -20,7 +25,7 @@ def task() -> SlidingTask:
         centre=np.zeros(3),
         half_length=LENGTH / 2,
         mass=0.15,
-        motion=np.array([1.0, 0.0, 0.0]),
+        twist=slide(1.0, 0.0, 0.0),
         friction_hand=0.8,
         friction_environment=0.4,
         max_normal_force=5.0,

@@ -16,6 +16,7 @@ from dexnudge.mechanics.balance import (
 )
 from dexnudge.mechanics.contacts import HandContacts
 from dexnudge.mechanics.sliding_task import SlidingTask
+from dexnudge.scenes.motion import Twist
 from dexnudge.scenes.support_contacts import SupportContacts
 
 Contact = Callable[..., HandContacts]
@@ -24,7 +25,7 @@ seeds = st.integers(0, 2**32 - 1)
 TOP = ([0.0, 0.0, 0.01], [0.0, 0.0, 1.0])
 
 
-def changed(task: SlidingTask, **values: float | np.ndarray) -> SlidingTask:
+def changed(task: SlidingTask, **values: float | np.ndarray | Twist) -> SlidingTask:
     return SlidingTask(**{**task.__dict__, **values})
 
 
@@ -144,7 +145,9 @@ def test_a_rigid_motion_about_the_vertical_changes_nothing(
     turn, shift = Rotation.from_euler("z", rng.uniform(-3, 3)).as_matrix(), rng.normal(size=3)
     moved = HandContacts(points=contacts.points @ turn.T + shift, normals=contacts.normals @ turn.T, link=contacts.link)
     under = SupportContacts(points=floor.points @ turn.T + shift, normals=floor.normals)
-    there = changed(task, centre=shift, motion=turn @ task.motion)
+    pose = np.eye(4)
+    pose[:3, :3], pose[:3, 3] = turn, shift
+    there = changed(task, centre=shift, twist=task.twist.moved(pose))
     before = problem_margin(balance_problem(contacts, floor, task))
     after = problem_margin(balance_problem(moved, under, there))
     assert after == pytest.approx(before, abs=2e-3)
@@ -196,7 +199,9 @@ def test_a_hand_that_only_holds_back_on_a_ramp_needs_some_friction(
     uphill = contact(([-0.08, 0.0, -0.01], [-1.0, 0.0, 0.0]))
     contacts = HandContacts(points=uphill.points @ tilt.T, normals=uphill.normals @ tilt.T, link=uphill.link)
     under = SupportContacts(points=floor.points @ tilt.T, normals=floor.normals @ tilt.T)
-    problem = balance_problem(contacts, under, changed(task, friction_hand=0.0, motion=tilt @ task.motion))
+    problem = balance_problem(
+        contacts, under, changed(task, friction_hand=0.0, twist=Twist(tilt @ task.twist.linear, np.zeros(3)))
+    )
     threshold = np.tan(slope) / 0.4
     assert solve_balance(problem, factor=threshold - 0.01) is None
     assert solve_balance(problem, factor=threshold + 0.01) is not None

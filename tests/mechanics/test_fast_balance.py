@@ -9,6 +9,7 @@ from dexnudge.mechanics.balance import balance_problem, problem_margin, solve_ba
 from dexnudge.mechanics.contacts import HandContacts
 from dexnudge.mechanics.fast_balance import force_margins
 from dexnudge.mechanics.sliding_task import SlidingTask
+from dexnudge.scenes.motion import Twist
 from dexnudge.scenes.support_contacts import SupportContacts
 
 Draw = Callable[..., HandContacts]
@@ -48,7 +49,7 @@ def random_problem(
     tilt = Rotation.from_euler("y", 0.26 if rng.random() < 0.2 else 0.0).as_matrix()
     values = {
         "centre": tilt @ (rng.choice([0.0, 1.0]) * rng.normal(0, 0.005, 3)),
-        "motion": tilt @ np.array([np.cos(yaw), np.sin(yaw), 0.0]),
+        "twist": Twist(tilt @ np.array([np.cos(yaw), np.sin(yaw), 0.0]), np.zeros(3)),
         "friction_hand": float(rng.choice([0.8, 0.6, 0.3, 0.0])),
         "friction_environment": float(rng.choice([0.4, 0.2, 0.0])),
         "max_normal_force": float(rng.choice([5.0, 1.0, 0.5, 0.0])),
@@ -88,15 +89,15 @@ def test_a_ragged_batch_gives_what_its_members_give(
     batch = [random_contacts(rng) for _ in range(20)]
     batch.insert(7, nothing)
     angle = 2 * np.pi * np.arange(16) / 16
-    motions = np.stack([np.cos(angle), np.sin(angle), np.zeros(16)], axis=1)
-    together = force_margins(batch, floor, task, motions=motions, threads=2)
+    twists = [Twist(np.array([np.cos(each), np.sin(each), 0.0]), np.zeros(3)) for each in angle]
+    together = force_margins(batch, floor, task, twists=twists, threads=2)
     assert together.factor.shape == (21, 16)
     assert not together.factor[7].any()
     for row in (0, 7, 20):
-        alone = force_margins([batch[row]], floor, task, motions=motions, threads=1)
+        alone = force_margins([batch[row]], floor, task, twists=twists, threads=1)
         np.testing.assert_array_equal(together.factor[row], alone.factor[0])
         np.testing.assert_array_equal(together.balanced[row], alone.balanced[0])
-    problem = balance_problem(batch[3], floor, task.along(motions[5]))
+    problem = balance_problem(batch[3], floor, task.moving(twists[5]))
     assert together.factor[3, 5] == pytest.approx(problem_margin(problem), abs=TOLERANCE)
 
 

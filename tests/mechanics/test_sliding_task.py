@@ -5,6 +5,7 @@ import trimesh
 from dexnudge.errors import InputError
 from dexnudge.geometry.meshes import centre_of_mass
 from dexnudge.mechanics.sliding_task import SlidingTask, sliding_task
+from dexnudge.scenes.motion import Twist
 from dexnudge.scenes.scene import Scene
 
 
@@ -31,14 +32,14 @@ def test_a_scene_gives_its_task_in_the_world() -> None:
     pose[:3, 3] = [0.3, 0.2, 0.1]
     found = sliding_task(Scene(box, box, pose, np.array([0.0, 2.0, 0.0]), mass=0.2))
     np.testing.assert_allclose(found.centre, [0.3, 0.2, 0.1], atol=1e-12)
-    np.testing.assert_allclose(found.motion, [0, 1, 0])
+    np.testing.assert_allclose(found.twist.linear, [0, 1, 0])
     assert found.half_length == pytest.approx(0.05)
     assert found.weight == pytest.approx(0.2 * 9.81)
 
 
 def test_values_outside_their_domain_are_named(task: SlidingTask) -> None:
     with pytest.raises(InputError, match=r"motion has length 2; expected a unit vector"):
-        task.along(np.array([2.0, 0.0, 0.0]))
+        task.moving(Twist(np.array([2.0, 0.0, 0.0]), np.zeros(3)))
     with pytest.raises(InputError, match=r"mass is 0\.0; expected a finite number above 0"):
         SlidingTask(**{**task.__dict__, "mass": 0.0})
     with pytest.raises(InputError, match=r"friction_hand is nan; expected a finite number 0 or more"):

@@ -75,10 +75,10 @@ class Executor:
     ) -> Rollout:
         times, way = approach.last_stretch if isinstance(approach, Approach) else (np.zeros(1), q[None])
         rollout = Rollout(simulation, way[0])
-        rollout.push(push_path(times, way, motion=self._task.motion, length=self._length), forces)
+        rollout.push(push_path(times, way, motion=self._scene.motion, length=self._length), forces)
         return rollout
 
     def _judge(self, rollout: Rollout) -> PushVerdict:
         return judge_push(
-            rollout.trace, motion=self._task.motion, length=self._length, diverged=rollout.divergence is not None
+            rollout.trace, motion=self._scene.motion, length=self._length, diverged=rollout.divergence is not None
         )

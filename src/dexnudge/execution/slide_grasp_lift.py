@@ -109,7 +109,7 @@ class Slide:
         with rollout.elsewhere():
             supports = supports_of_way(scene, plan.length)
             forces = push_forces(self._stage.model_at(scene), q, contacts, supports, task)
-        rollout.push(push_path(*approach.last_stretch, motion=task.motion, length=plan.length), forces)
+        rollout.push(push_path(*approach.last_stretch, motion=scene.motion, length=plan.length), forces)
         self._catch_up(scene, plan.length)
         self._stage.back_off(approach)
         outcome, detail = self._judged(scene)

@@ -1,11 +1,11 @@
-"""The quasi-static force balance of a sliding object as a linear program, solved by HiGHS: the reference."""
+"""The quasi-static force balance of a moving object as a linear program, solved by HiGHS: the reference."""
 
 from __future__ import annotations
 
 from dataclasses import dataclass
 
 import numpy as np
-from jaxtyping import Bool, Float, Int
+from jaxtyping import Float, Int
 from scipy.optimize import OptimizeResult, linprog
 
 from dexnudge.mechanics.contacts import HandContacts
@@ -19,29 +19,33 @@ SCAN_STEP = 0.25
 """Step of the coarse scan over the factor [-]; 1 and 1.5, which decide success and robustness, are on the grid."""
 BISECTIONS = 8
 """Halvings of one step of the scan: 0.25 / 2**8 is just below 1e-3."""
+PIVOT_SPEED = 0.02
+"""Speed of a support contact over the object's fastest point up to which it counts as standing [-]: an edge that is
+rounded by 2 mm, about which 100 mm tip, or a point near the axis of a turn."""
 
 LINPROG_INFEASIBLE = 2
 
 
 @dataclass(frozen=True, kw_only=True)
 class BalanceProblem:
-    """The linear program of one set of contacts and one direction of motion, forces in units of the weight.
+    """The linear program of one set of contacts and one twist, forces in units of the weight.
 
     sum_jk lambda_jk hand[j, k] + sum_i N_i (support_normal[i] + factor * support_friction[i]) = -load,
     lambda, N >= 0, sum of lambda over a link <= cap. Rows: force, then torque about the centre of mass divided by
     half of the object's length.
 
     hand: wrench of each pyramid edge at unit normal force. link: 0..links-1 per hand contact.
-    support_normal, support_friction: wrenches of a unit normal force and of the full friction at that force.
-    sliding: which of the support contacts these are; the motion separates the others.
+    support_normal, support_friction: wrenches of a unit normal force and of the full friction at that force: one of a
+    contact that slides, 8 in all directions of one that stands.
+    support: of which of the support contacts these are; the motion separates the others.
     blocked: the motion runs into a support contact, so no force balances it.
     """
 
     hand: Float[np.ndarray, "contact edge 6"]
     link: Int[np.ndarray, "contact"]
-    support_normal: Float[np.ndarray, "sliding 6"]
-    support_friction: Float[np.ndarray, "sliding 6"]
-    sliding: Bool[np.ndarray, "support"]
+    support_normal: Float[np.ndarray, "column 6"]
+    support_friction: Float[np.ndarray, "column 6"]
+    support: Int[np.ndarray, "column"]
     load: Float[np.ndarray, "6"]
     cap: float
     blocked: bool
@@ -58,28 +62,50 @@ class ContactForces:
 def balance_problem(contacts: HandContacts, supports: SupportContacts, task: SlidingTask) -> BalanceProblem:
     """Build the linear program of DESIGN's success condition.
 
-    The object translates along u, so every support contact moves with v = u. With n the environment's normal there:
-    n.u > 1e-3 separates and carries nothing; n.u < -1e-3 blocks the motion; else it slides along
-    t = (u - (u.n) n) / |.| and carries N (n - friction_environment t).
+    With v the velocity of the object at a support contact, its fastest point moving at 1, and n the environment's normal
+    there: |v| <= 0.02 stands, as a pivot does, and carries any force of its friction cone, by the edges of the inner
+    8-edge pyramid; n.v > 1e-3 separates and carries nothing; n.v < -1e-3 blocks the motion; else it slides along
+    t = (v - (v.n) n) / |.| and carries N (n - friction_environment t). Of an object that turns on a plane the corners of
+    the supports' hull carry it, where friction resists the turn most.
     """
-    approach = supports.normals @ task.motion
-    sliding = np.abs(approach) <= MOTION_TOLERANCE
-    normals, points = supports.normals[sliding], supports.points[sliding]
-    slip = task.motion - normals * approach[sliding, None]
-    slip /= np.linalg.norm(slip, axis=1, keepdims=True)
-    edges = friction_cone_edges(contacts.normals, task.motion, friction=task.friction_hand)
+    force, friction, support, blocked = _support_forces(supports, task)
+    arm = supports.points[support]
+    edges = friction_cone_edges(contacts.normals, task.twist.direction(contacts.points), friction=task.friction_hand)
     return BalanceProblem(
         hand=wrenches(contacts.points[:, None], edges, centre=task.centre, half_length=task.half_length),
         link=np.unique(contacts.link, return_inverse=True)[1].reshape(-1),
-        support_normal=wrenches(points, normals, centre=task.centre, half_length=task.half_length),
-        support_friction=wrenches(
-            points, -task.friction_environment * slip, centre=task.centre, half_length=task.half_length
-        ),
-        sliding=sliding,
+        support_normal=wrenches(arm, force, centre=task.centre, half_length=task.half_length),
+        support_friction=wrenches(arm, friction, centre=task.centre, half_length=task.half_length),
+        support=support,
         load=np.array([0.0, 0.0, -1.0, 0.0, 0.0, 0.0]),
         cap=task.max_normal_force / task.weight,
-        blocked=bool(np.any(approach < -MOTION_TOLERANCE)),
+        blocked=blocked,
     )
+
+
+def _support_forces(
+    supports: SupportContacts, task: SlidingTask
+) -> tuple[Float[np.ndarray, "column 3"], Float[np.ndarray, "column 3"], Int[np.ndarray, "column"], bool]:
+    """Return unit normal forces, the friction at them, whose they are, and whether a support blocks the motion."""
+    velocity = task.twist.velocity(supports.points)
+    approach = (supports.normals * velocity).sum(axis=1)
+    stands = np.linalg.norm(velocity, axis=1) <= PIVOT_SPEED
+    axis = task.twist.angular / max(float(np.linalg.norm(task.twist.angular)), np.finfo(float).tiny)
+    carries = np.flatnonzero(stands | (np.abs(approach) <= MOTION_TOLERANCE))
+    normals, friction, support = [], [], []
+    for index in carries:
+        normal = supports.normals[index]
+        if stands[index]:
+            cone = friction_cone_edges(-normal[None], axis, friction=task.friction_environment)[0]
+            friction.extend(cone - normal)
+        else:
+            slip = velocity[index] - approach[index] * normal
+            friction.append(-task.friction_environment * slip / np.linalg.norm(slip))
+        repeated = EDGE_COUNT if stands[index] else 1
+        normals += [normal] * repeated
+        support += [index] * repeated
+    blocked = bool(np.any((approach < -MOTION_TOLERANCE) & ~stands))
+    return np.reshape(normals, (-1, 3)), np.reshape(friction, (-1, 3)), np.array(support, dtype=np.int64), blocked
 
 
 def solve_balance(problem: BalanceProblem, *, factor: float) -> Float[np.ndarray, "variable"] | None:
@@ -155,7 +181,7 @@ def contact_forces(
     normal_forces = solution[: count * EDGE_COUNT].reshape(count, EDGE_COUNT) * task.weight
     support = np.zeros_like(supports.points)
     columns = problem.support_normal + factor * problem.support_friction
-    support[problem.sliding] = solution[count * EDGE_COUNT :, None] * columns[:, :3] * task.weight
+    np.add.at(support, problem.support, solution[count * EDGE_COUNT :, None] * columns[:, :3] * task.weight)
     return ContactForces(
         hand=np.einsum("ck,ckx->cx", normal_forces, np.ascontiguousarray(problem.hand[..., :3])),
         support=support,

@@ -31,6 +31,12 @@ class HandContacts:
     link: Int[np.ndarray, "contact"]
 
 
+def moved_contacts(contacts: HandContacts, T: Float[np.ndarray, "4 4"]) -> HandContacts:
+    """Return the contacts of a hand and an object that are moved together by the rigid transform T (world)."""
+    points = contacts.points @ T[:3, :3].T + T[:3, 3]
+    return HandContacts(points=points, normals=contacts.normals @ T[:3, :3].T, link=contacts.link)
+
+
 def hand_contacts(
     normals: Float[np.ndarray, "point 3"],
     link: Int[np.ndarray, "point"],

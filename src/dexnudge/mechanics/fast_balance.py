@@ -15,6 +15,7 @@ from dexnudge.mechanics.contacts import HandContacts
 from dexnudge.mechanics.friction_cone import EDGE_COUNT
 from dexnudge.mechanics.margin_kernel import FAILED_MARGIN, MEMORY_TYPES, Memory, margin_kernel
 from dexnudge.mechanics.sliding_task import SlidingTask
+from dexnudge.scenes.motion import Twist
 from dexnudge.scenes.support_contacts import SupportContacts
 
 WORKERS_CUDA = 4096
@@ -24,10 +25,10 @@ PROBLEMS_PER_THREAD = 32
 
 
 class Margins(NamedTuple):
-    """Force margins and whether the forces balance at factor 1, per configuration and motion."""
+    """Force margins and whether the forces balance at factor 1, per configuration and twist."""
 
-    factor: Float[np.ndarray, "configuration motion"]
-    balanced: Bool[np.ndarray, "configuration motion"]
+    factor: Float[np.ndarray, "configuration twist"]
+    balanced: Bool[np.ndarray, "configuration twist"]
 
 
 def force_margins(
@@ -35,27 +36,28 @@ def force_margins(
     supports: SupportContacts,
     task: SlidingTask,
     *,
-    motions: Float[np.ndarray, "motion 3"] | None = None,
+    twists: Sequence[Twist] | None = None,
     device: str = "cpu",
     threads: int = 2,
 ) -> Margins:
-    """Return the force margin of every configuration's contacts for every motion.
+    """Return the force margin of every configuration's contacts for every twist.
 
     The factor is that of `balance.problem_margin`, found by the same scan and bisection; a problem that the kernel
-    gives up on is passed to that reference. motions: unit vectors, world; the task's own by default.
+    gives up on is passed to that reference. twists: the task's own by default.
     device: "cpu" or "cuda:0". threads: CPU threads, each running its share of the problems.
     """
-    motions = task.motion[None] if motions is None else np.asarray(motions, dtype=np.float64).reshape(-1, 3)
-    count = len(contacts) * len(motions)
+    twists = [task.twist] if twists is None else twists
+    count, shape = len(contacts) * len(twists), (len(contacts), len(twists))
     if count == 0:
-        shape = (len(contacts), len(motions))
         return Margins(np.zeros(shape), np.zeros(shape, dtype=bool))
     on_cpu = wp.get_device(device).is_cpu
     shares = min(threads, max(1, count // PROBLEMS_PER_THREAD)) if on_cpu else 1
     workers = shares if on_cpu else min(count, WORKERS_CUDA)
     factor = wp.zeros(count, dtype=wp.float64, device=device)
     balanced = wp.zeros(count, dtype=wp.int32, device=device)
-    inputs = [*_inputs(contacts, supports, task, motions, device), _memory(contacts, supports, workers, device)]
+    inputs = [*_inputs(contacts, supports, task, twists, device)]
+    turns = any(twist.angular.any() for twist in twists)
+    inputs.append(_memory(contacts, supports, workers, device, edges=EDGE_COUNT if turns else 1))
 
     def run(share: int) -> None:
         bounds = [count * share // shares, count * (share + 1) // shares]
@@ -73,12 +75,11 @@ def force_margins(
         wp.load_module(margin_kernel.module, device=device)
         with ThreadPoolExecutor(shares) as pool:
             list(pool.map(run, range(shares)))
-    shape = (len(contacts), len(motions))
     margins = Margins(factor.numpy().reshape(shape).copy(), balanced.numpy().reshape(shape).astype(bool))
-    for row, motion in np.argwhere(margins.factor == FAILED_MARGIN):
-        problem = balance_problem(contacts[row], supports, task.along(motions[motion]))
-        margins.factor[row, motion] = problem_margin(problem)
-        margins.balanced[row, motion] = solve_balance(problem, factor=1.0) is not None
+    for row, twist in np.argwhere(margins.factor == FAILED_MARGIN):
+        problem = balance_problem(contacts[row], supports, task.moving(twists[twist]))
+        margins.factor[row, twist] = problem_margin(problem)
+        margins.balanced[row, twist] = solve_balance(problem, factor=1.0) is not None
     return margins
 
 
@@ -86,10 +87,13 @@ def _inputs(
     contacts: Sequence[HandContacts],
     supports: SupportContacts,
     task: SlidingTask,
-    motions: Float[np.ndarray, "motion 3"],
+    twists: Sequence[Twist],
     device: str,
 ) -> list[Any]:
     """Return the kernel's inputs: points relative to the centre of mass in half-lengths, ragged by offsets."""
+    centred = np.eye(4)
+    centred[:3, 3] = -task.centre
+    about_centre = [twist.moved(centred) if twist.angular.any() else twist for twist in twists]
 
     def vectors(rows: Float[np.ndarray, "row 3"]) -> Any:
         return wp.array(np.ascontiguousarray(rows), dtype=wp.vec3d, device=device)
@@ -109,17 +113,20 @@ def _inputs(
         integers([len(unique) for unique, _ in links]),
         vectors(scaled(supports.points)),
         vectors(supports.normals),
-        vectors(motions),
+        vectors(np.stack([twist.linear for twist in about_centre])),
+        vectors(task.half_length * np.stack([twist.angular for twist in about_centre])),
         task.friction_hand,
         task.friction_environment,
         task.max_normal_force / task.weight,
     ]
 
 
-def _memory(contacts: Sequence[HandContacts], supports: SupportContacts, workers: int, device: str) -> WarpStruct:
-    """Return what the workers write on: wrench columns, keys per link, and the working basis."""
-    most, memory = max(len(each.points) for each in contacts), Memory()
-    columns = {"edges": EDGE_COUNT * most, "normal": len(supports.points), "friction": len(supports.points)}
+def _memory(
+    contacts: Sequence[HandContacts], supports: SupportContacts, workers: int, device: str, *, edges: int
+) -> WarpStruct:
+    """Return what the workers write on: wrench columns, up to `edges` a support, keys per link, and the working basis."""
+    most, memory, carrying = max(len(each.points) for each in contacts), Memory(), edges * len(supports.points)
+    columns = {"edges": EDGE_COUNT * most, "normal": carrying, "friction": carrying}
     columns |= dict.fromkeys(("key", "key_value", "key_price"), most)
     for name, dtype in MEMORY_TYPES.items():
         shape = (workers, max(1, columns.get(name, 6)))

@@ -6,6 +6,7 @@ import numpy as np
 from jaxtyping import Bool, Float
 
 from dexnudge.mechanics.contacts import HandContacts
+from dexnudge.scenes.motion import Twist
 
 EDGE_COUNT = 8
 """Edges of the inner pyramid of a hand contact's friction cone."""
@@ -15,12 +16,13 @@ ALIGNMENT_LIMIT = 0.2
 normal that part is mostly noise of the mesh's normals, and the vertical takes its place."""
 
 UP = np.array([0.0, 0.0, 1.0])
+Motions = Float[np.ndarray, "3"] | Float[np.ndarray, "contact 3"]  # unit vectors, one for all contacts or one of each
 
 
 def contact_tangents(
-    normals: Float[np.ndarray, "contact 3"], motion: Float[np.ndarray, "3"]
+    normals: Float[np.ndarray, "contact 3"], motion: Motions
 ) -> tuple[Float[np.ndarray, "contact 3"], Float[np.ndarray, "contact 3"]]:
-    """Return two unit tangents per contact, the first along the motion as far as the surface allows.
+    """Return two unit tangents per contact, the first along its motion (unit) as far as the surface allows.
 
     t1 = (u - (u.n) n) / |.|, t2 = n x t1. Where u is nearly normal to the surface, the vertical takes its place, and
     where that is normal too, the world's x axis. The choice turns with the scene, so a rigid motion of everything
@@ -29,7 +31,7 @@ def contact_tangents(
     chosen = np.zeros_like(normals)
     missing = np.ones(len(normals), dtype=bool)
     for reference in (motion, UP, np.array([1.0, 0.0, 0.0])):
-        tangential = reference - normals * (normals @ reference)[:, None]
+        tangential = reference - normals * (normals * reference).sum(axis=1, keepdims=True)
         length = np.linalg.norm(tangential, axis=1)
         usable = missing & (length >= ALIGNMENT_LIMIT)
         chosen[usable] = tangential[usable] / length[usable, None]
@@ -38,7 +40,7 @@ def contact_tangents(
 
 
 def friction_cone_edges(
-    normals: Float[np.ndarray, "contact 3"], motion: Float[np.ndarray, "3"], *, friction: float
+    normals: Float[np.ndarray, "contact 3"], motion: Motions, *, friction: float
 ) -> Float[np.ndarray, "contact edge 3"]:
     """Return the edges of each contact's pyramid as forces ON the object with unit normal component.
 
@@ -66,18 +68,18 @@ def wrenches(
 PRESSING = 0.7  # cosine between a contact's inward normal and the way down or forward, from which it presses or pushes
 
 
-def pressing(contacts: HandContacts, motion: Float[np.ndarray, "3"]) -> Bool[np.ndarray, " contact"]:
-    """Return which contacts press down or push along `motion` (unit, world).
+def pressing(contacts: HandContacts, twist: Twist) -> Bool[np.ndarray, " contact"]:
+    """Return which contacts press down, or push the object the way it moves there.
 
     The balance counts on contacts that squeeze an object from two sides or hold it back in front, and needs their forces to
     be just right; in physics such a contact turns the object or slips off. Nothing depends on those that press or push.
     """
-    return helping(contacts, motion) > PRESSING
+    return helping(contacts, twist) > PRESSING
 
 
-def helping(contacts: HandContacts, motion: Float[np.ndarray, "3"]) -> Float[np.ndarray, " contact"]:
-    """Return the greater cosine of each contact's inward normal with the way down and with `motion` (unit, world)."""
-    return np.maximum(contacts.normals[:, 2], -contacts.normals @ motion)
+def helping(contacts: HandContacts, twist: Twist) -> Float[np.ndarray, " contact"]:
+    """Return the greater cosine of each contact's inward normal with the way down and with the object's motion there."""
+    return np.maximum(contacts.normals[:, 2], -(contacts.normals * twist.direction(contacts.points)).sum(axis=1))
 
 
 def some_contacts(contacts: HandContacts, kept: Bool[np.ndarray, " contact"]) -> HandContacts:

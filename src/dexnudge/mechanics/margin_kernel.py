@@ -14,6 +14,7 @@ wp.set_module_options({"enable_backward": False, "max_unroll": 1})
 
 FAILED_MARGIN = -1.0
 """Margin written where the simplex method gave up."""
+PIVOT_SPEED = wp.constant(wp.float64(balance.PIVOT_SPEED))
 MOTION_TOLERANCE = wp.constant(wp.float64(support_contacts.MOTION_TOLERANCE))
 ALIGNMENT_LIMIT = wp.constant(wp.float64(friction_cone.ALIGNMENT_LIMIT))
 EDGE_COUNT = wp.constant(friction_cone.EDGE_COUNT)
@@ -63,6 +64,13 @@ def first_tangent(normal: wp.vec3d, motion: wp.vec3d) -> wp.vec3d:
 
 
 @wp.func
+def cone_edge(normal: wp.vec3d, tangent: wp.vec3d, edge: wp.int32, friction: wp.float64) -> wp.vec3d:
+    """Return the tangential force of one edge of the friction pyramid at unit normal force."""
+    angle = EDGE_ANGLE * wp.float64(edge)
+    return friction * (wp.cos(angle) * tangent + wp.sin(angle) * wp.cross(normal, tangent))
+
+
+@wp.func
 def search(p: Program) -> wp.vec2d:
     """Return the margin (scan from above, then bisection; -1 if the method failed) and 1 if balanced at factor 1."""
     cold_start(p)
@@ -107,7 +115,8 @@ def margin_kernel(
     link_count: wp.array(dtype=wp.int32),
     support_point: wp.array(dtype=wp.vec3d),
     support_normal: wp.array(dtype=wp.vec3d),
-    motions: wp.array(dtype=wp.vec3d),
+    linear: wp.array(dtype=wp.vec3d),
+    angular: wp.array(dtype=wp.vec3d),
     friction_hand: wp.float64,
     friction_environment: wp.float64,
     cap: wp.float64,
@@ -115,9 +124,10 @@ def margin_kernel(
     margin: wp.array(dtype=wp.float64),
     balanced: wp.array(dtype=wp.int32),
 ):
-    """Solve problems first <= i < last with `stride` workers; i = configuration * motions + motion.
+    """Solve problems first <= i < last with `stride` workers; i = configuration * twists + twist.
 
-    Points are relative to the centre of mass, in half-lengths of the object; forces in weights.
+    Points are relative to the centre of mass, in half-lengths of the object; forces in weights. linear, angular: velocity
+    of a point p is linear + angular x p, the object's fastest point moving at 1.
     """
     worker = first_worker + wp.tid()
     p = Program()
@@ -135,32 +145,43 @@ def margin_kernel(
     p.right_side = vec6(ZERO, ZERO, ONE, ZERO, ZERO, ZERO)
     index = first + wp.tid()
     while index < last:
-        configuration = index // motions.shape[0]
-        motion = motions[index % motions.shape[0]]
+        configuration = index // linear.shape[0]
+        straight = linear[index % linear.shape[0]]
+        turning = angular[index % linear.shape[0]]
+        turns = wp.length(turning) > ZERO
         start = contact_offset[configuration]
         p.contacts = contact_offset[configuration + 1] - start
         p.links = link_count[configuration]
         p.edge_link = contact_link[start : start + p.contacts]
         for contact in range(p.contacts):
             normal = contact_normal[start + contact]
+            point = contact_point[start + contact]
+            motion = straight + wp.cross(turning, point)
+            if turns:
+                motion = wp.normalize(motion)
             tangent = first_tangent(normal, motion)
-            other = wp.cross(normal, tangent)
             for edge in range(EDGE_COUNT):
-                angle = EDGE_ANGLE * wp.float64(edge)
-                slip = wp.cos(angle) * tangent + wp.sin(angle) * other
-                force = friction_hand * slip - normal
-                p.edges[contact * EDGE_COUNT + edge] = wrench(contact_point[start + contact], force)
+                force = cone_edge(normal, tangent, edge, friction_hand) - normal
+                p.edges[contact * EDGE_COUNT + edge] = wrench(point, force)
         p.supports = wp.int32(0)
         blocked = wp.bool(False)
         for support in range(support_point.shape[0]):
             normal = support_normal[support]
-            approach = wp.dot(normal, motion)
-            if approach < -MOTION_TOLERANCE:
+            point = support_point[support]
+            velocity = straight + wp.cross(turning, point)
+            approach = wp.dot(normal, velocity)
+            if wp.length(velocity) <= PIVOT_SPEED:
+                tangent = first_tangent(-normal, wp.normalize(turning))
+                for edge in range(EDGE_COUNT):
+                    p.normal[p.supports] = wrench(point, normal)
+                    p.friction[p.supports] = wrench(point, cone_edge(-normal, tangent, edge, friction_environment))
+                    p.supports = p.supports + 1
+            elif approach < -MOTION_TOLERANCE:
                 blocked = wp.bool(True)
             elif approach <= MOTION_TOLERANCE:
-                slip = wp.normalize(motion - approach * normal)
-                p.normal[p.supports] = wrench(support_point[support], normal)
-                p.friction[p.supports] = wrench(support_point[support], -friction_environment * slip)
+                slip = wp.normalize(velocity - approach * normal)
+                p.normal[p.supports] = wrench(point, normal)
+                p.friction[p.supports] = wrench(point, -friction_environment * slip)
                 p.supports = p.supports + 1
         result = wp.vec2d(ZERO, ZERO)
         if not blocked:

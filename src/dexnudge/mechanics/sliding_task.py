@@ -1,4 +1,4 @@
-"""What the force balance needs to know about the object, besides where it is touched."""
+"""What the force balance needs to know about the object and its motion, besides where it is touched."""
 
 from __future__ import annotations
 
@@ -9,6 +9,7 @@ from jaxtyping import Float
 
 from dexnudge.errors import InputError
 from dexnudge.geometry.meshes import centre_of_mass
+from dexnudge.scenes.motion import Twist
 from dexnudge.scenes.scene import Scene
 
 GRAVITY = 9.81
@@ -17,10 +18,11 @@ GRAVITY = 9.81
 
 @dataclass(frozen=True, kw_only=True)
 class SlidingTask:
-    """An object that is to translate slowly along `motion` under gravity.
+    """An object that is to move slowly by a twist under gravity: to slide, to turn or to tip.
 
     centre: centre of mass, world [m]. half_length: half of the longest bounding-box side [m]; torques are divided
-    by it, so that all six rows of a wrench are forces. mass [kg]. motion: unit vector, world.
+    by it, so that all six rows of a wrench are forces. mass [kg]. twist: at the instant that is balanced, world; the
+    object's fastest point moves at 1.
     friction_hand, friction_environment: Coulomb coefficients. max_normal_force: bound on the sum of the normal
     components over the points of one hand link [N].
 
@@ -30,7 +32,7 @@ class SlidingTask:
     centre: Float[np.ndarray, "3"]
     half_length: float
     mass: float
-    motion: Float[np.ndarray, "3"]
+    twist: Twist
     friction_hand: float
     friction_environment: float
     max_normal_force: float
@@ -47,8 +49,8 @@ class SlidingTask:
             if not np.isfinite(value) or value < 0 or (name in positive and value == 0):
                 bound = "above 0" if name in positive else "0 or more"
                 raise InputError(f"{name} is {value}; expected a finite number {bound}.")
-        length = float(np.linalg.norm(self.motion))
-        if not abs(length - 1.0) <= 1e-6:
+        length = float(np.linalg.norm(self.twist.linear))
+        if not self.twist.angular.any() and not abs(length - 1.0) <= 1e-6:
             raise InputError(f"motion has length {length:.6g}; expected a unit vector: divide it by its length.")
 
     @property
@@ -56,20 +58,19 @@ class SlidingTask:
         """Weight of the object [N]."""
         return self.mass * GRAVITY
 
-    def along(self, motion: Float[np.ndarray, "3"]) -> SlidingTask:
-        """Return the same task with another direction of motion (unit vector, world)."""
-        return replace(self, motion=np.asarray(motion, dtype=np.float64))
+    def moving(self, twist: Twist) -> SlidingTask:
+        """Return the same task with another twist."""
+        return replace(self, twist=twist)
 
 
 def sliding_task(scene: Scene) -> SlidingTask:
-    """Return the sliding task of a scene; the length is that of the object in its own frame."""
+    """Return the task of a scene where its motion begins; the length is that of the object in its own frame."""
     T_world_object = np.asarray(scene.T_world_object, dtype=np.float64)
-    motion = np.asarray(scene.motion, dtype=np.float64)
     return SlidingTask(
         centre=T_world_object[:3, :3] @ centre_of_mass(scene.object_mesh) + T_world_object[:3, 3],
         half_length=0.5 * float(np.max(scene.object_mesh.extents)),
         mass=float(scene.mass),
-        motion=motion / np.linalg.norm(motion),
+        twist=scene.object_motion.twist(),
         friction_hand=float(scene.friction_hand),
         friction_environment=float(scene.friction_environment),
         max_normal_force=float(scene.max_normal_force),

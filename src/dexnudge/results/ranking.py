@@ -48,13 +48,15 @@ def pressing_margins(scene: Scene, contacts: Sequence[HandContacts]) -> Float[np
     if not len(contacts):
         return np.zeros(0)
     length = 0.0 if _carried_alike(scene) else push_length(scene)
-    alone = [some_contacts(each, pressing(each, scene.motion)) for each in contacts]
+    alone = [some_contacts(each, pressing(each, scene.object_motion.twist())) for each in contacts]
     return path_margins(scene, alone, length=length).min(axis=1)
 
 
 def mean_help(scene: Scene, contacts: Sequence[HandContacts]) -> Float[np.ndarray, " configuration"]:
     """How far the contacts of each configuration press or push: the mean of `helping`, -1 without any."""
-    return np.array([helping(each, scene.motion).mean() if len(each.points) else -1.0 for each in contacts])
+    return np.array(
+        [helping(each, scene.object_motion.twist()).mean() if len(each.points) else -1.0 for each in contacts]
+    )
 
 
 def forward_offset(scene: Scene, contacts: Sequence[HandContacts]) -> Float[np.ndarray, " configuration"]:

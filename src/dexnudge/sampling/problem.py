@@ -140,7 +140,7 @@ def prepare(scene: Scene, *, device: str = "cpu") -> SamplingProblem:
 
 def _balance(scene: Scene, T_canonical_world: Float[np.ndarray, "4 4"]) -> SlidingBalance | None:
     supports, task = support_contacts(scene), sliding_task(scene)
-    along = supports.normals @ task.motion
+    along = supports.normals @ scene.motion
     sliding = np.abs(along) <= MOTION_TOLERANCE
     if not sliding.any() or (along < -MOTION_TOLERANCE).any():
         return None
@@ -149,7 +149,7 @@ def _balance(scene: Scene, T_canonical_world: Float[np.ndarray, "4 4"]) -> Slidi
     wrenches = support_wrenches(
         _tensor(supports.points[sliding] @ rotation.T + translation),
         _tensor(supports.normals[sliding] @ rotation.T),
-        _tensor(rotation @ task.motion),
+        _tensor(rotation @ scene.motion),
         centre,
         task.half_length,
         FRICTION_MARGIN * task.friction_environment,

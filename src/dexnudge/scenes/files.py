@@ -14,6 +14,7 @@ from dexnudge.geometry.meshes import load_environment, load_mesh
 from dexnudge.geometry.rigid import rigid_transform
 from dexnudge.jobs.json_files import path_inside, read_json_object
 from dexnudge.jobs.provenance import recorded_versions
+from dexnudge.scenes.motion import Turn
 from dexnudge.scenes.poses import unit_motion
 
 SCENE_FILE, OBJECT_FILE, ENVIRONMENT_FILE = "scene.json", "object.obj", "environment.obj"
@@ -87,6 +88,7 @@ def read_scene(folder: Path) -> dict[str, Any]:
         "environment_mesh": environment,
         "T_world_object": rigid_transform(content["T_world_object"]),
         "motion": unit_motion(content["motion"]),
+        "turn": None if content.get("turn") is None else Turn.from_json(content["turn"]),
         "name": str(content.get("scene", "user")),
         "parameters": parameters,
         "seed": seed,

@@ -23,6 +23,7 @@ from dexnudge.objects.sets import object_mesh
 from dexnudge.perception.depth_view import DepthView
 from dexnudge.scenes.files import LARGEST_NUMBER, MARGINS, NUMBERS, read_scene, write_scene
 from dexnudge.scenes.hole_below import without_hole_below
+from dexnudge.scenes.motion import FARTHEST_AXIS, Motion, Turn
 from dexnudge.scenes.own_surroundings import check_margins, understood
 from dexnudge.scenes.placement import placement_findings
 from dexnudge.scenes.poses import load_pose, unit_motion
@@ -35,6 +36,7 @@ MASS = 0.15  # [kg] a phone or a remote
 MAX_NORMAL_FORCE = 5.0  # [N] per digit link; what a tendon-driven finger holds continuously
 MOTION_LENGTH = 0.10  # [m]
 ABOVE_MIDDLE = 0.75  # of an object's height
+TURN_PLACES = 19  # between which a turn's bounds are taken: 10 degrees apart for the largest one
 LONGEST_MOTION = 2.0  # [m] farther than an arm reaches; a greater number is in another unit
 
 
@@ -46,8 +48,9 @@ class Scene:
         object_mesh: metres, object frame.
         environment_mesh: metres, world frame (z up, gravity along -z).
         T_world_object: (4, 4) rigid transform from the object frame to the world.
-        motion: (3,) unit vector in the world, direction in which the object should slide.
-        motion_length: how far it should slide [m]; 0.10 unless given.
+        motion: (3,) unit vector in the world, direction in which the object should slide; with a turn alone, a heading.
+        motion_length: how far it should slide [m]; 0.10 unless given; may be 0 with a turn.
+        turn: what the object does before it slides; None where it only slides.
         mass: mass of the object [kg]; 0.15 unless given.
         friction_hand: Coulomb coefficient between hand and object; 0.8 unless given.
         friction_environment: Coulomb coefficient between object and surroundings; 0.4 unless given.
@@ -60,7 +63,8 @@ class Scene:
 
     Raises:
         SceneError: on construction, when a number is out of its domain, the pose is not rigid, the motion is
-            zero, or a mesh is empty. A motion that is not of unit length is normalised.
+            zero, the axis of the turn is away from the object, or a mesh is empty. A motion that is not of unit length is
+            normalised.
     """
 
     object_mesh: trimesh.Trimesh
@@ -68,6 +72,7 @@ class Scene:
     T_world_object: Float[np.ndarray, "4 4"]
     motion: Float[np.ndarray, "3"]
     motion_length: float = MOTION_LENGTH
+    turn: Turn | None = None
     mass: float = MASS
     friction_hand: float = FRICTION_HAND
     friction_environment: float = FRICTION_ENVIRONMENT
@@ -85,11 +90,17 @@ class Scene:
         object.__setattr__(self, "T_world_object", rigid_transform(self.T_world_object))
         object.__setattr__(self, "motion", unit_motion(self.motion))
         for label in ("motion_length", "mass", "max_normal_force"):
-            _check_number(label, getattr(self, label), minimum_excluded=True)
+            zero = label == "motion_length" and self.turn is not None
+            _check_number(label, getattr(self, label), minimum_excluded=not zero)
         for label in ("friction_hand", "friction_environment", "surface_noise", "clearance"):
             _check_number(label, getattr(self, label), minimum_excluded=False)
         check_margins(surface_noise=self.surface_noise, clearance=self.clearance)
         object.__setattr__(self, "clearance", max(self.clearance, self.surface_noise))
+        if self.turn is not None and (away := float(self.turn.distance(self._corners).min())) > FARTHEST_AXIS:
+            raise SceneError(
+                f"the axis of the turn is {away:.3g} m from the object; expected at most {FARTHEST_AXIS:g} m; give a point "
+                "nearer to it, in metres, or slide it"
+            )
 
     def object_in_world(self) -> trimesh.Trimesh:
         """Return a copy of the object's mesh in the world frame, metres."""
@@ -97,11 +108,40 @@ class Scene:
         mesh.apply_transform(self.T_world_object)
         return mesh
 
+    @property
+    def _corners(self) -> Float[np.ndarray, "8 3"]:
+        """Of the object's bounding box, world [m]."""
+        return np.asarray(
+            trimesh.transform_points(trimesh.bounds.corners(self.object_mesh.bounds), self.T_world_object)
+        )
+
+    @cached_property
+    def object_motion(self) -> Motion:
+        """The turn and the slide as one motion of the object."""
+        points = trimesh.transform_points(self.object_mesh.vertices, self.T_world_object)
+        radius = float(self.turn.distance(points).max()) if self.turn else 0.0
+        return Motion(self.turn, self.motion, self.motion_length, radius)
+
+    def carried(self, way: float) -> Scene:
+        """Return the scene with the object where it is after `way` [m] of its motion; what is left of the turn stays to do.
+
+        The slide keeps its length: a scene needs a motion to the end.
+        """
+        motion, turn = self.object_motion, self.turn
+        if turn is not None:
+            left = turn.angle - motion.angle(way)
+            turn = replace(turn, angle=left) if left > 0 else None if motion.slide_length else turn
+        return replace(self, T_world_object=motion.displacement(way) @ self.T_world_object, turn=turn)
+
     def way_bounds(self) -> Float[np.ndarray, "2 3"]:
         """Return the corners of the world's box that holds the object all along its motion [m]."""
-        here = np.asarray(self.object_in_world().bounds)
-        there = here + self.motion_length * self.motion
-        return np.stack([np.minimum(here, there)[0], np.maximum(here, there)[1]])
+        motion, here = self.object_motion, np.asarray(self.object_in_world().bounds)
+        if self.turn is None:
+            there = here + self.motion_length * self.motion
+            return np.stack([np.minimum(here, there)[0], np.maximum(here, there)[1]])
+        ways = [*np.linspace(0.0, motion.turn_length, TURN_PLACES), motion.length]
+        corners = np.concatenate([trimesh.transform_points(self._corners, motion.displacement(way)) for way in ways])
+        return np.stack([corners.min(axis=0), corners.max(axis=0)])
 
     @classmethod
     def from_files(
@@ -254,6 +294,7 @@ class Scene:
         """
         check_path("folder", folder)
         values: dict[str, Any] = {"T_world_object": self.T_world_object, "motion": self.motion}
+        values |= {"turn": self.turn.to_json()} if self.turn else {}
         values |= {key: float(getattr(self, key)) for key in (*NUMBERS, *MARGINS)}
         values |= {"scene": self.name, "parameters": self.parameters, "seed": self.seed}
         return write_scene(values, Path(folder), object_mesh=self.object_mesh, environment_mesh=self.environment_mesh)
@@ -287,9 +328,11 @@ class Scene:
     def __repr__(self) -> str:
         size = " x ".join(f"{1e3 * side:.0f}" for side in self.object_mesh.extents)
         motion = ", ".join(f"{each:.2f}" for each in self.motion)
+        asked = [f"turn by {np.degrees(self.turn.angle):.0f} deg"] if self.turn else []
+        asked += [f"slide {1e3 * self.motion_length:.0f} mm along ({motion})"] if self.motion_length else []
         return (
-            f"Scene '{self.name}': object {size} mm, {1e3 * self.mass:.0f} g, to slide {1e3 * self.motion_length:.0f} mm "
-            f"along ({motion}); friction {self.friction_hand:g} at the hand, {self.friction_environment:g} at the "
+            f"Scene '{self.name}': object {size} mm, {1e3 * self.mass:.0f} g, to {' and '.join(asked)}; "
+            f"friction {self.friction_hand:g} at the hand, {self.friction_environment:g} at the "
             f"surroundings ({len(self.environment_mesh.faces)} triangles)"
         )
 

@@ -173,7 +173,7 @@ def _chosen(pushed: _Pushed, supports: SupportContacts) -> tuple[Float[np.ndarra
     turns the object.
     """
     contacts, task = pushed.contacts, pushed.task
-    kept = pressing(contacts, task.motion)
+    kept = pressing(contacts, task.twist)
     tries = [(kept, share) for share in CONE_SHARES[:-1]] + [(np.ones_like(kept), share) for share in CONE_SHARES]
     for used, share in tries:
         narrowed = replace(task, friction_hand=share * task.friction_hand)

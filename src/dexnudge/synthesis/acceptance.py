@@ -18,6 +18,7 @@ from dexnudge.hands.hand import Hand
 from dexnudge.mechanics.contacts import HandContacts
 from dexnudge.mechanics.fast_balance import force_margins
 from dexnudge.mechanics.sliding_task import sliding_task
+from dexnudge.scenes.motion import Twist
 from dexnudge.scenes.scene import Scene
 from dexnudge.scenes.support_contacts import support_contacts
 from dexnudge.simulation.hold import HoldTest
@@ -124,7 +125,8 @@ class NonPrehensileVerifier:
         self._hand, self._scene = hand, scene
         self._supports, self._task = support_contacts(scene), sliding_task(scene)
         angles = direction_angles()
-        self._motions = np.stack([np.cos(angles), np.sin(angles), np.zeros(NUM_DIRECTIONS)], axis=1)
+        directions = np.stack([np.cos(angles), np.sin(angles), np.zeros(NUM_DIRECTIONS)], axis=1)
+        self._twists = [Twist(direction, np.zeros(3)) for direction in directions]
 
     def __call__(self, q: Float[np.ndarray, "n coordinates"]) -> Verified:
         """Return the verdicts on configurations in the resting frame."""
@@ -132,7 +134,7 @@ class NonPrehensileVerifier:
         clean = np.flatnonzero(verified.kept)
         if len(clean):
             contacts = [verified.contacts[row] for row in clean]
-            margins = force_margins(contacts, self._supports, self._task, motions=self._motions, threads=1)
+            margins = force_margins(contacts, self._supports, self._task, twists=self._twists, threads=1)
             verified.direction_margin[clean] = np.where(margins.factor > 0, margins.factor, INFEASIBLE)
         for row in clean:
             if verified.direction_margin[row].max() < SUCCESS_MARGIN:

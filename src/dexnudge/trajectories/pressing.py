@@ -133,18 +133,18 @@ def press(
         for link in np.unique(contacts.link)
     }
     rehearsal = _Rehearsal(simulation, q)
-    rehearsal.push(push_path(np.zeros(1), q[None], motion=task.motion, length=length), forces)
-    pressing, motor_force, wrench = rehearsal.at(np.linspace(0.0, length, len(forces.force)), task.motion)
+    rehearsal.push(push_path(np.zeros(1), q[None], motion=scene.motion, length=length), forces)
+    pressing, motor_force, wrench = rehearsal.at(np.linspace(0.0, length, len(forces.force)), scene.motion)
     return Press(
         contact=q,
         pressing=pressing,
         finger_effort=motor_force @ (simulation.motor_of_angle > 0),
         palm_wrench=wrench,
-        motion=task.motion,
+        motion=scene.motion,
         length=length,
         link_force={name: force for name, force in link_force.items() if force > LEAST_FORCE},
         verdict=judge_push(
-            rehearsal.trace, motion=task.motion, length=length, diverged=rehearsal.divergence is not None
+            rehearsal.trace, motion=scene.motion, length=length, diverged=rehearsal.divergence is not None
         ),
     )
 

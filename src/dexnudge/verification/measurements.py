@@ -8,12 +8,12 @@ import numpy as np
 from jaxtyping import Float
 
 from dexnudge.hands.batch import HandBatch
-from dexnudge.mechanics.contacts import HAND_CONTACT_DISTANCE, HandContacts, hand_contacts
+from dexnudge.mechanics.contacts import HAND_CONTACT_DISTANCE, HandContacts, hand_contacts, moved_contacts
 from dexnudge.mechanics.fast_balance import Margins, force_margins
-from dexnudge.mechanics.sliding_task import SlidingTask, sliding_task
+from dexnudge.mechanics.sliding_task import sliding_task
 from dexnudge.scenes.free_way import FreeWay, free_way
 from dexnudge.scenes.scene import Scene
-from dexnudge.scenes.support_contacts import SupportContacts, support_contacts
+from dexnudge.scenes.support_contacts import support_contacts
 from dexnudge.verification.penetration import PenetrationCheck, Penetrations
 
 
@@ -58,24 +58,20 @@ class Measurements:
         return [[names[link] for link in np.unique(each.link)] for each in self.contacts]
 
     @cached_property
-    def supports(self) -> SupportContacts:
-        """Contacts of the object with its surroundings."""
-        return support_contacts(self._scene)
-
-    @cached_property
     def free_way(self) -> FreeWay:
         """The part of the motion that is free."""
         return free_way(self._scene)
 
     @cached_property
-    def task(self) -> SlidingTask:
-        """The motion that the forces are to make."""
-        return sliding_task(self._scene)
-
-    @cached_property
     def margins(self) -> Margins:
-        """Force margins of the contacts."""
-        return force_margins(self.contacts, self.supports, self.task)
+        """Force margins of the contacts: the least of those where the object begins to turn and where it begins to slide."""
+        motion, stages = self._scene.object_motion, []
+        for way in motion.beginnings:
+            there, T = self._scene.carried(way), motion.displacement(way)
+            contacts = [moved_contacts(each, T) for each in self.contacts] if way else self.contacts
+            stages.append(force_margins(contacts, support_contacts(there), sliding_task(there)))
+        least = np.min([stage.factor for stage in stages], axis=0)
+        return Margins(least, np.all([stage.balanced for stage in stages], axis=0))
 
     @cached_property
     def _T_world_link(self) -> Float[np.ndarray, "n link 4 4"]:

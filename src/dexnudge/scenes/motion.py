@@ -1,0 +1,167 @@
+"""The motion that an object should make: first an optional turn about an axis, then a slide along a line."""
+
+from __future__ import annotations
+
+from dataclasses import dataclass
+from typing import Any
+
+import numpy as np
+from jaxtyping import Float
+from scipy.spatial.transform import Rotation
+
+from dexnudge.errors import SceneError, quote
+from dexnudge.geometry.rigid import real_numbers
+
+LARGEST_TURN = np.pi  # [rad] a larger one is a smaller one the other way round
+FARTHEST_AXIS = 2.0  # [m] of a turn's axis from the object: farther off it is a slide, or in another unit
+
+
+@dataclass(frozen=True, eq=False)
+class Twist:
+    """Velocity of a rigid body: a point x (world) of it moves at linear + angular x x.
+
+    Scaled so that the body's fastest point moves at 1 m per metre of way. linear: [m/m]. angular: [rad/m].
+    """
+
+    linear: Float[np.ndarray, "3"]
+    angular: Float[np.ndarray, "3"]
+
+    def velocity(self, points: Float[np.ndarray, "*batch 3"]) -> Float[np.ndarray, "*batch 3"]:
+        """Return the velocity of points of the body [m, world]."""
+        return self.linear + np.cross(self.angular, points)
+
+    def direction(self, points: Float[np.ndarray, "*batch 3"]) -> Float[np.ndarray, "*batch 3"]:
+        """Return the same as unit vectors; zeros on the axis of a turn."""
+        velocity = self.velocity(points)
+        if not self.angular.any():
+            return velocity
+        return velocity / np.maximum(np.linalg.norm(velocity, axis=-1, keepdims=True), np.finfo(float).tiny)
+
+    def moved(self, T: Float[np.ndarray, "4 4"]) -> Twist:
+        """Return the twist of a body that, with everything around it, is moved by the rigid transform T."""
+        rotation = T[:3, :3]
+        angular = rotation @ self.angular
+        return Twist(rotation @ self.linear - np.cross(angular, T[:3, 3]), angular)
+
+
+@dataclass(frozen=True, eq=False)
+class Turn:
+    """A turn of the object by `angle` [rad, above 0, at most pi] about `axis` (unit) through `point` [m]; world.
+
+    Raises:
+        SceneError: on construction, when a number is out of its domain. An axis that is not of unit length is normalised.
+    """
+
+    angle: float
+    axis: Float[np.ndarray, "3"]
+    point: Float[np.ndarray, "3"]
+
+    def __post_init__(self) -> None:
+        for name in ("axis", "point"):
+            object.__setattr__(self, name, _vector(f"the {name} of a turn", getattr(self, name)))
+        length = float(np.linalg.norm(self.axis))
+        if length == 0:
+            raise SceneError("the axis of a turn is zero; expected a direction, such as (0, 0, 1)")
+        object.__setattr__(self, "axis", self.axis / length)
+        if not 0 < self.angle <= LARGEST_TURN:
+            raise SceneError(
+                f"the angle of a turn is {self.angle:g} rad; expected one above 0 and at most pi; turn the other way "
+                "round for more, or by the opposite axis for less than 0"
+            )
+
+    def transform(self, angle: float) -> Float[np.ndarray, "4 4"]:
+        """Return the rigid transform of a turn by `angle` [rad] about this axis."""
+        T = np.eye(4)
+        T[:3, :3] = Rotation.from_rotvec(angle * self.axis).as_matrix()
+        T[:3, 3] = self.point - T[:3, :3] @ self.point
+        return T
+
+    def distance(self, points: Float[np.ndarray, "point 3"]) -> Float[np.ndarray, " point"]:
+        """Return the distances of points from the axis [m]."""
+        return np.linalg.norm(np.cross(points - self.point, self.axis), axis=1)
+
+    def to_json(self) -> dict[str, Any]:
+        """Return the turn as it stands in scene.json."""
+        return {"angle": float(self.angle), "axis": self.axis.tolist(), "point": self.point.tolist()}
+
+    @classmethod
+    def from_json(cls, value: Any) -> Turn:
+        """Read what `to_json` wrote, trusting nothing in it; SceneError."""
+        if not isinstance(value, dict) or set(value) != {"angle", "axis", "point"}:
+            raise SceneError(f"turn is {quote(value)}; expected null or an object with angle [rad], axis and point [m]")
+        angle = value["angle"]
+        if isinstance(angle, bool) or not isinstance(angle, int | float):
+            raise SceneError(f"the angle of a turn is {quote(angle)}; expected a number [rad]")
+        axis, point = (_vector(f"the {name} of a turn", value[name]) for name in ("axis", "point"))
+        return cls(float(angle) if abs(angle) <= LARGEST_TURN else np.inf, axis, point)
+
+
+@dataclass(frozen=True, eq=False)
+class Motion:
+    """The motion of an object as rigid transforms along one way: the turn's arc, then the slide.
+
+    Attributes:
+        turn: None where the object only slides.
+        direction: unit vector of the slide, world.
+        slide_length: [m].
+        radius: greatest distance of a point of the object from the turn's axis [m]: its arc is the way of the turn.
+    """
+
+    turn: Turn | None
+    direction: Float[np.ndarray, "3"]
+    slide_length: float
+    radius: float = 0.0
+
+    @property
+    def turn_length(self) -> float:
+        """Way of the turn [m]."""
+        return self.turn.angle * self.radius if self.turn else 0.0
+
+    @property
+    def length(self) -> float:
+        """The whole way [m]."""
+        return self.turn_length + self.slide_length
+
+    @property
+    def beginnings(self) -> list[float]:
+        """Ways [m] at which the turn and the slide begin, as far as there are such."""
+        stages = [(0.0, self.turn_length), (self.turn_length, self.slide_length)]
+        return [start for start, length in stages if length > 0]
+
+    def angle(self, way: float) -> float:
+        """Return by how much the object has turned after `way` [rad]; beyond the ends it goes on."""
+        if self.turn is None:
+            return 0.0
+        return (way if self.slide_length == 0 else min(way, self.turn_length)) / self.radius
+
+    def slid(self, way: float) -> float:
+        """Return how far the object has slid after `way` [m]; beyond the ends it goes on."""
+        if self.turn is None:
+            return way
+        return max(0.0, way - self.turn_length) if self.slide_length else 0.0
+
+    def displacement(self, way: float) -> Float[np.ndarray, "4 4"]:
+        """Return the rigid transform (world) that carries the object from where it lies to where it is after `way` [m].
+
+        The pose there is this transform times T_world_object. Before 0 and beyond `length` the stage there goes on.
+        """
+        T = self.turn.transform(self.angle(way)) if self.turn else np.eye(4)
+        T[:3, 3] += self.slid(way) * self.direction
+        return T
+
+    def twist(self, way: float = 0.0) -> Twist:
+        """Return the twist after `way` [m]; where the turn ends, that of the slide."""
+        if self.turn is not None and (way < self.turn_length or self.slide_length == 0):
+            angular = self.turn.axis / self.radius
+            return Twist(-np.cross(angular, self.turn.point), angular)
+        return Twist(self.direction, np.zeros(3))
+
+
+def _vector(name: str, value: Any) -> Float[np.ndarray, "3"]:
+    try:
+        vector = real_numbers(value)
+    except (TypeError, ValueError, OverflowError) as error:
+        raise SceneError(f"{name} is {quote(value)}; expected three numbers") from error
+    if vector.shape != (3,) or not np.isfinite(vector).all():
+        raise SceneError(f"{name} is {quote(value)}; expected three finite numbers")
+    return vector

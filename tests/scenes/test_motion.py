@@ -1,0 +1,110 @@
+"""Turns and slides of an object, on their own and in a scene."""
+
+from pathlib import Path
+
+import numpy as np
+import pytest
+import trimesh
+
+from dexnudge.errors import SceneError
+from dexnudge.scenes.motion import Turn
+from dexnudge.scenes.scene import Scene
+
+UP = np.array([0.0, 0.0, 1.0])
+QUARTER = Turn(np.pi / 2, UP, np.zeros(3))
+
+
+@pytest.fixture
+def scene() -> Scene:
+    """A box of 120 x 60 x 20 mm on a plate, to turn by 90 degrees about its middle and to slide 50 mm along x."""
+    pose = np.eye(4)
+    pose[2, 3] = 0.01
+    plate = trimesh.creation.box(
+        extents=(1.0, 1.0, 0.02), transform=trimesh.transformations.translation_matrix([0, 0, -0.01])
+    )
+    box = trimesh.creation.box(extents=(0.12, 0.06, 0.02))
+    return Scene(box, plate, pose, np.array([1.0, 0.0, 0.0]), motion_length=0.05, turn=QUARTER)
+
+
+def test_the_way_of_a_turn_is_the_arc_of_the_farthest_point(scene: Scene) -> None:
+    motion, radius = scene.object_motion, np.hypot(0.06, 0.03)
+    assert motion.radius == pytest.approx(radius)
+    assert motion.length == pytest.approx(np.pi / 2 * radius + 0.05)
+    assert motion.beginnings == [0.0, pytest.approx(np.pi / 2 * radius)]
+    corner = np.array([0.06, 0.03, 0.0, 1.0])
+    np.testing.assert_allclose((motion.displacement(motion.turn_length) @ corner)[:3], [-0.03, 0.06, 0.0], atol=1e-12)
+    np.testing.assert_allclose((motion.displacement(motion.length) @ corner)[:3], [0.02, 0.06, 0.0], atol=1e-12)
+
+
+@pytest.mark.parametrize("way", [0.0, 0.03, 0.08, 0.12])
+def test_the_twist_is_the_derivative_of_the_displacement(scene: Scene, way: float) -> None:
+    motion, step = scene.object_motion, 1e-6
+    vertices = trimesh.transform_points(scene.object_mesh.vertices, scene.T_world_object)
+    here, there = (trimesh.transform_points(vertices, motion.displacement(at)) for at in (way, way + step))
+    velocity = motion.twist(way).velocity(here)
+    np.testing.assert_allclose((there - here) / step, velocity, atol=1e-4)
+    assert np.linalg.norm(velocity, axis=1).max() == pytest.approx(1.0)
+
+
+def test_a_carried_scene_goes_on_where_it_is(scene: Scene) -> None:
+    half = scene.carried(scene.object_motion.turn_length / 2)
+    assert half.turn is not None
+    assert half.turn.angle == pytest.approx(np.pi / 4)
+    end = half.object_motion.displacement(half.object_motion.length) @ half.T_world_object
+    whole = scene.object_motion.displacement(scene.object_motion.length) @ scene.T_world_object
+    np.testing.assert_allclose(end, whole, atol=1e-12)
+    turned = scene.carried(scene.object_motion.turn_length)
+    assert turned.turn is None
+    assert turned.object_motion.length == scene.motion_length
+
+
+def test_the_way_bounds_hold_the_object_all_along(scene: Scene) -> None:
+    low, high = scene.way_bounds()
+    for way in np.linspace(0.0, scene.object_motion.length, 57):
+        points = trimesh.transform_points(scene.carried(way).object_in_world().vertices, np.eye(4))
+        assert (points >= low - 5e-4).all()
+        assert (points <= high + 5e-4).all()
+
+
+def test_a_turn_survives_its_file(scene: Scene, tmp_path: Path) -> None:
+    scene.save(tmp_path)
+    turn = Scene.load(tmp_path).turn
+    assert turn is not None
+    assert turn.to_json() == QUARTER.to_json()
+
+
+@pytest.mark.parametrize(
+    ("angle", "axis", "point", "message"),
+    [
+        (0.0, UP, np.zeros(3), "the angle of a turn is 0 rad; expected one above 0 and at most pi"),
+        (float("nan"), UP, np.zeros(3), "the angle of a turn is nan rad"),
+        (90.0, UP, np.zeros(3), "the angle of a turn is 90 rad"),
+        (1.0, np.zeros(3), np.zeros(3), "the axis of a turn is zero"),
+        (1.0, UP, np.array([0.0, np.inf, 0.0]), "the point of a turn is .* expected three finite numbers"),
+    ],
+)
+def test_a_turn_that_is_none_is_refused(angle: float, axis: np.ndarray, point: np.ndarray, message: str) -> None:
+    with pytest.raises(SceneError, match=message):
+        Turn(angle, axis, point)
+
+
+@pytest.mark.parametrize("content", [5, {"angle": 1.0}, {"angle": True, "axis": [0, 0, 1], "point": [0, 0, 0]}])
+def test_a_file_without_a_proper_turn_is_refused(content: object) -> None:
+    with pytest.raises(SceneError, match=r"turn"):
+        Turn.from_json(content)
+
+
+def test_an_axis_out_of_reach_is_refused(scene: Scene) -> None:
+    with pytest.raises(SceneError, match=r"the axis of the turn is 49\.9 m from the object; expected at most 2 m"):
+        Scene(
+            scene.object_mesh,
+            scene.environment_mesh,
+            scene.T_world_object,
+            scene.motion,
+            turn=Turn(1.0, UP, np.array([50.0, 0.0, 0.0])),
+        )
+
+
+def test_a_motion_of_no_length_needs_a_turn(scene: Scene) -> None:
+    with pytest.raises(SceneError, match=r"`motion_length` is 0; expected a finite number > 0"):
+        Scene(scene.object_mesh, scene.environment_mesh, scene.T_world_object, scene.motion, motion_length=0.0)
