@@ -31,7 +31,7 @@ from dexnudge.hands.registry import load_hand as load_hand
 from dexnudge.mechanics.contacts import HandContacts as HandContacts
 from dexnudge.objects.builtin import builtin_names as builtin_names, builtin_object as builtin_object
 from dexnudge.perception.depth_view import DepthView as DepthView
-from dexnudge.perception.view_files import save_views as save_views
+from dexnudge.perception.views import save_views as save_views
 from dexnudge.perception.views import load_views as load_views
 from dexnudge.planning.outcomes import Outcome as Outcome
 from dexnudge.planning.reach import Reach as Reach

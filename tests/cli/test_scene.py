@@ -13,7 +13,7 @@ import trimesh
 from PIL import Image
 
 import dexnudge as dn
-from dexnudge.perception.view_files import save_views
+from dexnudge.perception.views import save_views
 from dexnudge.simulation.camera_poses import looking_at
 from dexnudge.simulation.depth_camera import DepthCamera, DepthRenderer
 

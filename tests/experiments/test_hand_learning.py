@@ -10,8 +10,7 @@ import pytest
 from dexnudge.diffusion.training_run import TrainingRun
 from dexnudge.errors import CheckpointError, InputError, OutputError
 from dexnudge.experiments.learning import learn as hand_learning
-from dexnudge.experiments.learning.clock import StageClock
-from dexnudge.experiments.learning.learn import hand_digest, learn_hand, write_plan
+from dexnudge.experiments.learning.learn import StageClock, hand_digest, learn_hand, write_plan
 from dexnudge.experiments.learning.plan import BATCH, LearningPlan, LearningRates, plan_learning, training_config
 from dexnudge.experiments.records import RecordWriter
 from dexnudge.hands.export import export_hand
@@ -101,7 +100,7 @@ def test_a_short_training_warms_up_and_averages_over_a_share_of_itself():
 
 def test_the_clock_counts_over_starts(tmp_path, monkeypatch):
     times = iter([0.0, 0.0, 7.0, 100.0, 100.0, 103.0])
-    monkeypatch.setattr("dexnudge.experiments.learning.clock.time.monotonic", lambda: next(times))
+    monkeypatch.setattr("dexnudge.experiments.learning.learn.time.monotonic", lambda: next(times))
     with pytest.raises(MemoryError), StageClock(tmp_path / "clock.json").stage("data"):
         raise MemoryError
     clock = StageClock(tmp_path / "clock.json")

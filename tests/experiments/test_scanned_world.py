@@ -8,8 +8,7 @@ from scipy.spatial.transform import Rotation
 from dexnudge.errors import InputError
 from dexnudge.experiments.scanned_world import ScanErrors, remeshed, scanned_mesh, scanned_world, tilted
 from dexnudge.geometry.exact_distance import ExactDistance
-from dexnudge.perception.view_files import save_views
-from dexnudge.perception.views import load_views
+from dexnudge.perception.views import load_views, save_views
 from dexnudge.scenes.families import build_scene
 
 EXACT = {"triangle_mm": 0.0, "rounding_mm": 0.0}

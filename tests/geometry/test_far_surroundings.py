@@ -8,8 +8,8 @@ from scipy.spatial import cKDTree
 from dexnudge.geometry import far_surroundings
 from dexnudge.geometry.exact_distance import ExactDistance
 from dexnudge.geometry.far_surroundings import coarsened_faces, coarsened_far
-from dexnudge.geometry.isosurface import isosurface
 from dexnudge.geometry.mesh_repair import solid_angles
+from dexnudge.perception.fusion import isosurface
 
 LOW, HIGH = np.array([-0.1, -0.05, 0.0]), np.array([0.1, 0.05, 0.02])
 REACH = 0.2

@@ -10,13 +10,10 @@ import trimesh
 
 import dexnudge as dn
 from dexnudge.geometry.exact_distance import ExactDistance
-from dexnudge.planning.arm_approach import ArmApproach, NoWay
-from dexnudge.planning.exits import OPEN, exits
+from dexnudge.planning.arm_approach import OPEN, ArmApproach, NoWay, exits, stations
 from dexnudge.planning.hand_clearance import PADDING
 from dexnudge.planning.hand_motion import state_space
-from dexnudge.planning.robot_motion import RobotClearance, RobotSpace
-from dexnudge.planning.self_distance import SelfDistance
-from dexnudge.planning.straight_way import stations
+from dexnudge.planning.robot_motion import RobotClearance, RobotSpace, SelfDistance
 
 
 @pytest.fixture(scope="module")

@@ -4,8 +4,7 @@ import numpy as np
 import pytest
 import trimesh
 
-from dexnudge.perception.view_files import save_views
-from dexnudge.perception.views import load_views
+from dexnudge.perception.views import load_views, save_views
 from dexnudge.scenes.boxes import box
 from dexnudge.scenes.families import build_scene
 from dexnudge.scenes.scene import Scene

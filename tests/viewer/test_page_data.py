@@ -6,7 +6,7 @@ import trimesh
 
 from dexnudge.viewer.page_data import page_geometry
 from dexnudge.viewer.ray_scene import corner_normals
-from dexnudge.viewer.thinning import LARGEST_MESH, thinned
+from dexnudge.viewer.visual_scene import LARGEST_MESH, thinned
 
 
 def decoded(text, dtype, columns=None):

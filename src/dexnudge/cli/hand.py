@@ -11,10 +11,12 @@ from typing import TYPE_CHECKING, Annotated, Literal
 import tyro
 
 from dexnudge.cli.arguments import (
+    NOTHING_SUCCEEDED,
     Flag,
     OptionalCount,
     OptionalFolder,
     OptionalNumber,
+    check_at_least,
     metavar,
     named_folders,
     say,
@@ -27,6 +29,7 @@ if TYPE_CHECKING:
     from dexnudge.finding import Finding
     from dexnudge.hands.hand import Hand
     from dexnudge.hands.preparation import PreparedHand
+
 
 DESCRIPTION, FINDINGS, PICTURE, PAGE = "hand.urdf", "findings.json", "hand.png", "hand.html"
 FORMAT = "dexnudge prepared hand 1"  # of findings.json, which nothing else writes so: the mark of a prepared folder
@@ -71,9 +74,7 @@ class HandCommand:
     def run(self) -> int:
         """Write the folder if asked, learn in it if asked; print the tables and the findings."""
         if self.learn:
-            from dexnudge.cli.hand_learning import learn
-
-            return learn(self._learning_folder(), minutes=self.minutes, workers=self.workers, seed=self.seed)
+            return self._learn(self._learning_folder())
         prepared = self._prepared() if self.prepare is None else self._write(self.prepare)
         _print(prepared)
         if self.prepare is not None:
@@ -140,6 +141,15 @@ class HandCommand:
         if (there.name, there.joint_names) != (hand.name, hand.joint_names):
             raise InputError(f"{out} holds the hand '{there.name}', not '{hand.name}'; choose another `out`")
         return Path(out)
+
+    def _learn(self, folder: Path) -> int:
+        check_at_least(1, workers=self.workers)
+        check_at_least(0, seed=self.seed)
+        from dexnudge.experiments.learning.learn import learn_hand
+
+        learned = learn_hand(folder, minutes=self.minutes, workers=self.workers, seed=self.seed, say=say)
+        say(learned.report, f"written: {folder}")
+        return 0 if learned.succeeded else NOTHING_SUCCEEDED
 
     def _prepared(self) -> PreparedHand:
         from dexnudge.hands.preparation import prepare_hand

@@ -30,15 +30,11 @@ class HandPart:
         palm: the link that carries most of its digits.
         fingertips: digit name -> last link with geometry.
         base_link: the farthest link with geometry behind the palm, as far as a wrist reaches; None: none, or an arm.
-        joints_above: the moving joints above the palm, the nearest first.
-        joints: all moving joints below the palm.
     """
 
     palm: str
     fingertips: dict[str, str]
     base_link: str | None
-    joints_above: tuple[str, ...]
-    joints: tuple[str, ...]
 
 
 def hands_in(tree: Tree, *, solid: bool = True) -> list[HandPart]:
@@ -175,12 +171,10 @@ class _Bodies:
         carriers = Counter(self.carrier[limb].parent for limb in self.limbs(body))
         palm = carriers.most_common(1)[0][0] if carriers else body
         tips = self._tips(body)
-        above = self._joints_above(body)
+        above = [self.carrier[each] for each in (body, *self._links_above(body)) if each in self.carrier]
         behind = [link for link in self._links_above(palm) if len(self.tree.links[link].faces)]
-        base = behind[-1] if behind and len(above) <= WRIST_JOINTS else None
-        inside = {link for each in self.below(body)[1:] for link in self.members[each]}
-        joints = tuple(joint.name for joint in self.tree.joints if not joint.fixed and joint.child in inside)
-        return HandPart(palm, digit_names(self.tree, tips, body=self.members[body]), base, above, joints)
+        base = behind[-1] if behind and sum(not joint.fixed for joint in above) <= WRIST_JOINTS else None
+        return HandPart(palm, digit_names(self.tree, tips, body=self.members[body]), base)
 
     def _links_above(self, link: str) -> list[str]:
         links = []
@@ -188,10 +182,6 @@ class _Bodies:
             link = self.carrier[link].parent
             links.append(link)
         return links
-
-    def _joints_above(self, body: str) -> tuple[str, ...]:
-        links = [body, *self._links_above(body)]
-        return tuple(self.carrier[each].name for each in links if each in self.carrier and not self.carrier[each].fixed)
 
     def _tips(self, palm: str) -> list[str]:
         """Return the last link with geometry of each chain below the palm."""

@@ -1,10 +1,12 @@
-"""Any hand from a MuJoCo model (MJCF) and a short YAML beside it.
+"""Any hand from a MuJoCo model (MJCF) and a short YAML beside it, and the tree of a whole robot, as an arm needs it.
 
 MuJoCo itself compiles the file, so defaults, includes and every way to write an orientation mean here what they mean there.
-Joints of the topmost body are left out: they place the hand in the world, and the root of q does that.
+Of a hand joints of the topmost body are left out: they place it in the world, and the root of q does that. Of a robot they
+are an arm's first, or its rail; read are also sites, as links without geometry, the efforts of motors, joints that follow
+others, and the angles of the keyframe "home".
 """
 
-from collections.abc import Callable, Mapping
+from collections.abc import Callable, Collection, Mapping
 from dataclasses import replace
 from pathlib import Path
 
@@ -21,7 +23,7 @@ from dexnudge.hands.config import HandConfig, read_hand_config
 from dexnudge.hands.hand import Hand
 from dexnudge.hands.loops.couplings import coupled
 from dexnudge.hands.mjcf_files import compiled_model
-from dexnudge.hands.tree import Tree, TreeJoint
+from dexnudge.hands.tree import Mimic, Tree, TreeJoint
 from dexnudge.hands.urdf import CONTINUOUS_LIMIT, config_path
 
 
@@ -50,7 +52,7 @@ def hand_from_mjcf(
     if not isinstance(config, HandConfig):
         structure = tree_of_model(model, path.stem, None, lambda _: False)
         config = read_hand_config(config_path(path, config, structure))
-    tree = model_tree(model, path.stem, config.palm, config.geometry)
+    tree = tree_of_model(model, path.stem, config.palm, _geoms(model, config.geometry))
     tree, config = coupled(without_arm(replace(tree, notes=tuple(notes)), config), model, config)
     return hand_from_tree(tree, config, base=base)
 
@@ -58,16 +60,13 @@ def hand_from_mjcf(
 def mjcf_tree(path: Path, geometry: str, packages: Mapping[str, Path | str] | None = None) -> Tree:
     """Return the tree of an MJCF file with its "collision" or "visual" geoms; of several trees the one of most joints."""
     model = compiled_model(path, packages or {})
-    roots = [body for body in range(1, model.nbody) if model.body_parentid[body] == 0]
-    joints = {root: int((model.body_rootid[model.jnt_bodyid] == root).sum()) for root in roots}
-    largest = body_name(model, max(roots, key=joints.__getitem__)) if len(roots) > 1 else None
-    return model_tree(model, path.stem, largest, geometry)
+    return _body_tree(model, path.stem, _root_with(model, None), _geoms(model, geometry))
 
 
-def model_tree(model: mujoco.MjModel, name: str, palm: str | None, geometry: str) -> Tree:
-    """Return the tree in which the palm hangs with its "collision" or "visual" geoms: those that can collide, or not."""
+def _geoms(model: mujoco.MjModel, geometry: str) -> Callable[[int], bool]:
+    """Return which geoms are of "collision" or "visual" geometry: those that can collide, or not."""
     collides = (model.geom_contype | model.geom_conaffinity) != 0
-    return tree_of_model(model, name, palm, lambda geom: bool(collides[geom]) == (geometry == "collision"))
+    return lambda geom: bool(collides[geom]) == (geometry == "collision")
 
 
 def tree_of_model(model: mujoco.MjModel, name: str, palm: str | None, select: Callable[[int], bool]) -> Tree:
@@ -78,20 +77,20 @@ def tree_of_model(model: mujoco.MjModel, name: str, palm: str | None, select: Ca
     Raises:
         HandError: an unknown palm, non-linear joint equalities, or shapes without a volume.
     """
-    return body_tree(model, name, _root(model, palm), select)
+    return _body_tree(model, name, _root(model, palm), select)
 
 
-def body_tree(model: mujoco.MjModel, name: str, root: int, select: Callable[[int], bool]) -> Tree:
+def _body_tree(model: mujoco.MjModel, name: str, root: int, select: Callable[[int], bool]) -> Tree:
     """Return the tree of a body of the world's and all below it, as `tree_of_model` does; its own joints are left out."""
     bodies = [body for body in range(1, model.nbody) if model.body_rootid[body] == root]
     links: dict[str, trimesh.Trimesh] = {}
     joints: list[TreeJoint] = []
     for body in bodies:
-        link = body_name(model, body)
+        link = _body_name(model, body)
         if body != bodies[0]:
             above = int(model.body_parentid[body])
-            parent = body_name(model, above)
-            for joint in body_chain(model, body, parent, link):
+            parent = _body_name(model, above)
+            for joint in _body_chain(model, body, parent, link):
                 joints.append(joint)
                 links[joint.child] = trimesh.Trimesh()
         pieces = [
@@ -102,9 +101,8 @@ def body_tree(model: mujoco.MjModel, name: str, root: int, select: Callable[[int
 
 
 def _root(model: mujoco.MjModel, palm: str | None) -> int:
+    _refuse_empty(model)
     names = [model.body(body).name for body in range(1, model.nbody)]
-    if not names:
-        raise HandError("the MJCF has no bodies: expected some below <worldbody>, found none; mend the file")
     if palm is not None and palm not in names:
         raise HandError(
             f"the hand's YAML names an unknown link: key 'palm': expected one of {names}, got '{palm}'; mend it"
@@ -112,9 +110,9 @@ def _root(model: mujoco.MjModel, palm: str | None) -> int:
     return int(model.body_rootid[1 if palm is None else model.body(palm).id])
 
 
-def body_chain(model: mujoco.MjModel, body: int, parent: str, link: str) -> list[TreeJoint]:
+def _body_chain(model: mujoco.MjModel, body: int, parent: str, link: str) -> list[TreeJoint]:
     """Return the joints from a body's parent to the body; several, with empty links between, where one does not say it."""
-    origin = place_of(model.body_pos[body], model.body_quat[body])
+    origin = _place_of(model.body_pos[body], model.body_quat[body])
     moving = [joint for joint in range(model.njnt) if model.jnt_bodyid[joint] == body]
     if not moving:
         return [TreeJoint(f"{link}_mount", parent, link, origin, np.asarray((1.0, 0.0, 0.0)), fixed=True)]
@@ -175,17 +173,108 @@ def _geom_mesh(model: mujoco.MjModel, geom: int) -> trimesh.Trimesh:
             f"geom '{model.geom(geom).name}': expected mesh, box, cylinder, capsule, sphere or ellipsoid, got {kind.name}; "
             "replace it by a mesh"
         )
-    mesh.apply_transform(place_of(model.geom_pos[geom], model.geom_quat[geom]))
+    mesh.apply_transform(_place_of(model.geom_pos[geom], model.geom_quat[geom]))
     return mesh
 
 
-def place_of(position: np.ndarray, quaternion: np.ndarray) -> np.ndarray:
+def _place_of(position: np.ndarray, quaternion: np.ndarray) -> np.ndarray:
     """Return the (4, 4) pose of a position and a quaternion."""
     transform = trimesh.transformations.quaternion_matrix(quaternion)
     transform[:3, 3] = position
     return transform
 
 
-def body_name(model: mujoco.MjModel, body: int) -> str:
+def _body_name(model: mujoco.MjModel, body: int) -> str:
     """Return a body's name, or one that says which it is."""
     return model.body(body).name or f"body{body}"
+
+
+GROUND = "ground"  # the link below the joints of the topmost body; "world" is MuJoCo's own name
+HOME = "home"
+
+
+def mjcf_robot_tree(
+    path: Path, geometry: str, packages: Mapping[str, Path | str], link: str | None, only: Collection[str] | None = None
+) -> Tree:
+    """Return the tree of an MJCF file that holds a link or site, or else the one of most joints.
+
+    geometry: that is read, of all links or of some `only`.
+
+    Raises:
+        HandError: the file cannot be read, or has no bodies.
+    """
+    notes: list[str] = []
+    model = compiled_model(path, packages, notes)
+    root, judged = _root_with(model, link), _geoms(model, geometry)
+
+    def wanted(geom: int) -> bool:
+        return judged(geom) and (only is None or _body_name(model, int(model.geom_bodyid[geom])) in only)
+
+    tree = _body_tree(model, path.stem, root, wanted)
+    links, joints = dict(tree.links), list(tree.joints)
+    if model.body_jntnum[root]:
+        first = _body_chain(model, root, GROUND, _body_name(model, root))
+        links |= {name: trimesh.Trimesh() for name in (GROUND, *(joint.child for joint in first)) if name not in links}
+        joints = [*first, *joints]
+    for site in range(model.nsite):
+        body, name = int(model.site_bodyid[site]), model.site(site).name
+        if name and name not in links and model.body_rootid[body] == root:
+            origin = _place_of(model.site_pos[site], model.site_quat[site])
+            carrier = _body_name(model, body)
+            joints.append(TreeJoint(f"{name}_mount", carrier, name, origin, np.array([1.0, 0.0, 0.0]), fixed=True))
+            links[name] = trimesh.Trimesh()
+    joints = [_with_motor(joint, model) for joint in joints]
+    return replace(tree, links=links, joints=tuple(joints), notes=tuple(notes), home=_home(model))
+
+
+def _root_with(model: mujoco.MjModel, link: str | None) -> int:
+    """Return the body of the world's that holds a link or site, or else the one of most joints."""
+    _refuse_empty(model)
+    names = {_body_name(model, body): int(model.body_rootid[body]) for body in range(1, model.nbody)}
+    sites = {model.site(site).name: int(model.body_rootid[model.site_bodyid[site]]) for site in range(model.nsite)}
+    if link in names or link in sites:
+        return {**sites, **names}[link]
+    roots = sorted(set(names.values()))
+    return max(roots, key=lambda root: int((model.body_rootid[model.jnt_bodyid] == root).sum()))
+
+
+def _refuse_empty(model: mujoco.MjModel) -> None:
+    if model.nbody < 2:
+        raise HandError("the MJCF has no bodies: expected some below <worldbody>, found none; mend the file")
+
+
+def _with_motor(joint: TreeJoint, model: mujoco.MjModel) -> TreeJoint:
+    """Return a joint with the greatest force of its motors, and the joint that it follows."""
+    index = mujoco.mj_name2id(model, mujoco.mjtObj.mjOBJ_JOINT, joint.name)
+    if joint.fixed or index < 0:
+        return joint
+    effort = None
+    if model.jnt_actfrclimited[index]:
+        effort = float(np.abs(model.jnt_actfrcrange[index]).max())
+    else:
+        driven = (model.actuator_trntype == int(mujoco.mjtTrn.mjTRN_JOINT)) & (model.actuator_trnid[:, 0] == index)
+        limited = driven & model.actuator_forcelimited.astype(bool)
+        if limited.any() and limited.sum() == driven.sum():
+            most = np.abs(model.actuator_forcerange).max(axis=1) * np.abs(model.actuator_gear[:, 0])
+            effort = float(most[limited].sum())
+    return replace(joint, effort=effort, mimic=_followed(index, model))
+
+
+def _followed(index: int, model: mujoco.MjModel) -> Mimic | None:
+    """Return what an equality makes of a joint, where that is a straight line."""
+    for equality in range(model.neq):
+        kind, one, other = int(model.eq_type[equality]), model.eq_obj1id[equality], model.eq_obj2id[equality]
+        if kind == int(mujoco.mjtEq.mjEQ_JOINT) and one == index and other >= 0 and model.eq_active0[equality]:
+            constant, slope, *higher = model.eq_data[equality][:5]
+            zero, leader_zero = (float(model.qpos0[model.jnt_qposadr[joint]]) for joint in (one, other))
+            if not np.any(higher):
+                offset = float(constant - slope * leader_zero + zero)
+                return Mimic(model.joint(int(other)).name, float(slope), offset)
+    return None
+
+
+def _home(model: mujoco.MjModel) -> dict[str, float]:
+    key = mujoco.mj_name2id(model, mujoco.mjtObj.mjOBJ_KEY, HOME)
+    single = (int(mujoco.mjtJoint.mjJNT_HINGE), int(mujoco.mjtJoint.mjJNT_SLIDE))
+    joints = [joint for joint in range(model.njnt) if model.jnt_type[joint] in single] if key >= 0 else []
+    return {model.joint(joint).name: float(model.key_qpos[key][model.jnt_qposadr[joint]]) for joint in joints}

@@ -68,7 +68,7 @@ def read_robot_tree(
     link: one of the tree that is meant, where a file holds several. only: links whose geometry is read; all unless given.
     """
     if _suffix(path) == ".xml":
-        from dexnudge.hands.mjcf_robot import mjcf_robot_tree
+        from dexnudge.hands.mjcf import mjcf_robot_tree
 
         return mjcf_robot_tree(path, geometry, packages or {}, link, only)
     return urdf_tree(path, geometry, packages, only=only)

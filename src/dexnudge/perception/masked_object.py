@@ -14,7 +14,6 @@ from scipy.sparse.csgraph import connected_components
 from scipy.spatial import ConvexHull, QhullError, cKDTree
 
 from dexnudge.errors import SceneError
-from dexnudge.geometry.prism import outline_area, prism, smallest_rectangle
 from dexnudge.perception.depth_view import DepthView
 from dexnudge.perception.planes import Plane, cell_means, find_planes
 
@@ -211,7 +210,7 @@ def _prism(
     corner, sides, x_axis = smallest_rectangle(outline, upright)
     middle = corner + (sides / 2) @ x_axis
     local = (outline - middle) @ x_axis.T
-    if upright or outline_area(outline) >= RECTANGULAR * sides[0] * sides[1]:
+    if upright or ConvexHull(outline).volume >= RECTANGULAR * sides[0] * sides[1]:
         half = sides / 2
         local = np.array([[-1, -1], [1, -1], [1, 1], [-1, 1]]) * half
         why = "as it has an upright flat face" if upright else "which it nearly fills"
@@ -243,3 +242,31 @@ def _outline(flat: Float[np.ndarray, "n 2"], away: Float[np.ndarray, "2"]) -> tu
         raise SceneError(
             "the masked points lie on a line; expected an object with an outline; is the mask too thin?"
         ) from error
+
+
+def smallest_rectangle(
+    outline: Float[np.ndarray, "k 2"], directions: Sequence[Float[np.ndarray, "2"]]
+) -> tuple[Float[np.ndarray, "2"], Float[np.ndarray, "2"], Float[np.ndarray, "2 2"]]:
+    """Return corner, sides (longer first) and axes (rows) of a smallest rectangle along `directions`, or an edge."""
+    edges = np.array(directions) if directions else np.roll(outline, -1, axis=0) - outline
+    edges /= np.linalg.norm(edges, axis=1, keepdims=True)
+    best: tuple[float, np.ndarray, np.ndarray, np.ndarray] | None = None
+    for edge in edges:
+        axes = np.array([edge, [-edge[1], edge[0]]])
+        local = outline @ axes.T
+        low, sides = local.min(axis=0), np.ptp(local, axis=0)
+        if best is None or sides.prod() < best[0]:
+            best = float(sides.prod()), low @ axes, sides, axes
+    assert best is not None
+    _, corner, sides, axes = best
+    return (corner, sides, axes) if sides[0] >= sides[1] else (corner, sides[::-1], axes[::-1])
+
+
+def prism(outline: Float[np.ndarray, "k 2"], height: float) -> trimesh.Trimesh:
+    """Return a closed prism over a convex outline [m], from -height / 2 to height / 2."""
+    around = outline[ConvexHull(outline).vertices]  # against the clock
+    corners = np.arange(len(around))
+    fan = np.column_stack([np.zeros(len(around) - 2, dtype=int), corners[1:-1], corners[2:]])
+    mesh = trimesh.creation.extrude_triangulation(around, fan, height)
+    mesh.apply_translation((0.0, 0.0, -height / 2))
+    return mesh

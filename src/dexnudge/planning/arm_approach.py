@@ -6,20 +6,19 @@ its way (`exits`); the arm follows by inverse kinematics. Into the open it goes 
 
 from collections.abc import Sequence
 from dataclasses import dataclass
+from itertools import combinations, pairwise
 
 import numpy as np
-from jaxtyping import Float, Int
+from jaxtyping import Bool, Float, Int
 
 from dexnudge.arms.inverse_kinematics import InverseKinematics
 from dexnudge.arms.robot import Robot
-from dexnudge.hands.hand import ROOT_COORDINATES
+from dexnudge.hands.hand import ROOT_COORDINATES, Hand
 from dexnudge.planning.approach import ApproachPlanner, Waiting
-from dexnudge.planning.connect import box_space, connect_in
-from dexnudge.planning.exits import exits
+from dexnudge.planning.connect import box_space, connect, connect_in
 from dexnudge.planning.hand_clearance import CLEARANCE, Blocked, MotionCheck
-from dexnudge.planning.hand_motion import States
+from dexnudge.planning.hand_motion import State, States, StateSpace, between, matrices
 from dexnudge.planning.robot_motion import RobotClearance, RobotSpace
-from dexnudge.planning.straight_way import evenly, follow, stations
 from dexnudge.scenes.scene import Scene
 
 STARTS = 24  # of inverse kinematics at contact
@@ -186,3 +185,100 @@ def _alike(ways: list[States]) -> Float[np.ndarray, "way station 8"]:
     """Return ways with as many stations as the longest has."""
     longest = max(len(way) for way in ways)
     return np.array([evenly(way, longest) for way in ways])
+
+
+LARGEST_CHANGE = (
+    0.20  # [rad] of a joint from one station to the next: more is a jump to another branch, or a singularity
+)
+STEPS = 8  # of inverse kinematics from one station to the next; two or three are usual
+
+
+def follow(
+    kinematics: InverseKinematics,
+    T_world_flange: Float[np.ndarray, "way station 4 4"],
+    start: Float[np.ndarray, "way n"],
+) -> tuple[Float[np.ndarray, "way station n"], Bool[np.ndarray, "way station"]]:
+    """Return the arm's joint angles at every station of ways that begin near `start`, and which stations were reached.
+
+    After the first station that is out of reach, or reached by a jump alone, none of that way is reached.
+    """
+    angles, going = np.array(start, dtype=float), np.ones(len(start), dtype=bool)
+    reached = np.zeros(T_world_flange.shape[:2], dtype=bool)
+    found = np.zeros((*reached.shape, angles.shape[1]))
+    for station in range(T_world_flange.shape[1]):
+        rows = np.flatnonzero(going)
+        if not len(rows):
+            break
+        solved = kinematics.solve_all(T_world_flange[rows, station], angles[rows], most_steps=STEPS)
+        near = np.abs(solved.positions - angles[rows]).max(axis=1) <= LARGEST_CHANGE
+        going[rows] = solved.solved & near
+        angles[rows] = solved.positions
+        found[:, station], reached[:, station] = angles, going
+    return found, reached
+
+
+def stations(
+    space: StateSpace, path: Sequence[State] | Float[np.ndarray, "vertex 8"], *, spacing: float
+) -> Float[np.ndarray, "station 8"]:
+    """Return states along a path of the hand, from its first to its last vertex, all vertices among them.
+
+    From one to the next no point of the hand moves farther than `spacing` [m].
+    """
+    rows = [np.asarray(path[0])[None]]
+    for start, end in pairwise(path):
+        count = max(1, int(np.ceil(space.displacement(start, end) / spacing)))
+        rows.append(between(start, end, np.arange(1, count + 1) / count))
+    return np.concatenate(rows)
+
+
+def evenly(rows: Float[np.ndarray, "station 8"], count: int) -> Float[np.ndarray, "count 8"]:
+    """Return `count` states on the same path, evenly spread over the stations, the first and the last among them."""
+    places = np.linspace(0.0, len(rows) - 1, count)
+    first = np.minimum(places.astype(int), len(rows) - 2)
+    pairs = zip(first, places, strict=True)
+    return np.array([between(rows[row], rows[row + 1], np.array([place - row]))[0] for row, place in pairs])
+
+
+OPEN = 0.03  # [m] of clearance with which a hand counts as being in the open
+FARTHEST = 0.50  # [m] from where it waits
+STEP = 0.02  # [m] between the places that are looked at
+BELOW = -0.3  # z of a direction below which it is not tried: arms come from above or from a side
+MOST_WAITING = 4  # places that are looked at, the preferred ones first
+MOST_ENDS = 6  # in the open, of straight ways that are blocked, to which a way around is sought
+EXIT_BUDGET = 6_000  # states of the hand that RRT-Connect may look at
+
+
+def exits(hand: Hand, scene: Scene, waiting: Waiting, *, seed: int) -> list[States]:
+    """Return free ways from the open to where the hand waits, straight ones, the shortest first; else one around obstacles.
+
+    Straight ways lead along the motion, up, back along the fingers, back of the hand first, and along sums of two of these.
+    Empty where none is found.
+    """
+    distances = np.arange(STEP, FARTHEST + STEP / 2, STEP)
+    free: list[tuple[float, States]] = []
+    blocked: list[tuple[float, States]] = []
+    nearest = waiting.states[:MOST_WAITING]
+    for state, rotation in zip(nearest, matrices(nearest), strict=True):
+        for direction in _directions(hand, rotation, scene.motion):
+            states = np.repeat(state[None], len(distances), axis=0)
+            states[:, :3] += distances[:, None] * direction
+            room = waiting.check.clearances(states, stop=waiting.check.clearance).distance.min(axis=1)
+            roomy = np.flatnonzero(room >= OPEN)
+            if len(roomy):
+                end = int(roomy[0])
+                passes = (room[:end] >= waiting.check.clearance).all() and waiting.check.free(states[end], state)
+                (free if passes else blocked).append((distances[end], np.stack([states[end], state])))
+    if free or not blocked:
+        return [way for _, way in sorted(free, key=lambda pair: pair[0])]
+    ends = np.array([way[0] for _, way in sorted(blocked, key=lambda pair: pair[0])[:MOST_ENDS]])
+    around = connect(waiting.check, ends, waiting.states, seed=seed, budget=EXIT_BUDGET)
+    return [] if around is None else [around]
+
+
+def _directions(
+    hand: Hand, rotation: Float[np.ndarray, "3 3"], motion: Float[np.ndarray, " 3"]
+) -> list[Float[np.ndarray, " 3"]]:
+    own = [motion, np.array([0.0, 0.0, 1.0]), -rotation @ hand.finger_axis, -rotation @ hand.palm_normal]
+    sums = own + [one + two for one, two in combinations(own, 2)]
+    units = [total / np.linalg.norm(total) for total in sums if np.linalg.norm(total) > 0.3]
+    return [unit for unit in units if unit[2] > BELOW]

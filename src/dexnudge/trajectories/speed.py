@@ -1,4 +1,6 @@
-"""How fast a way q(s) is passed: s(t), from rest to rest."""
+"""How fast a way q(s) is passed: s(t), from rest to rest, and its moving average, which bounds the jerk."""
+
+from functools import cached_property
 
 import numpy as np
 from jaxtyping import Float
@@ -15,17 +17,17 @@ SLOWEST = 1e-6  # of the greatest x: rounding never brings a motion to a halt
 ROUNDING = 1e-9  # by which x is reduced beyond a crossing, so that it lies on the right side of it
 
 
-def straight_profile(tangent: Float[np.ndarray, " n"], length: float, limits: JointLimits) -> PPoly:
-    """Return the fastest s(t) along q = tangent s, to s = length, with all limits, the jerk's too."""
+def straight_profile(tangent: Float[np.ndarray, " n"], limits: JointLimits) -> PPoly:
+    """Return the fastest s(t) along q = tangent s, from s = 0 to 1, with all limits, the jerk's too."""
     size = np.maximum(np.abs(tangent), TINY)
     wanted, found = InputParameter(1), Trajectory(1)
-    wanted.target_position = [length]
+    wanted.target_position = [1.0]
     wanted.max_velocity = [float((limits.velocity / size).min())]
     wanted.max_acceleration = [float((limits.acceleration / size).min())]
     wanted.max_jerk = [float((limits.jerk / size).min())]
     result = Ruckig(1).calculate(wanted, found)
     if result != Result.Working:
-        raise ArithmeticError(f"ruckig finds no profile for {length} along {tangent}: {result}")
+        raise ArithmeticError(f"ruckig finds no profile along {tangent}: {result}")
     profile = found.profiles[0][0]
     duration = np.array(profile.t)
     rows = np.array([np.array(profile.j) / 6, np.array(profile.a[:7]) / 2, profile.v[:7], profile.p[:7]])
@@ -81,3 +83,53 @@ def _greatest(
         if not low[one] + lines[one] > high[other] + lines[other]:
             return x
         x = min((high[other] - low[one]) / (slope[one] - slope[other]), x) * (1 - ROUNDING)
+
+
+NODES, WEIGHTS = np.polynomial.legendre.leggauss(6)  # exact for degree 11: ways of degree 5, passed quadratically
+
+
+class Motion:
+    """The motion q(s(t)) from rest to rest, which rests before and after.
+
+    Its average over a window w long, ending at t, has the derivative (x(t) - x(t - w)) / w: so has the position the
+    velocity, the velocity the acceleration, and an acceleration within ±a the jerk, which is within 2 a / w.
+    """
+
+    def __init__(self, way: PPoly | BSpline, profile: PPoly) -> None:
+        self.way, self.profile = way, profile
+        self.duration = float(profile.x[-1])  # [s]
+        self._start, self._goal = way(profile(np.array([0.0, self.duration])))
+
+    def averaged(
+        self, time: Float[np.ndarray, " k"], window: float, slower: float
+    ) -> tuple[Float[np.ndarray, "k n"], Float[np.ndarray, "k n"], Float[np.ndarray, "k n"]]:
+        """Return position, velocity and acceleration at times [s] of the motion, `slower` times slower, averaged.
+
+        It lasts slower * duration + window.
+        """
+        ends = np.stack([time - window, time]) / slower
+        inside = ends.clip(0.0, self.duration)
+        places, speeds = self.profile(inside), self.profile(inside, 1)
+        position = self.way(places)
+        velocity = self.way(places, 1) * speeds[..., None] / slower
+        outside = (ends - inside)[..., None]
+        integral = self._integral(inside) + np.where(outside > 0, self._goal - self._start, 0.0) * outside
+        mean = self._start + (integral[1] - integral[0]) * (slower / window)
+        return mean, (position[1] - position[0]) / window, (velocity[1] - velocity[0]) / window
+
+    def _integral(self, time: Float[np.ndarray, "..."]) -> Float[np.ndarray, "... n"]:
+        """Return the integral of position minus start."""
+        knots = self.profile.x
+        piece = np.searchsorted(knots[1:-1], time, side="right")
+        return self._integrals[piece] + self._between(knots[piece], time)
+
+    @cached_property
+    def _integrals(self) -> Float[np.ndarray, "knot n"]:
+        knots = self.profile.x
+        pieces = self._between(knots[:-1], knots[1:])
+        return np.concatenate([np.zeros_like(pieces[:1]), np.cumsum(pieces, axis=0)])
+
+    def _between(self, first: Float[np.ndarray, "*t"], last: Float[np.ndarray, "*t"]) -> Float[np.ndarray, "*t n"]:
+        half = (last - first)[..., None] / 2
+        places = self.profile((first + last)[..., None] / 2 + half * NODES)
+        return np.einsum("...gn,g->...n", self.way(places) - self._start, WEIGHTS) * half

@@ -13,12 +13,10 @@ from scipy.interpolate import PPoly
 
 from dexnudge.arms.arm import JointLimits
 from dexnudge.errors import InputError
-from dexnudge.trajectories.averaging import Motion
-from dexnudge.trajectories.corners import rounded_polyline
 from dexnudge.trajectories.limits import TOLERANCE, limits_used
 from dexnudge.trajectories.plan import JointTrajectory
-from dexnudge.trajectories.speed import fastest_profile, straight_profile
-from dexnudge.trajectories.ways import smooth_way
+from dexnudge.trajectories.speed import Motion, fastest_profile, straight_profile
+from dexnudge.trajectories.ways import rounded_polyline, smooth_way
 
 SAMPLE_INTERVAL = 0.01  # [s] between the samples of every trajectory, which all lie on multiples of it
 SHARE = 0.95  # of velocity, acceleration and jerk limits that plans use: what is left is the controller's
@@ -172,7 +170,7 @@ def _longest_window(limits: JointLimits) -> float:
 
 def _straight(start: Float[np.ndarray, " n"], goal: Float[np.ndarray, " n"], limits: JointLimits) -> JointTrajectory:
     way = PPoly(np.stack([goal - start, start])[:, None], np.array([0.0, 1.0]))
-    return _sampled(Motion(way, straight_profile(goal - start, 1.0, limits)), limits, goal, SAMPLE_INTERVAL)
+    return _sampled(Motion(way, straight_profile(goal - start, limits)), limits, goal, SAMPLE_INTERVAL)
 
 
 def _intervals(seconds: float) -> int:

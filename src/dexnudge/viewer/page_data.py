@@ -9,7 +9,6 @@ import trimesh
 
 from dexnudge.viewer.camera import Camera, choose_camera
 from dexnudge.viewer.ray_scene import corner_normals
-from dexnudge.viewer.thinning import thinned
 from dexnudge.viewer.visual_scene import (
     CONTACT_RADIUS,
     CREASE_ANGLE,
@@ -18,6 +17,7 @@ from dexnudge.viewer.visual_scene import (
     Role,
     VisualScene,
     check_same_bodies,
+    thinned,
 )
 
 ASPECT = 4 / 3  # of the stage for which the first view is chosen

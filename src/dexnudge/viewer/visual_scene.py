@@ -3,6 +3,8 @@
 Pictures and pages both take a `VisualScene`, so neither knows hands or scenes.
 """
 
+from __future__ import annotations
+
 from collections.abc import Sequence
 from dataclasses import dataclass
 from typing import Literal
@@ -15,7 +17,26 @@ from jaxtyping import Float
 from dexnudge.errors import InputError
 from dexnudge.hands.hand import Hand
 from dexnudge.scenes.scene import Scene
-from dexnudge.viewer.thinning import thinned
+
+LARGEST_MESH = 40_000  # triangles; a finer mesh is thinned, so that a page stays below a few megabytes
+FIRST_CELL = 1 / 400  # of a mesh's diagonal: cells into which a too fine mesh is thinned
+COARSER = 1.25  # by this the cells grow until the mesh is small enough
+
+
+def thinned(mesh: trimesh.Trimesh) -> trimesh.Trimesh:
+    """Return a mesh of at most 40,000 triangles that looks the same: vertices that share a small cell become one.
+
+    Only for looking at; nothing is ever judged on it.
+    """
+    result, cell = mesh, float(np.linalg.norm(mesh.extents)) * FIRST_CELL
+    while len(result.faces) > LARGEST_MESH:
+        result = trimesh.Trimesh((mesh.vertices - mesh.bounds[0]) / cell, mesh.faces, process=False)
+        result.merge_vertices(digits_vertex=0)
+        result.update_faces(result.nondegenerate_faces() & result.unique_faces())
+        result = trimesh.Trimesh(mesh.bounds[0] + cell * result.vertices, result.faces, process=False)
+        cell *= COARSER
+    return result
+
 
 Role = Literal[
     "object",

@@ -7,7 +7,10 @@ import hashlib
 import json
 import math
 import shutil
-from collections.abc import Callable
+import threading
+import time
+from collections.abc import Callable, Iterator
+from contextlib import contextmanager, suppress
 from dataclasses import asdict, dataclass, replace
 from pathlib import Path
 from typing import Any
@@ -16,9 +19,8 @@ from dexnudge.dataset.manifest import MANIFEST_NAME
 from dexnudge.diffusion.checkpoint import CONFIG_NAME, MODEL_FOLDER, WEIGHTS_NAME
 from dexnudge.diffusion.model_card import CARD_NAME
 from dexnudge.diffusion.training import train
-from dexnudge.errors import InputError, check_integer, check_seed
+from dexnudge.errors import InputError, OutputError, check_integer, check_seed
 from dexnudge.experiments.config import ExperimentConfig
-from dexnudge.experiments.learning.clock import StageClock
 from dexnudge.experiments.learning.plan import METHODS, LearningPlan, LearningRates, plan_learning, training_config
 from dexnudge.experiments.learning.rates import measure_rates
 from dexnudge.experiments.learning.report import write_learning_report
@@ -36,6 +38,64 @@ from dexnudge.sampling.sampler import WEIGHTS_FOLDER
 from dexnudge.synthesis.dataset_card import CARD_FILE, write_card
 from dexnudge.synthesis.generate import generate_dataset
 from dexnudge.synthesis.object_data import GenerationConfig
+
+EVERY = 5.0  # [s] between writes: what a kill can hide
+
+
+class StageClock:
+    """Counts the seconds of stages in a file.
+
+    Attributes:
+        seconds: of each stage so far, in the order in which they began.
+    """
+
+    def __init__(self, path: Path) -> None:
+        self._path = path
+        self.seconds: dict[str, float] = {}
+        self._running: tuple[str, float] | None = None
+        with suppress(OSError, ValueError):  # there is none yet, or a failing disk has lost what is no result
+            self.seconds = {str(name): float(value) for name, value in json.loads(path.read_text("utf-8")).items()}
+
+    @property
+    def total(self) -> float:
+        """Seconds of all stages until now."""
+        self._count()
+        return sum(self.seconds.values())
+
+    @contextmanager
+    def stage(self, name: str) -> Iterator[None]:
+        """Count the seconds of the block to a stage."""
+        ended = threading.Event()
+        self._running = (name, self.seconds.get(name, 0.0) - time.monotonic())
+
+        self._count()
+
+        def count() -> None:
+            self._count()
+            with replace_atomically(self._path) as temporary:
+                temporary.write_text(json.dumps(self.seconds, indent=2) + "\n", encoding="utf-8")
+
+        def count_on() -> None:
+            while not ended.wait(EVERY):
+                with suppress(OutputError):  # the stage itself says that the disk is full
+                    count()
+
+        counter = threading.Thread(target=count_on, daemon=True)
+        counter.start()
+        try:
+            yield
+        finally:
+            ended.set()
+            counter.join()
+            with suppress(OutputError):
+                count()
+            self._running = None
+
+    def _count(self) -> None:
+        if self._running:
+            name, before = self._running
+            self.seconds[name] = before + time.monotonic()
+
 
 FOLDER, PLAN, CLOCK = "learning", "plan.json", "clock.json"
 DATA, TRAINING, EVALUATION = "data", "training", "evaluation"

@@ -3,7 +3,7 @@
 import numpy as np
 import trimesh
 
-from dexnudge.geometry.isosurface import isosurface
+from dexnudge.perception.fusion import isosurface
 
 
 def test_a_sphere_has_its_volume_and_faces_outward():

@@ -3,7 +3,7 @@
 import numpy as np
 import pytest
 
-from dexnudge.geometry.prism import outline_area, prism, smallest_rectangle
+from dexnudge.perception.masked_object import prism, smallest_rectangle
 
 
 def test_a_prism_is_closed_and_outward_whichever_way_its_outline_runs():
@@ -24,4 +24,4 @@ def test_the_smallest_rectangle_of_a_turned_one_is_itself():
     assert np.linalg.norm(outline - corner, axis=1).min() < 1e-12
     np.testing.assert_allclose(corner + sides / 2 @ axes, outline.mean(axis=0))
     along_x = smallest_rectangle(outline, [np.array([1.0, 0.0])])[1]
-    assert along_x.prod() > outline_area(outline) == pytest.approx(0.1 * 0.05)
+    assert along_x.prod() > 0.1 * 0.05
