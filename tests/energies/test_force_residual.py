@@ -1,11 +1,21 @@
 """The residual of the force balance against SciPy's non-negative least squares, which shares no code with it."""
 
+from dataclasses import replace
+
 import numpy as np
 import pytest
 import torch
+import trimesh
 from scipy.optimize import nnls
 
 from dexnudge.energies.force_residual import ForceResidual, SlidingBalance, support_wrenches
+from dexnudge.mechanics.balance import balance_problem, solve_balance
+from dexnudge.mechanics.contacts import HandContacts, moved_contacts
+from dexnudge.mechanics.sliding_task import sliding_task
+from dexnudge.sampling.problem import FRICTION_MARGIN, prepare
+from dexnudge.scenes.families import build_scene
+from dexnudge.scenes.motion import Turn
+from dexnudge.scenes.support_contacts import support_contacts
 
 HALF_LENGTH = 0.08  # [m]
 FRICTION_HAND, FRICTION_ENVIRONMENT = 0.8, 0.4
@@ -23,33 +33,39 @@ def corners(count: int) -> np.ndarray:
 def balance(*, supports: int = 4, max_normal: float = UNBOUNDED) -> SlidingBalance:
     """The block slides along x on its first few corners."""
     points = torch.as_tensor(corners(supports), dtype=torch.float32).reshape(-1, 3)
-    normals = torch.tensor([[0.0, 0.0, 1.0]]).repeat(supports, 1)
-    motion, centre = torch.tensor([1.0, 0.0, 0.0]), torch.zeros(3)
+    forces = torch.tensor([[-FRICTION_ENVIRONMENT, 0.0, 1.0]]).repeat(supports, 1)
     return SlidingBalance(
-        centre_of_mass=centre,
+        centre_of_mass=torch.zeros(3),
         half_length=HALF_LENGTH,
-        support_wrenches=support_wrenches(points, normals, motion, centre, HALF_LENGTH, FRICTION_ENVIRONMENT),
+        support_wrenches=support_wrenches(points, forces, torch.zeros(3), HALF_LENGTH),
         gravity=torch.as_tensor(DOWN, dtype=torch.float32),
         friction_hand=FRICTION_HAND,
         max_normal=max_normal,
     )
 
 
-def wrench(point: np.ndarray, force: np.ndarray) -> np.ndarray:
-    return np.concatenate([force, np.cross(point, force) / HALF_LENGTH])
+def wrench(point: np.ndarray, force: np.ndarray, half_length: float = HALF_LENGTH) -> np.ndarray:
+    return np.concatenate([force, np.cross(point, force) / half_length])
 
 
-def columns(points: np.ndarray, normals: np.ndarray, supports: int) -> np.ndarray:
-    """Edge by edge in double precision: the eight edges of each contact's pyramid, and the sliding supports."""
+def hand_columns(
+    points: np.ndarray, normals: np.ndarray, half_length: float = HALF_LENGTH, friction: float = FRICTION_HAND
+) -> np.ndarray:
+    """Edge by edge in double precision: the eight edges of each contact's pyramid."""
     found = []
     for point, normal in zip(points, normals, strict=True):
         helper = np.asarray([0.0, 1.0, 0.0]) if abs(normal[0]) > 0.7 else np.asarray([1.0, 0.0, 0.0])
         one = np.cross(normal, helper) / np.linalg.norm(np.cross(normal, helper))
         two = np.cross(normal, one)
         tangents = [np.cos(angle) * one + np.sin(angle) * two for angle in np.arange(8) * np.pi / 4]
-        found += [wrench(point, -normal + FRICTION_HAND * tangent) for tangent in tangents]
-    found += [wrench(point, np.asarray([-FRICTION_ENVIRONMENT, 0.0, 1.0])) for point in corners(supports)]
-    return np.stack(found, axis=1)
+        found += [wrench(point, -normal + friction * tangent, half_length) for tangent in tangents]
+    return np.reshape(found, (-1, 6)).T
+
+
+def columns(points: np.ndarray, normals: np.ndarray, supports: int) -> np.ndarray:
+    """The contacts' edges and the sliding supports."""
+    sliding = [wrench(point, np.asarray([-FRICTION_ENVIRONMENT, 0.0, 1.0])) for point in corners(supports)]
+    return np.concatenate([hand_columns(points, normals), np.stack(sliding, axis=1)], axis=1)
 
 
 def optimum(points: np.ndarray, normals: np.ndarray, supports: int) -> float:
@@ -65,8 +81,8 @@ def random_contacts(batch: int, seed: int) -> tuple[np.ndarray, np.ndarray]:
     return points, normals / np.linalg.norm(normals, axis=2, keepdims=True)
 
 
-def solved(points, normals, model: SlidingBalance, *, active=None, sweeps: int = SWEEPS) -> ForceResidual:
-    force = ForceResidual(model, torch.ones(len(points), dtype=torch.int32), points.shape[1])
+def solved(points, normals, *models: SlidingBalance, active=None, sweeps: int = SWEEPS) -> ForceResidual:
+    force = ForceResidual(models, torch.ones(len(points), dtype=torch.int32), points.shape[1])
     counted = torch.ones(points.shape[:2]) if active is None else active
     force(
         torch.as_tensor(points, dtype=torch.float32),
@@ -144,3 +160,69 @@ def test_few_warm_sweeps_reach_what_many_cold_ones_do():
     for _ in range(SWEEPS // 12):
         force(*inputs, sweeps=12)
     torch.testing.assert_close(force.residual, solved(points, normals, balance()).residual, atol=1e-3, rtol=0.0)
+
+
+def turning_scene(*, slide: float):
+    """A phone on a table that turns by 30 degrees in place, and then slides or does not."""
+    scene = build_scene("table", "phone", seed=0)
+    turn = Turn(np.pi / 6, np.array([0.0, 0.0, 1.0]), scene.object_in_world().bounds.mean(axis=0))
+    return replace(scene, turn=turn, motion_length=slide)
+
+
+def on_top_and_around(scene, batch: int, seed: int) -> tuple[np.ndarray, np.ndarray]:
+    """Contacts on the phone's surface; world."""
+    mesh = scene.object_in_world()
+    generator = np.random.default_rng(seed)
+    points, faces = trimesh.sample.sample_surface(mesh, batch * CONTACTS, seed=int(generator.integers(1000)))
+    return np.asarray(points).reshape(batch, CONTACTS, 3), mesh.face_normals[faces].reshape(batch, CONTACTS, 3)
+
+
+@pytest.mark.parametrize("slide", [0.0, 0.05])
+def test_where_forces_turn_the_object_nothing_remains_and_elsewhere_something_does(slide):
+    """HiGHS decides, stage by stage, at the friction that is asked for; its contacts are carried along."""
+    scene = turning_scene(slide=slide)
+    points, normals = on_top_and_around(scene, 24, seed=1)
+    motion, feasible = scene.object_motion, np.ones(len(points), dtype=bool)
+    for way in motion.beginnings:
+        there, T = scene.carried(way), motion.displacement(way)
+        supports, task = support_contacts(there), sliding_task(there)
+        for row in range(len(points)):
+            contacts = HandContacts(points=points[row], normals=normals[row], link=np.arange(CONTACTS))
+            problem = balance_problem(moved_contacts(contacts, T), supports, task)
+            feasible[row] &= solve_balance(problem, factor=FRICTION_MARGIN) is not None
+    T_canonical_world = np.linalg.inv(prepare(scene).T_world_canonical)
+    rotation, translation = T_canonical_world[:3, :3], T_canonical_world[:3, 3]
+    found = solved(points @ rotation.T + translation, normals @ rotation.T, *prepare(scene).balances).residual.numpy()
+    assert 4 <= feasible.sum() <= len(points) - 4
+    assert found[feasible].max() < 0.02
+    assert found[~feasible].min() > 0.02
+
+
+def test_the_gradient_of_a_turn_and_a_slide_equals_finite_differences_of_both():
+    scene = turning_scene(slide=0.05)
+    problem = prepare(scene)
+    assert len(problem.balances) == 2
+    T = np.linalg.inv(problem.T_world_canonical)
+    points, normals = on_top_and_around(scene, 8, seed=2)
+    points, normals = points @ T[:3, :3].T + T[:3, 3], normals @ T[:3, :3].T
+    # Fingers so slippery that pressing never moves the object: something remains, and no force grows without end.
+    unbounded = [replace(each, max_normal=UNBOUNDED, friction_hand=0.2) for each in problem.balances]
+    force = solved(points, normals, *unbounded)
+
+    def energy(points, normals):
+        total = 0.0
+        for each in unbounded:
+            centre = each.centre_of_mass.double().numpy()
+            hand = hand_columns((points - centre), normals, each.half_length, each.friction_hand)
+            every = np.concatenate([hand, each.support_wrenches.double().numpy().T], axis=1)
+            total += 0.5 * nnls(every, -np.concatenate([each.gravity.numpy(), np.zeros(3)]))[1] ** 2
+        return total
+
+    slopes, step = np.zeros_like(points), 1.0e-5
+    for place in np.ndindex(*points.shape):
+        shifted = [points[place[0]].copy() for _ in range(2)]
+        for sign, moved in zip((1, -1), shifted, strict=True):
+            moved[place[1:]] += sign * step
+        slopes[place] = (energy(shifted[0], normals[place[0]]) - energy(shifted[1], normals[place[0]])) / (2 * step)
+    assert np.abs(slopes).max() > 0.1
+    np.testing.assert_allclose(force.gradient.numpy(), slopes, atol=0.02 * np.abs(slopes).max())

@@ -24,9 +24,11 @@ from dexnudge.geometry.distance_grid import DistanceGrid, distance_grid
 from dexnudge.geometry.exact_distance import ExactDistance
 from dexnudge.geometry.transforms import matrix_to_rotation_6d, rotation_vector_to_matrix
 from dexnudge.hands.named.shadow_lite import shadow_lite
+from dexnudge.scenes.motion import Motion
 
 BATCH = 4
 WAY = np.array([0.1, 0.0, 0.0])  # [m] of the motion
+MOTION = Motion(None, WAY / 0.1, 0.1)
 WEIGHTS = TermWeights(
     environment=1.0,
     object=2.0,
@@ -79,7 +81,7 @@ class NaiveEnergy:
         self.far = distance_grid(around, lower - FAR_REACH, upper + FAR_REACH, cell=FAR_CELL)
         self.links = [_link_grid(hand, link, "cpu") for link in range(len(hand.link_names))]
         self.swept_near, self.swept_far = swept_grid(self.near, WAY, around=self.far), swept_grid(self.far, WAY)
-        fields = build_guided_fields(object_mesh, environment_mesh, guiding=False, displacement=WAY)[0]
+        fields = build_guided_fields(object_mesh, environment_mesh, guiding=False, motion=MOTION)[0]
         self.fields = fields
         self.fixed = {
             "object": torch.as_tensor(fields.object_points.numpy(), dtype=torch.float64),

@@ -19,7 +19,7 @@ def balance():
 
 def residual(balance, points: np.ndarray, normals: np.ndarray) -> float:
     """Of three contacts; normals point out of the object."""
-    force = ForceResidual(balance, torch.ones(1, dtype=torch.int32), len(points))
+    force = ForceResidual((balance,), torch.ones(1, dtype=torch.int32), len(points))
     arrays = [torch.as_tensor(values[None], dtype=torch.float32) for values in (points, normals)]
     force(*arrays, torch.ones(1, len(points)), sweeps=4000)
     return float(force.residual[0])

@@ -247,7 +247,7 @@ def test_limits_and_couplings_pull_joint_angles_back(hand, problem, starts):
 
 def balanced_step(make_step, hand, problem, use, weight: float) -> ReverseStep:
     weights = replace(WEIGHTS, force=weight)
-    energy = HandEnergy(hand, problem.guiding_fields, BATCH, weights, balance=problem.balance)
+    energy = HandEnergy(hand, problem.guiding_fields, BATCH, weights, balances=problem.balances)
     return replace(make_step(use=use, t=20, t_previous=-1), energy=energy)
 
 
@@ -272,7 +272,7 @@ def test_descent_with_the_force_balance_ends_nearer_to_it(make_step, hand, probl
             clean = hand.clamp(prior.denormalise(rule(step)))
         step.energy.contact_weight[:, tips] = 1.0
         step.energy(pose_from_configuration(clean))
-        judge = ForceResidual(problem.balance, torch.ones(BATCH, dtype=torch.int32), len(tips))
+        judge = ForceResidual(problem.balances, torch.ones(BATCH, dtype=torch.int32), len(tips))
         points, normals = (getattr(step.energy, f"contact_{name}")[:, tips] for name in ("point", "normal"))
         judge(points, normals, torch.ones(BATCH, len(tips)), sweeps=300)
         left[weight] = float(judge.residual.mean())

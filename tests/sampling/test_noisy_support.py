@@ -21,9 +21,9 @@ def test_guidance_balances_on_the_supports_that_verification_sees():
     pose = np.eye(4)
     pose[2, 3] = 0.005
     model = Scene(trimesh.creation.box((0.16, 0.08, 0.01)), floor, pose, np.array([1.0, 0.0, 0.0]))
-    assert prepare(model).balance is None
+    assert prepare(model).balances == ()
     scan = replace(model, surface_noise=0.0005)
-    balance = prepare(scan).balance
+    (balance,) = prepare(scan).balances
     assert balance is not None
     supports = support_contacts(scan)
     assert len(balance.support_wrenches) == len(supports.points) >= 4

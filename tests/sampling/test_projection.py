@@ -123,7 +123,7 @@ def test_the_report_counts_what_happened(hand, projected, starts):
 
 
 def test_without_a_balance_it_projects_all_the_same(hand, problem, starts):
-    q, report = project(hand, replace(problem, balance=None), starts[:4], config=replace(CONFIG, max_steps=40))
+    q, report = project(hand, replace(problem, balances=()), starts[:4], config=replace(CONFIG, max_steps=40))
     assert torch.isfinite(q).all()
     assert (report["force_residual_after"] == 0).all()
 

@@ -10,13 +10,15 @@ import trimesh
 from dexnudge.geometry.exact_distance import ExactDistance
 from dexnudge.geometry.surface_points import object_cloud
 from dexnudge.objects.builtin import builtin_object
-from dexnudge.sampling.problem import PUSHABLE, ROOM, TIP_RADIUS, prepare, pushable_surface
+from dexnudge.sampling.problem import FACING_MOTION, PUSHABLE, ROOM, TIP_RADIUS, prepare, pushable_surface
 from dexnudge.sampling.projection import ProjectionConfig, project
 from dexnudge.sampling.starts import random_start
 from dexnudge.scenes.families import build_scene
+from dexnudge.scenes.motion import Motion, Turn, Twist
 from dexnudge.verification.verdicts import verify
 
 FORWARD = torch.tensor([1.0, 0.0, 0.0])
+SLIDE = [Twist(np.array([1.0, 0.0, 0.0]), np.zeros(3))]
 LENGTH, HEIGHT, EXPOSED = 0.15, 0.01, 0.03  # [m] of the slab, and of what the upper board leaves of it
 
 
@@ -31,7 +33,7 @@ def slot():
 
 def test_places_are_where_a_fingertip_fits_and_does_not_push_back(slot):
     cloud, environment = slot
-    surface = pushable_surface(cloud, FORWARD, environment)
+    surface = pushable_surface(cloud, SLIDE, environment)
     assert len(surface.places) > 0
     assert (environment(surface.places.double().numpy()).distance > ROOM).all()
     exposed = surface.places[:, 0] > 0.075 - EXPOSED - ROOM
@@ -44,17 +46,38 @@ def test_places_are_where_a_fingertip_fits_and_does_not_push_back(slot):
 
 def test_a_contact_that_faces_the_motion_is_idle(slot):
     cloud, environment = slot
-    surface = pushable_surface(cloud, FORWARD, environment)
+    surface = pushable_surface(cloud, SLIDE, environment)
+    points = torch.zeros(1, 4, 3)
     normals = torch.tensor([[[1.0, 0.0, 0.0], [0.0, 0.0, 1.0], [-1.0, 0.0, 0.0], [0.8, 0.0, 0.6]]])
-    assert surface.idle(normals).tolist() == [[True, False, False, True]]
-    assert (
-        not pushable_surface(cloud, FORWARD, ExactDistance(trimesh.creation.box((1.0, 1.0, 1.0)))).idle(normals).any()
+    assert surface.idle(points, normals).tolist() == [[True, False, False, True]]
+    walled_in = pushable_surface(cloud, SLIDE, ExactDistance(trimesh.creation.box((1.0, 1.0, 1.0))))
+    assert not walled_in.idle(points, normals).any()
+
+
+def test_on_a_disk_that_turns_the_whole_rim_can_push_and_bumps_are_idle_where_they_run_ahead():
+    """The rim moves along itself; a face square to it faces the turn by the sine of its angle to the radius."""
+    radius = 0.05
+    disk = trimesh.creation.cylinder(radius, 0.01, sections=256)
+    turn = Turn(np.pi / 2, np.array([0.0, 0.0, 1.0]), np.zeros(3))
+    surface = pushable_surface(
+        object_cloud(disk),
+        Motion(turn, np.array([1.0, 0.0, 0.0]), 0.0, radius).beginning_twists,
+        ExactDistance(trimesh.creation.box((1.0, 1.0, 0.02)).apply_translation((0.0, 0.0, -0.015))),
     )
+    places = surface.places[surface.places[:, 2].abs() < 0.004]
+    bearings = torch.atan2(places[:, 1], places[:, 0])
+    assert torch.histc(bearings, bins=12, min=-np.pi, max=np.pi).min() > 0, "all around"
+    bearing = torch.linspace(0.0, 2 * np.pi, 33)[:-1]
+    points = radius * torch.stack([bearing.cos(), bearing.sin(), torch.zeros_like(bearing)], dim=1)[:, None]
+    for lean in (0.0, 0.4, 0.6, -0.6, np.pi / 2):  # of the normal from the radius towards the turn [rad]
+        normals = torch.stack([(bearing + lean).cos(), (bearing + lean).sin(), torch.zeros_like(bearing)], dim=1)
+        assert surface.idle(points, normals[:, None]).all() == (np.sin(lean) > FACING_MOTION)
+        assert surface.idle(points, normals[:, None]).any() == (np.sin(lean) > FACING_MOTION)
 
 
 def test_the_nearest_place_of_a_fingertip_in_front_is_on_the_exposed_end(slot):
     cloud, environment = slot
-    surface = pushable_surface(cloud, FORWARD, environment)
+    surface = pushable_surface(cloud, SLIDE, environment)
     touching = torch.tensor([[[LENGTH / 2, 0.0, 0.0]]])
     place = surface.nearest(touching, FORWARD.expand(1, 1, 3))[0, 0]
     distance = (surface.places - (touching[0, 0] + TIP_RADIUS * FORWARD)).norm(dim=1)

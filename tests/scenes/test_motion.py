@@ -7,7 +7,7 @@ import pytest
 import trimesh
 
 from dexnudge.errors import SceneError
-from dexnudge.scenes.motion import Turn
+from dexnudge.scenes.motion import Motion, Turn
 from dexnudge.scenes.scene import Scene
 
 UP = np.array([0.0, 0.0, 1.0])
@@ -106,5 +106,27 @@ def test_an_axis_out_of_reach_is_refused(scene: Scene) -> None:
 
 
 def test_a_motion_of_no_length_needs_a_turn(scene: Scene) -> None:
-    with pytest.raises(SceneError, match=r"`motion_length` is 0; expected a finite number > 0"):
+    with pytest.raises(SceneError, match=r"`motion_length` is 0.0; expected a finite number > 0"):
         Scene(scene.object_mesh, scene.environment_mesh, scene.T_world_object, scene.motion, motion_length=0.0)
+
+
+def test_a_motion_seen_from_another_frame_moves_the_same_points_alike():
+    motion = Motion(
+        Turn(0.7, np.array([0.2, 0.1, 1.0]), np.array([0.1, -0.2, 0.3])), np.array([0.6, 0.8, 0.0]), 0.05, 0.1
+    )
+    T = Turn(1.1, np.array([1.0, 2.0, 3.0]), np.array([0.3, 0.2, 0.1])).transform(0.9)
+    for way in (0.0, 0.03, motion.turn_length, motion.length):
+        expected = T @ motion.displacement(way) @ np.linalg.inv(T)
+        np.testing.assert_allclose(motion.moved(T).displacement(way), expected, atol=1e-12)
+
+
+def test_beginning_twists_are_velocities_of_the_object_as_it_lies():
+    """Of a point that is carried to where the slide begins and back: by finite differences."""
+    motion = Motion(
+        Turn(0.7, np.array([0.0, 0.0, 1.0]), np.array([0.1, -0.2, 0.0])), np.array([1.0, 0.0, 0.0]), 0.05, 0.1
+    )
+    place, step = np.array([0.15, 0.02, 0.01, 1.0]), 1e-6
+    for way, twist in zip(motion.beginnings, motion.beginning_twists, strict=True):
+        here, there = motion.displacement(way), motion.displacement(way + step)
+        velocity = (np.linalg.inv(here) @ there @ place - place)[:3] / step
+        np.testing.assert_allclose(twist.velocity(place[:3]), velocity, atol=1e-4)

@@ -1,6 +1,6 @@
 """Energy and gradient of a batch of hands in one scene: the fused kernel's terms, and the user's beside them."""
 
-from collections.abc import Callable
+from collections.abc import Callable, Sequence
 from concurrent.futures import ThreadPoolExecutor
 from itertools import pairwise
 
@@ -33,7 +33,7 @@ class HandEnergy:
         weights: of the kernel's terms; the defaults of `TermWeights` if left out.
         device: of Warp and torch.
         terms: the user's terms; may be replaced, or switched off by None, between calls.
-        balance: what the contacts of the fingertips must do, for `balance_forces`; None without.
+        balances: what the contacts of the fingertips must do, for `balance_forces`.
         clearance: distance that the hand keeps from the environment [m]; the clearances of the weights begin there.
 
     Attributes (overwritten by the next call; `active`, `contact_weight`, `target` and `target_weight` are to be set):
@@ -73,7 +73,7 @@ class HandEnergy:
         *,
         device: str = "cpu",
         terms: TermEnergy | None = None,
-        balance: SlidingBalance | None = None,
+        balances: Sequence[SlidingBalance] = (),
         clearance: float = 0.0,
     ) -> None:
         self.hand, self.scene, self.batch, self.device, self.terms = hand, scene, batch, device, terms
@@ -92,7 +92,7 @@ class HandEnergy:
             setattr(self._state, name, wp.from_torch(tensor, dtype=kind))
         self.active.fill_(1)
         tips = hand.fingertip_indices
-        self.force = ForceResidual(balance, self.active, len(tips), device=device) if balance is not None else None
+        self.force = ForceResidual(balances, self.active, len(tips), device=device) if balances else None
         self.term_energy = torch.zeros(batch, device=device)
         self.set_weights(weights or TermWeights())
         self._fingertips = wp.array(tips, dtype=wp.int32, device=device)

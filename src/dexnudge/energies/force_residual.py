@@ -1,16 +1,17 @@
-"""How far contact forces are from sliding the object along its motion, and where the contacts should go instead.
+"""How far contact forces are from moving the object along its motion, and where the contacts should go instead.
 
 For each hand the residual of the quasi-static balance is the distance between what contacts and supports can exert and
 what the motion needs,
 
     E = min over 0 <= lambda of  1/2 | A lambda + g |^2 ,   normal force of each link <= its limit,
 
-A the wrenches of the friction cones' edges and of the sliding supports, g gravity's wrench, all in units of the object's
+A the wrenches of the friction cones' edges and of the supports, g gravity's wrench, all in units of the object's
 weight, torques over half of the object's length. By the envelope theorem dE/dc = f x r_torque / half_length for a contact
 at c with force f: no differentiation of the solver. Solved by cyclic coordinate descent, each coordinate exactly, warm
 from the last call. It guides, with one contact per link; verification has a balance of its own.
 """
 
+from collections.abc import Sequence
 from dataclasses import dataclass
 
 import torch
@@ -30,7 +31,8 @@ class SlidingBalance:
 
     Attributes:
         centre_of_mass: [m]. half_length: half of the object's longest side [m].
-        support_wrenches: (s, 6) wrench of each sliding support per unit normal force, at the friction that is asked for.
+        support_wrenches: (s, 6) wrenches per unit normal force, at the friction that is asked for: one of each support that
+            slides, 8 of each that stands.
         gravity: (3,) unit vector. friction_hand: coefficient. max_normal: largest normal force of a link over the weight.
     """
 
@@ -141,44 +143,36 @@ def solve_balance(
 
 
 def support_wrenches(
-    points: Float[Tensor, "s 3"],
-    normals: Float[Tensor, "s 3"],
-    motion: Float[Tensor, " 3"],
-    centre_of_mass: Float[Tensor, " 3"],
-    half_length: float,
-    friction: float,
+    points: Float[Tensor, "s 3"], forces: Float[Tensor, "s 3"], centre_of_mass: Float[Tensor, " 3"], half_length: float
 ) -> Float[Tensor, "s 6"]:
-    """Return force n - friction * t and its torque for each support that slides along the motion in direction t."""
-    sliding = motion - (normals @ motion)[:, None] * normals
-    force = normals - friction * torch.nn.functional.normalize(sliding, dim=1)
-    torque = torch.linalg.cross((points - centre_of_mass) / half_length, force)
-    return torch.cat([force, torque], dim=1)
+    """Return the wrenches of the supports' forces at `points` [m]."""
+    torque = torch.linalg.cross((points - centre_of_mass) / half_length, forces)
+    return torch.cat([forces, torque], dim=1)
 
 
 class ForceResidual:
-    """Solves the balance of a batch of hands; keeps the multipliers between calls.
+    """Solves the balances of a batch of hands; keeps the multipliers between calls.
+
+    Where there are several balances, as of a motion that turns and then slides, each has forces of its own at the same
+    contacts, and E is the sum.
 
     Attributes:
-        residual: (batch,) distance to balance [weights of the object].
+        residual: (batch,) distance to balance [weights of the object]; of several the root of the sum of squares.
         gradient: (batch, contact, 3) of E in the contacts' positions [1/m].
         active: (batch,) as given: a hand with 0 is skipped and keeps the results of its last call.
     """
 
     def __init__(
-        self, balance: SlidingBalance, active: Int[Tensor, " batch"], contacts: int, *, device: str = "cpu"
+        self, balances: Sequence[SlidingBalance], active: Int[Tensor, " batch"], contacts: int, *, device: str = "cpu"
     ) -> None:
-        self.balance, self.active, self.device = balance, active, device
-        batch, columns = len(active), contacts * CONE_EDGES
-        self._multipliers = torch.zeros(batch, columns + len(balance.support_wrenches), device=device)
-        self._residual = torch.zeros(batch, 6, device=device)
-        self.gradient = torch.zeros(batch, contacts, 3, device=device)
-        self._columns = wp.zeros((batch, columns), dtype=Vector6, device=device)
-        self._support = wp.from_torch(balance.support_wrenches.contiguous().to(device), dtype=Vector6)
+        self.active = active
+        self._stages = [_Stage(balance, len(active), contacts, device=device) for balance in balances]
+        self.gradient = torch.zeros(len(active), contacts, 3, device=device)
 
     @property
     def residual(self) -> Float[Tensor, " batch"]:
         """Length of the residual wrench [weights of the object]."""
-        return self._residual.norm(dim=1)
+        return torch.cat([stage.residual for stage in self._stages], dim=1).norm(dim=1)
 
     def __call__(
         self,
@@ -189,15 +183,36 @@ class ForceResidual:
         sweeps: int,
     ) -> None:
         """Update `residual` and `gradient`; `normals` point out of the object, `counts` is 1 where a contact counts."""
+        contacts = (
+            wp.from_torch(self.active),
+            wp.from_torch(points.contiguous(), dtype=wp.vec3),
+            wp.from_torch(normals.contiguous(), dtype=wp.vec3),
+            wp.from_torch(counts.contiguous()),
+        )
+        for stage in self._stages:
+            stage.solve(contacts, sweeps=sweeps)
+        self.gradient = torch.stack([stage.gradient for stage in self._stages]).sum(dim=0)
+
+
+class _Stage:
+    """One balance of a batch of hands, its multipliers, residual wrenches and gradient."""
+
+    def __init__(self, balance: SlidingBalance, batch: int, contacts: int, *, device: str) -> None:
+        columns = contacts * CONE_EDGES
+        self.balance, self.device = balance, device
+        self.multipliers = torch.zeros(batch, columns + len(balance.support_wrenches), device=device)
+        self.residual = torch.zeros(batch, 6, device=device)
+        self.gradient = torch.zeros(batch, contacts, 3, device=device)
+        self._columns = wp.zeros((batch, columns), dtype=Vector6, device=device)
+        self._support = wp.from_torch(balance.support_wrenches.contiguous().to(device), dtype=Vector6)
+
+    def solve(self, contacts: tuple[wp.array, ...], *, sweeps: int) -> None:
         balance = self.balance
         wp.launch(
             solve_balance,
-            dim=len(self.active),
+            dim=len(self.residual),
             inputs=[
-                wp.from_torch(self.active),
-                wp.from_torch(points.contiguous(), dtype=wp.vec3),
-                wp.from_torch(normals.contiguous(), dtype=wp.vec3),
-                wp.from_torch(counts.contiguous()),
+                *contacts,
                 self._support,
                 wp.vec3(*balance.gravity.tolist()),
                 wp.vec3(*balance.centre_of_mass.tolist()),
@@ -206,8 +221,8 @@ class ForceResidual:
                 balance.max_normal,
                 sweeps,
                 self._columns,
-                wp.from_torch(self._multipliers),
-                wp.from_torch(self._residual, dtype=Vector6),
+                wp.from_torch(self.multipliers),
+                wp.from_torch(self.residual, dtype=Vector6),
                 wp.from_torch(self.gradient, dtype=wp.vec3),
             ],
             device=self.device,

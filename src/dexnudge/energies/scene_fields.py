@@ -5,6 +5,7 @@ import trimesh
 from jaxtyping import Float
 from scipy.ndimage import map_coordinates, minimum_filter1d
 
+from dexnudge.energies.carried_grid import carried_grid
 from dexnudge.energies.grid_kernel import pack_grids
 from dexnudge.energies.hand_model import cluster_points
 from dexnudge.energies.kernel_structs import SceneFields
@@ -13,6 +14,13 @@ from dexnudge.geometry.distance_grid import DistanceGrid, cached_distance_grid, 
 from dexnudge.geometry.exact_distance import ExactDistance
 from dexnudge.geometry.surface_points import surface_points
 from dexnudge.geometry.warp_runtime import WarpStruct
+from dexnudge.scenes.motion import Motion
+
+
+def _swept(grid: DistanceGrid, motion: Motion, *, around: DistanceGrid | None = None) -> DistanceGrid:
+    if motion.turn is not None:
+        return carried_grid(grid, motion, around=around)
+    return swept_grid(grid, motion.slide_length * motion.direction, around=around)
 
 
 def swept_grid(
@@ -77,7 +85,7 @@ def build_guided_fields(
     *,
     device: str = "cpu",
     guiding: bool = True,
-    displacement: Float[np.ndarray, " 3"] | None = None,
+    motion: Motion | None = None,
 ) -> tuple[WarpStruct, WarpStruct]:
     """Return (fields of the scene, the same with occluded space as solid, for guidance); equal without `guiding`.
 
@@ -86,8 +94,8 @@ def build_guided_fields(
         environment_mesh: in the same frame; None where there is none.
         device: of Warp.
         guiding: whether the second is wanted.
-        displacement: direction of the motion times its length [m], along an axis of the working frame. With it the
-            environment's grids also stand swept along the motion, for the weight `sweep`.
+        motion: in the working frame, a slide along an axis of it. With it the environment's grids also stand swept along
+            the motion, for the weight `sweep`.
     """
     lower, upper = object_mesh.bounds
     object_grid = cached_distance_grid(
@@ -103,9 +111,9 @@ def build_guided_fields(
             distance_grid(around, lower - padding, upper + padding, cell=cell)
             for padding, cell in ((NEAR_PADDING, NEAR_CELL), (FAR_REACH, FAR_CELL))
         ]
-        if displacement is not None:
+        if motion is not None:
             near, far = environment
-            swept = [swept_grid(near, displacement, around=far), swept_grid(far, displacement)]
+            swept = [_swept(near, motion, around=far), _swept(far, motion)]
         edge_points = sharp_edge_points(environment_mesh, lower - FAR_REACH, upper + FAR_REACH)
         if guiding:
             occluded = [occluded_grid(grid, object_mesh, environment_mesh, around) for grid in environment]

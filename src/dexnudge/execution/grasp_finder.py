@@ -63,7 +63,7 @@ class GraspFinder:
     def find(self, scene: Scene, *, num: int, seed: int) -> tuple[list[Grasp], Counter[str]]:
         """Return the grasps among `num` draws in this scene that hold, best first; the other draws by the reason why not."""
         problem = prepare(scene)
-        problem = replace(problem, balance=holding_balance(problem))
+        problem = replace(problem, balances=(holding_balance(problem),))
         drawn = self._sampler.draw(problem, num=num, seed=seed, method=GRASPS).q.astype(np.float64)
         q = transform_configurations(np.linalg.inv(scene.T_world_object), drawn)
         reasons, contacts = self._touch(scene, q)

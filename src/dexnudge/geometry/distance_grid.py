@@ -1,6 +1,6 @@
 """Signed distances on a grid, by which guidance and projection measure; those of objects are kept on disk."""
 
-from collections.abc import Callable
+from collections.abc import Callable, Sequence
 from concurrent.futures import ThreadPoolExecutor
 from dataclasses import dataclass
 
@@ -46,13 +46,22 @@ def distance_grid(
 ) -> DistanceGrid:
     """Samples the exact distance over the box of `grid_box` [m] with cells of edge `cell` [m]."""
     origin, counts = grid_box(lower, upper, cell=cell)
-    axes = [origin[axis] + cell * np.arange(counts[axis]) for axis in range(3)]
-    corners = np.stack(np.meshgrid(*axes, indexing="ij"), axis=-1).reshape(-1, 3)
+    corners = _corners(origin, counts, cell)
     if exact.closed:
-        values = _signed_by_region(exact, corners.reshape(*counts, 3), cell)
+        values = _signed_by_region(exact, corners, cell)
     else:
-        values = in_threads(lambda points: exact(points).distance, corners).reshape(counts)
+        values = in_threads(lambda points: exact(points).distance, corners.reshape(-1, 3)).reshape(counts)
     return DistanceGrid(values.astype(np.float32), origin, float(cell))
+
+
+def grid_corners(grid: DistanceGrid) -> Float[np.ndarray, "x y z 3"]:
+    """Return the places of a grid's values [m]."""
+    return _corners(grid.origin, grid.values.shape, grid.cell)
+
+
+def _corners(origin: Float[np.ndarray, " 3"], counts: Sequence[int], cell: float) -> Float[np.ndarray, "x y z 3"]:
+    axes = [origin[axis] + cell * np.arange(counts[axis]) for axis in range(3)]
+    return np.stack(np.meshgrid(*axes, indexing="ij"), axis=-1)
 
 
 def _signed_by_region(

@@ -68,7 +68,7 @@ def balance_problem(contacts: HandContacts, supports: SupportContacts, task: Sli
     t = (v - (v.n) n) / |.| and carries N (n - friction_environment t). Of an object that turns on a plane the corners of
     the supports' hull carry it, where friction resists the turn most.
     """
-    force, friction, support, blocked = _support_forces(supports, task)
+    force, friction, support, blocked = support_forces(supports, task)
     arm = supports.points[support]
     edges = friction_cone_edges(contacts.normals, task.twist.direction(contacts.points), friction=task.friction_hand)
     return BalanceProblem(
@@ -83,7 +83,7 @@ def balance_problem(contacts: HandContacts, supports: SupportContacts, task: Sli
     )
 
 
-def _support_forces(
+def support_forces(
     supports: SupportContacts, task: SlidingTask
 ) -> tuple[Float[np.ndarray, "column 3"], Float[np.ndarray, "column 3"], Int[np.ndarray, "column"], bool]:
     """Return unit normal forces, the friction at them, whose they are, and whether a support blocks the motion."""

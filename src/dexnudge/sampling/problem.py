@@ -1,5 +1,6 @@
 """A scene made ready for sampling: its canonical frame, its distance fields and its force balance."""
 
+from collections.abc import Iterable, Sequence
 from dataclasses import dataclass
 
 import numpy as np
@@ -18,9 +19,11 @@ from dexnudge.geometry.surface_points import object_cloud
 from dexnudge.geometry.transforms import canonical_frame, transform_configurations
 from dexnudge.geometry.warp_runtime import WarpStruct
 from dexnudge.hands.hand import Hand
+from dexnudge.mechanics.balance import support_forces
 from dexnudge.mechanics.sliding_task import sliding_task
+from dexnudge.scenes.motion import Twist
 from dexnudge.scenes.scene import Scene
-from dexnudge.scenes.support_contacts import MOTION_TOLERANCE, support_contacts
+from dexnudge.scenes.support_contacts import support_contacts
 
 # Cosines of the object's outward normal and the motion: above the first a contact pushes back more than friction pulls on;
 # up to the second a place is worth going to.
@@ -35,15 +38,18 @@ class PushableSurface:
     """Where a fingertip can push the object: places for its keypoint, frame C; there may be none.
 
     Attributes:
-        motion: unit vector. places: [m], a fingertip's radius above the object's surface.
+        twists: with which the parts of the motion begin, of the object as it lies. places: [m], a fingertip's radius above
+            the object's surface.
     """
 
-    motion: Float[Tensor, " 3"]
+    twists: tuple[Twist, ...]
     places: Float[Tensor, "place 3"]
 
-    def idle(self, normals: Float[Tensor, "batch digit 3"]) -> Bool[Tensor, "batch digit"]:
+    def idle(
+        self, points: Float[Tensor, "batch digit 3"], normals: Float[Tensor, "batch digit 3"]
+    ) -> Bool[Tensor, "batch digit"]:
         """Return which contacts face the motion, by the object's outward normals; none where there is no better place."""
-        return (normals @ self.motion > FACING_MOTION) & bool(len(self.places))
+        return (facing(self.twists, points, normals) > FACING_MOTION) & bool(len(self.places))
 
     def nearest(
         self, points: Float[Tensor, "batch digit 3"], normals: Float[Tensor, "batch digit 3"]
@@ -55,17 +61,26 @@ class PushableSurface:
         return self.places[torch.cdist(here, self.places).argmin(dim=1)].view(points.shape)
 
 
+def facing(
+    twists: Iterable[Twist], points: Float[Tensor, "*batch 3"], normals: Float[Tensor, "*batch 3"]
+) -> Float[Tensor, "*batch"]:
+    """Return the greatest cosine between the object's outward normal at a point and the velocity of that point."""
+    cosines = [(normals * _tensor(twist.direction(points.numpy()))).sum(dim=-1) for twist in twists]
+    return torch.stack(cosines).amax(dim=0)
+
+
 def pushable_surface(
-    cloud: Float[Tensor, "point 6"], motion: Float[Tensor, " 3"], environment: ExactDistance, *, clearance: float = 0.0
+    cloud: Float[Tensor, "point 6"], twists: Sequence[Twist], environment: ExactDistance, *, clearance: float = 0.0
 ) -> PushableSurface:
     """Return where on the object a fingertip fits and can push, from its points and outward normals [m]; one frame.
 
-    clearance: that the fingertip keeps from the environment [m].
+    twists: as in `PushableSurface`. clearance: that the fingertip keeps from the environment [m].
     """
     points, normals = cloud[:, :3], cloud[:, 3:]
     places = points + TIP_RADIUS * normals
     room = torch.as_tensor(environment(places.double().numpy()).distance)
-    return PushableSurface(motion, places[(normals @ motion < PUSHABLE) & (room > ROOM + clearance)])
+    useful = (facing(twists, points, normals) < PUSHABLE) & (room > ROOM + clearance)
+    return PushableSurface(tuple(twists), places[useful])
 
 
 @dataclass(frozen=True)
@@ -76,7 +91,8 @@ class SamplingProblem:
         T_world_canonical: frame C in the world.
         fields: distance grids of object and environment for the fused kernel.
         guiding_fields: the same, with occluded space as solid (see `occlusion`).
-        balance: the force balance to reach; None when nothing supports the object or its supports block the motion.
+        balances: the force balances to reach, where the parts of the motion begin; none when nothing supports the object or
+            its supports block the motion.
         cloud: (1024, 6) points [m] and outward normals of the object.
         pushable: where on the object a fingertip can push for the motion.
         object_mesh: in frame C.
@@ -87,7 +103,7 @@ class SamplingProblem:
     T_world_canonical: Float[np.ndarray, "4 4"]
     fields: WarpStruct
     guiding_fields: WarpStruct
-    balance: SlidingBalance | None
+    balances: tuple[SlidingBalance, ...]
     cloud: Float[Tensor, "point 6"]
     pushable: PushableSurface
     object_mesh: trimesh.Trimesh
@@ -102,7 +118,7 @@ class SamplingProblem:
             batch,
             weights,
             terms=terms,
-            balance=self.balance,
+            balances=self.balances,
             clearance=self.scene.clearance,
         )
 
@@ -112,56 +128,58 @@ class SamplingProblem:
 
 
 def prepare(scene: Scene, *, device: str = "cpu") -> SamplingProblem:
-    """Make a scene ready: fields, balance and pushable surface in its canonical frame."""
+    """Make a scene ready: fields, balances and pushable surface in its canonical frame."""
     T_world_canonical = canonical_frame(scene.object_in_world(), scene.motion)
     T_canonical_world = np.linalg.inv(T_world_canonical)
     object_mesh = scene.object_in_world()
     object_mesh.apply_transform(T_canonical_world)
     environment_mesh = scene.environment_mesh.copy()
     environment_mesh.apply_transform(T_canonical_world)
-    motion = T_canonical_world[:3, :3] @ scene.motion
-    fields, guiding_fields = build_guided_fields(
-        object_mesh, environment_mesh, device=device, displacement=scene.motion_length * motion
-    )
+    motion = scene.object_motion.moved(T_canonical_world)
+    fields, guiding_fields = build_guided_fields(object_mesh, environment_mesh, device=device, motion=motion)
     cloud = object_cloud(object_mesh)
+    environment = ExactDistance(environment_mesh, device=device)
     return SamplingProblem(
         scene=scene,
         T_world_canonical=T_world_canonical,
         fields=fields,
         guiding_fields=guiding_fields,
-        balance=_balance(scene, T_canonical_world),
+        balances=_balances(scene, T_canonical_world),
         cloud=cloud,
-        pushable=pushable_surface(
-            cloud, _tensor(motion), ExactDistance(environment_mesh, device=device), clearance=scene.clearance
-        ),
+        pushable=pushable_surface(cloud, motion.beginning_twists, environment, clearance=scene.clearance),
         object_mesh=object_mesh,
     )
 
 
-def _balance(scene: Scene, T_canonical_world: Float[np.ndarray, "4 4"]) -> SlidingBalance | None:
-    supports, task = support_contacts(scene), sliding_task(scene)
-    along = supports.normals @ scene.motion
-    sliding = np.abs(along) <= MOTION_TOLERANCE
-    if not sliding.any() or (along < -MOTION_TOLERANCE).any():
-        return None
-    rotation, translation = T_canonical_world[:3, :3], T_canonical_world[:3, 3]
-    centre = _tensor(rotation @ task.centre + translation)
-    wrenches = support_wrenches(
-        _tensor(supports.points[sliding] @ rotation.T + translation),
-        _tensor(supports.normals[sliding] @ rotation.T),
-        _tensor(rotation @ scene.motion),
-        centre,
-        task.half_length,
-        FRICTION_MARGIN * task.friction_environment,
-    )
-    return SlidingBalance(
-        centre_of_mass=centre,
-        half_length=task.half_length,
-        support_wrenches=wrenches,
-        gravity=_tensor(rotation @ np.asarray([0.0, 0.0, -1.0])),
-        friction_hand=task.friction_hand,
-        max_normal=task.max_normal_force / task.weight,
-    )
+def _balances(scene: Scene, T_canonical_world: Float[np.ndarray, "4 4"]) -> tuple[SlidingBalance, ...]:
+    """Return the balance where each part of the motion begins, as the hand sees it that is carried along; frame C."""
+    motion, found = scene.object_motion, []
+    for way in motion.beginnings:
+        there = scene.carried(way) if way else scene
+        T = T_canonical_world @ np.linalg.inv(motion.displacement(way)) if way else T_canonical_world
+        supports, task = support_contacts(there), sliding_task(there)
+        normals, friction, support, blocked = support_forces(supports, task)
+        if blocked or not len(support):
+            return ()
+        rotation, translation = T[:3, :3], T[:3, 3]
+        centre = _tensor(rotation @ task.centre + translation)
+        forces = normals + FRICTION_MARGIN * friction
+        wrenches = support_wrenches(
+            _tensor(supports.points[support] @ rotation.T + translation),
+            _tensor(forces @ rotation.T),
+            centre,
+            task.half_length,
+        )
+        balance = SlidingBalance(
+            centre_of_mass=centre,
+            half_length=task.half_length,
+            support_wrenches=wrenches,
+            gravity=_tensor(rotation @ np.asarray([0.0, 0.0, -1.0])),
+            friction_hand=task.friction_hand,
+            max_normal=task.max_normal_force / task.weight,
+        )
+        found.append(balance)
+    return tuple(found)
 
 
 def _tensor(values: np.ndarray) -> Tensor:

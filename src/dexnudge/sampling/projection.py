@@ -109,11 +109,12 @@ def project(
             balanced = residual < config.force_tolerance
             if step == 0:
                 residual_before = residual.clone()
-            near, normals = energy.contact_weight[:, tips] > 0, energy.contact_normal[:, tips]
-            idle = problem.pushable.idle(normals) & near & ~balanced[:, None] & (step < config.idle_steps)
+            near, points = energy.contact_weight[:, tips] > 0, energy.contact_point[:, tips]
+            normals = energy.contact_normal[:, tips]
+            idle = problem.pushable.idle(points, normals) & near & ~balanced[:, None] & (step < config.idle_steps)
             energy.target_weight[:, tips] = idle.float()
             if idle.any():
-                energy.target[:, tips] = problem.pushable.nearest(energy.contact_point[:, tips], normals)
+                energy.target[:, tips] = problem.pushable.nearest(points, normals)
         if energy.terms is not None:
             settled = settling(energy.term_energy)
         clean = energy.depth.amax(dim=(1, 2)) <= config.depth_tolerance

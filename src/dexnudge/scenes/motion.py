@@ -2,7 +2,7 @@
 
 from __future__ import annotations
 
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 from typing import Any
 
 import numpy as np
@@ -76,6 +76,10 @@ class Turn:
         T[:3, 3] = self.point - T[:3, :3] @ self.point
         return T
 
+    def moved(self, T: Float[np.ndarray, "4 4"]) -> Turn:
+        """Return the turn of a body that, with everything around it, is moved by the rigid transform T."""
+        return Turn(self.angle, T[:3, :3] @ self.axis, T[:3, :3] @ self.point + T[:3, 3])
+
     def distance(self, points: Float[np.ndarray, "point 3"]) -> Float[np.ndarray, " point"]:
         """Return the distances of points from the axis [m]."""
         return np.linalg.norm(np.cross(points - self.point, self.axis), axis=1)
@@ -127,6 +131,16 @@ class Motion:
         """Ways [m] at which the turn and the slide begin, as far as there are such."""
         stages = [(0.0, self.turn_length), (self.turn_length, self.slide_length)]
         return [start for start, length in stages if length > 0]
+
+    @property
+    def beginning_twists(self) -> list[Twist]:
+        """Twists with which the turn and the slide begin, of the object as it lies before both."""
+        return [self.twist(way).moved(np.linalg.inv(self.displacement(way))) for way in self.beginnings]
+
+    def moved(self, T: Float[np.ndarray, "4 4"]) -> Motion:
+        """Return the motion of an object that, with everything around it, is moved by the rigid transform T."""
+        turn = self.turn.moved(T) if self.turn else None
+        return replace(self, turn=turn, direction=T[:3, :3] @ self.direction)
 
     def angle(self, way: float) -> float:
         """Return by how much the object has turned after `way` [rad]; beyond the ends it goes on."""
