@@ -93,7 +93,7 @@ def test_the_pages_bodies_stand_where_mujoco_has_them(scene, simulation, trace, 
 
 def test_the_curves_are_those_of_the_verdict(scene, simulation, trace):
     film = film_of_trace(scene, simulation, trace)
-    verdict = judge_push(trace, motion=scene.motion, length=0.1, diverged=False)
+    verdict = judge_push(trace, motion=scene.object_motion, length=0.1, diverged=False)
     along, up = film.charts["object's way"]
     (turned,) = film.charts["object's turn"]
     assert along.values[-1] == pytest.approx(1e3 * verdict.length_reached, abs=1e-6)

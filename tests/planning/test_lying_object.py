@@ -4,7 +4,7 @@ import numpy as np
 import pytest
 
 from dexnudge.planning.lying_object import LyingObject
-from dexnudge.planning.object_path import supports_along
+from dexnudge.planning.object_path import station
 from dexnudge.scenes.boxes import box, joined
 from dexnudge.scenes.scene import Scene
 from dexnudge.scenes.support_contacts import SUPPORT_DISTANCE
@@ -42,7 +42,7 @@ def test_with_one_foot_over_the_edge_it_rocks_onto_its_underside():
 
 def test_what_carries_it_then_reaches_from_its_heel_to_the_edge():
     way = 0.02
-    points = supports_along(bridge(0.004), way).points[:, 0] + way
+    points = station(bridge(0.004), way).supports.points[:, 0] + way
     assert points.max() == pytest.approx(0.0, abs=0.003)
     assert points.min() <= -LENGTH + FOOT + way + 1e-6
 

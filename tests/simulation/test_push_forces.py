@@ -11,7 +11,7 @@ from dexnudge.mechanics.balance import balance_problem
 from dexnudge.mechanics.contacts import HandContacts
 from dexnudge.mechanics.friction_cone import wrenches
 from dexnudge.mechanics.sliding_task import sliding_task
-from dexnudge.planning.object_path import supports_along, supports_of_way
+from dexnudge.planning.object_path import station, stations
 from dexnudge.scenes.boxes import box
 from dexnudge.scenes.scene import Scene
 from dexnudge.simulation.model import scene_model
@@ -45,12 +45,12 @@ def forces(pad_hand, scene, contacts):
 def forces_in(pad_hand, scene, contacts):
     simulation = scene_model(pad_hand, scene)
     q = np.array([-LENGTH / 2, 0.0, 0.2, 1.0, 0.0, 0.0, 0.0, 1.0, 0.0, 0.0, 0.0])
-    return push_forces(simulation, q, contacts, supports_of_way(scene, WAY), sliding_task(scene))
+    return push_forces(simulation, q, contacts, stations(scene, WAY), sliding_task(scene))
 
 
 def unbalanced(scene: Scene, contacts: HandContacts, force: np.ndarray, way: float) -> float:
     """What no forces of the table can balance of these of the hand, over the weight."""
-    task, supports = sliding_task(scene), supports_along(scene, way)
+    task, supports = sliding_task(scene), station(scene, way).supports
     problem = balance_problem(contacts, supports, task)
     hand = wrenches(contacts.points, force / task.weight, centre=task.centre, half_length=task.half_length).sum(axis=0)
     return float(nnls((problem.support_normal + problem.support_friction).T, -hand - problem.load)[1])

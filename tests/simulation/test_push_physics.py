@@ -1,5 +1,7 @@
 """The physics of a push against Coulomb's law: an incline, a slide to rest, a slab pressed from above and dragged."""
 
+from dataclasses import replace
+
 import mujoco
 import numpy as np
 import pytest
@@ -8,6 +10,7 @@ import trimesh
 from dexnudge.mechanics.sliding_task import GRAVITY
 from dexnudge.planning.outcomes import Outcome
 from dexnudge.scenes.boxes import box
+from dexnudge.scenes.motion import Motion
 from dexnudge.scenes.scene import Scene
 from dexnudge.simulation.convex_pieces import link_pieces
 from dexnudge.simulation.hand_path import PUSH, SETTLE, PushPath, push_path
@@ -20,6 +23,7 @@ HEIGHT = 0.02  # [m] of the block
 FRICTION_HAND, FRICTION_ENVIRONMENT, MASS = 0.8, 0.4, 0.15
 PALM_BOTTOM = 0.11  # [m] from the palm's origin down to the lower face of its box
 X = np.array([1.0, 0.0, 0.0])
+MOTION = Motion(None, X, 0.05)
 
 
 @pytest.fixture(scope="module")
@@ -47,6 +51,7 @@ def pressing(simulation: SimulationModel, *forces: tuple[float, float, float]) -
     lever = np.array([0.0, 0.0, -PALM_BOTTOM])
     force = np.array(forces)
     return PushForces(
+        done=np.linspace(0.0, 1.0, len(force)),
         force=force[:, None],
         motor_torque=np.zeros((len(force), simulation.model.nu)),
         base_wrench=np.concatenate([force, np.cross(lever, force)], axis=1),
@@ -105,7 +110,7 @@ def drag(simulation: SimulationModel, normal: float) -> tuple[Trace, PushPath]:
     """Press from above with this force [N] and carry along by 5 cm."""
     pull = FRICTION_ENVIRONMENT * (MASS * GRAVITY + normal)
     q = palm_at(HEIGHT)
-    path = push_path(np.zeros(1), q[None], motion=X, length=0.05)
+    path = push_path(np.zeros(1), q[None], motion=MOTION, length=0.05)
     force = (min(pull, FRICTION_HAND * normal), 0.0, -normal)
     return pushed(simulation, q, path, pressing(simulation, force)).trace, path
 
@@ -115,7 +120,7 @@ def test_a_pressed_slab_follows_from_the_force_of_the_closed_form(simulation, sh
     # N >= mu_e m g / (mu_h - mu_e): 1.47 N here
     least = FRICTION_ENVIRONMENT * MASS * GRAVITY / (FRICTION_HAND - FRICTION_ENVIRONMENT)
     run, _ = drag(simulation, share * least)
-    verdict = judge_push(run, motion=X, length=0.05, diverged=False)
+    verdict = judge_push(run, motion=MOTION, length=0.05, diverged=False)
     assert verdict.success is follows
     moving = run.phase == PUSH
     assert np.mean(run.hand_object_force[moving, 0]) == pytest.approx(share * least, rel=0.03)
@@ -133,7 +138,7 @@ def test_a_dragged_slab_takes_the_force_that_the_balance_predicts(simulation):
 
 
 def test_the_press_follows_the_forces_of_the_way(simulation):
-    path = push_path(np.zeros(1), palm_at(HEIGHT)[None], motion=X, length=0.05)
+    path = push_path(np.zeros(1), palm_at(HEIGHT)[None], motion=MOTION, length=0.05)
     wanted = [(FRICTION_ENVIRONMENT * (MASS * GRAVITY + normal), 0.0, -normal) for normal in (4.0, 3.0, 5.0)]
     run = pushed(simulation, palm_at(HEIGHT), path, pressing(simulation, *wanted)).trace
     for way, expected in ((0.0125, 3.5), (0.025, 3.0), (0.0375, 4.0), (0.045, 4.6)):
@@ -169,11 +174,11 @@ def test_the_same_push_gives_the_same_numbers_whatever_ran_before(simulation):
 
 def test_a_run_out_of_hand_is_stopped_and_can_be_replayed(simulation):
     q = palm_at(0.2)
-    path = push_path(np.zeros(1), q[None], motion=X, length=0.05)
+    path = push_path(np.zeros(1), q[None], motion=MOTION, length=0.05)
     rollout = pushed(simulation, q, path, pressing(simulation, (0.0, 0.0, 1e6)))
     trace, divergence = rollout.trace, rollout.divergence
     assert divergence.step >= divergence.last_step > 0
-    assert judge_push(trace, motion=X, length=0.05, diverged=True).outcome is Outcome.DIVERGED
+    assert judge_push(trace, motion=MOTION, length=0.05, diverged=True).outcome is Outcome.DIVERGED
     mujoco.mj_setState(simulation.model, simulation.data, divergence.state, mujoco.mjtState.mjSTATE_INTEGRATION)
     np.testing.assert_array_equal(simulation.data.qpos, trace.qpos[-1])
 
@@ -181,8 +186,8 @@ def test_a_run_out_of_hand_is_stopped_and_can_be_replayed(simulation):
 def test_a_hand_pressed_into_the_table_fails(simulation):
     q = palm_at(0.0)
     q[0] = 0.2  # beside the block
-    path = push_path(np.zeros(1), q[None], motion=X, length=0.05)
-    lowered = PushPath(path.position - [0.0, 0.0, 0.01], path.quaternion, path.angles, path.phase, path.done)
+    path = push_path(np.zeros(1), q[None], motion=MOTION, length=0.05)
+    lowered = replace(path, position=path.position - [0.0, 0.0, 0.01])
     q[2] -= 0.004
     run = pushed(simulation, q, lowered, pressing(simulation, (0.0, 0.0, 0.0))).trace
     assert run.phase[0] == SETTLE

@@ -3,6 +3,7 @@
 import numpy as np
 import pytest
 
+from dexnudge.scenes.motion import Motion
 from dexnudge.simulation.hand_path import PHASES, along_line, push_path
 from dexnudge.simulation.model import SimulationModel, scene_model
 from dexnudge.simulation.push_forces import PushForces
@@ -21,6 +22,7 @@ def idle(simulation) -> PushForces:
     """Nothing is pressed: the pads go along beside the block."""
     none = np.zeros(simulation.model.nu)
     return PushForces(
+        done=np.zeros(1),
         force=np.zeros((1, 0, 3)),
         motor_torque=none[None],
         base_wrench=np.zeros((1, 6)),
@@ -34,13 +36,13 @@ def idle(simulation) -> PushForces:
 def test_a_second_push_goes_on_where_the_first_ended(simulation, pad_grasp, idle):
     q, _ = pad_grasp
     rollout = Rollout(simulation, q)
-    rollout.push(push_path(np.zeros(1), q[None], motion=X, length=0.02), idle)
+    rollout.push(push_path(np.zeros(1), q[None], motion=Motion(None, X, 0.02), length=0.02), idle)
     first = rollout.trace
     assert list(dict.fromkeys(first.phase)) == [phase for phase in PHASES if phase != "approach"]
     expected = q + np.concatenate([0.02 * X, np.zeros(8)])
     np.testing.assert_allclose(rollout.commanded, expected, atol=1e-6)  # the height follows
     rollout.attempt = 2
-    rollout.push(push_path(np.zeros(1), rollout.commanded[None], motion=X, length=0.02), idle)
+    rollout.push(push_path(np.zeros(1), rollout.commanded[None], motion=Motion(None, X, 0.02), length=0.02), idle)
     both = rollout.trace
     count = len(first.time)
     assert (np.diff(both.time) > 0).all()
@@ -53,7 +55,7 @@ def test_a_second_push_goes_on_where_the_first_ended(simulation, pad_grasp, idle
 def test_carrying_on_keeps_what_the_motors_are_told(simulation, pad_grasp, idle):
     q, _ = pad_grasp
     rollout = Rollout(simulation, q)
-    rollout.push(push_path(np.zeros(1), q[None], motion=X, length=0.01), idle)
+    rollout.push(push_path(np.zeros(1), q[None], motion=Motion(None, X, 0.02), length=0.01), idle)
     told = simulation.data.ctrl.copy()
     rollout.carry_on(along_line(rollout.commanded, 0.01 * X, speed=0.05), "push")
     fingers = np.setdiff1d(np.arange(simulation.model.nu), simulation.base_motor)

@@ -74,6 +74,16 @@ class Episode:
         return self._pushed.length_reached or 0.0
 
     @property
+    def angle_asked(self) -> float:
+        """Angle by which the push should turn the object [rad]; 0 where it should only slide."""
+        return self.result.verdict.angle_asked if isinstance(self.result, Execution) else 0.0
+
+    @property
+    def angle_reached(self) -> float:
+        """By how much the push turned it about the axis of that turn [rad]; 0 where it should only slide."""
+        return self.result.verdict.angle_reached if isinstance(self.result, Execution) else 0.0
+
+    @property
     def _pushed(self) -> PushVerdict | Attempt:
         if isinstance(self.result, Execution):
             return self.result.verdict
@@ -94,9 +104,14 @@ class Episode:
         kind = "Push" if isinstance(self.result, Execution) else "Slide, grasp and lift"
         attempts = "" if isinstance(self.result, Execution) else f", {len(self.result.attempts)} attempts"
         detail = f" ({self.detail})" if self.detail else ""
+        turned = f"{np.degrees(self.angle_reached):.0f} of {np.degrees(self.angle_asked):.0f} deg"
+        slid = f"{round(1e3 * self.length_reached)} of {round(1e3 * self.length_asked)} mm"
+        made = " and ".join(
+            [turned] * (self.angle_asked > 0) + [slid] * (self.length_asked > 0 or not self.angle_asked)
+        )
         return (
             f"{kind} of {self.simulation.hand.name} in '{self.scene.name}': {self.outcome.sentence}{detail}; "
-            f"{round(1e3 * self.length_reached)} of {round(1e3 * self.length_asked)} mm{attempts}"
+            f"{made}{attempts}"
         )
 
     def recording(self, title: str = "") -> Recording:
@@ -170,7 +185,7 @@ class Episode:
         write_film(self.recording(title), folder / stem, pictures=pictures)
 
     def summary(self) -> dict[str, Any]:
-        """Return outcome and figures as a JSON object; lengths in metres."""
+        """Return outcome and figures as a JSON object; lengths in metres, angles in radians unless they say degrees."""
         result, trace = self.result, self.trace
         shared = {
             "success": self.success,
@@ -179,6 +194,8 @@ class Episode:
             "detail": self.detail,
             "length_asked": self.length_asked,
             "length_reached": self.length_reached,
+            "angle_asked": self.angle_asked,
+            "angle_reached": self.angle_reached,
             "trace": None if trace is None else trace_file(self.configuration),
             "simulated_seconds": 0.0 if trace is None else float(trace.time[-1]),
         }

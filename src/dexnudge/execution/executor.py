@@ -9,7 +9,7 @@ from jaxtyping import Float
 from dexnudge.mechanics.sliding_task import sliding_task
 from dexnudge.planning.approach import Approach, ApproachPlanner
 from dexnudge.planning.hand_clearance import Blocked
-from dexnudge.planning.object_path import push_length, supports_of_way
+from dexnudge.planning.object_path import push_length, stations
 from dexnudge.scenes.scene import Scene
 from dexnudge.simulation.hand_path import push_path
 from dexnudge.simulation.model import SimulationModel
@@ -42,7 +42,7 @@ class Executor:
         self._scene, self._simulation, self._hand = scene, simulation, simulation.hand
         self._length = push_length(scene)
         self._planner = ApproachPlanner(self._hand, scene)
-        self._supports, self._task = supports_of_way(scene, self._length), sliding_task(scene)
+        self._stations, self._task = stations(scene, self._length), sliding_task(scene)
 
     def __call__(self, q: Float[np.ndarray, " coordinates"]) -> Execution:
         """Push with q (world); the same q gives the same result, whatever was executed before."""
@@ -51,7 +51,7 @@ class Executor:
         approach = self._planner.plan(q)
         seconds["approach"], clock = time.perf_counter() - clock, time.perf_counter()
         (contacts,) = contacts_of(self._scene, self._hand, q[None])
-        forces = push_forces(self._simulation, q, contacts, self._supports, self._task)
+        forces = push_forces(self._simulation, q, contacts, self._stations, self._task)
         seconds["forces"], clock = time.perf_counter() - clock, time.perf_counter()
         rollout = self._play(self._simulation, q, approach, forces)
         seconds["simulation"] = time.perf_counter() - clock
@@ -75,10 +75,13 @@ class Executor:
     ) -> Rollout:
         times, way = approach.last_stretch if isinstance(approach, Approach) else (np.zeros(1), q[None])
         rollout = Rollout(simulation, way[0])
-        rollout.push(push_path(times, way, motion=self._scene.motion, length=self._length), forces)
+        rollout.push(push_path(times, way, motion=self._scene.object_motion, length=self._length), forces)
         return rollout
 
     def _judge(self, rollout: Rollout) -> PushVerdict:
         return judge_push(
-            rollout.trace, motion=self._scene.motion, length=self._length, diverged=rollout.divergence is not None
+            rollout.trace,
+            motion=self._scene.object_motion,
+            length=self._length,
+            diverged=rollout.divergence is not None,
         )

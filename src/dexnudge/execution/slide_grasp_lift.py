@@ -16,7 +16,7 @@ from dexnudge.execution.scene_rollout import SceneRollout
 from dexnudge.geometry.transforms import transform_configurations
 from dexnudge.mechanics.sliding_task import sliding_task
 from dexnudge.planning.approach import Approach, ApproachPlanner
-from dexnudge.planning.object_path import GraspableLimits, plan_object_motion, supports_of_way
+from dexnudge.planning.object_path import GraspableLimits, plan_object_motion, stations
 from dexnudge.planning.outcomes import Outcome
 from dexnudge.sampling.sampler import Sampler
 from dexnudge.scenes.scene import Scene
@@ -107,9 +107,8 @@ class Slide:
         (contacts,) = contacts_of(scene, self._stage.hand, q[None])
         task = sliding_task(scene)
         with rollout.elsewhere():
-            supports = supports_of_way(scene, plan.length)
-            forces = push_forces(self._stage.model_at(scene), q, contacts, supports, task)
-        rollout.push(push_path(*approach.last_stretch, motion=scene.motion, length=plan.length), forces)
+            forces = push_forces(self._stage.model_at(scene), q, contacts, stations(scene, plan.length), task)
+        rollout.push(push_path(*approach.last_stretch, motion=scene.object_motion, length=plan.length), forces)
         self._catch_up(scene, plan.length)
         self._stage.back_off(approach)
         outcome, detail = self._judged(scene)

@@ -228,7 +228,9 @@ def played_in(truth: Scene, scan: Scene, hand: Hand, q: Float[np.ndarray, " coor
     """
     execution = Executor(scan, scene_model(hand, truth))(q.astype(np.float64))
     asked, approach = execution.verdict.length_asked, execution.approach
-    verdict = judge_push(execution.trace, motion=truth.motion, length=asked, diverged=execution.divergence is not None)
+    verdict = judge_push(
+        execution.trace, motion=truth.object_motion, length=asked, diverged=execution.divergence is not None
+    )
     return {
         "outcome": verdict.outcome.value,
         "length_asked": round(asked, 5),

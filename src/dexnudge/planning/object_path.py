@@ -1,4 +1,4 @@
-"""How far a lying object must be pushed until a hand can grasp it: over an edge, until enough of it is free.
+"""Where an object is on its way, and how far a lying one must be pushed until a hand can grasp it.
 
 A thin object is graspable where fingers get above and below it. From the geometry of object and surroundings alone: the
 shortest translation along the scene's motion after which 30 to 45 % of the object's length in that direction has room above
@@ -11,39 +11,95 @@ import numpy as np
 from jaxtyping import Float
 
 from dexnudge.jobs.cached import cached_per_instance
+from dexnudge.mechanics.sliding_task import SlidingTask
 from dexnudge.planning.lying_object import LyingObject, lying_object
 from dexnudge.planning.outcomes import Outcome
+from dexnudge.scenes.motion import Motion, Twist
 from dexnudge.scenes.scene import Scene
-from dexnudge.scenes.support_contacts import SupportContacts, support_contacts
+from dexnudge.scenes.support_contacts import SupportContacts, carrying_normal, support_contacts
 
 STRIDE = 0.01  # [m] at most between two places
+STAGE_END = 0.001  # [m] before the end of a turn, from where on forces change to those of the slide
+UPRIGHT = 0.99  # cosine of a turn's axis with the support's normal from which the object stays flat on it
 
 
-def supports_of_way(scene: Scene, length: float) -> list[SupportContacts]:
-    """Return the supports at places evenly spread over a way of `length` [m], both ends included, at most 1 cm apart."""
-    return [supports_along(scene, way) for way in np.linspace(0.0, length, 1 + int(np.ceil(length / STRIDE)))]
+@dataclass(frozen=True, eq=False)
+class Station:
+    """The object at a place of its way, with the hand that it keeps its contacts with.
 
+    A slide changes nothing of the object's wrenches, so there everything is shifted back to the start.
 
-def supports_along(scene: Scene, way: float) -> SupportContacts:
-    """Return the supports of the object once it has been carried `way` [m] along the motion; remembered per place.
-
-    Where it would tip there, they are those of the object as it comes to rest (see `LyingObject.at_rest`). The way is
-    subtracted, so that they go with the contacts and the centre of mass of the scene as it is.
+    Attributes:
+        done: share of a push's length that is behind; 0 of a place that belongs to no push.
+        T: (4, 4) rigid transform (world) that carries object and hand from the start to here.
+        supports: of the object here.
+        twist: of the object here.
     """
-    if way == 0:
-        return support_contacts(scene)
+
+    done: float
+    T: Float[np.ndarray, "4 4"]
+    supports: SupportContacts
+    twist: Twist
+
+    def task(self, start: SlidingTask) -> SlidingTask:
+        """Return the task here of an object that has this task where its motion begins."""
+        return replace(start, centre=self.T[:3, :3] @ start.centre + self.T[:3, 3], twist=self.twist)
+
+
+def stations(scene: Scene, length: float) -> list[Station]:
+    """Return places evenly spread over a way of `length` [m], both ends of each stage included, at most 1 cm apart."""
+    motion, found, begun = scene.object_motion, list[Station](), 0.0
+    for stage in motion.parts(length):
+        end = begun + stage if begun + stage == length else begun + stage - min(STAGE_END, stage / 2)
+        count = 1 + int(np.ceil(stage / STRIDE))
+        shares = np.linspace(begun / length, end / length, count)
+        for way, done in zip(np.linspace(begun, end, count), shares, strict=True):
+            found.append(replace(station(scene, float(way)), done=float(done)))
+        begun += stage
+    return found
+
+
+def station(scene: Scene, way: float) -> Station:
+    """Return the object once it has been carried `way` [m] along its motion; remembered per place.
+
+    Where it would tip off what it lies on, its supports are those of the object as it comes to rest (see
+    `LyingObject.at_rest`), unless the motion itself tips it.
+    """
     known = _known(scene)
     if way not in known:
+        motion = scene.object_motion
+        known[way] = _slid(scene, way) if motion.turn is None else _turned(scene, motion, way)
+    return known[way]
+
+
+def _slid(scene: Scene, way: float) -> Station:
+    supports, twist = support_contacts(scene), scene.object_motion.twist(way)
+    if way > 0:
         T_world_object = np.array(scene.T_world_object)
         T_world_object[:3, 3] += way * scene.motion
         T_world_object = lying_object(scene).at_rest(way * scene.motion, least=0.0).T_rocked @ T_world_object
         found = support_contacts(replace(scene, T_world_object=T_world_object))
-        known[way] = replace(found, points=found.points - way * scene.motion)
-    return known[way]
+        supports = replace(found, points=found.points - way * scene.motion)
+    return Station(0.0, np.eye(4), supports, twist)
+
+
+def _turned(scene: Scene, motion: Motion, way: float) -> Station:
+    there = scene.carried(way)
+    resting = there
+    if way > 0 and stays_flat(scene):
+        T_rocked = lying_object(there).at_rest(np.zeros(3), least=0.0).T_rocked
+        resting = replace(there, T_world_object=T_rocked @ there.T_world_object)
+    return Station(0.0, motion.displacement(way), support_contacts(resting), motion.twist(way))
+
+
+def stays_flat(scene: Scene) -> bool:
+    """Return whether the object keeps lying on its support as it moves: it slides, or turns about the support's normal."""
+    turn = scene.turn
+    return turn is None or abs(float(turn.axis @ carrying_normal(support_contacts(scene)))) > UPRIGHT
 
 
 @cached_per_instance
-def _known(_: Scene) -> dict[float, SupportContacts]:
+def _known(_: Scene) -> dict[float, Station]:
     """By the way [m]; empty at first."""
     return {}
 
@@ -147,11 +203,16 @@ def _free_part(lying: LyingObject, shift: np.ndarray, direction: np.ndarray, roo
 
 @cached_per_instance
 def push_length(scene: Scene) -> float:
-    """Return `scene.motion_length` [m], or the shorter way after which the object is graspable over an edge.
+    """Return the length of the scene's motion [m], or the shorter way after which the object is graspable over an edge.
 
     Beyond that, 30 % of its length hang over and a grasp takes over; some centimetres farther the support would no longer
-    carry the object, and nothing that slides on it could be in balance.
+    carry the object, and nothing that slides on it could be in balance. A turn is made to its end, and so is a slide of an
+    object that has been tipped.
     """
+    motion = scene.object_motion
+    if motion.turn is not None:
+        slides_flat = motion.slide_length > 0 and stays_flat(scene)
+        return motion.turn_length + push_length(scene.carried(motion.turn_length)) if slides_flat else motion.length
     plan = plan_object_motion(scene)
     if isinstance(plan, Outcome) or plan.length == 0.0:
         return scene.motion_length

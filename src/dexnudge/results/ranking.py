@@ -9,11 +9,11 @@ import numpy as np
 from jaxtyping import Float, Int
 
 from dexnudge.hands.hand import Hand
-from dexnudge.mechanics.contacts import HandContacts
+from dexnudge.mechanics.contacts import HandContacts, moved_contacts
 from dexnudge.mechanics.fast_balance import force_margins
 from dexnudge.mechanics.friction_cone import helping, pressing, some_contacts
 from dexnudge.mechanics.sliding_task import sliding_task
-from dexnudge.planning.object_path import push_length, supports_along
+from dexnudge.planning.object_path import push_length, station
 from dexnudge.results.displacement import WORLDS, share_held
 from dexnudge.scenes.scene import Scene
 from dexnudge.scenes.support_contacts import SupportContacts
@@ -35,8 +35,10 @@ def path_margins(
     anew at each place. A way of no length has one place.
     """
     places = np.linspace(0.0, length, STATIONS + 1) if length > 0 else np.zeros(1)
-    task = sliding_task(scene)
-    margins = [force_margins(contacts, supports_along(scene, way), task).factor[:, 0] for way in places]
+    task, margins = sliding_task(scene), []
+    for here in (station(scene, float(way)) for way in places):
+        there = [moved_contacts(each, here.T) for each in contacts]
+        margins.append(force_margins(there, here.supports, here.task(task)).factor[:, 0])
     return np.stack(margins, axis=1)
 
 
@@ -119,7 +121,9 @@ def _keys(scene: Scene, verdicts: Verdicts) -> Float[np.ndarray, "key draw"]:
 
 def _carried_alike(scene: Scene) -> bool:
     """Whether the surroundings carry the object at the end of the motion where they do at its beginning."""
-    before, after = supports_along(scene, 0.0), supports_along(scene, scene.motion_length)
+    if scene.turn is not None:
+        return False
+    before, after = (station(scene, way).supports for way in (0.0, scene.motion_length))
     if len(before.points) != len(after.points):
         return False
     return bool(np.abs(_sorted(after) - _sorted(before)).max(initial=0.0) < SAME_PLACE)

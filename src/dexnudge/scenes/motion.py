@@ -142,11 +142,18 @@ class Motion:
         turn = self.turn.moved(T) if self.turn else None
         return replace(self, turn=turn, direction=T[:3, :3] @ self.direction)
 
+    def parts(self, way: float) -> list[float]:
+        """Return how much of `way` [m] belongs to each stage that it comes to."""
+        turn = min(way, self.turn_length) if self.slide_length else way
+        return [way] if self.turn is None else [part for part in (turn, way - turn) if part > 0]
+
     def angle(self, way: float) -> float:
         """Return by how much the object has turned after `way` [rad]; beyond the ends it goes on."""
         if self.turn is None:
             return 0.0
-        return (way if self.slide_length == 0 else min(way, self.turn_length)) / self.radius
+        if self.slide_length and way >= self.turn_length:
+            return self.turn.angle
+        return way / self.radius
 
     def slid(self, way: float) -> float:
         """Return how far the object has slid after `way` [m]; beyond the ends it goes on."""

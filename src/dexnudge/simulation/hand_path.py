@@ -7,15 +7,16 @@ from jaxtyping import Float
 from scipy.spatial.transform import Rotation, Slerp
 
 from dexnudge.hands.hand import ROOT_COORDINATES
+from dexnudge.scenes.motion import Motion
 from dexnudge.simulation.model import TIMESTEP
 
 Path = Float[np.ndarray, "step coordinates"]  # q (world) at every step
 
-SPEED = 0.05  # [m/s] of the base along the motion
+SPEED = 0.05  # [m/s] of the object's fastest point along the motion
 PHASES = SETTLE, _, SQUEEZE, PUSH, _ = ("settle", "approach", "squeeze", "push", "stop")  # of a push
 SETTLE_TIME = 0.1  # [s] in which the object comes to rest on its supports, untouched
 SQUEEZE_TIME = 0.4  # [s] in which the fingers close the last 2 mm and the forces build up
-RAMP_TIME = 0.1  # [s] in which the base gets to its speed, and stops
+RAMP_TIME = 0.1  # [s] in which each stage of the motion gets to its speed, and stops
 STOP_TIME = 0.1  # [s] in which the object comes to rest with the hand
 
 
@@ -76,7 +77,8 @@ class PushPath:
     """Targets of a push per step.
 
     position [m] and quaternion (wxyz) of the palm, world. angles: joint angles [rad]. phase: one of PHASES. done: share of
-    the push's length that is behind the hand.
+    the push's length that is behind the hand. displacement: by which the motion has carried the object since contact, a
+    rigid transform in the world.
     """
 
     position: Float[np.ndarray, "step 3"]
@@ -84,6 +86,7 @@ class PushPath:
     angles: Float[np.ndarray, "step angle"]
     phase: np.ndarray
     done: Float[np.ndarray, " step"]
+    displacement: Float[np.ndarray, "step 4 4"]
 
     @property
     def velocity(self) -> Float[np.ndarray, "step 6"]:
@@ -98,16 +101,17 @@ def push_path(
     times: Float[np.ndarray, " sample"],
     q: Float[np.ndarray, "sample coordinates"],
     *,
-    motion: Float[np.ndarray, " 3"],
+    motion: Motion,
     length: float,
 ) -> PushPath:
-    """Follow q (world) at `times` [s, from 0] to contact, squeeze, and move `length` [m] along `motion`.
+    """Follow q (world) at `times` [s, from 0] to contact, squeeze, and go `length` [m] of the object's `motion` with it.
 
-    With a single sample the hand starts at contact. The push takes length / SPEED + RAMP_TIME: the base speeds up and slows
-    down evenly, and goes at 0.05 m/s in between.
+    With a single sample the hand starts at contact. Each stage of the motion takes its length / SPEED + RAMP_TIME: it speeds
+    up and slows down evenly, and goes at 0.05 m/s in between.
     """
     approach = float(times[-1]) if len(times) > 1 else 0.0
-    seconds = (SETTLE_TIME, approach, SQUEEZE_TIME, length / SPEED + RAMP_TIME, STOP_TIME)
+    stages = motion.parts(length)
+    seconds = (SETTLE_TIME, approach, SQUEEZE_TIME, sum(_seconds(stage) for stage in stages), STOP_TIME)
     steps = [round(each / TIMESTEP) for each in seconds]
     phase = np.repeat(PHASES, steps)
     began = steps[0] * TIMESTEP
@@ -115,18 +119,30 @@ def push_path(
     along = np.clip(clock - began, times[0], times[-1])
     rotation = rotations(q)
     turned = Slerp(times, rotation)(along) if len(times) > 1 else rotation[np.zeros(len(phase), dtype=int)]
-    travelled = _travelled(clock - began - (steps[1] + steps[2]) * TIMESTEP, length)
+    pushed, travelled = clock - began - (steps[1] + steps[2]) * TIMESTEP, np.zeros(len(phase))
+    for stage in stages:
+        travelled += _travelled(pushed, stage)
+        pushed = pushed - _seconds(stage)
+    displacement = np.stack([motion.displacement(way) for way in travelled])
+    if motion.turn is not None:
+        turned = Rotation.from_matrix(displacement[:, :3, :3]) * turned
+    position = np.einsum("sxy,sy->sx", displacement[:, :3, :3], interpolated(along, times, q[:, :3]))
     return PushPath(
-        position=interpolated(along, times, q[:, :3]) + travelled[:, None] * motion,
+        position=position + displacement[:, :3, 3],
         quaternion=turned.as_quat(scalar_first=True),
         angles=interpolated(along, times, q[:, ROOT_COORDINATES:]),
         phase=phase,
         done=travelled / length,
+        displacement=displacement,
     )
 
 
+def _seconds(length: float) -> float:
+    return length / SPEED + RAMP_TIME
+
+
 def _travelled(time: Float[np.ndarray, " step"], length: float) -> Float[np.ndarray, " step"]:
-    """Return the distance [m] since the push began: even acceleration, constant speed, even deceleration."""
+    """Return the distance [m] since a stage of this length began: even acceleration, constant speed, even deceleration."""
     ramp = min(RAMP_TIME, length / SPEED)
     whole = length / SPEED + ramp
     time = np.clip(time, 0.0, whole)

@@ -3,7 +3,7 @@
 Many forces balance a sliding object. Chosen are ones that keep away from the edges of the friction cones, with which every
 link that touches presses a little, and which fingers with a shared tendon can hold: such a tendon pulls alike on both of its
 joints, and only a joint's end stop, or the order of the two joints, can carry a difference. The supports change on the way,
-over an edge above all, so the forces are chosen anew at places along it.
+over an edge above all, and gravity turns in the hand as an object tips, so the forces are chosen anew at places along it.
 """
 
 from collections.abc import Iterable, Sequence
@@ -17,9 +17,10 @@ from scipy.optimize import nnls
 
 from dexnudge.hands.hand import ROOT_COORDINATES, Hand
 from dexnudge.mechanics.balance import balance_problem, contact_forces
-from dexnudge.mechanics.contacts import HandContacts
+from dexnudge.mechanics.contacts import HandContacts, moved_contacts
 from dexnudge.mechanics.friction_cone import EDGE_COUNT, pressing, some_contacts
 from dexnudge.mechanics.sliding_task import SlidingTask
+from dexnudge.planning.object_path import Station
 from dexnudge.scenes.support_contacts import SupportContacts
 from dexnudge.simulation.model import OBJECT_SIDE, SimulationModel
 
@@ -91,15 +92,19 @@ AT_STOP = 0.02  # [rad of `Hand.joint_scales`] from an end stop at which it carr
 
 @dataclass(frozen=True)
 class PushForces:
-    """Forces of the hand at places evenly spread over the length of the push, its beginning and end included.
+    """Forces of the hand at places along the push, its beginning and end included.
 
-    force: on the object per contact [N, world]. motor_torque: [N m] per motor, [N] of one that slides. base_wrench: force
-    [N] and torque about the palm's origin [N m] that the base is to press with, world. cone_share: of the hand's friction
+    Vectors are in axes that turn with the object, and are the world's where the push begins.
+
+    done: share of the push's length that is behind each place. force: on the object per contact [N]. motor_torque: [N m]
+    per motor, [N] of one that slides. base_wrench: force [N] and torque about the palm's origin [N m] that the base is to
+    press with. cone_share: of the hand's friction
     that the forces use; 0 where no forces balance at the beginning and the hand only holds its place. surplus: by which
     those that balance were multiplied.
-    closing: of each motor until the pressing links touch [rad], sliding ones [m], and base_closing of the base [m, world].
+    closing: of each motor until the pressing links touch [rad], sliding ones [m], and base_closing of the base [m].
     """
 
+    done: Float[np.ndarray, " place"]
     force: Float[np.ndarray, "place contact 3"]
     motor_torque: Float[np.ndarray, "place motor"]
     base_wrench: Float[np.ndarray, "place 6"]
@@ -124,15 +129,15 @@ def push_forces(
     simulation: SimulationModel,
     q: Float[np.ndarray, " coordinates"],
     contacts: HandContacts,
-    supports: Sequence[SupportContacts],
+    stations: Sequence[Station],
     task: SlidingTask,
 ) -> PushForces:
-    """Return the forces of the configuration q; `supports` are those at each place, as the carried object sees them.
+    """Return the forces of the configuration q at places along the push; contacts and task are those where it begins.
 
     Places the model at q.
 
     Non-negative least squares over the edges of narrowed friction cones and the supports' normal forces: no net wrench
-    while the object slides, little load that tendons cannot hold, a preload on every link, small and even forces; no link
+    while the object moves, little load that tendons cannot hold, a preload on every link, small and even forces; no link
     above the task's largest normal force. Where none balance, the linear program's forces in the whole cone; where there
     are none either, those of the place before. The hand makes more than these, all in proportion, where no link exceeds its
     limit: what it pulls too much its base holds back.
@@ -140,8 +145,8 @@ def push_forces(
     simulation.place(q)
     pushed = _Pushed(simulation, q, contacts, task, simulation.contact_jacobians(contacts))
     found: list[tuple[np.ndarray, float]] = [(np.zeros((len(contacts.points), 3)), 0.0)]
-    for carrying in supports:
-        found.append(_chosen(pushed, carrying) or found[-1])
+    for station in stations:
+        found.append(_chosen(_carried(pushed, station), station) or found[-1])
     share = np.array([share for _, share in found[1:]])
     surplus = np.array([_surplus(each, contacts, task) for each, _ in found[1:]])
     force = surplus[:, None, None] * np.stack([each for each, _ in found[1:]])
@@ -149,6 +154,7 @@ def push_forces(
     pressing = np.flatnonzero(np.bincount(contacts.link, weights=load, minlength=1) > LEAST_FORCE)
     closed = closed_configuration(simulation, q, pressing.tolist())
     return PushForces(
+        done=np.array([station.done for station in stations]),
         force=force,
         motor_torque=np.stack([_motor_torque(pushed, each) for each in force]),
         base_wrench=np.concatenate([force, np.cross(contacts.points - q[:3], force)], axis=2).sum(axis=1),
@@ -159,6 +165,13 @@ def push_forces(
     )
 
 
+def _carried(pushed: _Pushed, station: Station) -> _Pushed:
+    """Return the same with everything where it is at a station."""
+    contacts, rotation = moved_contacts(pushed.contacts, station.T), station.T[:3, :3]
+    jacobians = np.einsum("xy,cya->cxa", rotation, pushed.jacobians)
+    return replace(pushed, contacts=contacts, task=station.task(pushed.task), jacobians=jacobians)
+
+
 def _surplus(force: Float[np.ndarray, "contact 3"], contacts: HandContacts, task: SlidingTask) -> float:
     """Return `SURPLUS`, or less where a link would press harder than it may."""
     normal = -np.einsum("cx,cx->c", force, contacts.normals)
@@ -166,25 +179,27 @@ def _surplus(force: Float[np.ndarray, "contact 3"], contacts: HandContacts, task
     return max(1.0, min(SURPLUS, task.max_normal_force / hardest)) if hardest > 0 else 1.0
 
 
-def _chosen(pushed: _Pushed, supports: SupportContacts) -> tuple[Float[np.ndarray, "contact 3"], float] | None:
-    """Return forces at one place, and the share of the cone that they use; None if nothing balances.
+def _chosen(pushed: _Pushed, station: Station) -> tuple[Float[np.ndarray, "contact 3"], float] | None:
+    """Return forces at a station in the axes of the start, and the share of the cone; None if nothing balances.
 
     Of the contacts that press or push alone, if they can do it well inside their cones: a squeeze that is a little off
     turns the object.
     """
-    contacts, task = pushed.contacts, pushed.task
+    contacts, task, rotation = pushed.contacts, pushed.task, station.T[:3, :3]
     kept = pressing(contacts, task.twist)
     tries = [(kept, share) for share in CONE_SHARES[:-1]] + [(np.ones_like(kept), share) for share in CONE_SHARES]
     for used, share in tries:
         narrowed = replace(task, friction_hand=share * task.friction_hand)
         some = some_contacts(contacts, used)
-        found = _balanced(replace(pushed, contacts=some, task=narrowed, jacobians=pushed.jacobians[used]), supports)
+        found = _balanced(
+            replace(pushed, contacts=some, task=narrowed, jacobians=pushed.jacobians[used]), station.supports
+        )
         if found is not None:
             force = np.zeros_like(contacts.points)
-            force[used] = found
+            force[used] = found @ rotation
             return force, share
-    solved = contact_forces(contacts, supports, task)
-    return None if solved is None else (solved.hand, 1.0)
+    solved = contact_forces(contacts, station.supports, task)
+    return None if solved is None else (solved.hand @ rotation, 1.0)
 
 
 def _balanced(pushed: _Pushed, supports: SupportContacts) -> Float[np.ndarray, "contact 3"] | None:

@@ -220,16 +220,17 @@ class Rollout:
         columns = rotation.as_matrix()[:, :, :2].transpose(0, 2, 1).reshape(-1, 6)
         to_base = rotation.inv()
         moving = _in_base(to_base, simulation.base_damping * path.velocity) / simulation.base_stiffness
-        places = np.linspace(0.0, 1.0, len(forces.force))
-        wrench = interpolated(path.done, places, forces.base_wrench)
+        carried = path.displacement[:, :3, :3]
+        wrench = interpolated(path.done, forces.done, forces.base_wrench).reshape(-1, 2, 3)
+        wrench = np.einsum("sxy,sky->skx", carried, wrench).reshape(-1, 6)
         pressing = _in_base(to_base, wrench) / simulation.base_stiffness
-        torque = interpolated(path.done, places, forces.motor_torque)
+        torque = interpolated(path.done, forces.done, forces.motor_torque)
         closed = loaded = followed = 0.0
         for step, phase in enumerate(path.phase.tolist()):
             if phase == SQUEEZE:
                 done = (step - squeezing[0] + 1) / len(squeezing)
                 closed, loaded = np.clip([done / TOUCHING, (done - TOUCHING) / (LOADED - TOUCHING)], 0.0, 1.0)
-            position = path.position[step] + closed * forces.base_closing
+            position = path.position[step] + closed * (carried[step] @ forces.base_closing)
             if loaded > 0:
                 sunk = data.qpos[simulation.palm_position + 2] - position[2]
                 followed += TIMESTEP / FOLLOW_TIME * (sunk - followed)

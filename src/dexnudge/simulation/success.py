@@ -4,15 +4,17 @@ from dataclasses import dataclass
 
 import numpy as np
 from jaxtyping import Float
+from scipy.spatial.transform import Rotation
 
 from dexnudge.planning.outcomes import Outcome
+from dexnudge.scenes.motion import Motion
 from dexnudge.simulation.hand_path import SETTLE
 from dexnudge.simulation.rollout import Trace
 
-LEAST_ADVANCE = 0.8  # of the length asked for
-MOST_TURNED = 15.0  # [deg]
+LEAST_ADVANCE = 0.8  # of the length and of the angle asked for
+MOST_TURNED = 15.0  # [deg] away from the motion
 MOST_PENETRATION = 0.002  # [m] of the hand in the surroundings
-MOST_SUNK = 0.02  # [m] of the centre of mass below its line: the object has left what carried it
+MOST_SUNK = 0.02  # [m] of the centre of mass below its path: the object has left what carried it
 LEAST_RAISED = 0.8  # of the lift, at its end and at every moment of the hold; the rest may be lost to tilting
 
 
@@ -20,15 +22,17 @@ LEAST_RAISED = 0.8  # of the lift, at its end and at every moment of the hold; t
 class PushVerdict:
     """The verdict on a push; `outcome` is the first condition that fails, figures are over the whole push.
 
-    length_reached: displacement of the object's centre of mass along the motion [m], from before the hand touched it to the
-    end.
-    turned_deg: largest angle from the object's first orientation at any record. sunk: farthest below the line on which it
-    should move [m]. hand_environment: greatest depth of the hand in its surroundings [m] by MuJoCo's contacts.
+    length_asked, length_reached: slide of the object's centre of mass [m], from before the hand touched it to the end.
+    angle_asked, angle_reached: turn about the motion's axis [rad], as far; 0 where the object only slides. turned_deg:
+    largest angle of the object's orientation from those of its motion at any record. sunk: farthest below where the motion
+    has the centre of mass [m]. hand_environment: greatest depth of the hand in its surroundings [m] by MuJoCo's contacts.
     """
 
     outcome: Outcome
     length_asked: float
     length_reached: float
+    angle_asked: float
+    angle_reached: float
     turned_deg: float
     sunk: float
     hand_environment: float
@@ -39,27 +43,51 @@ class PushVerdict:
         return self.outcome is Outcome.SUCCESS
 
 
-def judge_push(trace: Trace, *, motion: Float[np.ndarray, " 3"], length: float, diverged: bool) -> PushVerdict:
-    """Judge a push that should have moved the object by `length` [m] along `motion` (unit, world)."""
+def judge_push(trace: Trace, *, motion: Motion, length: float, diverged: bool) -> PushVerdict:
+    """Judge a push that should have moved the object by `length` [m] along its `motion`.
+
+    Of each stage of it the object must have made 80 % at the end.
+    """
     untouched = np.flatnonzero(trace.phase == SETTLE)
     start = int(untouched[-1]) if len(untouched) else 0
-    centres, quaternions = trace.object_pose[start:, :3], trace.object_pose[start:, 3:]
-    moved = centres - centres[0]
-    along = moved @ motion
-    sunk = float((along * motion[2] - moved[:, 2]).max())
-    cosines = np.minimum(1.0, np.abs(quaternions @ quaternions[0]))
-    turned = float(np.degrees(2 * np.arccos(cosines)).max())
-    depth = float(trace.hand_environment_depth.max())
-    reached = float(along[-1])
+    turned, slid, off = _made(motion, length, trace.object_pose[start:])
+    sunk = float((slid @ motion.direction * motion.direction[2] - slid[:, 2]).max())
+    angle_asked, length_asked = motion.angle(length), motion.slid(length)
+    angle_reached, length_reached = float(turned[-1]), float((slid @ motion.direction)[-1])
+    turned_deg, depth = float(np.degrees(off).max()), float(trace.hand_environment_depth.max())
     failures = {
         Outcome.DIVERGED: diverged,
         Outcome.DROPPED: sunk > MOST_SUNK,
-        Outcome.TURNED: turned >= MOST_TURNED,
-        Outcome.FELL_SHORT: reached < LEAST_ADVANCE * length,
+        Outcome.TURNED: turned_deg >= MOST_TURNED,
+        Outcome.TURNED_SHORT: angle_reached < LEAST_ADVANCE * angle_asked,
+        Outcome.FELL_SHORT: length_asked > 0 and length_reached < LEAST_ADVANCE * length_asked,
         Outcome.HAND_IN_ENVIRONMENT: depth > MOST_PENETRATION,
     }
     outcome = next((outcome for outcome, failed in failures.items() if failed), Outcome.SUCCESS)
-    return PushVerdict(outcome, length, reached, turned, sunk, depth)
+    return PushVerdict(outcome, length_asked, length_reached, angle_asked, angle_reached, turned_deg, sunk, depth)
+
+
+def _made(
+    motion: Motion, length: float, poses: Float[np.ndarray, "record 7"]
+) -> tuple[Float[np.ndarray, " record"], Float[np.ndarray, "record 3"], Float[np.ndarray, " record"]]:
+    """Return what an object has made of its motion since the first of its poses.
+
+    The turn about the axis [rad]: that part of its rotation (swing-twist decomposition). The slide of its centre of mass
+    [m, world] from where that turn alone had brought it. The angle [rad] between its orientation and the nearest one of the
+    motion.
+    """
+    centres, quaternions = poses[:, :3], poses[:, 3:]
+    if motion.turn is None:
+        cosines = np.minimum(1.0, np.abs(quaternions @ quaternions[0]))
+        return np.zeros(len(poses)), centres - centres[0], 2 * np.arccos(cosines)
+    rotation = Rotation.from_quat(quaternions, scalar_first=True)
+    rotation = rotation * rotation[0].inv()
+    vector, scalar = rotation.as_quat()[:, :3], rotation.as_quat()[:, 3]
+    turned = np.unwrap(2 * np.arctan2(vector @ motion.turn.axis, scalar))
+    planned = Rotation.from_rotvec(np.clip(turned, 0.0, motion.angle(length))[:, None] * motion.turn.axis)
+    about = Rotation.from_rotvec(turned[:, None] * motion.turn.axis)
+    arm = centres[0] - motion.turn.point
+    return turned, centres - motion.turn.point - about.apply(arm), (rotation * planned.inv()).magnitude()
 
 
 @dataclass(frozen=True)

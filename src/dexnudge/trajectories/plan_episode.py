@@ -190,7 +190,9 @@ def judge_plan(plan: Plan, trace: PlanTrace, *, diverged: bool) -> PushVerdict:
     verdicts, ends = [], {phase.name: phase.end for phase in plan.phases}
     for last in ("push", "retreat"):
         end = ends[last] - plan.trajectory.time[0]
-        verdicts.append(judge_push(_until(trace, end), motion=plan.scene.motion, length=plan.length, diverged=diverged))
+        verdicts.append(
+            judge_push(_until(trace, end), motion=plan.scene.object_motion, length=plan.length, diverged=diverged)
+        )
     return next((verdict for verdict in verdicts if not verdict.success), verdicts[0])
 
 

@@ -11,7 +11,7 @@ from scipy.spatial.transform import Rotation
 from dexnudge.arms.robot import Robot
 from dexnudge.hands.hand import Hand
 from dexnudge.mechanics.sliding_task import sliding_task
-from dexnudge.planning.object_path import push_length, supports_of_way
+from dexnudge.planning.object_path import push_length, stations
 from dexnudge.scenes.scene import Scene
 from dexnudge.simulation.hand_path import PHASES, PUSH, SQUEEZE, interpolated, orthonormal, push_path
 from dexnudge.simulation.model import SimulationModel
@@ -126,14 +126,14 @@ def press(
     q = np.asarray(q, dtype=np.float64)
     length = push_length(scene) if length is None else length
     (contacts,) = contacts_of(scene, hand, q[None])
-    forces = push_forces(simulation, q, contacts, supports_of_way(scene, length), task)
+    forces = push_forces(simulation, q, contacts, stations(scene, length), task)
     normal = -np.einsum("pcx,cx->pc", forces.force, contacts.normals)
     link_force = {
         hand.link_names[link]: float(normal[:, contacts.link == link].sum(axis=1).max())
         for link in np.unique(contacts.link)
     }
     rehearsal = _Rehearsal(simulation, q)
-    rehearsal.push(push_path(np.zeros(1), q[None], motion=scene.motion, length=length), forces)
+    rehearsal.push(push_path(np.zeros(1), q[None], motion=scene.object_motion, length=length), forces)
     pressing, motor_force, wrench = rehearsal.at(np.linspace(0.0, length, len(forces.force)), scene.motion)
     return Press(
         contact=q,
@@ -144,7 +144,7 @@ def press(
         length=length,
         link_force={name: force for name, force in link_force.items() if force > LEAST_FORCE},
         verdict=judge_push(
-            rehearsal.trace, motion=scene.motion, length=length, diverged=rehearsal.divergence is not None
+            rehearsal.trace, motion=scene.object_motion, length=length, diverged=rehearsal.divergence is not None
         ),
     )
 
