@@ -43,6 +43,7 @@ from dexnudge.sampling.sampler import Sampler as Sampler
 from dexnudge.scenes.families import build_scene as build_scene, scene_families as scene_families
 from dexnudge.finding import Finding as Finding
 from dexnudge.scenes.scene import Scene as Scene, load_scene as load_scene
+from dexnudge.scenes.uncertainty import Uncertainty as Uncertainty
 from dexnudge.simulation.depth_camera import DepthCamera as DepthCamera, depth_views as depth_views
 from dexnudge.trajectories.base_map import BaseMap as BaseMap, find_base as find_base
 from dexnudge.trajectories.plan import JointTrajectory as JointTrajectory, Phase as Phase, Plan as Plan

@@ -9,7 +9,7 @@ import trimesh
 from dexnudge.mechanics.balance import balance_problem, problem_margin
 from dexnudge.mechanics.contacts import HandContacts
 from dexnudge.mechanics.sliding_task import sliding_task
-from dexnudge.results.ranking import best_first, forward_offset, mean_help, path_margins, pressing_margins
+from dexnudge.results.ranking import forward_offset, mean_help, path_margins, pressing_margins, ranking
 from dexnudge.scenes.boxes import box
 from dexnudge.scenes.scene import Scene
 from dexnudge.scenes.support_contacts import support_contacts
@@ -148,4 +148,4 @@ def test_the_order_of_draws_is_that_of_its_keys(at_the_edge, boxy_hand):
         reasons=["" if ok else "contact" for ok in success],
     )
     # at the centre; in front of it; tips on the way; squeezing, which presses nowhere; not robust; not verified
-    assert best_first(at_the_edge, verdicts, boxy_hand, np.zeros((6, 13))).tolist() == [1, 0, 3, 2, 4, 5]
+    assert ranking(at_the_edge, verdicts, boxy_hand, np.zeros((6, 13))).order.tolist() == [1, 0, 3, 2, 4, 5]

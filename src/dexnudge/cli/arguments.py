@@ -44,6 +44,7 @@ OptionalCount = Annotated[int | None, metavar("N")]
 OptionalFolder = Annotated[str | None, metavar("DIR")]
 OptionalNumber = Annotated[float | None, metavar("X")]
 OptionalSet = Annotated[str | None, metavar("SET")]
+Uncertain = Annotated[tuple[str, ...], metavar("KEY=VALUE...")]
 ResultFolder = tyro.conf.Positional[Annotated[str, metavar("DIR")]]
 
 

@@ -16,6 +16,7 @@ from dexnudge.cli.arguments import (
     ScanOptions,
     Scenes,
     SetOptions,
+    Uncertain,
     check_at_least,
     metavar,
     say,
@@ -49,6 +50,8 @@ class Evaluate(SetOptions):
     base: Flag = True
     """Leave the forearm out of the hand's geometry."""
     physics: Physics = field(default_factory=Physics)
+    uncertain: Uncertain = ()
+    """Rank by the share of sampled worlds in which a draw holds, as `sample` does, such as friction=0.5..1 mass=0.5..2."""
     losses: Losses = field(default_factory=Losses)
     plugins: Plugins = field(default_factory=Plugins)
     weights: OptionalFolder = None

@@ -3,7 +3,7 @@
 from __future__ import annotations
 
 import time
-from dataclasses import dataclass, field
+from dataclasses import dataclass, field, replace
 from pathlib import Path
 from typing import TYPE_CHECKING, Annotated, Any
 
@@ -17,6 +17,7 @@ from dexnudge.cli.arguments import (
     OptionalFolder,
     Plugins,
     Text,
+    Uncertain,
     metavar,
     out_folder,
     say,
@@ -71,6 +72,10 @@ class Sample(SceneOptions):
     """Folder of the model; unless given that beside the hand's description (weights/), else the shipped one."""
     method: Text = "steered_noise"
     """Sampling method; an unknown name lists them."""
+    uncertain: Uncertain = ()
+    """Rank by the share of sampled worlds in which a draw holds, and aim at the hardest of them. Factors on the scene's own
+    numbers: friction (of the hand), friction_environment, mass, max_normal_force, such as friction=0.5..1; how far off the
+    object may lie: pose_mm, pose_deg, height_mm; worlds=16 and seed=0 unless given."""
     robot: ArmOptions = field(default_factory=ArmOptions)
     losses: Losses = field(default_factory=Losses)
     plugins: Plugins = field(default_factory=Plugins)
@@ -104,11 +109,14 @@ class Sample(SceneOptions):
         from dexnudge.planning.reach_term import WEIGHT as REACH_WEIGHT
         from dexnudge.planning.reach_term import ReachTerm
         from dexnudge.results.folder import write_inputs, write_results
+        from dexnudge.results.worlds import what_to_do
         from dexnudge.sampling.methods import find_method
         from dexnudge.sampling.sampler import Sampler, check_counts
+        from dexnudge.scenes.uncertainty import Uncertainty
         from dexnudge.verification.criteria import named_criteria
 
         check_counts(self.num, self.verified, self.max_draws)
+        uncertainty = Uncertainty.parse(self.uncertain) if self.uncertain else None
         weights = self.plugins.weights()
         if ReachTerm.name in weights and self.robot.arm is None:
             raise InputError("term 'reach' is given without `arm`; name the arm, or leave it out")
@@ -117,6 +125,7 @@ class Sample(SceneOptions):
         method = find_method(self.method).with_weights(self.losses.given())
         start = time.perf_counter()
         name, scene = self.build()
+        scene = replace(scene, uncertainty=uncertainty or scene.uncertainty)
         hand = load_hand(self.hand, base=self.base)
         findings = self.what_matters(scene, hand)
         stop_at_errors(findings)
@@ -167,6 +176,8 @@ class Sample(SceneOptions):
             "weights": _weights_of(sampler) if method.start == "prior" else "none",
             "device": self.device,
         }
+        if scene.uncertainty is not None and samples.num_verified:
+            details["uncertain"] = what_to_do(written_scene, samples[0].share_of_worlds)
         if self.projection_report:
             from dexnudge.experiments.comparisons import projection_effect
 
@@ -198,4 +209,5 @@ def _print(summary: dict[str, Any]) -> None:
     say(f"{summary['object']}, {summary['scene']}, {summary['hand']}; weights: {summary['weights']}")
     stdout().print(counts)
     say(with_flags(nothing_verified(summary), Sample) if best is None else f"best force margin: {best:.2f}")
+    say(*([with_flags(summary["uncertain"], Sample)] if "uncertain" in summary else []))
     say(f"seconds: {stages}; total {summary['seconds_total']:.1f}; memory {summary['peak_memory_mb']:.0f} MB")

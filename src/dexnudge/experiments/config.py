@@ -10,6 +10,7 @@ from dexnudge.errors import InputError, UnknownNameError
 
 if TYPE_CHECKING:
     from dexnudge.energies.terms import EnergyTerm
+    from dexnudge.scenes.uncertainty import Uncertainty
     from dexnudge.verification.criteria import Criterion
 
 
@@ -35,6 +36,7 @@ class ExperimentConfig:
         losses: weights and clearances that differ from each method's own, by their names in `TermWeights`.
         terms: energy terms of installed packages with their weights, None for a term's own.
         criteria: further conditions of success, by name, from installed packages.
+        uncertain: by how much frictions, mass and pose may be off, as words of `Uncertainty.parse`.
         sweep: whether draws are verified again at other frictions and masses, see `disturbances.VERIFIED_AT`.
     """
 
@@ -55,6 +57,7 @@ class ExperimentConfig:
     losses: dict[str, float] | None = None
     terms: dict[str, float | None] | None = None
     criteria: tuple[str, ...] = ()
+    uncertain: tuple[str, ...] = ()
     sweep: bool = False
 
 
@@ -88,7 +91,7 @@ def trial_keys(config: ExperimentConfig) -> list[TrialKey]:
         raise UnknownNameError(f"unknown scene {unknown[0]!r}; expected some of {', '.join(scenes)}")
     for method in config.methods:
         find_method(method).with_weights(config.losses or {})  # refuses what makes no sense
-    own_terms(config), own_criteria(config)
+    own_terms(config), own_criteria(config), own_uncertainty(config)
     return [
         TrialKey(name, scene, method)
         for name in _object_names(config)
@@ -109,6 +112,13 @@ def own_criteria(config: ExperimentConfig) -> "list[Criterion]":
     from dexnudge.verification.criteria import named_criteria
 
     return named_criteria(config.criteria)
+
+
+def own_uncertainty(config: ExperimentConfig) -> "Uncertainty | None":
+    """Return what the config says to be uncertain; None for nothing. InputError where that makes no sense."""
+    from dexnudge.scenes.uncertainty import Uncertainty
+
+    return Uncertainty.parse(config.uncertain) if config.uncertain else None
 
 
 def trial_seed(seed: int, key: TrialKey) -> int:

@@ -2,13 +2,8 @@
 
 from dataclasses import replace
 
-import numpy as np
-
-from dexnudge.mechanics.fast_balance import force_margins
-from dexnudge.mechanics.sliding_task import sliding_task
+from dexnudge.results.worlds import balanced_in
 from dexnudge.scenes.scene import Scene
-from dexnudge.scenes.support_contacts import support_contacts
-from dexnudge.verification.criteria import SUCCESS_MARGIN
 from dexnudge.verification.verdicts import Verdicts
 
 VERIFIED_AT = (
@@ -25,8 +20,6 @@ EXECUTED_AT = tuple(
 )
 """The same in physics, while approach and forces are planned without the factor."""
 AS_DRAWN = "as drawn"  # the setting for which draws were made, ranked and planned
-BALANCE_REASONS = ("", "force_margin")
-"""Reasons of draws that have passed all that friction and mass do not change; "" is a verified one."""
 
 
 def setting_name(quantity: str, factor: float) -> str:
@@ -42,15 +35,8 @@ def disturbed_scene(scene: Scene, quantity: str, factor: float) -> Scene:
 def verify_disturbed(scene: Scene, verdicts: Verdicts) -> dict[str, list[bool]]:
     """Return whether each draw succeeds at each setting of `VERIFIED_AT`, in the order of the verdicts.
 
-    Equal to verifying in `disturbed_scene`: penetration, limits, contacts and supports do not depend on what changes, so
-    only the force balance is solved again.
+    Equal to verifying in `disturbed_scene`.
     """
-    places = [place for place, reason in enumerate(verdicts.reasons) if reason in BALANCE_REASONS]
-    contacts, supports = [verdicts.contacts[place] for place in places], support_contacts(scene)
-    found: dict[str, list[bool]] = {}
-    for quantity, factor in VERIFIED_AT:
-        margins = force_margins(contacts, supports, sliding_task(disturbed_scene(scene, quantity, factor)))
-        success = np.zeros(len(verdicts.success), dtype=bool)
-        success[places] = (margins.factor[:, 0] >= SUCCESS_MARGIN) & margins.balanced[:, 0]
-        found[setting_name(quantity, factor)] = success.tolist()
-    return found
+    worlds = [{quantity: factor * getattr(scene, quantity)} for quantity, factor in VERIFIED_AT]
+    found = balanced_in(scene, verdicts, worlds)
+    return {setting_name(*setting): success.tolist() for setting, success in zip(VERIFIED_AT, found, strict=True)}

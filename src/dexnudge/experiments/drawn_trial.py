@@ -6,7 +6,7 @@ from collections.abc import Callable, Sequence
 from dataclasses import replace
 from typing import Any
 
-from dexnudge.experiments.config import ExperimentConfig, TrialKey, own_criteria, own_terms, trial_seed
+from dexnudge.experiments.config import ExperimentConfig, TrialKey, own_criteria, own_terms, own_uncertainty, trial_seed
 from dexnudge.experiments.records import Record
 from dexnudge.experiments.trial import TrialKind
 from dexnudge.results.samples import Samples
@@ -50,7 +50,7 @@ class TrialSampler:
         mesh = self._objects[key.object].load()
         scene = build_scene(key.scene, mesh, seed=trial_seed(self.config.seed, key), **(self.config.physics or {}))
         scene.validate()
-        return scene
+        return replace(scene, uncertainty=own_uncertainty(self.config))
 
     def draw(self, key: TrialKey, further: Callable[[Scene], Sequence[Criterion]] = lambda _: ()) -> Samples:
         """Return the draws of a trial, with its seconds by stage as if it had prepared the scene for itself.

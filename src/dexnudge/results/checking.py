@@ -8,8 +8,9 @@ from typing import Any
 import numpy as np
 
 from dexnudge.results.folder import LONGEST_QUOTE, count_draws, read_result
-from dexnudge.results.ranking import out_of_order
+from dexnudge.results.ranking import ranking
 from dexnudge.results.samples import Samples
+from dexnudge.results.worlds import uncertainty_of
 from dexnudge.verification.criteria import AGREEMENT
 from dexnudge.verification.verdicts import Verdicts, verify
 
@@ -64,7 +65,7 @@ def check(folder: Path | str) -> Check:
     differences = (
         *_value_differences(written, found),
         *_verdict_differences(written, found),
-        *_order_differences(samples, written, found, measured_again=not not_recomputed),
+        *_rank_differences(samples, written, found, measured_again=not not_recomputed),
         *_summary_differences(summary, samples),
     )
     return Check(written, found, differences, not_recomputed)
@@ -98,15 +99,23 @@ def _verdict_differences(written: Verdicts, found: Verdicts) -> Iterator[str]:
             yield f"configuration {i}: contact_links are {next(shown)} in the file, {next(shown)} found"
 
 
-def _order_differences(samples: Samples, written: Verdicts, found: Verdicts, *, measured_again: bool) -> Iterator[str]:
-    """What is out of order; with noise the order needs all criteria again, in displaced scenes."""
+def _rank_differences(samples: Samples, written: Verdicts, found: Verdicts, *, measured_again: bool) -> Iterator[str]:
+    """What is out of order, and what it is ranked by; where the object may lie elsewhere that needs all criteria again."""
     scene = samples.scene
+    uncertainty = uncertainty_of(scene)
     late = np.flatnonzero(np.diff(written.success.astype(int)) > 0) + 1
     if len(late):
         yield f"configuration {late[0]} succeeds but stands after one that does not; expected verified ones first"
-    elif (written.success == found.success).all() and (measured_again or scene.surface_noise == 0):
-        for place in out_of_order(scene, found, samples.hand, samples.q).tolist():
+    elif (written.success == found.success).all() and (measured_again or not (uncertainty and uncertainty.displaces)):
+        again = ranking(scene, found, samples.hand, samples.q)
+        for place in again.out_of_order().tolist():
             yield f"configuration {place} is better than the one before it; expected the best first"
+        for name, value in again.foresight.items():
+            own = written.foresight.get(name, np.full(len(written), np.nan))
+            for i in np.flatnonzero(
+                ~np.isclose(own, value, rtol=0.0, atol=again.tolerance[name], equal_nan=True)
+            ).tolist():
+                yield f"configuration {i}: {name} is {own[i]:.3f} in the file, {value[i]:.3f} found"
 
 
 def _summary_differences(summary: dict[str, Any], samples: Samples) -> Iterator[str]:

@@ -9,6 +9,7 @@ configurations.npz holds every draw, verified ones first, best first; read it wi
     contact_links  (n,) names of the hand links that touch the object, joined by ","; a backslash stands before a comma or
                    a backslash that is part of a name
     NAME           (n,) what the criterion of that name measured
+    share_of_worlds  (n,) see `Samples.foresight`; only where something is uncertain
 
 summary.json counts them, and tells what failing each criterion means and what the run took. criteria/NAME holds what a
 criterion needs beside its name, such as the arm of `reach`.
@@ -39,11 +40,10 @@ from dexnudge.jobs.folders import new_folder
 from dexnudge.jobs.provenance import machine, peak_memory_mb, versions
 from dexnudge.results.criterion_files import FILES as CRITERION_FILES
 from dexnudge.results.criterion_files import OURS, read_criterion, write_criteria
-from dexnudge.results.ranking import best_first
 from dexnudge.results.samples import Samples
 from dexnudge.scenes.files import SCENE_FILES
 from dexnudge.scenes.scene import Scene
-from dexnudge.verification.criteria import RESERVED, Criterion, missing_criteria
+from dexnudge.verification.criteria import FORESIGHT, RESERVED, Criterion, missing_criteria
 from dexnudge.verification.verdicts import Verdicts, contacts_of, verify
 
 CONFIGURATIONS, SUMMARY = "configurations.npz", "summary.json"
@@ -115,6 +115,7 @@ def write_configurations(
         "reasons": np.array(verdicts.reasons, dtype=np.str_),
         "contact_links": np.array(links, dtype=np.str_),
         **verdicts.values,
+        **verdicts.foresight,
     }
     np.savez_compressed(folder / CONFIGURATIONS, **arrays)
 
@@ -142,14 +143,15 @@ def read_configurations(folder: Path) -> tuple[Float[np.ndarray, "n coordinates"
             f"{path} lacks {', '.join(missing)}; expected {', '.join(RESERVED)} and the values of all built-in criteria, "
             "which dexnudge 0.6 and before did not write; sample again"
         )
-    values = {key: array for key, array in arrays.items() if key not in RESERVED}
+    values = {key: array for key, array in arrays.items() if key not in (*RESERVED, *FORESIGHT)}
+    foresight = {key: arrays[key] for key in FORESIGHT if key in arrays}
     q = arrays["q"]
     expected: dict[str, tuple[str, tuple[object, ...]]] = {
         "q": ("f", q.shape if q.ndim == 2 else ("n", "9 + d")),
         "joint_names": ("U", (q.shape[-1] - ROOT_COORDINATES,)),
         "success": ("b", (len(q),)),
         **dict.fromkeys(("reasons", "contact_links"), ("U", (len(q),))),
-        **dict.fromkeys(values, ("f", (len(q),))),
+        **dict.fromkeys((*values, *foresight), ("f", (len(q),))),
     }
     for key, (kind, shape) in expected.items():
         array = arrays[key]
@@ -169,6 +171,7 @@ def read_configurations(folder: Path) -> tuple[Float[np.ndarray, "n coordinates"
         values=values,
         contacts=[],
         contact_links=[[re.sub(r"\\(.)", r"\1", name, flags=re.DOTALL) for name in each] for each in names],
+        foresight=foresight,
     )
     return q, tuple(arrays["joint_names"].tolist()), verdicts
 
@@ -259,6 +262,7 @@ def write_results(
     seconds = {**seconds, **samples.seconds, "picture": time.perf_counter() - start}
     summary = {
         **count_draws(samples.verdicts),
+        "best_foresight": samples[0].foresight if samples.num_verified else {},
         "reasons": {reason: samples.verdicts.sentences[reason] for reason in samples.rejections()},
         "criteria": list(samples.verdicts.values),
         **details,
@@ -282,8 +286,7 @@ def save_samples(samples: Samples, out: Path, *, title: str, overwrite: bool) ->
         scene, hand = write_inputs(folder, samples.scene, samples.hand)
         q = samples.q.astype(np.float32)  # as the file holds it
         verdicts = verify(scene, hand, q, criteria)
-        order = best_first(scene, verdicts, hand, q)
-        written = replace(samples, scene=scene, hand=hand, q=q, verdicts=verdicts)[order]
+        written = replace(samples, scene=scene, hand=hand, q=q, verdicts=verdicts).best_first()
         title = title or f"{hand.name}, {scene.name}"
         write_results(folder, written, title=title, seconds={}, details={"scene": scene.name, "hand": hand.name})
     return written

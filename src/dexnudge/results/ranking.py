@@ -4,6 +4,7 @@ As an object comes over an edge, less and less of it is carried, and a finger th
 """
 
 from collections.abc import Sequence
+from dataclasses import dataclass
 
 import numpy as np
 from jaxtyping import Float, Int
@@ -14,15 +15,13 @@ from dexnudge.mechanics.fast_balance import force_margins
 from dexnudge.mechanics.friction_cone import helping, pressing, some_contacts
 from dexnudge.mechanics.sliding_task import sliding_task
 from dexnudge.planning.object_path import push_length, station
-from dexnudge.results.displacement import WORLDS, share_held
+from dexnudge.results.worlds import share_of_worlds, uncertainty_of
 from dexnudge.scenes.scene import Scene
 from dexnudge.scenes.support_contacts import SupportContacts
 from dexnudge.verification.criteria import MARGIN_AGREEMENT, ROBUST_MARGIN, SUCCESS_MARGIN
 from dexnudge.verification.verdicts import Verdicts
 
 STATIONS = 3  # places along the way beside its beginning; the last one is its end
-KEY_AGREEMENT = (0.0, 1.01 / WORLDS, MARGIN_AGREEMENT, MARGIN_AGREEMENT, 1e-6, 1e-6, 1e-6)
-"""What rounding may change in each key of the ranking; of the displaced scenes, the verdict in one."""
 SAME_PLACE = 1e-5  # [m] by which two places of supports differ for no other reason than rounding
 
 
@@ -71,43 +70,57 @@ def forward_offset(scene: Scene, contacts: Sequence[HandContacts]) -> Float[np.n
     return np.array([max(0.0, each.mean()) if len(each) else np.inf for each in ahead])
 
 
-def best_first(
-    scene: Scene, verdicts: Verdicts, hand: Hand, q: Float[np.ndarray, "n coordinates"]
-) -> Int[np.ndarray, " n"]:
-    """Return the order of the draws: verified ones first; among them those that push best.
+@dataclass(frozen=True)
+class Ranking:
+    """What draws are ranked by.
 
-    That is: where surfaces are noisy, by the share of displaced scenes in which they hold (`share_held`); by the margin
+    Attributes:
+        keys: most important first; less is better.
+        agreement: what rounding may change in each of them.
+        foresight: what files show, see `Samples.foresight`.
+        tolerance: what rounding may change in each of that.
+    """
+
+    keys: Float[np.ndarray, "key draw"]
+    agreement: Float[np.ndarray, " key"]
+    foresight: dict[str, Float[np.ndarray, " draw"]]
+    tolerance: dict[str, float]
+
+    @property
+    def order(self) -> Int[np.ndarray, " draw"]:
+        """The draws, best first."""
+        return np.lexsort(self.keys[::-1])
+
+    def out_of_order(self) -> Int[np.ndarray, " place"]:
+        """Return the places of those draws that are better than the one in front of them, beyond what rounding explains."""
+        keys = np.nan_to_num(self.keys, nan=np.inf, posinf=np.finfo(np.float64).max)
+        difference = np.diff(keys, axis=1)
+        deciding = (difference != 0.0).argmax(axis=0)  # the first key in which two neighbours differ, if any
+        step = np.take_along_axis(difference, deciding[None], axis=0)[0]
+        return np.flatnonzero(step < -self.agreement[deciding]) + 1
+
+
+def ranking(scene: Scene, verdicts: Verdicts, hand: Hand, q: Float[np.ndarray, "n coordinates"]) -> Ranking:
+    """Return how draws rank: verified ones first; among them those that push best.
+
+    That is: where something is uncertain, by the share of the worlds in which they hold (`share_of_worlds`); by the margin
     where the path begins, up to 1.5 (robust); by the least one on the path of those contacts alone that press or push, up to
     1; by how near to the object's centre of mass or behind it they are on average; by how far they press or push; by the
     least penetration. Larger margins are those of hands that squeeze, and slip.
     """
-    return np.lexsort(_all_keys(scene, verdicts, hand, q)[::-1])
-
-
-def out_of_order(
-    scene: Scene, verdicts: Verdicts, hand: Hand, q: Float[np.ndarray, "n coordinates"]
-) -> Int[np.ndarray, " places"]:
-    """Return the places of those draws that `best_first` puts before the one in front of them.
-
-    Differences that another machine's rounding explains do not count.
-    """
-    keys = np.nan_to_num(_all_keys(scene, verdicts, hand, q), nan=np.inf, posinf=np.finfo(np.float64).max)
-    difference = np.diff(keys, axis=1)
-    deciding = (difference != 0.0).argmax(axis=0)  # the first key in which two neighbours differ, if any
-    step = np.take_along_axis(difference, deciding[None], axis=0)[0]
-    return np.flatnonzero(step < -np.array(KEY_AGREEMENT)[deciding]) + 1
-
-
-def _all_keys(
-    scene: Scene, verdicts: Verdicts, hand: Hand, q: Float[np.ndarray, "n coordinates"]
-) -> Float[np.ndarray, "key draw"]:
-    """Return what draws are ranked by, most important first; less is better."""
     keys = _keys(scene, verdicts)
-    return np.insert(keys, 1, -share_held(scene, hand, q, verdicts, np.lexsort(keys[::-1])), axis=0)
+    foresight, tolerance = {}, {}
+    agreement = [0.0, MARGIN_AGREEMENT, MARGIN_AGREEMENT, 1e-6, 1e-6, 1e-6]
+    if (uncertainty := uncertainty_of(scene)) is not None:
+        share = share_of_worlds(scene, hand, q, verdicts, np.lexsort(keys[::-1]))
+        foresight["share_of_worlds"], tolerance["share_of_worlds"] = share, 1.01 / uncertainty.worlds
+        keys = np.insert(keys, 1, -np.nan_to_num(share), axis=0)
+        agreement.insert(1, 1.01 / uncertainty.worlds)
+    return Ranking(keys, np.array(agreement), foresight, tolerance)
 
 
 def _keys(scene: Scene, verdicts: Verdicts) -> Float[np.ndarray, "key draw"]:
-    """Return the same without the displaced scenes."""
+    """Return what draws are ranked by where all is certain."""
     margin, verified = np.asarray(verdicts.force_margin), np.flatnonzero(verdicts.success)
     pressing, ahead, helping = np.zeros((3, len(margin)))
     if len(verified) > 1:

@@ -41,6 +41,7 @@ class Sample:
         values: what each criterion measured, by its name.
         contacts: with the object.
         contact_links: names of the hand links that touch it.
+        foresight: what it was ranked by beside those, see `Samples.foresight`.
     """
 
     scene: Scene
@@ -51,6 +52,12 @@ class Sample:
     values: dict[str, float]
     contacts: HandContacts
     contact_links: tuple[str, ...]
+    foresight: dict[str, float] = field(default_factory=dict)
+
+    @property
+    def share_of_worlds(self) -> float:
+        """Share in which it is verified of the worlds in which the scene may be found; NaN: not tried, or all is certain."""
+        return self.foresight.get("share_of_worlds", np.nan)
 
     @property
     def force_margin(self) -> float:
@@ -70,6 +77,7 @@ class Sample:
 
     def __repr__(self) -> str:
         verdict = "verified" if self.success else f"rejected ({self.reason})"
+        verdict += "" if np.isnan(self.share_of_worlds) else f" in {self.share_of_worlds:.0%} of the worlds"
         touching = ", ".join(self.contact_links) or "nothing"
         return (
             f"Sample of {self.hand.name} in '{self.scene.name}': {verdict}, force margin "
@@ -113,6 +121,15 @@ class Samples:
         return self.verdicts.reasons
 
     @property
+    def foresight(self) -> dict[str, Float[np.ndarray, " n"]]:
+        """What draws are ranked by beside what the criteria measure, by name.
+
+        share_of_worlds: where something is uncertain (`Scene.uncertainty`), the share of the worlds in which each draw is
+        verified; NaN for one that was not tried.
+        """
+        return self.verdicts.foresight
+
+    @property
     def num_verified(self) -> int:
         """How many draws succeed."""
         return int(self.success.sum())
@@ -137,15 +154,20 @@ class Samples:
             InputError: no criterion, one that fails, or one of before that no installed package brings any more.
         """
         from dexnudge.planning.reach import Reach
-        from dexnudge.results.ranking import best_first
 
         if mount is not None and not isinstance(by, Arm):
             raise InputError("`mount` is given without an arm; expected both or neither; give the criterion its own")
         criterion = Reach(by, mount=mount) if isinstance(by, Arm) else by
         name = getattr(criterion, "name", None)
         verdicts = verify(self.scene, self.hand, self.q, [*self.verdicts.criteria_again(but=name), criterion])
-        judged = replace(self, verdicts=verdicts, seconds=dict(self.seconds))
-        return judged[best_first(self.scene, verdicts, self.hand, self.q)]
+        return replace(self, verdicts=verdicts, seconds=dict(self.seconds)).best_first()
+
+    def best_first(self) -> Samples:
+        """Return the samples ranked anew by their verdicts, with the share of worlds in which they hold."""
+        from dexnudge.results.ranking import ranking
+
+        found = ranking(self.scene, self.verdicts, self.hand, self.q)
+        return replace(self, verdicts=replace(self.verdicts, foresight=found.foresight))[found.order]
 
     def __len__(self) -> int:
         return len(self.q)
@@ -174,6 +196,7 @@ class Samples:
                 values={name: float(value[place]) for name, value in self.verdicts.values.items()},
                 contacts=self.verdicts.contacts[place],
                 contact_links=tuple(self.verdicts.contact_links[place]),
+                foresight={name: float(value[place]) for name, value in self.foresight.items()},
             )
         places = key
         own_rank = None if self.own_rank is None else self.own_rank[places]
@@ -249,12 +272,13 @@ class Samples:
         """
         from dexnudge.viewer.page import Figures, write_page
 
-        shown_values = [name for name in self.verdicts.values if name not in NOT_ON_PAGE]
+        values = {name: value for name, value in self.verdicts.values.items() if name not in NOT_ON_PAGE}
+        values |= self.foresight
         found, shown = self.verdicts, self._visual_scenes[:MOST_ON_PAGE]
         figures = [
             Figures(
                 success=bool(found.success[i]),
-                values={name: float(found.values[name][i]) for name in shown_values},
+                values={name: float(value[i]) for name, value in values.items()},
                 contact_links=tuple(found.contact_links[i]),
                 reason=found.reasons[i],
             )

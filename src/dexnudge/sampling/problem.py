@@ -1,7 +1,7 @@
 """A scene made ready for sampling: its canonical frame, its distance fields and its force balance."""
 
 from collections.abc import Iterable, Sequence
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 
 import numpy as np
 import torch
@@ -158,6 +158,8 @@ def _balances(scene: Scene, T_canonical_world: Float[np.ndarray, "4 4"]) -> tupl
         there = scene.carried(way) if way else scene
         T = T_canonical_world @ np.linalg.inv(motion.displacement(way)) if way else T_canonical_world
         supports, task = support_contacts(there), sliding_task(there)
+        if scene.uncertainty is not None:
+            task = replace(task, **scene.uncertainty.hardest(scene))
         normals, friction, support, blocked = support_forces(supports, task)
         if blocked or not len(support):
             return ()

@@ -19,7 +19,6 @@ from dexnudge.diffusion.prior import DiffusionPrior
 from dexnudge.energies.terms import EnergyTerm, check_terms
 from dexnudge.errors import CheckpointError, InputError, check_integer, check_kind, check_path, check_seed
 from dexnudge.hands.hand import Hand
-from dexnudge.results.ranking import best_first
 from dexnudge.results.samples import Samples
 from dexnudge.sampling.denoise import denoise
 from dexnudge.sampling.methods import Method, find_method
@@ -27,6 +26,7 @@ from dexnudge.sampling.problem import SamplingProblem, prepare
 from dexnudge.sampling.projection import project
 from dexnudge.sampling.starts import TrainingPoses, nearest_pose_start, random_start
 from dexnudge.scenes.scene import Scene
+from dexnudge.scenes.uncertainty import Uncertainty
 from dexnudge.verification.criteria import Criterion, check_criteria, missing_criteria
 from dexnudge.verification.verdicts import Verdicts, verify
 
@@ -164,6 +164,7 @@ class Sampler:
         max_draws: int | None = None,
         problem: SamplingProblem | None = None,
         hand: Hand | None = None,
+        uncertain: Uncertainty | None = None,
         on_progress: Callable[[int, int], None] | None = None,
     ) -> Samples:
         """Draw `num` configurations, or as many as it takes to verify some; verify and rank all of them.
@@ -183,6 +184,9 @@ class Sampler:
             problem: the scene made ready, where a caller draws from it more than once; then no time is spent on it here.
             hand: the hand that is verified and that the samples carry, such as one read back from the files of a
                 result; the sampler's own unless given.
+            uncertain: how far the scene's numbers and the object's pose may be off, in place of the scene's `uncertainty`:
+                guidance aims at where the motion is hardest to make, and draws are ranked by the share of sampled worlds
+                in which they hold. A `problem` has to be of a scene that has it already.
             on_progress: called after each call with (drawn, verified).
 
         Raises:
@@ -191,6 +195,9 @@ class Sampler:
             CheckpointError: no usable weights.
         """
         check_kind("scene", scene, Scene, 'build_scene("table", "phone")')
+        if uncertain is not None:
+            check_kind("uncertain", uncertain, Uncertainty, "Uncertainty(friction=(0.5, 1), pose_mm=2)")
+            scene = replace(scene, uncertainty=uncertain)
         check_seed(seed)
         check_counts(num, verified, max_draws)
         criteria = check_criteria(criteria)
@@ -229,7 +236,7 @@ class Sampler:
             reports=tuple(call.report for call in calls),
         )
         start = time.perf_counter()
-        ranked = samples[best_first(scene, samples.verdicts, hand, samples.q)]
+        ranked = samples.best_first()
         ranked.seconds.update(seconds, rank=time.perf_counter() - start)
         return ranked
 

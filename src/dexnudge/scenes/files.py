@@ -16,6 +16,7 @@ from dexnudge.jobs.json_files import path_inside, read_json_object
 from dexnudge.jobs.provenance import recorded_versions
 from dexnudge.scenes.motion import Turn
 from dexnudge.scenes.poses import unit_motion
+from dexnudge.scenes.uncertainty import Uncertainty
 
 SCENE_FILE, OBJECT_FILE, ENVIRONMENT_FILE = "scene.json", "object.obj", "environment.obj"
 SCENE_FILES = (SCENE_FILE, OBJECT_FILE, ENVIRONMENT_FILE)
@@ -89,6 +90,7 @@ def read_scene(folder: Path) -> dict[str, Any]:
         "T_world_object": rigid_transform(content["T_world_object"]),
         "motion": unit_motion(content["motion"]),
         "turn": None if content.get("turn") is None else Turn.from_json(content["turn"]),
+        "uncertainty": None if (unsure := content.get("uncertainty")) is None else Uncertainty.from_json(unsure),
         "name": str(content.get("scene", "user")),
         "parameters": parameters,
         "seed": seed,

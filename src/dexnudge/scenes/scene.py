@@ -29,6 +29,7 @@ from dexnudge.scenes.placement import placement_findings
 from dexnudge.scenes.poses import load_pose, unit_motion
 from dexnudge.scenes.sizes import size_findings
 from dexnudge.scenes.supports import TOUCHING, Support, all_supports
+from dexnudge.scenes.uncertainty import Uncertainty
 
 FRICTION_HAND = 0.8  # rubber fingertip on plastic
 FRICTION_ENVIRONMENT = 0.4  # plastic on painted wood
@@ -57,6 +58,7 @@ class Scene:
         max_normal_force: largest normal force of one digit link [N]; 5 unless given.
         surface_noise: by how much the measured surfaces scatter about the true ones, root mean square [m]; 0 for a model.
         clearance: distance that hands keep from the surroundings [m]; at least the noise.
+        uncertainty: the worlds by whose share configurations are ranked; None where the numbers above are certain.
         name: scene family, or "user".
         parameters: what the family drew, by name, lengths in metres unless the name says otherwise.
         seed: seed of the generator that drew the parameters, None when nothing was drawn.
@@ -79,6 +81,7 @@ class Scene:
     max_normal_force: float = MAX_NORMAL_FORCE
     surface_noise: float = 0.0
     clearance: float = 0.0
+    uncertainty: Uncertainty | None = None
     name: str = "user"
     parameters: dict[str, Any] = field(default_factory=dict)
     seed: int | None = None
@@ -295,6 +298,7 @@ class Scene:
         check_path("folder", folder)
         values: dict[str, Any] = {"T_world_object": self.T_world_object, "motion": self.motion}
         values |= {"turn": self.turn.to_json()} if self.turn else {}
+        values |= {"uncertainty": self.uncertainty.to_json()} if self.uncertainty else {}
         values |= {key: float(getattr(self, key)) for key in (*NUMBERS, *MARGINS)}
         values |= {"scene": self.name, "parameters": self.parameters, "seed": self.seed}
         return write_scene(values, Path(folder), object_mesh=self.object_mesh, environment_mesh=self.environment_mesh)

@@ -32,6 +32,8 @@ ROTATION_TOLERANCE = 1e-4
 """Deviation of the 6D rotation's columns from unit length and right angle that single precision explains [-]."""
 RESERVED = ("q", "joint_names", "success", "reasons", "contact_links")
 """Arrays of configurations.npz that belong to no criterion."""
+FORESIGHT = ("share_of_worlds",)
+"""The same that need not be there."""
 NUMPY_NAMES = ("file", "allow_pickle")
 """Names that numpy.savez cannot give to an array."""
 AGREEMENT = 1e-4
@@ -286,7 +288,11 @@ def check_criteria(criteria: Iterable[Any] | None) -> list[Criterion]:
                 f"criterion {name!r} has no usable name; expected an identifier such as 'manipulability': letters, digits "
                 "and underscores"
             )
-        if name in (*RESERVED, *NUMPY_NAMES) or name in names or builtin.get(name, criterion) is not criterion:
+        if (
+            name in (*RESERVED, *FORESIGHT, *NUMPY_NAMES)
+            or name in names
+            or builtin.get(name, criterion) is not criterion
+        ):
             raise InputError(f"the name of criterion '{name}' is taken; expected one of its own; rename it")
         tolerance = getattr(criterion, "tolerance", AGREEMENT)
         number = isinstance(tolerance, int | float | np.integer | np.floating) and not isinstance(tolerance, bool)

@@ -2,7 +2,10 @@
 
 from __future__ import annotations
 
+from collections.abc import Mapping, Sequence
+from dataclasses import replace
 from functools import cached_property
+from typing import Any
 
 import numpy as np
 from jaxtyping import Float
@@ -65,17 +68,30 @@ class Measurements:
     @cached_property
     def margins(self) -> Margins:
         """Force margins of the contacts: the least of those where the object begins to turn and where it begins to slide."""
-        motion, stages = self._scene.object_motion, []
-        for way in motion.beginnings:
-            there, T = self._scene.carried(way), motion.displacement(way)
-            contacts = [moved_contacts(each, T) for each in self.contacts] if way else self.contacts
-            stages.append(force_margins(contacts, support_contacts(there), sliding_task(there)))
-        least = np.min([stage.factor for stage in stages], axis=0)
-        return Margins(least, np.all([stage.balanced for stage in stages], axis=0))
+        return contact_margins(self._scene, self.contacts)[0]
 
     @cached_property
     def _T_world_link(self) -> Float[np.ndarray, "n link 4 4"]:
         return self._hands.T_world_link.detach().cpu().numpy()
+
+
+def contact_margins(
+    scene: Scene, contacts: Sequence[HandContacts], *, worlds: Sequence[Mapping[str, Any]] = ({},)
+) -> list[Margins]:
+    """Return the force margins of contacts in each world: the least where the object begins to turn and to slide.
+
+    worlds: numbers in place of the scene's own, by their names in `SlidingTask`.
+    """
+    motion, stages = scene.object_motion, []
+    for way in motion.beginnings:
+        there = scene.carried(way) if way else scene
+        T, supports, task = motion.displacement(way), support_contacts(there), sliding_task(there)
+        moved = [moved_contacts(each, T) for each in contacts] if way else contacts
+        stages.append([force_margins(moved, supports, replace(task, **world)) for world in worlds])
+    return [
+        Margins(np.min([each.factor for each in world], axis=0), np.all([each.balanced for each in world], axis=0))
+        for world in zip(*stages, strict=True)
+    ]
 
 
 def measure(hands: HandBatch, scene: Scene) -> Measurements:

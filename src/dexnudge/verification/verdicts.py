@@ -41,6 +41,7 @@ class Verdicts:
         contact_links: names of the links in contact with the object.
         sentences: what a failure means, by the name of each criterion that some configuration fails.
         criteria: what judged, in this order.
+        foresight: what they are ranked by beside the values, by name; see `Samples.foresight`.
     """
 
     success: Bool[np.ndarray, " n"]
@@ -50,6 +51,7 @@ class Verdicts:
     contact_links: list[list[str]]
     sentences: dict[str, str] = field(default_factory=dict)
     criteria: tuple[Criterion, ...] = ()
+    foresight: dict[str, Float[np.ndarray, " n"]] = field(default_factory=dict)
 
     def __len__(self) -> int:
         return len(self.success)
@@ -118,6 +120,7 @@ class Verdicts:
             contact_links=[self.contact_links[i] for i in places],
             sentences=self.sentences,
             criteria=self.criteria,
+            foresight={name: value[places] for name, value in self.foresight.items()},
         )
 
     @classmethod
