@@ -8,19 +8,22 @@ from collections.abc import Iterable, Sequence
 from dataclasses import asdict, dataclass, replace
 from itertools import product
 from pathlib import Path
-from typing import Any, Literal
+from typing import TYPE_CHECKING, Any, Literal
 
+import numpy as np
 import tyro
 
-from dexnudge.experiments.charts import AVAILABLE, grid_chart, save_chart
-from dexnudge.experiments.config import ExperimentConfig
+from dexnudge.experiments.charts import AVAILABLE, INK, WIDTH, save_chart
+from dexnudge.experiments.config import ExperimentConfig, ScanErrors
 from dexnudge.experiments.metrics import Measured, measure, named
 from dexnudge.experiments.records import FILE
 from dexnudge.experiments.report import setting, write_report
 from dexnudge.experiments.run import TrialRunner, read_run
 from dexnudge.experiments.scan_trial import ScanTrial
-from dexnudge.experiments.scanned_world import ScanErrors
 from dexnudge.experiments.tables import Table, csv_text
+
+if TYPE_CHECKING:
+    from matplotlib.figure import Figure
 
 ROOT = Path(__file__).parents[1]
 NOISE, TILT, POSE = (
@@ -130,10 +133,7 @@ def write_results(folder: Path, docs: Path) -> None:
     ]
     parts += ["## What fails", failures_table(page).markdown()]
     if AVAILABLE and (panels := grid_panels(grid)):
-        figure = grid_chart(
-            "Sampled in scans", panels, label="top-ranked true [%]", columns="tilt [deg]", rows="noise [mm]"
-        )
-        save_chart(figure, docs / "images" / "scans.png")
+        save_chart(grid_chart(panels), docs / "images" / "scans.png")
         parts += ["## Over the grid of errors", setting(grid_claim["config"], grid_claim)]
         parts += ["![Top-ranked true over noise, tilt and pose error](images/scans.png)"]
     parts += ["Every figure: [scans.csv](data/scans.csv)."]
@@ -200,6 +200,30 @@ def grid_panels(measured: dict[ScanErrors, list[Measured]]) -> dict[tuple[str, s
             panel = panels.setdefault((f"pose {errors.pose_mm:g} mm, {errors.pose_deg:g} deg", row["scene"]), {})
             panel[errors.noise_mm, errors.tilt_deg] = row["top_true"].value
     return panels
+
+
+def grid_chart(panels: dict[tuple[str, str], dict[tuple[float, float], float]]) -> "Figure":
+    """Return a figure of what `grid_panels` returns; cells that are missing stay empty."""
+    from matplotlib.figure import Figure
+
+    down, across = (list(dict.fromkeys(name[axis] for name in panels)) for axis in (0, 1))
+    figure = Figure(figsize=(WIDTH, 0.8 + WIDTH / len(across) * 0.75 * len(down)), layout="constrained")
+    axes = figure.subplots(len(down), len(across), squeeze=False)
+    for (row, column), cells in panels.items():
+        panel = axes[down.index(row)][across.index(column)]
+        low, high = (sorted({size[axis] for size in cells}) for axis in (0, 1))
+        shares = np.array([[100.0 * cells.get((one, other), np.nan) for other in high] for one in low])
+        panel.imshow(shares, cmap="RdYlGn", vmin=0.0, vmax=100.0, aspect="auto", alpha=0.8)
+        for place, share in np.ndenumerate(shares):
+            if np.isfinite(share):
+                panel.text(place[1], place[0], f"{share:.0f}", ha="center", va="center", fontsize=8, color=INK)
+        panel.set_xticks(range(len(high)), [f"{size:g}" for size in high], fontsize=8)
+        panel.set_yticks(range(len(low)), [f"{size:g}" for size in low], fontsize=8)
+        panel.set_title(f"{column}, {row}", loc="left", fontsize=9)
+        panel.set_xlabel("tilt [deg]", fontsize=8)
+        panel.set_ylabel("noise [mm]", fontsize=8)
+    figure.suptitle("Sampled in scans: top-ranked true [%]", fontsize=11, weight="bold")
+    return figure
 
 
 def scenes_of(measured: dict[ScanErrors, list[Measured]]) -> Sequence[str]:

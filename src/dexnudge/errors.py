@@ -7,7 +7,8 @@ builtin that a caller would catch. The command line prints the message and exits
 import difflib
 import math
 import os
-from collections.abc import Iterable
+from collections.abc import Iterable, Iterator
+from contextlib import contextmanager
 from numbers import Integral
 from pathlib import Path
 from typing import Any
@@ -118,3 +119,14 @@ class UnknownNameError(InputError, KeyError):
 
 class OutputError(DexnudgeError, OSError):
     """An output folder or file that cannot be written."""
+
+
+@contextmanager
+def writing(what: object, remedy: str = "expected a folder that exists and is writable") -> Iterator[None]:
+    """Let the block write `what`; OutputError where the disk refuses."""
+    try:
+        yield
+    except OutputError:
+        raise
+    except OSError as error:
+        raise OutputError(f"cannot write {what}: {what_failed(error)}; {remedy}") from error

@@ -49,7 +49,7 @@ def test_training_poses_that_are_not_there(dexnudge, tmp_path):
     options = ["--quick", "--max-objects", 1, "--num", 1, "--workers", 1, "--data", tmp_path / "nowhere"]
     outcome = dexnudge("reproduce", *options, "--out", tmp_path / "out")
     assert outcome.code == 2
-    assert "manifest.json does not exist; expected a dataset folder" in outcome.err
+    assert "manifest.json: no such file; expected a dataset folder" in outcome.err
 
 
 @pytest.mark.slow  # a dozen real rows, with the shipped weights

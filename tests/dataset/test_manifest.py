@@ -37,14 +37,14 @@ def test_the_file_keeps_its_older_name_for_joint_groups(toy, tmp_path):
 
 
 def test_missing_broken_or_not_a_mapping(toy, tmp_path):
-    with pytest.raises(DatasetError, match=r"manifest.json does not exist; .*`dexnudge dataset generate`"):
+    with pytest.raises(DatasetError, match=r"manifest.json: no such file; .*`dexnudge dataset generate`"):
         read_manifest(tmp_path)
     path = write_manifest(tmp_path, toy.toy_manifest())
     path.write_text(path.read_text()[:50])
-    with pytest.raises(DatasetError, match="is not valid JSON"):
+    with pytest.raises(DatasetError, match="cannot be read as JSON"):
         read_manifest(tmp_path)
     path.write_text("[]")
-    with pytest.raises(DatasetError, match="has format version 'list', expected 2"):
+    with pytest.raises(DatasetError, match="holds a JSON list; expected an object"):
         read_manifest(tmp_path)
 
 

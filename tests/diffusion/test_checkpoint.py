@@ -68,7 +68,7 @@ def test_weights_of_another_model(folder):
 @pytest.mark.parametrize("name", [WEIGHTS_NAME, CONFIG_NAME])
 def test_missing_files(folder, name):
     (folder / name).unlink()
-    with pytest.raises(CheckpointError, match=rf"{name} does not exist"):
+    with pytest.raises(CheckpointError, match=rf"{name}(: no such file| does not exist)"):
         load_model(folder)
 
 
@@ -136,7 +136,7 @@ def test_a_config_from_before_token_layouts_is_read(folder, network):
 def test_broken_json(folder):
     path = folder / CONFIG_NAME
     path.write_text(path.read_text()[:40])
-    with pytest.raises(CheckpointError, match="is not valid JSON"):
+    with pytest.raises(CheckpointError, match="cannot be read as JSON"):
         load_model(folder)
 
 

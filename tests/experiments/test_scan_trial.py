@@ -8,12 +8,12 @@ import pytest
 import trimesh
 
 from dexnudge.experiments import scan_trial
-from dexnudge.experiments.config import ExperimentConfig, trial_keys
+from dexnudge.experiments.config import ExperimentConfig, ScanErrors, trial_keys
 from dexnudge.experiments.metrics import measure
 from dexnudge.experiments.records import read_records
 from dexnudge.experiments.run import TrialRunner
 from dexnudge.experiments.scan_trial import ScanRecord, ScanTrial, understanding_errors
-from dexnudge.experiments.scanned_world import ScanErrors, ScannedWorld, scanned_world
+from dexnudge.experiments.scanned_world import ScannedWorld, scanned_world
 from dexnudge.scenes.families import build_scene
 
 EXACT = ScanErrors(triangle_mm=0.0, rounding_mm=0.0)

@@ -6,7 +6,8 @@ import trimesh
 from scipy.spatial.transform import Rotation
 
 from dexnudge.errors import InputError
-from dexnudge.experiments.scanned_world import ScanErrors, remeshed, scanned_mesh, scanned_world, tilted
+from dexnudge.experiments.config import ScanErrors
+from dexnudge.experiments.scanned_world import remeshed, scanned_mesh, scanned_world, tilted
 from dexnudge.geometry.exact_distance import ExactDistance
 from dexnudge.perception.views import load_views, save_views
 from dexnudge.scenes.families import build_scene

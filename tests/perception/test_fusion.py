@@ -193,7 +193,7 @@ def test_specks_that_float_are_dropped_and_counted(camera):
 
 
 def test_a_large_image_is_thinned_and_gives_the_same_plane(camera, monkeypatch):
-    monkeypatch.setattr("dexnudge.perception.local_planes.LARGEST_FIT", 160 * 120 // 4)
+    monkeypatch.setattr("dexnudge.perception.fusion.LARGEST_FIT", 160 * 120 // 4)
     found = fuse([camera((TABLE,), (0.5, 0, 0.4), (0, 0, 0))], LOW, HIGH, voxel=VOXEL)
     assert np.abs(distance(vertices_of(found, SEEN), TABLE)).max() < 0.02 * VOXEL
 

@@ -83,7 +83,7 @@ def figures():
 @pytest.fixture(scope="module")
 def page(shown, figures, tmp_path_factory):
     path = tmp_path_factory.mktemp("page") / "view.html"
-    return Parsed(write_page(shown, path, title="phone, table", figures=figures, subtitle="10 of 32 verified"))
+    return Parsed(write_page(shown, path, title="phone, table", figures=figures))
 
 
 def test_page_loads_nothing_from_anywhere(page):
@@ -135,7 +135,7 @@ def test_hostile_names_are_shown_and_not_run(shown, figures, tmp_path):
     own = Figures(False, {HOSTILE: 1.0}, (HOSTILE,), HOSTILE)
     parts = (Part(HOSTILE, "object", trimesh.creation.box((0.1, 0.1, 0.1)), np.eye(4)),)
     hostile = VisualScene(parts, np.zeros((0, 3)), np.array([1.0, 0, 0]))
-    page = Parsed(write_page([hostile], tmp_path / "x.html", title=HOSTILE, figures=[own], subtitle=HOSTILE))
+    page = Parsed(write_page([hostile], tmp_path / "x.html", title=HOSTILE, figures=[own]))
     assert page.texts["title"].strip() == HOSTILE
     assert page.texts["h1"].strip() == HOSTILE
     assert page.rows[1][1] == page.rows[1][3] == HOSTILE
@@ -168,5 +168,5 @@ def test_what_does_not_fit_together_is_refused(shown, figures, tmp_path):
     with pytest.raises(InputError, match="visual scene 1 shows other bodies than scene 0"):
         write_page([shown[0], other], path, title="", figures=figures[:2])
     assert not path.exists()
-    with pytest.raises(OutputError, match="cannot be written"):
+    with pytest.raises(OutputError, match="cannot write"):
         write_page(shown[:1], tmp_path / "missing" / "view.html", title="", figures=figures[:1])

@@ -129,7 +129,7 @@ def test_picture_is_written_as_png(tmp_path):
     path = render_png(shown, tmp_path / "view.png", size=(64, 48))
     with Image.open(path) as image:
         assert (image.format, image.size, image.mode) == ("PNG", (64, 48), "RGB")
-    with pytest.raises(OutputError, match="cannot be written"):
+    with pytest.raises(OutputError, match="cannot write"):
         render_png(shown, tmp_path / "missing" / "view.png", size=(8, 8))
 
 

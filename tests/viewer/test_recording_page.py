@@ -91,7 +91,7 @@ def test_what_cannot_be_shown_or_written_is_refused(recording, tmp_path):
     fewer = replace(recording.frames[1], parts=recording.frames[1].parts[:2])
     with pytest.raises(InputError, match="visual scene 1 shows other bodies"):
         replace(recording, frames=[recording.frames[0], fewer, *recording.frames[2:]])
-    with pytest.raises(OutputError, match="cannot be written"):
+    with pytest.raises(OutputError, match="cannot write"):
         write_recording_page(recording, tmp_path / "missing" / "film.html")
 
 

@@ -56,5 +56,5 @@ def test_what_cannot_be_shown_or_written_is_refused(recording, tmp_path):
     with pytest.raises(InputError, match="an animation of 1 pictures"):
         write_recording_pictures(recording, tmp_path / "film.png", tmp_path / "film.gif", pictures=1)
     short = recording.part(np.array([0, 40]))
-    with pytest.raises(OutputError, match=r"the animation .* cannot be written"):
+    with pytest.raises(OutputError, match=r"cannot write the animation"):
         write_recording_pictures(short, tmp_path / "film.png", tmp_path / "missing" / "film.gif", tile=(16, 12))

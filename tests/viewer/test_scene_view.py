@@ -3,12 +3,11 @@
 import numpy as np
 import pytest
 import trimesh
-from PIL import Image
 
 import dexnudge as dn
 from dexnudge.scenes.boxes import box
 from dexnudge.scenes.free_way import free_way
-from dexnudge.viewer.scene_view import scene_view, write_scene_picture
+from dexnudge.viewer.scene_view import scene_picture, scene_view
 
 TABLE = box((-0.3, -0.2, -0.04), (0.3, 0.2, 0.0))
 RIB = box((0.116, -0.1, -0.01), (0.126, 0.1, 0.006))
@@ -36,7 +35,7 @@ def test_the_arrow_ends_at_the_obstacle():
     assert ball.T_world_part[0, 3] == pytest.approx(0.116, abs=1e-4)
 
 
-def test_surroundings_are_told_apart_by_origin_and_unseen_ones_are_looked_through(tmp_path):
+def test_surroundings_are_told_apart_by_origin_and_unseen_ones_are_looked_through():
     cover = box((-0.1, -0.06, 0.02), (0.1, 0.06, 0.03))
     surroundings = trimesh.util.concatenate([TABLE, cover])
     surroundings.metadata["origin"] = np.repeat([0, 2], 12)
@@ -44,8 +43,7 @@ def test_surroundings_are_told_apart_by_origin_and_unseen_ones_are_looked_throug
     assert [len(part.mesh.faces) for part in seen.with_role("environment", "unseen")] == [12, 12]
     assert not len(seen.arrow().mesh.faces)  # where the way is not known
     scene = scene_of(surroundings)
-    write_scene_picture(scene_view(scene, free_way(scene)), tmp_path / "scene.png", size=(120, 90))
-    picture = np.asarray(Image.open(tmp_path / "scene.png"), dtype=float)
+    picture = scene_picture(scene_view(scene, free_way(scene)), size=(120, 90)).astype(float)
     # pixels of the object's orange: 138 through the cover, 50 beside one that is solid
     assert (picture[..., 0] - picture[..., 2] > 60).sum() > 100
 

@@ -20,6 +20,7 @@ TABLE_WIDTH = 100  # columns when the output is a file or a pipe, so that tables
 MOST_LISTED = 20  # differences in one message: as many as fit on a screen
 NOTHING_SUCCEEDED = 3  # exit code of what is done and written without a single success
 
+NAME = re.compile(r"[A-Za-z0-9_-]+")  # of a ROS package or a model
 ARGUMENT = re.compile(r"`(\w+)`")  # how messages of the library name one
 
 
@@ -138,30 +139,6 @@ class Physics:
 
 
 @dataclass(frozen=True)
-class ScanOptions:
-    """Errors of the scans that --scan makes of the scenes."""
-
-    noise_mm: OptionalNumber = None
-    """Standard deviation of scanned vertices along their normals [mm]; 0 unless given."""
-    tilt_deg: OptionalNumber = None
-    """Tilt of the true world about a random horizontal axis [deg]; 0 unless given."""
-    pose_mm: OptionalNumber = None
-    """Distance by which the given pose of the object is off, in a random direction [mm]; 0 unless given."""
-    pose_deg: OptionalNumber = None
-    """Angle by which it is turned about a random axis [deg]; 0 unless given."""
-    triangle_mm: OptionalNumber = None
-    """Edge of scanned triangles [mm]; 8 unless given, 0 for the scene's own triangles."""
-    rounding_mm: OptionalNumber = None
-    """To which scanned vertices are rounded [mm]; 0.01 unless given."""
-    depth_views: OptionalCount = None
-    """Render so many depth images in place of a scanned mesh, with the noise of a structured-light camera."""
-
-    def given(self) -> dict[str, Any]:
-        """Return those that the user gave, by their names in `ScanErrors`."""
-        return {name: value for name, value in vars(self).items() if value is not None}
-
-
-@dataclass(frozen=True)
 class Plugins:
     """What installed packages bring; `dexnudge plugins` lists it."""
 
@@ -230,17 +207,24 @@ def is_number(text: str) -> bool:
     return True
 
 
-def named_folders(package: Sequence[str]) -> dict[str, str]:
-    """Return the folders of ROS packages by name, from words such as my_hand=/home/me/my_hand.
+def named_folders(argument: str, entries: Sequence[str]) -> dict[str, str]:
+    """Return folders by name, from words such as my_hand=/home/me/my_hand.
 
     Raises:
-        InputError: a word without name or folder.
+        InputError: a word without a folder, a name that cannot be part of a folder's name, or one that occurs twice.
     """
-    pairs = [entry.partition("=") for entry in package]
-    wrong = [entry for entry, (name, _, folder) in zip(package, pairs, strict=True) if not name or not folder]
-    if wrong:
-        raise InputError(f"`package` got {wrong[0]!r}; expected NAME=DIR, such as my_hand=/home/me/my_hand")
-    return {name: folder for name, _, folder in pairs}
+    found: dict[str, str] = {}
+    for entry in entries:
+        name, _, folder = entry.partition("=")
+        if not folder or not NAME.fullmatch(name):
+            raise InputError(
+                f"`{argument}` got {entry!r}; expected NAME=DIR with a name of letters, digits, _ and -, such as "
+                "my_hand=/home/me/my_hand"
+            )
+        if name in found:
+            raise InputError(f"`{argument}` names {name!r} twice; expected each name once")
+        found[name] = folder
+    return found
 
 
 def stdout() -> Console:
@@ -267,7 +251,7 @@ def table(*columns: str) -> Table:
     return made
 
 
-def listed(what: Sequence[str], *, most: int = MOST_LISTED) -> str:
+def listed(what: Sequence[str]) -> str:
     """Return the first lines, indented, and how many more there are."""
-    more = [f"and {len(what) - most} more"] if len(what) > most else []
-    return "\n".join(f"  {each}" for each in [*what[:most], *more])
+    more = [f"and {len(what) - MOST_LISTED} more"] if len(what) > MOST_LISTED else []
+    return "\n".join(f"  {each}" for each in [*what[:MOST_LISTED], *more])

@@ -56,10 +56,11 @@ class ArmCommand(MountOptions):
 
     def _write(self, shown: Arm | Robot, out: str) -> None:
         from dexnudge.jobs.folders import new_folder
-        from dexnudge.viewer.arm_picture import write_arm_picture
+        from dexnudge.viewer.arm_picture import arm_picture
+        from dexnudge.viewer.picture import write_png
 
         with new_folder(out, overwrite=self.overwrite, marker=PICTURE) as folder:
-            write_arm_picture(shown, folder / PICTURE)
+            write_png(arm_picture(shown), folder / PICTURE)
         say(f"look at it: {Path(out) / PICTURE}")
 
 

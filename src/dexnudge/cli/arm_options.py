@@ -41,7 +41,7 @@ class MountOptions:
         """Return the arm of that name or file, its meshes found."""
         from dexnudge.arms.registry import load_arm
 
-        return load_arm(name, packages=named_folders(self.package))
+        return load_arm(name, packages=named_folders("package", self.package))
 
 
 @dataclass(frozen=True, kw_only=True)
@@ -103,7 +103,7 @@ class EvaluatedArm(MountOptions):
             base=base,
             mount=mount,
             base_distance=bounds,
-            packages=tuple(named_folders(self.package).items()),
+            packages=tuple(named_folders("package", self.package).items()),
             execute=execute,
             then_grasp=then_grasp,
         )

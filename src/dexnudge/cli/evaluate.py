@@ -13,7 +13,6 @@ from dexnudge.cli.arguments import (
     OptionalFolder,
     Physics,
     Plugins,
-    ScanOptions,
     Scenes,
     SetOptions,
     Uncertain,
@@ -24,6 +23,7 @@ from dexnudge.cli.arguments import (
 )
 from dexnudge.cli.arm_options import EvaluatedArm
 from dexnudge.errors import InputError
+from dexnudge.experiments.config import ScanErrors
 
 if TYPE_CHECKING:
     from dexnudge.experiments.config import ExperimentConfig
@@ -73,7 +73,7 @@ class Evaluate(SetOptions):
     robot: EvaluatedArm = field(default_factory=EvaluatedArm)
     scan: Flag = False
     """Sample in scans of the scenes, and judge in the scenes themselves what is verified there; nothing else is run."""
-    scans: ScanOptions = field(default_factory=ScanOptions)
+    scans: ScanErrors = field(default_factory=ScanErrors)
 
     def run(self) -> int:
         """Run the missing trials of each kind, write and print their reports."""
@@ -96,9 +96,10 @@ class Evaluate(SetOptions):
         check_at_least(1, attempts=self.attempts)
 
     def _check_scan(self) -> None:
-        given = self.scans.given()
+        usual = vars(ScanErrors())
+        given = [(name, value) for name, value in vars(self.scans).items() if value != usual[name]]
         if given and not self.scan:
-            name, value = next(iter(given.items()))
+            name, value = given[0]
             raise InputError(f"`{name}` is {value:g} without `scan`; expected both; add `scan`")
         if self.scan and self.then_grasp:
             raise InputError(
@@ -130,9 +131,8 @@ class Evaluate(SetOptions):
 
         if self.scan:
             from dexnudge.experiments.scan_trial import ScanTrial
-            from dexnudge.experiments.scanned_world import ScanErrors
 
-            return [ScanTrial(ScanErrors(**self.scans.given()), execute=self.execute)]
+            return [ScanTrial(self.scans, execute=self.execute)]
         if (arm := self.robot.trial(execute=self.execute, then_grasp=self.then_grasp)) is not None:
             return [arm]
         kinds: list[TrialKind[Any]] = [SamplingTrial()]

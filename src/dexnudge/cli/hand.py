@@ -23,7 +23,8 @@ from dexnudge.cli.arguments import (
     stdout,
     table,
 )
-from dexnudge.errors import InputError, OutputError, check_path
+from dexnudge.errors import InputError, OutputError, SceneError, check_path
+from dexnudge.jobs.json_files import read_json_object
 
 if TYPE_CHECKING:
     from dexnudge.finding import Finding
@@ -91,14 +92,15 @@ class HandCommand:
         from dexnudge.hands.export import export_hand
         from dexnudge.jobs.folders import new_folder
         from dexnudge.viewer.hand_page import write_hand_page
-        from dexnudge.viewer.hand_picture import write_hand_picture
+        from dexnudge.viewer.hand_picture import hand_picture
+        from dexnudge.viewer.picture import write_png
 
         argument = "prepare" if self.prepare is not None else "out"
         former = self._replaceable(out, argument) if self.overwrite else ()
         with new_folder(out, overwrite=self.overwrite, marker=FINDINGS, ours=former, argument=argument) as folder:
             prepared = self._prepared()
             export_hand(prepared.hand, folder)
-            write_hand_picture(prepared.hand, folder / PICTURE)
+            write_png(hand_picture(prepared.hand), folder / PICTURE)
             write_hand_page(prepared.hand, folder / PAGE)
             _write_findings(prepared.findings, folder)
         return prepared
@@ -160,7 +162,7 @@ class HandCommand:
             palm_normal=self.palm_normal,
             geometry=self.geometry,
             base=self.base,
-            packages=named_folders(self.package),
+            packages=named_folders("package", self.package),
         )
 
 
@@ -173,10 +175,10 @@ def _write_findings(findings: Sequence[Finding], folder: Path) -> None:
 def _files_written(path: Path) -> tuple[str, ...]:
     """Return the files beside this findings.json that were written with it; none if it is not this command's."""
     try:
-        content = json.loads(path.read_text(encoding="utf-8"))
-    except (OSError, ValueError, RecursionError):
+        content = read_json_object(path)
+    except SceneError:
         return ()
-    if not isinstance(content, dict) or content.get("format") != FORMAT or not isinstance(content.get("files"), list):
+    if content.get("format") != FORMAT or not isinstance(content.get("files"), list):
         return ()
     return tuple(file for file in content["files"] if isinstance(file, str) and file)
 

@@ -1,6 +1,5 @@
 """`dexnudge reproduce`: Tables I and II of the paper and the rows that they lack, as one report."""
 
-import re
 from dataclasses import dataclass
 from pathlib import Path
 from typing import TYPE_CHECKING, Annotated
@@ -14,16 +13,14 @@ from dexnudge.cli.arguments import (
     SetOptions,
     check_at_least,
     metavar,
+    named_folders,
     say,
     settings,
 )
-from dexnudge.errors import InputError
 
 if TYPE_CHECKING:
     from dexnudge.experiments.records import TrialRecord
     from dexnudge.experiments.reproduction import ReproductionConfig
-
-NAME = re.compile(r"[A-Za-z0-9_-]+")
 
 
 @dataclass(frozen=True, kw_only=True)
@@ -88,25 +85,5 @@ class Reproduce(SetOptions):
             max_objects=max_objects if self.max_objects is None else self.max_objects,
             num=num if self.num is None else self.num,
         )
-        models = named_folders(self.prediction_weights)
+        models = named_folders("prediction_weights", self.prediction_weights)
         return settings(ReproductionConfig, self, common=common, prediction_weights=models)
-
-
-def named_folders(entries: tuple[str, ...]) -> dict[str, str]:
-    """NAME -> DIR of the entries NAME=DIR.
-
-    Raises:
-        InputError: an entry of another form, a name that cannot be part of a folder's name, or one that occurs twice.
-    """
-    found: dict[str, str] = {}
-    for entry in entries:
-        name, _, folder = entry.partition("=")
-        if not folder or not NAME.fullmatch(name):
-            raise InputError(
-                f"`prediction_weights` got {entry!r}; expected NAME=DIR with a name of letters, digits, _ and -, such as "
-                "epsilon=runs/epsilon/model"
-            )
-        if name in found:
-            raise InputError(f"`prediction_weights` names {name!r} twice; expected each name once")
-        found[name] = folder
-    return found

@@ -37,7 +37,8 @@ class SceneCommand(SceneOptions):
         from dexnudge.jobs.folders import new_folder
         from dexnudge.scenes.files import SCENE_FILES
         from dexnudge.scenes.free_way import free_way
-        from dexnudge.viewer.scene_view import scene_view, write_scene_page, write_scene_picture
+        from dexnudge.viewer.picture import write_png
+        from dexnudge.viewer.scene_view import scene_picture, scene_view, write_scene_page
 
         default = RUNS / f"{self.label}-{self.place}-understood"
         out = out_folder(self.out, default, overwrite=self.overwrite)
@@ -48,7 +49,7 @@ class SceneCommand(SceneOptions):
             scene.save(folder)
             _write(findings, folder / FINDINGS)
             view = scene_view(scene, None if scene.misplaced else free_way(scene))
-            write_scene_picture(view, folder / PICTURE)
+            write_png(scene_picture(view), folder / PICTURE)
             write_scene_page(view, folder / PAGE, title=f"{name}, {scene.name}", findings=findings)
         say_findings(findings, SceneCommand)
         say(f"written: {out}")

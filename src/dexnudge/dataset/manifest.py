@@ -14,6 +14,7 @@ from dexnudge.errors import DatasetError
 from dexnudge.hands.hand import Hand
 from dexnudge.hands.registry import load_hand
 from dexnudge.jobs.folders import replace_atomically
+from dexnudge.jobs.json_files import read_json_object
 
 MANIFEST_NAME = "manifest.json"
 UNITS = {"length": "m", "angle": "rad"}
@@ -95,19 +96,11 @@ def write_manifest(folder: Path | str, manifest: Manifest) -> Path:
 def read_manifest(folder: Path | str) -> Manifest:
     """Read `manifest.json`; raises DatasetError when it is missing, broken, or of another version or unit."""
     path = Path(folder) / MANIFEST_NAME
-    if not path.is_file():
+    expected = f"a dataset folder with a {MANIFEST_NAME}; make one with `dexnudge dataset generate` or correct the path"
+    content = read_json_object(path, error=DatasetError, expected=expected, again="generate the dataset again")
+    if content.get("format_version") != FORMAT_VERSION:
         raise DatasetError(
-            f"{path} does not exist; expected a dataset folder with a {MANIFEST_NAME}; "
-            "make one with `dexnudge dataset generate` or correct the path."
-        )
-    try:
-        content = json.loads(path.read_text(encoding="utf-8"))
-    except (json.JSONDecodeError, UnicodeDecodeError) as error:
-        raise DatasetError(f"{path} is not valid JSON ({error}); generate the dataset again.") from error
-    if not isinstance(content, dict) or content.get("format_version") != FORMAT_VERSION:
-        found = content.get("format_version") if isinstance(content, dict) else type(content).__name__
-        raise DatasetError(
-            f"{path} has format version {found!r}, expected {FORMAT_VERSION}; "
+            f"{path} has format version {content.get('format_version')!r}, expected {FORMAT_VERSION}; "
             "generate the dataset again with this version of dexnudge."
         )
     if content.get("units") != UNITS:

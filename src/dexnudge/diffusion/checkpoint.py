@@ -21,6 +21,7 @@ from dexnudge.diffusion.config import ModelConfig
 from dexnudge.diffusion.network import ConditionalDenoiser, Normaliser
 from dexnudge.errors import CheckpointError
 from dexnudge.jobs.folders import replace_atomically
+from dexnudge.jobs.json_files import read_json_object
 
 SHIPPED_WEIGHTS = Path(__file__).parent.parent / "weights"  # a model folder for each hand, by its name
 WEIGHTS_NAME = "model.safetensors"
@@ -146,17 +147,12 @@ def _shape(shapes: dict[str, torch.Size], name: str) -> str:
 
 
 def _read_config(path: Path) -> dict[str, Any]:
-    if not path.is_file():
-        raise CheckpointError(
-            f"{path} does not exist; expected a model folder with {CONFIG_NAME} and {WEIGHTS_NAME}; "
-            "make one with `dexnudge train` or correct the path."
-        )
-    try:
-        content = json.loads(path.read_text(encoding="utf-8"))
-    except (json.JSONDecodeError, UnicodeDecodeError, RecursionError) as error:
-        raise CheckpointError(f"{path} is not valid JSON ({error}); copy the model again.") from error
+    expected = (
+        f"a model folder with {CONFIG_NAME} and {WEIGHTS_NAME}; make one with `dexnudge train` or correct the path"
+    )
+    content = read_json_object(path, error=CheckpointError, expected=expected, again="copy the model again")
     keys = {"model", "weights_sha256", "provenance"}
-    if not isinstance(content, dict) or set(content) != keys or not isinstance(content["model"], dict):
+    if set(content) != keys or not isinstance(content["model"], dict):
         raise CheckpointError(f"{path} was not written by dexnudge: expected the keys {', '.join(sorted(keys))}.")
     return content
 

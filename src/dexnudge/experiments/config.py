@@ -1,10 +1,8 @@
 """What an experiment evaluates, and the trials that it consists of."""
 
 import zlib
-from dataclasses import dataclass
+from dataclasses import dataclass, fields
 from typing import TYPE_CHECKING, NamedTuple
-
-import numpy as np
 
 from dexnudge.errors import InputError, UnknownNameError
 
@@ -59,6 +57,43 @@ class ExperimentConfig:
     criteria: tuple[str, ...] = ()
     uncertain: tuple[str, ...] = ()
     sweep: bool = False
+
+
+MOST_VIEWS = 12
+LARGEST = {"noise_mm": 10.0, "tilt_deg": 30.0, "pose_mm": 50.0, "pose_deg": 45.0, "triangle_mm": 200.0}
+
+
+@dataclass(frozen=True, kw_only=True)
+class ScanErrors:
+    """By how much a scanned world differs from the true one.
+
+    Attributes:
+        noise_mm: standard deviation of the scanned vertices along their normals [mm].
+        tilt_deg: tilt of the true world about a random horizontal axis [deg].
+        pose_mm: distance by which the given pose of the object is off, in a random direction [mm].
+        pose_deg: angle by which it is turned about a random axis through its centre [deg].
+        triangle_mm: edge of the scanned triangles, about [mm]; 0 for the scene's own triangles.
+        rounding_mm: to which scanned vertices are rounded [mm].
+        depth_views: so many depth images are rendered in place of a scanned mesh. Their camera has its own noise, so
+            noise, triangles and rounding mean nothing then.
+
+    Raises:
+        InputError: a number that is negative or too large.
+    """
+
+    noise_mm: float = 0.0
+    tilt_deg: float = 0.0
+    pose_mm: float = 0.0
+    pose_deg: float = 0.0
+    triangle_mm: float = 8.0
+    rounding_mm: float = 0.01
+    depth_views: int = 0
+
+    def __post_init__(self) -> None:
+        for each in fields(self):
+            value, most = getattr(self, each.name), LARGEST.get(each.name, MOST_VIEWS)
+            if not 0 <= value <= most:
+                raise InputError(f"`{each.name}` is {value:g}; expected 0 to {most:g}")
 
 
 class TrialKey(NamedTuple):
@@ -123,6 +158,8 @@ def own_uncertainty(config: ExperimentConfig) -> "Uncertainty | None":
 
 def trial_seed(seed: int, key: TrialKey) -> int:
     """Return the seed of a trial's scene and draws: the same for all methods, so that they meet the same scenes."""
+    import numpy as np  # options of commands stand in this module, and their help shall not wait for it
+
     parts = [seed, zlib.crc32(key.object.encode()), zlib.crc32(key.scene.encode())]
     return int(np.random.SeedSequence(parts).generate_state(1)[0])
 

@@ -188,7 +188,7 @@ class ExecutionTrial(DrawnTrial[ExecutionRecord]):
                     for scene, groups in rates.items()
                     if len(rates) > 2 or scene != "all"  # which is the only scene then
                 }
-                chart = ("calibration.png", partial(interval_chart, title, bars, label="success [%]", share=True))
+                chart = ("calibration.png", partial(interval_chart, title, bars))
             if rates["all"]:
                 table = group_table(title.partition(" ")[2], rates)
                 found.append(Section(title, ABOUT_GROUPS.get(title, ""), table, chart, numbers=rates))

@@ -5,7 +5,7 @@ from pathlib import Path
 
 import numpy as np
 
-from dexnudge.errors import DexnudgeError, OutputError
+from dexnudge.errors import DexnudgeError, writing
 from dexnudge.experiments.config import ExperimentConfig
 from dexnudge.experiments.drawn_trial import TrialSampler
 from dexnudge.experiments.sampling_records import Records, SamplingRecord
@@ -53,10 +53,8 @@ def failure_sections(cases: Sequence[Case], folder: Path) -> list[Section]:
     """
     if not cases:
         return [Section("Failures", "No draw was rejected.")]
-    try:
+    with writing(f"the pictures into {folder}"):
         folder.mkdir(parents=True, exist_ok=True)
-    except OSError as error:
-        raise OutputError(f"cannot write the pictures into {folder}: {error.strerror or error}") from error
     sections = [Section("Worst cases", ABOUT)]
     for number, (config, record) in enumerate(cases, start=1):
         path, share = folder / f"failure-{number}.png", f"{record.verified} of {record.num} draws"

@@ -10,7 +10,7 @@ from dataclasses import asdict, dataclass, field, fields, is_dataclass
 from pathlib import Path
 from typing import Any, ClassVar, Literal, TypeVar, get_args, get_type_hints
 
-from dexnudge.errors import InputError, OutputError
+from dexnudge.errors import InputError, writing
 from dexnudge.experiments.config import TrialKey
 
 FILE = "results.jsonl"
@@ -98,6 +98,11 @@ def _decoded(content: Any, kind: type[Record]) -> Record:
     return kind(**values)
 
 
+TO_GO_ON = (
+    "expected a writable file with free space; finished records are kept, and the same command goes on from there"
+)
+
+
 class RecordWriter:
     """Appends records so that a killed process leaves only whole lines, and at most one unfinished one at the end.
 
@@ -107,29 +112,19 @@ class RecordWriter:
 
     def __init__(self, folder: Path) -> None:
         self._path = folder / FILE
-        try:
+        with writing(self._path, TO_GO_ON):
             if self._path.exists():
                 content = self._path.read_bytes()
                 os.truncate(self._path, len(content) - len(content.rpartition(b"\n")[2]))
             self._file = self._path.open("ab")
-        except OSError as error:
-            raise self._cannot_write(error) from error
 
     def append(self, record: TrialRecord) -> None:
         """Write a record and have it reach the disk."""
-        try:
+        with writing(self._path, TO_GO_ON):
             self._file.write((json.dumps({"kind": record.kind, **asdict(record)}, allow_nan=False) + "\n").encode())
             self._file.flush()
             os.fsync(self._file.fileno())
-        except OSError as error:
-            raise self._cannot_write(error) from error
 
     def close(self) -> None:
         """Close the file."""
         self._file.close()
-
-    def _cannot_write(self, error: OSError) -> OutputError:
-        return OutputError(
-            f"cannot write {self._path}: {error.strerror or error}; expected a writable file with free space; "
-            "finished records are kept, and the same command goes on from there"
-        )

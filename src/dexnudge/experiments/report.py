@@ -5,7 +5,7 @@ from collections.abc import Sequence
 from pathlib import Path
 from typing import Any
 
-from dexnudge.errors import InputError, OutputError
+from dexnudge.errors import InputError, writing
 from dexnudge.experiments.charts import AVAILABLE, MISSING, interval_chart, save_chart
 from dexnudge.experiments.metrics import Measured, measure, named
 from dexnudge.experiments.records import Record, TrialRecord, read_records
@@ -64,7 +64,7 @@ def rates_chart(kind: TrialKind[Any], measured: Sequence[Measured]) -> Any:
     for row in measured:
         if isinstance(row[kind.rate], Estimate):
             groups.setdefault(row["scene"], {})[row["method"]] = row[kind.rate]
-    return interval_chart(f"{kind.title}: {metric.header}", groups, label="success [%]", share=True)
+    return interval_chart(f"{kind.title}: {metric.header}", groups)
 
 
 def write_files(
@@ -89,11 +89,9 @@ def write_files(
         "json": json.dumps(as_json(numbers), indent=2, allow_nan=False) + "\n",
         "csv": csv_text(rows),
     }
-    try:
+    with writing(f"the report into {folder}"):
         for suffix, text in texts.items():
             (folder / f"{REPORT}.{suffix}").write_text(text, encoding="utf-8")
-    except OSError as error:
-        raise OutputError(f"cannot write the report into {folder}: {error.strerror or error}") from error
     return markdown
 
 

@@ -6,53 +6,17 @@ several sizes of one error differ by nothing else.
 """
 
 from collections.abc import Sequence
-from dataclasses import dataclass, fields, replace
+from dataclasses import dataclass, replace
 
 import numpy as np
 import trimesh
 from jaxtyping import Float, Int
 from scipy.spatial.transform import Rotation
 
-from dexnudge.errors import InputError
+from dexnudge.experiments.config import ScanErrors
 from dexnudge.perception.depth_view import DepthView
 from dexnudge.scenes.scene import Scene
 from dexnudge.simulation.depth_camera import depth_views
-
-MOST_VIEWS = 12
-LARGEST = {"noise_mm": 10.0, "tilt_deg": 30.0, "pose_mm": 50.0, "pose_deg": 45.0, "triangle_mm": 200.0}
-
-
-@dataclass(frozen=True, kw_only=True)
-class ScanErrors:
-    """By how much a scanned world differs from the true one.
-
-    Attributes:
-        noise_mm: standard deviation of the scanned vertices along their normals.
-        tilt_deg: of the true world, about a random horizontal axis.
-        pose_mm: distance by which the object's pose is off, in a random direction.
-        pose_deg: angle by which it is turned, about a random axis through its centre.
-        triangle_mm: edge of the scanned triangles, about; 0 leaves the triangles as they are.
-        rounding_mm: to which the vertices are rounded; 0 leaves them as they are.
-        depth_views: number of depth images to which the world is rendered in place of a scanned mesh, 0 for none. Their
-            camera has its own noise, so `noise_mm`, `triangle_mm` and `rounding_mm` mean nothing then.
-
-    Raises:
-        InputError: a number that is negative or too large.
-    """
-
-    noise_mm: float = 0.0
-    tilt_deg: float = 0.0
-    pose_mm: float = 0.0
-    pose_deg: float = 0.0
-    triangle_mm: float = 8.0
-    rounding_mm: float = 0.01
-    depth_views: int = 0
-
-    def __post_init__(self) -> None:
-        for each in fields(self):
-            value, most = getattr(self, each.name), LARGEST.get(each.name, MOST_VIEWS)
-            if not 0 <= value <= most:
-                raise InputError(f"`{each.name}` is {value:g}; expected 0 to {most:g}")
 
 
 @dataclass(frozen=True, eq=False)

@@ -17,7 +17,8 @@ from datetime import datetime
 from pathlib import Path
 from typing import Any
 
-from dexnudge.errors import DexnudgeError, InputError, OutputError, check_path, what_failed
+from dexnudge.errors import DexnudgeError, InputError, OutputError, check_path, what_failed, writing
+from dexnudge.jobs.json_files import read_json_object
 from dexnudge.jobs.provenance import machine, versions
 
 TEMPORARY_PREFIX = ".writing-"
@@ -157,12 +158,10 @@ def claim_folder(out: Path, file: str, config: dict[str, Any], *, format_version
     if out.exists() and (not out.is_dir() or any(entry.name not in ignored for entry in out.iterdir())):
         raise OutputError(f"{out} exists and holds no experiment; expected a new folder; choose another `out`")
     content = {"format_version": format_version, "config": ours, "versions": versions(), "machine": machine(device)}
-    try:
+    with writing(out, "choose another `out`"):
         out.mkdir(parents=True, exist_ok=True)
         unfinished.write_text(json.dumps(content, indent=2) + "\n", encoding="utf-8")
         unfinished.replace(path)
-    except OSError as error:
-        raise OutputError(f"cannot write {out}: {what_failed(error)}; choose another `out`") from error
 
 
 def read_claim(folder: Path, file: str, *, format_version: int) -> dict[str, Any]:
@@ -172,13 +171,9 @@ def read_claim(folder: Path, file: str, *, format_version: int) -> dict[str, Any
         InputError: the file is missing, damaged or of another format.
     """
     path = folder / file
-    try:
-        content = json.loads(path.read_text(encoding="utf-8"))
-    except (OSError, ValueError) as error:
-        raise InputError(
-            f"{path} cannot be read ({error}); expected the file that `dexnudge evaluate` or `dexnudge reproduce` wrote"
-        ) from error
-    if not isinstance(content, dict) or content.get("format_version") != format_version:
+    expected = "the file that `dexnudge evaluate` or `dexnudge reproduce` wrote"
+    content = read_json_object(path, error=InputError, expected=expected, again="choose another `out`")
+    if content.get("format_version") != format_version:
         raise InputError(f"{path} is of another format; expected format_version {format_version}; choose another `out`")
     return content
 

@@ -6,34 +6,35 @@ import json
 from pathlib import Path
 from typing import Any
 
-from dexnudge.errors import SceneError, quote
+from dexnudge.errors import InputError, SceneError, quote
 
 
-def read_json(path: Path) -> Any:
-    """Read a JSON file.
+def read_json(
+    path: Path,
+    *,
+    error: type[InputError] = SceneError,
+    expected: str = "a JSON file",
+    again: str = "the file is truncated or damaged",
+) -> Any:
+    """Read a JSON file; `error` if it is missing, unreadable, malformed, or has a key twice, NaN or infinity in it.
 
-    Raises:
-        SceneError: missing, unreadable, malformed, or with a key that stands twice, NaN or infinity in it.
+    expected, again: what messages say of a missing file, and of how a damaged one is mended.
     """
     try:
         return json.loads(
             path.read_text(encoding="utf-8"), parse_constant=_refuse_constant, object_pairs_hook=unique_keys
         )
-    except (FileNotFoundError, IsADirectoryError) as error:
-        raise SceneError(f"{path}: no such file; expected a JSON file") from error
-    except (ValueError, OSError, RecursionError) as error:
-        raise SceneError(f"{path}: cannot be read as JSON ({error}); the file is truncated or damaged") from error
+    except (FileNotFoundError, IsADirectoryError) as cause:
+        raise error(f"{path}: no such file; expected {expected}") from cause
+    except (ValueError, OSError, RecursionError) as cause:
+        raise error(f"{path}: cannot be read as JSON ({cause}); {again}") from cause
 
 
-def read_json_object(path: Path) -> dict[str, Any]:
-    """Read the JSON object in a file.
-
-    Raises:
-        SceneError: as `read_json`, or not an object.
-    """
-    content = read_json(path)
+def read_json_object(path: Path, *, error: type[InputError] = SceneError, **messages: str) -> dict[str, Any]:
+    """Read the JSON object in a file, as `read_json`; `error` also if it holds anything else."""
+    content = read_json(path, error=error, **messages)
     if not isinstance(content, dict):
-        raise SceneError(f"{path}: holds a JSON {type(content).__name__}; expected an object with named values")
+        raise error(f"{path}: holds a JSON {type(content).__name__}; expected an object with named values")
     return content
 
 

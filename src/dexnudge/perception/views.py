@@ -12,7 +12,7 @@ import numpy as np
 from jaxtyping import Bool
 from PIL import Image
 
-from dexnudge.errors import OutputError, SceneError, check_kind, check_path, quote, what_failed
+from dexnudge.errors import SceneError, check_kind, check_path, quote, what_failed, writing
 from dexnudge.geometry.rigid import rigid_transform
 from dexnudge.jobs.json_files import path_inside, read_json
 from dexnudge.perception.depth_images import MAX_PIXELS, read_depth, read_mask
@@ -160,7 +160,7 @@ def save_views(views: Sequence[DepthView], folder: str | Path, *, unit: float = 
         SceneError: a depth that 16 bits do not hold in this unit. OutputError: the folder cannot be written.
     """
     folder, entries = Path(folder), []
-    try:
+    with writing(f"the views into {folder}"):
         folder.mkdir(parents=True, exist_ok=True)
         for index, view in enumerate(views):
             steps = np.rint(view.depth / unit)
@@ -182,8 +182,4 @@ def save_views(views: Sequence[DepthView], folder: str | Path, *, unit: float = 
             entries.append(entry)
         path = folder / CAMERAS_FILE
         path.write_text(json.dumps(entries, indent=2, allow_nan=False) + "\n", encoding="utf-8")
-    except OSError as error:
-        raise OutputError(
-            f"{folder}: the views cannot be written ({what_failed(error)}); expected a folder that you may write to"
-        ) from error
     return path

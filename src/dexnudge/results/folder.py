@@ -37,6 +37,7 @@ from dexnudge.hands.export import HAND_FILES, export_hand
 from dexnudge.hands.hand import ROOT_COORDINATES, Hand
 from dexnudge.hands.registry import load_hand
 from dexnudge.jobs.folders import new_folder
+from dexnudge.jobs.json_files import read_json_object
 from dexnudge.jobs.provenance import machine, peak_memory_mb, versions
 from dexnudge.results.criterion_files import FILES as CRITERION_FILES
 from dexnudge.results.criterion_files import OURS, read_criterion, write_criteria
@@ -343,15 +344,9 @@ def read_result(folder: Path | str) -> tuple[Samples, dict[str, Any], dict[str, 
 
 def _read_summary(folder: Path) -> dict[str, Any]:
     path = folder / SUMMARY
-    try:
-        summary = json.loads(path.read_text(encoding="utf-8"))
-    except FileNotFoundError as error:
-        raise InputError(
-            f"{path} is missing; expected the folder that `dexnudge sample` or Samples.save wrote"
-        ) from error
-    except (OSError, ValueError, RecursionError) as error:
-        raise InputError(f"{path} is damaged ({error}); expected JSON; sample again") from error
-    if not isinstance(summary, dict) or not isinstance(summary.get("rejected"), dict):
+    expected = "the folder that `dexnudge sample` or Samples.save wrote"
+    summary = read_json_object(path, error=InputError, expected=expected, again="sample again")
+    if not isinstance(summary.get("rejected"), dict):
         raise InputError(f"{path} has no counts; expected drawn, verified and rejected; sample again")
     for key, kind in (("reasons", dict), ("seconds", dict), ("sampler", list)):
         if not isinstance(summary.get(key, kind()), kind):

@@ -26,7 +26,7 @@ from dexnudge.dataset.manifest import (
 )
 from dexnudge.dataset.schema import BehaviourCounts
 from dexnudge.dataset.shards import DamagedShardError, is_complete, read_whole, shard_path
-from dexnudge.errors import DatasetError, HandError, InputError, OutputError, what_failed
+from dexnudge.errors import DatasetError, HandError, InputError, OutputError, what_failed, writing
 from dexnudge.hands.registry import load_hand
 from dexnudge.jobs.folders import remove_leftovers
 from dexnudge.jobs.processes import WorkerDied, run_tasks
@@ -114,11 +114,8 @@ class GenerationLog:
         )
 
     def _append(self, text: str) -> None:
-        try:
-            with self._path.open("a", encoding="utf-8") as file:
-                file.write(text)
-        except OSError as error:
-            raise OutputError(f"cannot write {self._path}: {error}; expected a folder with free space.") from error
+        with writing(self._path, "expected a folder with free space"), self._path.open("a", encoding="utf-8") as file:
+            file.write(text)
 
 
 @contextmanager

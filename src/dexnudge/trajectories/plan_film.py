@@ -2,12 +2,12 @@
 
 import numpy as np
 from jaxtyping import Float, Int
-from scipy.spatial.transform import Rotation, Slerp
 
 from dexnudge.execution.film import with_object_at
 from dexnudge.simulation.hand_path import interpolated
 from dexnudge.trajectories.interpolation import at
 from dexnudge.trajectories.plan import Plan
+from dexnudge.trajectories.plan_penetration import object_poses
 from dexnudge.viewer.recording import Curve, Recording
 from dexnudge.viewer.visual_scene import visual_scenes
 
@@ -23,9 +23,8 @@ def film_of_plan(plan: Plan, *, title: str = "") -> Recording:
     ends = np.array([phase.end for phase in plan.phases])
     time = np.unique(np.concatenate([np.arange(trajectory.time[0], trajectory.time[-1], FRAME_TIME), ends]))
     joints, phase = at(trajectory, time), np.searchsorted(ends[:-1], time)
-    palm = robot.palm_poses(joints.position)
     names = [plan.phases[index].name for index in phase]
-    objects = _object_poses(plan, time, phase, palm[:, :3, 3])
+    objects = object_poses(plan, time, robot.palm_poses(joints.position))
     last_move = max((index for index, name in enumerate(names) if name == "push"), default=-1)
     frames = [
         with_object_at(frame, pose, moving=index <= last_move)
@@ -59,27 +58,3 @@ def _charts(plan: Plan, time: Float[np.ndarray, " frame"]) -> dict[str, tuple[Cu
         "palm's speed": (Curve("speed", "mm/s", moved),),
         "torque that presses, of its limit": of_both(effort),
     }
-
-
-def _object_poses(
-    plan: Plan, time: Float[np.ndarray, " frame"], phase: Int[np.ndarray, " frame"], palm: Float[np.ndarray, "frame 3"]
-) -> Float[np.ndarray, "frame 4 4"]:
-    """Return where the object is: between the ends of its phase, as far as the palm is on its way."""
-    starts = [plan.scene.T_world_object, *(each.T_world_object for each in plan.phases)]
-    poses = np.empty((len(time), 4, 4))
-    for index in np.unique(phase):
-        frames = np.flatnonzero(phase == index)
-        first = max(frames[0] - 1, 0)  # where the phase before it ended
-        way = palm[frames[-1]] - palm[first]
-        share = (palm[frames] - palm[first]) @ way / max(float(way @ way), 1e-12)
-        poses[frames] = _between(starts[index], starts[index + 1], share.clip(0.0, 1.0))
-    return poses
-
-
-def _between(
-    start: Float[np.ndarray, "4 4"], end: Float[np.ndarray, "4 4"], share: Float[np.ndarray, " frame"]
-) -> Float[np.ndarray, "frame 4 4"]:
-    poses = np.tile(np.eye(4), (len(share), 1, 1))
-    poses[:, :3, 3] = start[:3, 3] + share[:, None] * (end[:3, 3] - start[:3, 3])
-    poses[:, :3, :3] = Slerp([0, 1], Rotation.from_matrix([start[:3, :3], end[:3, :3]]))(share).as_matrix()
-    return poses

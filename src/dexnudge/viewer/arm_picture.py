@@ -1,7 +1,5 @@
 """An arm, with a hand or without, in one picture: at home, from two sides, with the axes of its base and its flange."""
 
-from pathlib import Path
-
 import numpy as np
 import trimesh
 from jaxtyping import Float, UInt8
@@ -10,7 +8,7 @@ from dexnudge.arms.arm import Arm
 from dexnudge.arms.robot import Robot
 from dexnudge.viewer.camera import framing_camera
 from dexnudge.viewer.hand_view import BASE_COLOUR, DIGIT_COLOURS, PALM_COLOUR
-from dexnudge.viewer.picture import arrange, check_png, render_array, write_png
+from dexnudge.viewer.picture import arrange, render_array
 from dexnudge.viewer.visual_scene import Colour, Part, VisualScene
 
 TILE = (720, 760)  # pixels of each picture, width and height
@@ -21,17 +19,6 @@ FILLED = 0.86  # of each picture by the robot
 TITLE_ROOM = 0.03  # [m] above the robot, at the shown size
 AXIS_LENGTH, AXIS_RADIUS = 0.04, 0.0016  # [m] at the shown size
 AXES: tuple[Colour, ...] = ((0.82, 0.08, 0.16), (0.10, 0.60, 0.20), (0.12, 0.30, 0.86))  # x, y, z
-
-
-def write_arm_picture(arm: Arm | Robot, path: Path | str) -> Path:
-    """Write what `arm_picture` returns as PNG.
-
-    Raises:
-        InputError: a path that does not end in .png.
-        OutputError: the file cannot be written.
-    """
-    check_png(path)
-    return write_png(arm_picture(arm), path)
 
 
 def arm_picture(arm: Arm | Robot, *, tile: tuple[int, int] = TILE) -> UInt8[np.ndarray, "height width 3"]:

@@ -2,7 +2,6 @@
 
 from collections.abc import Sequence
 from dataclasses import replace
-from pathlib import Path
 
 import numpy as np
 from jaxtyping import UInt8
@@ -12,7 +11,7 @@ from dexnudge.hands.closing import closing
 from dexnudge.hands.hand import Hand
 from dexnudge.viewer.camera import Camera, framing_camera
 from dexnudge.viewer.hand_view import hand_legend, hand_summary, hand_views, shown_scale
-from dexnudge.viewer.picture import TITLE_COLOUR, arrange, check_png, render_array, write_png
+from dexnudge.viewer.picture import TITLE_COLOUR, arrange, render_array
 from dexnudge.viewer.visual_scene import VisualScene
 
 TILE = (560, 600)  # pixels of each picture, width and height
@@ -23,17 +22,6 @@ LOWERED = 0.07  # of half a picture's height, to leave room for its title
 SIDES = {"from the front": (25.0, 18.0), "from the side": (82.0, 10.0)}  # [deg] azimuth and elevation of the camera
 TEXT, SMALL, MARGIN = 0.050, 0.040, 0.037  # of a tile's height: texts of heading and legend, and the room around them
 BAR = 0.08  # of the picture's width, the most that the bar of the scale takes
-
-
-def write_hand_picture(hand: Hand, path: Path | str) -> Path:
-    """Write what `hand_picture` returns as PNG.
-
-    Raises:
-        InputError: a path that does not end in .png.
-        OutputError: the file cannot be written.
-    """
-    check_png(path)
-    return write_png(hand_picture(hand), path)
 
 
 def hand_picture(hand: Hand, *, tile: tuple[int, int] = TILE) -> UInt8[np.ndarray, "height width 3"]:

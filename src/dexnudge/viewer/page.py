@@ -12,7 +12,7 @@ from typing import Any
 
 import numpy as np
 
-from dexnudge.errors import InputError, OutputError, check_path
+from dexnudge.errors import InputError, check_path, writing
 from dexnudge.viewer.charts import recording_charts
 from dexnudge.viewer.page_data import ASPECT, page_data
 from dexnudge.viewer.recording import Recording, recording_camera
@@ -56,9 +56,7 @@ class Figures:
     reason: str = ""
 
 
-def write_page(
-    scenes: Sequence[VisualScene], path: Path | str, *, title: str, figures: Sequence[Figures], subtitle: str = ""
-) -> Path:
+def write_page(scenes: Sequence[VisualScene], path: Path | str, *, title: str, figures: Sequence[Figures]) -> Path:
     """Write the page: a 3-D view, and a table in which a configuration is chosen, verified ones first.
 
     Args:
@@ -67,7 +65,6 @@ def write_page(
         path: of the HTML file.
         title: plain text; whatever stands in it is shown, never interpreted.
         figures: the numbers of each configuration; a value that one of them lacks is shown as a dash.
-        subtitle: plain text, as the title.
 
     Raises:
         InputError: no configuration, not one entry of figures for each, or scenes of different bodies.
@@ -80,8 +77,7 @@ def write_page(
             f"figures of {len(figures)} configurations were given for {len(scenes)}; expected one entry for each"
         )
     order = sorted(range(len(scenes)), key=lambda index: not figures[index].success)[:LARGEST_PAGE]
-    if len(order) < len(scenes):
-        subtitle = f"{subtitle} The first {len(order)} of {len(scenes)} are shown.".strip()
+    cut = f"The first {len(order)} of {len(scenes)} are shown." if len(order) < len(scenes) else ""
     names = list(dict.fromkeys(name for each in figures for name in each.values))
     return write_template(
         path,
@@ -89,7 +85,7 @@ def write_page(
         page_data([scenes[index] for index in order]),
         LEGEND,
         title=escape(title),
-        subtitle=escape(subtitle),
+        subtitle=cut,
         last=len(order) - 1,
         head=_head(names),
         rows="\n".join(_row(index, figures[index], names) for index in order),
@@ -199,12 +195,8 @@ def write_template(
         data=_json_text(data),
     )
     path = Path(path)
-    try:
+    with writing(f"the page {path}"):
         path.write_text(page, encoding="utf-8")
-    except OSError as error:
-        raise OutputError(
-            f"the page {path} cannot be written: {error}; expected a folder that exists and is writable"
-        ) from error
     return path
 
 

@@ -7,7 +7,7 @@ import numpy as np
 from jaxtyping import Bool, Float, UInt8
 from PIL import Image, ImageDraw, ImageFont
 
-from dexnudge.errors import InputError, OutputError, check_path, quote
+from dexnudge.errors import InputError, check_path, quote, writing
 from dexnudge.geometry.warp_runtime import WarpStruct, wp
 from dexnudge.viewer.camera import Camera, choose_camera
 from dexnudge.viewer.ray_scene import ray_scene
@@ -76,12 +76,8 @@ def write_png(picture: UInt8[np.ndarray, "height width 3"], path: Path | str) ->
     """
     check_png(path)
     path = Path(path)
-    try:
+    with writing(f"the picture {path}"):
         Image.fromarray(picture).save(path, format="PNG", optimize=False)
-    except OSError as error:
-        raise OutputError(
-            f"the picture {path} cannot be written: {error}; expected a folder that exists and is writable"
-        ) from error
     return path
 
 

@@ -6,7 +6,7 @@ import numpy as np
 from jaxtyping import Bool, Int, UInt8
 from PIL import Image
 
-from dexnudge.errors import InputError, OutputError
+from dexnudge.errors import InputError, writing
 from dexnudge.viewer.camera import Camera, hiding_faces
 from dexnudge.viewer.picture import arrange, render_array, write_png
 from dexnudge.viewer.recording import SAMPLES, Recording, recording_camera
@@ -103,9 +103,5 @@ def _write_gif(pictures: list[UInt8[np.ndarray, "height width 3"]], shown_for: f
     palette = Image.fromarray(shared[None]).quantize(COLOURS, method=Image.Quantize.MEDIANCUT)
     frames = [Image.fromarray(picture).quantize(palette=palette, dither=Image.Dither.NONE) for picture in pictures]
     durations = [round(1e3 * shown_for)] * (len(frames) - 1) + [round(1e3 * LAST_PICTURE_TIME)]
-    try:
+    with writing(f"the animation {path}"):
         frames[0].save(path, format="GIF", save_all=True, append_images=frames[1:], duration=durations, loop=0)
-    except OSError as error:
-        raise OutputError(
-            f"the animation {path} cannot be written: {error}; expected a folder that exists and is writable"
-        ) from error

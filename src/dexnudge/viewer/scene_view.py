@@ -8,7 +8,7 @@ from pathlib import Path
 
 import numpy as np
 import trimesh
-from jaxtyping import Float
+from jaxtyping import Float, UInt8
 
 from dexnudge.finding import Finding
 from dexnudge.scenes.free_way import FreeWay
@@ -16,7 +16,7 @@ from dexnudge.scenes.scene import Scene
 from dexnudge.viewer.camera import Camera, choose_camera, framing_camera
 from dexnudge.viewer.page import write_template
 from dexnudge.viewer.page_data import ASPECT, page_data
-from dexnudge.viewer.picture import SIZE, render_array, write_png
+from dexnudge.viewer.picture import SIZE, render_array
 from dexnudge.viewer.visual_scene import PALETTE, SURROUNDINGS, Part, Role, VisualScene, surrounding_parts
 
 AROUND = 0.10  # [m] of the surroundings that the picture shows beside object and motion
@@ -55,16 +55,9 @@ def scene_view(scene: Scene, way: FreeWay | None = None) -> VisualScene:
     return VisualScene(kept, np.zeros((0, 3)), motion, scene.motion_length, arrow_length=arrow)
 
 
-def write_scene_picture(view: VisualScene, path: Path | str, *, size: tuple[int, int] = SIZE) -> Path:
-    """Write the picture of what `scene_view` returns; unseen surroundings are looked through.
-
-    Raises:
-        InputError: a path that does not end in .png.
-        OutputError: the file cannot be written.
-    """
-    aspect = size[0] / size[1]
-    camera = _camera(view, aspect)
-    return write_png(render_array(view, size=size, camera=camera), path)
+def scene_picture(view: VisualScene, *, size: tuple[int, int] = SIZE) -> UInt8[np.ndarray, "height width 3"]:
+    """Return the picture of what `scene_view` returns as sRGB bytes; unseen surroundings are looked through."""
+    return render_array(view, size=size, camera=_camera(view, size[0] / size[1]))
 
 
 def write_scene_page(view: VisualScene, path: Path | str, *, title: str, findings: Sequence[Finding]) -> Path:

@@ -15,6 +15,7 @@ import trimesh
 from jaxtyping import Float
 
 from dexnudge.errors import InputError
+from dexnudge.geometry.near_faces import faces_near
 from dexnudge.hands.hand import Hand
 from dexnudge.scenes.scene import Scene
 
@@ -200,18 +201,16 @@ def motion_arrow(
 def surrounding_parts(mesh: trimesh.Trimesh, bounds: Float[np.ndarray, "2 3"]) -> list[Part]:
     """Return the surroundings by origin; of a large mesh what lies near the bounds, thinned."""
     origin = np.asarray(mesh.metadata.get("origin", np.zeros(len(mesh.faces), dtype=np.int8)))
-    faces, vertices = np.asarray(mesh.faces), np.asarray(mesh.vertices)
-    near = np.ones(len(faces), dtype=bool)
-    if len(faces) > LARGE:
-        outside = ((vertices < bounds[0] - SHOWN) | (vertices > bounds[1] + SHOWN)).any(axis=1)
-        near = ~outside[faces].all(axis=1)
+    near = np.arange(len(mesh.faces))
+    if len(near) > LARGE:
+        near = faces_near(mesh, bounds + np.array([[-SHOWN], [SHOWN]]))
     parts = []
     for index, role in enumerate(SURROUNDINGS):
-        chosen = faces[near & (origin == index)]
-        if len(chosen) == len(faces) <= LARGE:
+        chosen = near[origin[near] == index]
+        if len(chosen) == len(mesh.faces) <= LARGE:
             parts.append(Part(role, role, mesh, np.eye(4)))
         elif len(chosen):
-            part = trimesh.Trimesh(vertices, chosen, process=False)
+            part = trimesh.Trimesh(mesh.vertices, mesh.faces[chosen], process=False)
             part.remove_unreferenced_vertices()
             parts.append(Part(role, role, thinned(part), np.eye(4)))
     return parts
