@@ -37,7 +37,9 @@ def test_in_boxes_lie_exactly_the_lattice_points_that_boxes_hold(seed: int) -> N
     turns = Rotation.random(3, random_state=int(rng.integers(2**31))).as_matrix()
     boxes = Boxes(rng.uniform(-0.03, 0.03, (3, 3)), turns, rng.uniform(0.002, 0.02, (3, 3)))
     everything = surface_lattice(triangles, spacing=SPACING)[0]
-    points, owner = lattice_in_boxes(triangles, boxes, spacing=SPACING)
+    points, owner, face = lattice_in_boxes(triangles, boxes, spacing=SPACING)
+    normals = np.cross(triangles[:, 1] - triangles[:, 0], triangles[:, 2] - triangles[:, 0])
+    assert np.abs(((points - triangles[face, 0]) * normals[face]).sum(axis=1)).max(initial=0.0) <= 1e-9
     for box in range(3):
         local = (everything - boxes.centre[box]) @ boxes.axes[box].T
         expected = everything[np.all(np.abs(local) <= boxes.half[box] - 1e-12, axis=1)]

@@ -9,7 +9,9 @@ from dexnudge.errors import SceneError, UnknownNameError
 from dexnudge.geometry.overlap import deepest_overlap
 from dexnudge.objects.builtin import builtin_object
 from dexnudge.scenes.families import SCENE_FAMILIES, build_scene
+from dexnudge.scenes.free_way import free_way
 from dexnudge.scenes.scene import Scene
+from dexnudge.scenes.support_contacts import support_contacts
 
 OBJECTS = ["phone", "phone-003", "remote-003", "remote-201", "book-200", "box-004"]
 SEEDS = range(2)
@@ -55,8 +57,8 @@ def test_the_object_touches_its_support_and_penetrates_nothing(family, meshes):
             scene.parameters["thickness_lower"] + scene.parameters["thickness_upper"] if family == "stack" else 0.0
         )
         assert heights.min() == pytest.approx(support, abs=1e-9)
-        touching = placed.vertices[heights < support + 1e-6]
-        assert len(touching) >= 3
+        if family != "book":  # which may stand on a round end, between its neighbours
+            assert np.count_nonzero(heights < support + 1e-6) >= 3
         assert deepest_overlap(placed, scene.environment_mesh)[0] < 1e-6
 
 
@@ -69,15 +71,19 @@ def test_the_seed_decides(family, meshes):
     assert first.parameters != other.parameters
     assert (first.name, first.seed) == (family, 7)
     assert np.linalg.norm(first.motion) == pytest.approx(1)
-    assert first.motion_length == 0.10
+    if family == "book":
+        assert 0.06 <= first.motion_length <= 0.08
+    else:
+        assert first.motion_length == (0.0 if family in ("turn", "edge") else 0.10)
 
 
 @pytest.mark.parametrize("family", SCENE_FAMILIES)
 def test_the_object_does_not_run_into_the_surroundings(family, meshes):
     for scene in drawn(family, meshes, OBJECTS[1:3]):
         moved = scene.object_in_world()
-        moved.apply_translation(scene.motion_length * scene.motion + 1e-6 * scene.environment_mesh.face_normals[2])
-        assert deepest_overlap(moved, scene.environment_mesh)[0] < 1e-5
+        moved.apply_transform(scene.object_motion.displacement(scene.object_motion.length))
+        moved.apply_translation(1e-6 * scene.environment_mesh.face_normals[2])
+        assert deepest_overlap(moved, scene.environment_mesh)[0] < (1e-5 if scene.turn is None else 1e-3)
 
 
 def test_table(meshes):
@@ -165,6 +171,63 @@ def min_distance(first: np.ndarray, second: np.ndarray) -> float:
     return float(cKDTree(first).query(second)[0].min())
 
 
+def test_turn(meshes):
+    turned = set()
+    for scene in drawn("turn", meshes, seeds=range(6)):
+        turn, centre = scene.turn, scene.object_in_world().center_mass
+        assert turn.angle == pytest.approx(np.pi / 2)
+        assert abs(turn.axis[2]) == 1.0
+        np.testing.assert_allclose(turn.point[:2], centre[:2], atol=1e-6)
+        turned.add(float(turn.axis[2]))
+        low, high = scene.way_bounds()
+        assert (np.abs([low[:2], high[:2]]).max(axis=0) <= [0.6, 0.4]).all()
+    assert turned == {-1.0, 1.0}
+
+
+def test_book(meshes):
+    for scene in drawn("book", meshes, ["phone", "phone-003", "remote-003", "book-200"]):
+        low, high = scene.object_in_world().bounds
+        assert (high - low)[2] >= (high - low)[0] >= (high - low)[1]
+        board, *neighbours = parts_of(scene)
+        assert high[0] + 0.10 <= board.bounds[1, 0] <= high[0] + 0.14
+        left, right = sorted(neighbours, key=lambda part: part.bounds[0, 1])
+        for side, neighbour in ((-1, left), (1, right)):
+            beside = scene.object_in_world().vertices
+            beside = beside[beside[:, 2] <= neighbour.bounds[1, 2]]  # above it may be wider
+            gap = side * neighbour.bounds[(1 - side) // 2, 1] - (side * beside[:, 1]).max()
+            assert 0.0003 <= gap <= 0.0008
+            assert 0.70 <= neighbour.bounds[1, 2] / high[2] <= 0.95
+            assert abs(neighbour.bounds[1, 0] - high[0]) <= 0.003
+        np.testing.assert_array_equal(scene.turn.axis, [0, 1, 0])
+        assert 20 <= np.degrees(scene.turn.angle) <= 30
+        assert scene.turn.point[2] == pytest.approx(0.0, abs=1e-6)
+        assert low[0] < scene.turn.point[0] <= high[0]
+        touched = support_contacts(scene)
+        assert {-1, 0, 1} == set(touched.normals[:, 1].round(9))  # carried from below, held from both sides
+
+
+def test_edge(meshes):
+    for scene in drawn("edge", meshes):
+        axis = int(np.argmax(np.abs(scene.motion)))
+        rim = np.array([0.6, 0.4])[axis]
+        along = scene.object_in_world().vertices @ scene.motion
+        assert 0.35 <= (along.max() - rim) / np.ptp(along) <= 0.45
+        foremost = scene.turn.point @ scene.motion  # of a curved underside a little behind the table's edge
+        assert rim - 0.010 <= foremost <= rim + 1e-6
+        assert foremost - scene.object_in_world().center_mass @ scene.motion >= 0.05 * np.ptp(along) - 1e-6
+        assert 20 <= np.degrees(scene.turn.angle) <= 35
+        np.testing.assert_allclose(scene.turn.axis, np.cross([0, 0, 1], scene.motion))
+
+
+@pytest.mark.parametrize("degrees", [30.0, -30.0])
+def test_a_corner_is_left_by_a_turn_and_a_slide(degrees, meshes):
+    for name in OBJECTS[:3]:
+        scene = build_scene("corner", meshes[name], seed=1, turn_deg=degrees)
+        assert scene.motion_length == 0.10
+        assert scene.turn.axis[2] == pytest.approx(np.sign(degrees))
+        assert free_way(scene).whole
+
+
 def test_drawer(meshes):
     for scene in drawn("drawer", meshes):
         low, _ = scene.object_in_world().bounds
@@ -207,7 +270,7 @@ def test_an_unknown_family_lists_the_known_ones(meshes):
         build_scene("tabel", meshes["phone"], seed=0)
     assert str(caught.value) == (
         "unknown scene 'tabel' (did you mean 'table'?); expected one of table, layers, shelf, slot, deep, corner, clutter, "
-        "drawer, ramp, "
+        "turn, book, edge, drawer, ramp, "
         "stack, or your own surroundings through `environment`"
     )
     with pytest.raises(SceneError) as caught:

@@ -106,7 +106,7 @@ def test_an_axis_out_of_reach_is_refused(scene: Scene) -> None:
 
 
 def test_a_motion_of_no_length_needs_a_turn(scene: Scene) -> None:
-    with pytest.raises(SceneError, match=r"`motion_length` is 0.0; expected a finite number > 0"):
+    with pytest.raises(SceneError, match=r"`motion_length` is 0\.0; expected a finite number > 0"):
         Scene(scene.object_mesh, scene.environment_mesh, scene.T_world_object, scene.motion, motion_length=0.0)
 
 

@@ -76,11 +76,13 @@ def with_flags(message: str, kind: Any) -> str:
 
 
 def _flags(kind: Any) -> dict[str, str]:
-    """Return how the arguments that are options of a command are typed, by name; a repeatable option also by its plural."""
+    """Return how arguments that are options of a command are typed, by name; also by their plural, or with their unit."""
     flags: dict[str, str] = {}
     for field in fields(kind):
         group, off = field.default_factory, "no-" if field.default is True else ""
-        own = dict.fromkeys((field.name, f"{field.name}s"), f"--{off}{field.name.replace('_', '-')}")
+        own = dict.fromkeys(
+            (field.name, f"{field.name}s", f"{field.name}_deg"), f"--{off}{field.name.replace('_', '-')}"
+        )
         flags |= _flags(group) if is_dataclass(group) else own
     return flags
 
@@ -136,6 +138,25 @@ class Physics:
     def given(self) -> dict[str, Any]:
         """Return those that the user gave, by the names that scenes use."""
         return {name: value for name, value in vars(self).items() if value is not None}
+
+
+@dataclass(frozen=True)
+class Turning:
+    """What the object should do before it slides; in surroundings of your own it then slides only by --motion-length."""
+
+    turn: Annotated[float | None, metavar("DEG")] = None
+    """Turn it on what carries it by this angle, counter-clockwise from above where positive [deg]."""
+    about: Annotated[tuple[float, float, float] | None, metavar("X Y Z")] = None
+    """With --turn: point of the axis [m, world]; the centre of mass unless given, or a corner of the object where that is
+    blocked."""
+    tip: Annotated[float | None, metavar("DEG")] = None
+    """Tip it by this angle over the edge of what carries it to which the motion leads [deg]."""
+
+    def given(self) -> dict[str, Any]:
+        """Return those that the user gave, by their names in `build_scene`."""
+        about = None if self.about is None else list(self.about)  # as it is read from the files of a run
+        values = {"turn_deg": self.turn, "tip_deg": self.tip, "about": about}
+        return {name: value for name, value in values.items() if value is not None}
 
 
 @dataclass(frozen=True)

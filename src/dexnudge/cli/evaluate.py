@@ -15,6 +15,7 @@ from dexnudge.cli.arguments import (
     Plugins,
     Scenes,
     SetOptions,
+    Turning,
     Uncertain,
     check_at_least,
     metavar,
@@ -52,6 +53,7 @@ class Evaluate(SetOptions):
     physics: Physics = field(default_factory=Physics)
     uncertain: Uncertain = ()
     """Rank by the share of sampled worlds in which a draw holds, as `sample` does, such as friction=0.5..1 mass=0.5..2."""
+    turning: Turning = field(default_factory=Turning)
     losses: Losses = field(default_factory=Losses)
     plugins: Plugins = field(default_factory=Plugins)
     weights: OptionalFolder = None
@@ -120,7 +122,7 @@ class Evaluate(SetOptions):
             ExperimentConfig,
             self,
             methods=self.method,
-            physics=self.physics.given(),
+            physics=self.physics.given() | self.turning.given(),
             losses=self.losses.given() or None,
             terms=self.plugins.weights() or None,
             criteria=self.plugins.criterion,

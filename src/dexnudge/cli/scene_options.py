@@ -17,6 +17,7 @@ from dexnudge.cli.arguments import (
     OptionalNumber,
     Physics,
     Text,
+    Turning,
     check_at_least,
     metavar,
     say,
@@ -59,7 +60,8 @@ class SceneOptions(MeshOptions):
     unseen: Literal["solid", "free"] = "solid"
     """With --depth: what space is that no view looked into."""
     motion_length: OptionalNumber = None
-    """How far it should slide [m]; 0.1 unless given."""
+    """How far it should slide [m]; 0.1 unless given, 0 after --turn or --tip."""
+    turning: Turning = field(default_factory=Turning)
     settle: Literal["auto", "off"] = "auto"
     """Move the object by up to 5 mm and 3 degrees onto what carries it, or leave it as it is."""
     surface_noise: OptionalNumber = None
@@ -96,15 +98,19 @@ class SceneOptions(MeshOptions):
         check_at_least(0, seed=self.seed)
         given = {name: getattr(self, name) for name in SOURCES}
         own = {name: getattr(self, name) for name in ("object_pose", "motion", "surface_noise")}
+        turning = self.turning.given()
         own |= {"settle": None if self.settle == "auto" else self.settle}
         seen = {"masks": self.masks, "unseen": None if self.unseen == "solid" else self.unseen}
         if self.is_folder:
             meshes = {"units": None if self.units == "m" else self.units, "length": self.length}
             _refuse(
-                {**given, **own, **seen, **meshes},
+                {**given, **own, **vars(self.turning), **seen, **meshes},
                 f"the scene of the folder {self.object}, which has its own; make another scene",
             )
             return
+        from dexnudge.scenes.asked_turn import check_asked
+
+        check_asked(**{"turn_deg": None, "tip_deg": None, "about": None} | turning)
         named = [f"`{name}`" for name, value in given.items() if value is not None]
         if len(named) != 1:
             got = (
@@ -123,7 +129,7 @@ class SceneOptions(MeshOptions):
             return
         if self.depth is None:
             _refuse(seen, "`environment`, which has no views; use `depth`")
-        needed = ["motion"] if self.object == MASKED else ["object_pose", "motion"]
+        needed = [*(["object_pose"] if self.object != MASKED else []), *([] if "turn_deg" in turning else ["motion"])]
         missing = [f"`{name}`" for name in needed if own[name] is None]
         if missing:
             raise InputError(f"{named[0]} needs {' and '.join(missing)} too; add what is missing")
@@ -142,9 +148,16 @@ class SceneOptions(MeshOptions):
         if self.scene is not None:
             from dexnudge.scenes.families import build_scene
 
-            return name, replace(build_scene(self.scene, mesh, seed=self.seed, **values), **margins)
-        assert self.motion is not None
-        values |= {"settle": self.settle, "surface_noise": self.surface_noise, **margins, "validate": False}
+            return name, replace(
+                build_scene(self.scene, mesh, seed=self.seed, **values, **self.turning.given()), **margins
+            )
+        values |= {
+            **self.turning.given(),
+            "settle": self.settle,
+            "surface_noise": self.surface_noise,
+            **margins,
+            "validate": False,
+        }
         if self.depth is not None:
             return name, Scene.from_depth(
                 self.depth,
@@ -179,8 +192,8 @@ class SceneOptions(MeshOptions):
         return found.name, found.mesh
 
     def what_matters(self, scene: Scene, hand: Hand) -> list[Finding]:
-        """Return the findings before sampling; of a scene of a family, which is built to be right, only sizes and errors."""
-        if self.scene is None or self.is_folder:
+        """Return the findings before sampling; of a family's own, which is built to be right, only sizes and errors."""
+        if self.scene is None or self.is_folder or self.turning.given():
             return scene.findings(hand)
         from dexnudge.scenes.sizes import size_findings
 

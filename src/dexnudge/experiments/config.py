@@ -2,7 +2,7 @@
 
 import zlib
 from dataclasses import dataclass, fields
-from typing import TYPE_CHECKING, NamedTuple
+from typing import TYPE_CHECKING, Any, NamedTuple
 
 from dexnudge.errors import InputError, UnknownNameError
 
@@ -27,7 +27,7 @@ class ExperimentConfig:
         length: longest side of every object [m], or None for the size that the set implies.
         hand: built-in name or URDF file.
         base: whether the forearm counts as part of the hand.
-        physics: parameters of `build_scene` that differ from the defaults.
+        physics: parameters of `build_scene` that differ from the defaults, turns among them.
         weights: folder of the model; None for that beside the hand's description, else the shipped one.
         data: dataset folder, for methods that start from stored poses.
         device: where sampling runs.
@@ -48,7 +48,7 @@ class ExperimentConfig:
     length: float | None = None
     hand: str = "shadow_lite"
     base: bool = True
-    physics: dict[str, float] | None = None
+    physics: dict[str, Any] | None = None
     weights: str | None = None
     data: str | None = None
     device: str = "cpu"

@@ -54,8 +54,8 @@ def surface_lattice(
 
 def lattice_in_boxes(
     triangles: Float[np.ndarray, "face 3 3"], boxes: Boxes, *, spacing: float
-) -> tuple[Float[np.ndarray, "n 3"], Int[np.ndarray, " n"]]:
-    """Return the points of `surface_lattice` in a box, and the box of each; a point in two boxes is there twice."""
+) -> tuple[Float[np.ndarray, "n 3"], Int[np.ndarray, " n"], Int[np.ndarray, " n"]]:
+    """Return the points of `surface_lattice` in a box, box and triangle of each; a point in two boxes is there twice."""
     box, face = _touching_pairs(triangles, boxes)
     corners = triangles[face]
     origin, plane = _plane_axes(corners)
@@ -69,7 +69,7 @@ def lattice_in_boxes(
     owner = box[pair]
     in_box = np.einsum("nix,nx->ni", boxes.axes[owner], points - boxes.centre[owner])
     kept = np.all(np.abs(in_box) <= boxes.half[owner], axis=1)
-    return points[kept], owner[kept]
+    return points[kept], owner[kept], face[pair[kept]]
 
 
 def _touching_pairs(

@@ -11,7 +11,7 @@ from scipy.optimize import OptimizeResult, linprog
 from dexnudge.mechanics.contacts import HandContacts
 from dexnudge.mechanics.friction_cone import EDGE_COUNT, friction_cone_edges, wrenches
 from dexnudge.mechanics.sliding_task import SlidingTask
-from dexnudge.scenes.support_contacts import MOTION_TOLERANCE, SupportContacts
+from dexnudge.scenes.support_contacts import MOTION_TOLERANCE, PIVOT_SPEED, SupportContacts
 
 MAX_FACTOR = 3.0
 """Largest factor on friction_environment that is tried [-]."""
@@ -19,10 +19,6 @@ SCAN_STEP = 0.25
 """Step of the coarse scan over the factor [-]; 1 and 1.5, which decide success and robustness, are on the grid."""
 BISECTIONS = 8
 """Halvings of one step of the scan: 0.25 / 2**8 is just below 1e-3."""
-PIVOT_SPEED = 0.02
-"""Speed of a support contact over the object's fastest point up to which it counts as standing [-]: an edge that is
-rounded by 2 mm, about which 100 mm tip, or a point near the axis of a turn."""
-
 LINPROG_INFEASIBLE = 2
 
 

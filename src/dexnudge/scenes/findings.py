@@ -8,7 +8,6 @@ import numpy as np
 from jaxtyping import Float
 
 from dexnudge.finding import Finding, length_text, vector_text
-from dexnudge.geometry.meshes import centre_of_mass
 from dexnudge.geometry.near_faces import faces_near
 from dexnudge.hands.hand import Hand
 from dexnudge.scenes.free_way import TIPPING, carried_way, free_way, outside_of
@@ -115,7 +114,7 @@ def _carried(scene: Scene, touching: SupportContacts) -> Iterator[Finding]:
             f"{remedy}, or add what carries it to the `environment`",
         )
         return
-    centre = (scene.T_world_object @ np.append(centre_of_mass(scene.object_mesh), 1.0))[:3]
+    centre = scene.centre_of_mass
     outside = outside_of(below, centre)
     if outside > TIPPING:
         yield Finding(

@@ -2,7 +2,7 @@
 
 from __future__ import annotations
 
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 
 import numpy as np
 import trimesh
@@ -10,12 +10,13 @@ from jaxtyping import Float
 from scipy.optimize import nnls
 
 from dexnudge.geometry.exact_distance import Rays
-from dexnudge.geometry.meshes import centre_of_mass
 from dexnudge.geometry.near_faces import faces_near
 from dexnudge.jobs.cached import cached_per_instance
+from dexnudge.scenes.carrying import first_met
 from dexnudge.scenes.scene import Scene
 from dexnudge.scenes.support_contacts import (
     MOTION_TOLERANCE,
+    PIVOT_SPEED,
     UPWARD,
     SupportContacts,
     carrying_normal,
@@ -37,10 +38,13 @@ class FreeWay:
     """The part of a scene's motion that is free.
 
     Attributes:
-        length: of it [m], at most `scene.motion_length`. place: where something ends it [m, world]; None where nothing does.
+        length: of it [m], at most `scene.object_motion.length`: that of the turn, as the arc of the object's farthest point,
+            and of the slide after it.
+        place: where something ends it [m, world]; None where nothing does.
         height: how far that thing reaches above what carries the object, at that place [m]; 0 without.
         touching: whether the object touches it from the beginning, and the motion runs into it.
         whole: whether all of the motion is free, to 1 mm.
+        angle: by which the object turns on that way [rad]. slid: how far it slides [m].
     """
 
     length: float
@@ -48,38 +52,55 @@ class FreeWay:
     height: float = 0.0
     touching: bool = False
     whole: bool = True
+    angle: float = 0.0
+    slid: float = 0.0
 
     def __str__(self) -> str:
+        turned = [f"{np.degrees(self.angle):.0f} deg"] if self.angle else []
+        far = " and ".join([*turned, *([f"{1e3 * self.slid:.0f} mm"] if self.slid or not turned else [])])
         if self.whole or self.place is None:
-            return f"free for {1e3 * self.length:.0f} mm"
+            return f"free for {far}"
         where = f"({', '.join(f'{each:.3f}' for each in self.place.round(3) + 0.0)}) m"
         if self.touching:
-            return f"blocked by what it touches at {where}, against which it would move"
-        return f"blocked after {1e3 * self.length:.0f} mm by something {1e3 * self.height:.0f} mm high at {where}"
+            after = f" after {far}" if turned else ""
+            return f"blocked{after} by what it touches at {where}, against which it would move"
+        return f"blocked after {far} by something {1e3 * self.height:.0f} mm high at {where}"
 
 
 @cached_per_instance
 def free_way(scene: Scene) -> FreeWay:
-    """Return how far the object can be carried along `scene.motion`, and what stands in its way; found once per scene.
+    """Return how far the object can be carried along its motion, and what stands in its way; found once per scene.
 
-    The object is lifted by 1.5 mm, or twice the noise of the surfaces, along the normal of what carries it (see
-    `Sweep.first_obstacle`): steps and bumps that are lower are no obstacle, and neither is the drop beyond an edge. Nor is
-    what it touches from above or beside, along the motion. A support against which the motion leans ends the way at once.
+    While it slides the object is lifted by 1.5 mm, or twice the noise of the surfaces, along the normal of what carries it
+    (see `Sweep.first_obstacle`): steps and bumps that are lower are no obstacle, and neither is the drop beyond an edge. Nor
+    is what it touches from above or beside, along the motion. While it turns nothing may be in it by more than 1 mm (see
+    `first_met`). A support against which the motion leans ends the way at once; the point about which it turns does not.
     """
+    motion, turns = scene.object_motion, scene.turn is not None
+    stage = motion.turn_length if turns else scene.motion_length
     touching = touching_contacts(scene)
     normal = carrying_normal(touching)
     supports = support_contacts(scene)
-    along = supports.normals @ scene.motion
+    velocity = motion.twist().velocity(supports.points)
+    moving = np.linalg.norm(velocity, axis=1) > PIVOT_SPEED
+    along = np.where(moving, (supports.normals * velocity).sum(axis=1), 0.0)
     if along.min(initial=0.0) < -MOTION_TOLERANCE:
         place = supports.points[along.argmin()]
         return FreeWay(0.0, place, _height(scene, place, touching, normal), touching=True, whole=False)
-    found = sweep_of(scene).first_obstacle(
-        scene.motion, carrying=normal, touching=touching.normals, reach=scene.motion_length
-    )
-    if found is None:
-        return FreeWay(scene.motion_length)
-    height = _height(scene, found.place, touching, normal)
-    return FreeWay(found.way, found.place, height, whole=found.way >= scene.motion_length - WAY_TOLERANCE)
+    found = first_met(scene, normal, touching.normals, reach=stage)
+    if found is not None and found.way < stage - WAY_TOLERANCE:
+        height = _height(scene, found.place, touching, normal)
+        return _on_the_way(scene, FreeWay(found.way, found.place, height, whole=False))
+    if turns and scene.motion_length:
+        rest = free_way(scene.carried(stage))
+        return _on_the_way(scene, replace(rest, length=stage + rest.length))
+    return _on_the_way(scene, FreeWay(stage if found is None else found.way))
+
+
+def _on_the_way(scene: Scene, way: FreeWay) -> FreeWay:
+    """Return the way with the turn and the slide that it consists of."""
+    motion = scene.object_motion
+    return replace(way, angle=motion.angle(way.length), slid=motion.slid(way.length))
 
 
 @cached_per_instance
@@ -87,11 +108,14 @@ def carried_way(scene: Scene) -> float:
     """Return the way along `scene.motion` [m] for which the object's centre of mass stays above what carries it.
 
     `scene.motion_length` where it stays so all the way, or is not so at the start. In steps of 5 mm: what of the places in
-    which the object rests has something below it, and whether the centre of mass, seen along gravity, is among those.
+    which the object rests has something below it, and whether the centre of mass, seen along gravity, is among those. Of an
+    object that turns first, once it has.
     """
+    if scene.turn is not None and scene.motion_length:
+        return carried_way(scene.carried(scene.object_motion.turn_length))
     touching = touching_contacts(scene)
     carrying, normal = touching.points[touching.normals[:, 2] > UPWARD], carrying_normal(touching)
-    centre = scene.T_world_object[:3, :3] @ centre_of_mass(scene.object_mesh) + scene.T_world_object[:3, 3]
+    centre = scene.centre_of_mass
     if not len(carrying) or outside_of(carrying, centre) > TIPPING:
         return scene.motion_length
     corners = hull_corners(carrying, normal, tolerance=WAY_TOLERANCE)

@@ -17,7 +17,7 @@ from dexnudge.errors import SceneError, check_path, quote
 from dexnudge.finding import Finding
 from dexnudge.geometry.far_surroundings import coarsened_far
 from dexnudge.geometry.mesh_repair import turned_toward
-from dexnudge.geometry.meshes import checked_environment, load_environment
+from dexnudge.geometry.meshes import centre_of_mass, checked_environment, load_environment
 from dexnudge.geometry.rigid import rigid_transform
 from dexnudge.objects.sets import object_mesh
 from dexnudge.perception.depth_view import DepthView
@@ -27,6 +27,7 @@ from dexnudge.scenes.motion import FARTHEST_AXIS, Motion, Turn
 from dexnudge.scenes.own_surroundings import check_margins, understood
 from dexnudge.scenes.placement import placement_findings
 from dexnudge.scenes.poses import load_pose, unit_motion
+from dexnudge.scenes.resting import long_side_along_x
 from dexnudge.scenes.sizes import size_findings
 from dexnudge.scenes.supports import TOUCHING, Support, all_supports
 from dexnudge.scenes.uncertainty import Uncertainty
@@ -111,6 +112,11 @@ class Scene:
         mesh.apply_transform(self.T_world_object)
         return mesh
 
+    @cached_property
+    def centre_of_mass(self) -> Float[np.ndarray, "3"]:
+        """Of the object, world [m]."""
+        return np.asarray(self.T_world_object[:3, :3] @ centre_of_mass(self.object_mesh) + self.T_world_object[:3, 3])
+
     @property
     def _corners(self) -> Float[np.ndarray, "8 3"]:
         """Of the object's bounding box, world [m]."""
@@ -153,7 +159,10 @@ class Scene:
         *,
         environment: str | Path | trimesh.Trimesh,
         object_pose: str | Path | Float[np.ndarray, "4 4"],
-        motion: Sequence[float] | Sequence[int] | Float[np.ndarray, "3"],
+        motion: Sequence[float] | Sequence[int] | Float[np.ndarray, "3"] | None = None,
+        turn_deg: float | None = None,
+        tip_deg: float | None = None,
+        about: Sequence[float] | Float[np.ndarray, "3"] | None = None,
         units: str = "m",
         length: float | None = None,
         settle: str = "auto",
@@ -172,7 +181,14 @@ class Scene:
             environment: mesh file in `units`, or a mesh in metres; world frame, z up.
             object_pose: T_world_object, or a JSON file with it or with "position" and "quaternion_wxyz"; metres, whatever
                 `units` says.
-            motion: direction (3,) in the world that the object should slide in; normalised.
+            motion: direction (3,) in the world that the object should slide in, or tip over; normalised. An object that only
+                turns needs none.
+            turn_deg: angle by which it should turn first, about the normal of what carries it, counter-clockwise from above
+                where positive; from -180 to 180.
+            tip_deg: angle by which it should tip first, over that edge of what carries it to which `motion` leads; the
+                motion is turned to be straight across it.
+            about: point (3,) of the turn's axis [m, world]; its centre of mass unless given, or where something blocks that
+                the corner of the rectangle around it, seen from above, about which it turns farthest.
             units: unit of the numbers in the mesh files: m, cm, mm or in.
             length: scale the object so that its longest side has this length [m].
             settle: "auto" moves the object by up to 5 mm and 3 deg to rest on its supports; "off" keeps its pose.
@@ -180,23 +196,34 @@ class Scene:
             clearance: that hands keep from the surroundings at least [m]; the noise where that is more.
             validate: refuse a misplaced object; False leaves it to `findings` to say what is wrong.
             physics: motion_length [m], mass [kg], friction_hand, friction_environment, max_normal_force [N]; defaults
-                as above.
+                as above; with `turn_deg` or `tip_deg` the object does not slide unless `motion_length` is given.
 
         Raises:
-            SceneError: a malformed pose, a zero motion, a number out of its domain, or surroundings that penetrate
-                the object by more than 1 mm or do not touch it.
+            SceneError: a malformed pose, a zero motion, a turn that is none or contradicts another, a tip without a support,
+                a number out of its domain, or surroundings that penetrate the object by more than 1 mm or do not touch it.
             MeshError: a mesh cannot be used.
             UnknownNameError: the object is neither a file nor a built-in one.
         """
+        from dexnudge.scenes.asked_turn import check_heading, with_turn
+
         check_physics(physics)
+        asked = check_heading(
+            motion, turn_deg=turn_deg, tip_deg=tip_deg, about=about, slides=physics.get("motion_length")
+        )
+        slide = physics.pop("motion_length", 0.0) if asked else None
         mesh = object_mesh(object, units=units, length=length)
         if isinstance(environment, trimesh.Trimesh):
             environment = checked_environment(environment)
         else:
             environment = load_environment(environment, units=units)
         pose = load_pose(object_pose) if isinstance(object_pose, str | Path) else rigid_transform(object_pose)
-        direction = unit_motion(motion)
-        environment = coarsened_far(environment, *cls(mesh, environment, pose, direction, **physics).way_bounds())
+        direction = _heading(mesh, pose) if motion is None else unit_motion(motion)
+        bounds = cls(mesh, environment, pose, direction, **physics).way_bounds()
+        if asked:  # about a point of the object or another one, it stays within this
+            points = np.concatenate([bounds, [bounds[0] if about is None else about]])
+            reach = float(np.linalg.norm(np.ptp(points, axis=0)))
+            bounds = np.stack([points.min(axis=0) - reach, points.max(axis=0) + reach])
+        environment = coarsened_far(environment, *bounds)
         environment = turned_toward(environment, _above_middle(mesh, pose))
         body = mesh.copy()
         body.apply_transform(pose)
@@ -213,7 +240,7 @@ class Scene:
         scene = cls(**fields, **physics)
         if validate:
             scene.validate()
-        return scene
+        return with_turn(scene, turn_deg=turn_deg, tip_deg=tip_deg, about=about, motion_length=slide)
 
     @classmethod
     def from_depth(
@@ -222,7 +249,10 @@ class Scene:
         *,
         object: str | Path | trimesh.Trimesh | None = None,  # noqa: A002 - the public name
         object_pose: str | Path | Float[np.ndarray, "4 4"] | None = None,
-        motion: Sequence[float] | Sequence[int] | Float[np.ndarray, "3"],
+        motion: Sequence[float] | Sequence[int] | Float[np.ndarray, "3"] | None = None,
+        turn_deg: float | None = None,
+        tip_deg: float | None = None,
+        about: Sequence[float] | Float[np.ndarray, "3"] | None = None,
         masks: str | None = None,
         view_points: Any = None,
         unseen: str = "solid",
@@ -247,6 +277,9 @@ class Scene:
             object: as in `from_files`; None where masks are all that is known of it.
             object_pose: as in `from_files`, with `object`.
             motion: as in `from_files`.
+            turn_deg: as in `from_files`.
+            tip_deg: as in `from_files`.
+            about: as in `from_files`.
             masks: name of the object's masks in the folder, {} for the number of the view: "box_{}.png".
             view_points: (k, 3) where the sensor of a point cloud stood [m, world], or a JSON file with them.
             unseen: space that no view looked into is "solid" or "free".
@@ -264,14 +297,18 @@ class Scene:
             MeshError: the object's mesh cannot be used.
             UnknownNameError: the object is neither a file nor a built-in one.
         """
+        from dexnudge.scenes.asked_turn import check_heading
         from dexnudge.scenes.from_depth import scene_from_depth
 
         check_physics(physics)
+        slides = physics.get("motion_length")
+        asked = check_heading(motion, turn_deg=turn_deg, tip_deg=tip_deg, about=about, slides=slides)
+        far = slides if slides is not None else 0.0 if asked else MOTION_LENGTH
         made = scene_from_depth(
             views,
             object_mesh=None if object is None else object_mesh(object, units=units, length=length),
             object_pose=object_pose,
-            way=physics.get("motion_length", MOTION_LENGTH) * unit_motion(motion),
+            way=np.zeros(3) if motion is None else far * unit_motion(motion),
             masks=masks,
             view_points=view_points,
             unseen=unseen,
@@ -282,6 +319,9 @@ class Scene:
             environment=made.environment_mesh,
             object_pose=made.T_world_object,
             motion=motion,
+            turn_deg=turn_deg,
+            tip_deg=tip_deg,
+            about=about,
             settle=settle,
             surface_noise=made.noise if surface_noise is None else surface_noise,
             clearance=clearance,
@@ -376,6 +416,11 @@ def _above_middle(mesh: trimesh.Trimesh, pose: Float[np.ndarray, "4 4"]) -> Floa
     placed = trimesh.transform_points(trimesh.bounds.corners(mesh.bounds), pose)
     low, high = placed.min(axis=0), placed.max(axis=0)
     return np.array([*(low + high)[:2] / 2, low[2] + ABOVE_MIDDLE * (high - low)[2]])
+
+
+def _heading(mesh: trimesh.Trimesh, pose: Float[np.ndarray, "4 4"]) -> Float[np.ndarray, "3"]:
+    """Return the direction of the long side of the placed object, seen from above: unit, level, world."""
+    return long_side_along_x(trimesh.transform_points(mesh.convex_hull.vertices, pose)[:, :2])[0]
 
 
 def load_scene(folder: str | Path) -> Scene:

@@ -5,15 +5,17 @@ from __future__ import annotations
 from dataclasses import dataclass
 
 import numpy as np
+import trimesh
 from jaxtyping import Bool, Float, Int
 
 from dexnudge.geometry.exact_distance import ExactDistance
-from dexnudge.geometry.surface_lattice import distinct_rows, surface_lattice
+from dexnudge.geometry.surface_lattice import Boxes, distinct_rows, lattice_in_boxes, surface_lattice
 from dexnudge.jobs.cached import cached_per_instance
+from dexnudge.scenes.carrying import first_met
 from dexnudge.scenes.placement import surroundings_distance
 from dexnudge.scenes.scene import Scene
 from dexnudge.scenes.support_hull import reduce_supports
-from dexnudge.scenes.sweep import sweep_of
+from dexnudge.scenes.sweep import triangles_in_box
 
 SUPPORT_DISTANCE = 1e-3
 """An object point this close to the surroundings rests on them [m]: the penetration that a scene may have."""
@@ -28,6 +30,9 @@ UPWARD = 0.5
 """z of a normal from which a contact can carry [-]."""
 MOTION_TOLERANCE = 1e-3
 """|n . u| up to which a support contact counts as sliding, above as separating or blocking [-]."""
+PIVOT_SPEED = 0.02
+"""Speed of a support contact over the object's fastest point up to which it counts as standing [-]: an edge that is
+rounded by 2 mm, about which 100 mm tip, or a point near the axis of a turn."""
 MOST_LEAN = -0.34
 """n . u down to which a normal of a noisy surface, 20 degrees off, is taken for noise [-]: 1 mm over edges of 3 mm."""
 SAME_PLACE = 1e-7
@@ -66,7 +71,8 @@ def touching_contacts(scene: Scene) -> SupportContacts:
 
     Looks at points on every triangle of the object, 2 mm apart, its edges and corners included, with that triangle's
     normal. The position is the closest point of the environment: there both bodies meet, and contacts with one plane
-    are exactly coplanar.
+    are exactly coplanar. Of an object that turns, also the surroundings' own points, their edges included: it may turn
+    about one of those.
     """
     mesh = scene.object_in_world()
     environment = surroundings_distance(scene.environment_mesh)
@@ -79,9 +85,10 @@ def touching_contacts(scene: Scene) -> SupportContacts:
     hit = environment.to_surface(points[first], reach=SUPPORT_REACH)
     environment_normals = np.asarray(hit.normal, dtype=np.float64)[place]
     kept = support_mask(normals, distance=hit.distance[place], environment_normals=environment_normals)
-    return SupportContacts(
+    found = SupportContacts(
         points=np.asarray(hit.closest, dtype=np.float64)[place][kept], normals=environment_normals[kept]
     )
+    return found if scene.turn is None else _with_own_points(found, mesh, scene)
 
 
 @cached_per_instance
@@ -89,8 +96,8 @@ def support_contacts(scene: Scene) -> SupportContacts:
     """Return the contacts of a scene's object with its environment, reduced to the extreme ones; found once per scene.
 
     Where surfaces are noisy (`scene.surface_noise`), one triangle that leans against the motion does not oppose it: up to 20
-    degrees its normal is made perpendicular to the motion; one that leans more is left out if the object, lifted by twice
-    the noise, can be carried past it. See `reduce_supports` for what else may be left out.
+    degrees its normal is made perpendicular to the motion there; one that leans more is left out if the object can be
+    carried past it, lifted by twice the noise where it slides. See `reduce_supports` for what else may be left out.
     """
     found = touching_contacts(scene)
     if scene.surface_noise > 0:
@@ -106,18 +113,34 @@ def carrying_normal(contacts: SupportContacts) -> Float[np.ndarray, "3"]:
     return normals.mean(axis=0) / np.linalg.norm(normals.mean(axis=0)) if len(normals) else np.zeros(3)
 
 
+def _with_own_points(found: SupportContacts, body: trimesh.Trimesh, scene: Scene) -> SupportContacts:
+    """Return contacts and the points of the surroundings that touch the body [m, world], such as those of a table's rim."""
+    low, high = body.bounds + np.array([[-SUPPORT_DISTANCE], [SUPPORT_DISTANCE]])
+    triangles = triangles_in_box(scene.environment_mesh, low, high)
+    box = Boxes((low + high)[None] / 2, np.eye(3)[None], (high - low)[None] / 2)
+    points, _, face = lattice_in_boxes(triangles, box, spacing=SUPPORT_SPACING)
+    if not len(points):
+        return found
+    sides = triangles[face, 1:] - triangles[face, :1]
+    normals = np.cross(sides[:, 0], sides[:, 1])
+    normals /= np.maximum(np.linalg.norm(normals, axis=1, keepdims=True), np.finfo(float).tiny)
+    hit = ExactDistance(body).to_surface(points, reach=SUPPORT_REACH)
+    kept = support_mask(np.asarray(hit.normal, dtype=np.float64), distance=hit.distance, environment_normals=normals)
+    return SupportContacts(
+        points=np.concatenate([found.points, points[kept]]), normals=np.concatenate([found.normals, normals[kept]])
+    )
+
+
 def _without_noise(scene: Scene, found: SupportContacts) -> SupportContacts:
     """Return the contacts as the sweep along the motion has them."""
-    along = found.normals @ scene.motion
+    motion = scene.object_motion.twist().direction(found.points)
+    along = found.normals @ scene.motion if scene.turn is None else (found.normals * motion).sum(axis=1)
     opposing = along <= MOST_LEAN
     if opposing.any():
         reach = SUPPORT_DISTANCE + 2 * scene.surface_noise  # farther off, what opposes the object does not touch it
-        met = sweep_of(scene).first_obstacle(
-            scene.motion, carrying=carrying_normal(found), touching=found.normals, reach=reach
-        )
-        opposing &= met is None
+        opposing &= first_met(scene, carrying_normal(found), found.normals, reach=reach) is None
     leaning = (along < -MOTION_TOLERANCE) & (along > MOST_LEAN)
-    level = found.normals - (leaning * along)[:, None] * scene.motion
+    level = found.normals - (leaning * along)[:, None] * motion
     level /= np.linalg.norm(level, axis=1, keepdims=True)
     normals = np.where(leaning[:, None], level, found.normals)
     return SupportContacts(points=found.points[~opposing], normals=normals[~opposing])

@@ -158,7 +158,7 @@ class PenetrationCheck:
             axes=np.swapaxes(T[:, :3, :3], 1, 2),
             half=0.5 * (high - low)[owner],
         )
-        points, box = lattice_in_boxes(triangles, boxes, spacing=SURFACE_SPACING)
+        points, box, _ = lattice_in_boxes(triangles, boxes, spacing=SURFACE_SPACING)
         local = middle[box] + np.einsum("nix,nx->ni", boxes.axes[box], points - boxes.centre[box])
         configuration = box // len(links)
         for index, (link, solid) in enumerate(self._hand.solids.items()):

@@ -1,0 +1,66 @@
+"""`book`: upright in a row, like a book, to be tipped forward and pulled out."""
+
+from __future__ import annotations
+
+import numpy as np
+import trimesh
+
+from dexnudge.scenes.asked_turn import over_foremost
+from dexnudge.scenes.boxes import box, joined
+from dexnudge.scenes.resting import resting_pose
+from dexnudge.scenes.scene import Scene
+
+GAP = (0.0003, 0.0008)  # [m] from the object to the neighbour on each side: near enough to hold it
+HEIGHT = (0.70, 0.95)  # of the neighbours, of the object's
+DEPTH = (0.85, 1.15)  # the same of their depth
+THICKNESS = (0.015, 0.040)  # [m] of the neighbours
+FLUSH = 0.003  # [m] by which their fronts are off the object's
+FRONT = (0.10, 0.14)  # [m] of the board before the object
+BOARD = (0.40, 0.80, 0.02)  # [m] depth, width, thickness; its top is z = 0
+ANGLE = np.radians([20.0, 30.0])  # of the tip
+PULL = (0.06, 0.08)  # [m] of the slide after it
+FORWARD = np.array([1.0, 0.0, 0.0])
+
+
+def book(mesh: trimesh.Trimesh, generator: np.random.Generator) -> Scene:
+    """Longest side upright, middle side along +x, thin side between two neighbours; tipped by 20 to 30 deg, then pulled out.
+
+    It tips about the foremost line on which it stands. Nothing is above it.
+    """
+    pose = _upright(mesh, front_down=bool(generator.integers(2)), turned=bool(generator.integers(2)))
+    placed = np.asarray(mesh.vertices) @ pose[:3, :3].T + pose[:3, 3]
+    depth, _, height = (float(side) for side in np.ptp(placed, axis=0))
+    front, angle, pull = generator.uniform(*FRONT), generator.uniform(*ANGLE), generator.uniform(*PULL)
+    parts = [box((front - BOARD[0], -BOARD[1] / 2, -BOARD[2]), (front, BOARD[1] / 2, 0.0))]
+    neighbours = []
+    for side in (-1.0, 1.0):
+        tall, deep = generator.uniform(*HEIGHT) * height, generator.uniform(*DEPTH) * depth
+        gap, thick, flush = generator.uniform(*GAP), generator.uniform(*THICKNESS), generator.uniform(-FLUSH, FLUSH)
+        beside = placed[placed[:, 2] <= tall]
+        inner = side * (float((side * beside[:, 1]).max()) + gap)
+        outer = inner + side * thick
+        parts.append(box((flush - deep, min(inner, outer), 0.0), (flush, max(inner, outer), tall)))
+        neighbours.append({"height": tall, "depth": deep, "thickness": thick, "gap": gap, "front": flush})
+    parameters = {
+        "height": height,
+        "front": front,
+        "tip_degrees": float(np.degrees(angle)),
+        "neighbours": neighbours,
+    }
+    scene = Scene(mesh, joined(parts), pose, FORWARD, name="book", parameters=parameters)
+    return over_foremost(scene, angle, pull)
+
+
+def _upright(mesh: trimesh.Trimesh, *, front_down: bool, turned: bool) -> np.ndarray:
+    """Return the pose with the lowest point on z = 0, the front at x = 0 and the middle of the thickness at y = 0."""
+    flat = resting_pose(mesh)
+    size = np.ptp(np.asarray(mesh.vertices) @ flat[:3, :3].T, axis=0)
+    _, middle, long = np.argsort(size, kind="stable")
+    axes = np.eye(3)
+    up, forward = axes[long] * (-1.0 if front_down else 1.0), axes[middle] * (-1.0 if turned else 1.0)
+    pose = np.eye(4)
+    pose[:3, :3] = np.stack([forward, np.cross(up, forward), up]) @ flat[:3, :3]
+    placed = np.asarray(mesh.vertices) @ pose[:3, :3].T
+    low, high = placed.min(axis=0), placed.max(axis=0)
+    pose[:3, 3] = -high[0], -(low[1] + high[1]) / 2, -low[2]
+    return pose
