@@ -86,7 +86,7 @@ class Execute:
         for folder in sorted(folders, key=lambda path: zlib.crc32(path.name.encode())):
             scene, q = Scene.load(folder), np.load(folder / DRAWS).astype(np.float64)
             seed = zlib.crc32(folder.name.encode())
-            for world, physics in enumerate(({}, replace(WORLDS, seed=seed, worlds=1).sampled(scene)[0][0])):
+            for world, physics in enumerate(({}, replace(WORLDS, seed=seed, worlds=2).sampled(scene)[0][0])):
                 if (folder.name, world) in done or not len(q):
                     continue
                 there = replace(scene, **physics)

@@ -9,7 +9,8 @@ import trimesh
 from dexnudge.mechanics.balance import balance_problem, problem_margin
 from dexnudge.mechanics.contacts import HandContacts
 from dexnudge.mechanics.sliding_task import sliding_task
-from dexnudge.results.ranking import forward_offset, mean_help, path_margins, pressing_margins, ranking
+from dexnudge.results.path_margins import forward_offset, mean_help, path_margins, pressing_margins
+from dexnudge.results.ranking import ranking
 from dexnudge.scenes.boxes import box
 from dexnudge.scenes.scene import Scene
 from dexnudge.scenes.support_contacts import support_contacts

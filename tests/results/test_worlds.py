@@ -56,15 +56,16 @@ def test_the_object_is_displaced_and_turned_on_its_support_within_what_is_said(s
 
 
 def test_frictions_and_mass_are_spread_evenly_over_their_ranges_by_the_seed(scene):
-    uncertainty = Uncertainty(friction=(0.5, 1.0), friction_environment=(1.0, 1.5), mass=(0.5, 2.0), worlds=16)
-    found = sampled_worlds(scene, uncertainty)
+    uncertainty = Uncertainty(friction=(0.5, 1.0), friction_environment=(1.0, 1.5), mass=(0.5, 2.0), worlds=17)
+    *found, hardest = sampled_worlds(scene, uncertainty)
     strata = (np.arange(16) + 0.5) / 16
     for name, low, width in (("friction_hand", 0.4, 0.4), ("friction_environment", 0.4, 0.2), ("mass", 0.075, 0.225)):
         shares = (np.array([getattr(each, name) for each in found]) - low) / width
         np.testing.assert_allclose(np.sort(shares), strata, atol=1 / 32 + 1e-9)
     assert all(each.max_normal_force == scene.max_normal_force for each in found)
     assert all((each.T_world_object == scene.T_world_object).all() for each in found)
-    again, other = (sampled_worlds(scene, replace(uncertainty, seed=seed)) for seed in (0, 1))
+    assert (hardest.friction_hand, hardest.friction_environment, hardest.mass) == pytest.approx((0.4, 0.6, 0.3))
+    again, other = (sampled_worlds(scene, replace(uncertainty, seed=seed))[:-1] for seed in (0, 1))
     assert [each.mass for each in again] == [each.mass for each in found] != [each.mass for each in other]
 
 

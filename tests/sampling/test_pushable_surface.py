@@ -15,6 +15,7 @@ from dexnudge.sampling.projection import ProjectionConfig, project
 from dexnudge.sampling.starts import random_start
 from dexnudge.scenes.families import build_scene
 from dexnudge.scenes.motion import Motion, Turn, Twist
+from dexnudge.scenes.uncertainty import Uncertainty
 from dexnudge.verification.verdicts import verify
 
 FORWARD = torch.tensor([1.0, 0.0, 0.0])
@@ -52,6 +53,28 @@ def test_a_contact_that_faces_the_motion_is_idle(slot):
     assert surface.idle(points, normals).tolist() == [[True, False, False, True]]
     walled_in = pushable_surface(cloud, SLIDE, ExactDistance(trimesh.creation.box((1.0, 1.0, 1.0))))
     assert not walled_in.idle(points, normals).any()
+
+
+def test_where_no_press_moves_the_object_contacts_on_top_are_idle_and_drawn_to_its_sides(slot):
+    cloud, environment = slot
+    surface = pushable_surface(cloud, SLIDE, environment, press_moves=False)
+    assert len(surface.places) > 0
+    assert (surface.places[:, 2] < HEIGHT / 2 + 0.5 * TIP_RADIUS + 1e-6).all()  # beside it, or around an edge
+    points, normals = torch.zeros(1, 3, 3), torch.tensor([[[0.0, 0.0, 1.0], [0.0, 1.0, 0.0], [-1.0, 0.0, 0.0]]])
+    assert surface.idle(points, normals).tolist() == [[True, False, False]]
+
+
+def test_what_is_asked_for_is_what_the_hardest_world_needs():
+    scene = build_scene("table", "phone", seed=0)
+    uncertain = replace(
+        scene, uncertainty=Uncertainty(friction=(0.5, 1.0), mass=(0.5, 2.0), max_normal_force=(0.5, 1.0))
+    )
+    easy, hard = prepare(scene), prepare(uncertain)
+    assert easy.pushable.press_moves
+    assert not hard.pushable.press_moves  # 0.4 at the hand and at the table
+    (one,), (other,) = easy.balances, hard.balances
+    assert other.friction_hand == pytest.approx(0.5 * one.friction_hand)
+    assert other.max_normal == pytest.approx(one.max_normal / 4)  # half the force, twice the weight
 
 
 def test_on_a_disk_that_turns_the_whole_rim_can_push_and_bumps_are_idle_where_they_run_ahead():

@@ -75,3 +75,9 @@ def sliding_task(scene: Scene) -> SlidingTask:
         friction_environment=float(scene.friction_environment),
         max_normal_force=float(scene.max_normal_force),
     )
+
+
+def hardest_task(scene: Scene) -> SlidingTask:
+    """Return the task of a scene in the hardest of the worlds that it may be found in."""
+    task = sliding_task(scene)
+    return task if scene.uncertainty is None else replace(task, **scene.uncertainty.hardest(scene))

@@ -1,7 +1,7 @@
 """A scene made ready for sampling: its canonical frame, its distance fields and its force balance."""
 
 from collections.abc import Iterable, Sequence
-from dataclasses import dataclass, replace
+from dataclasses import dataclass
 
 import numpy as np
 import torch
@@ -20,7 +20,7 @@ from dexnudge.geometry.transforms import canonical_frame, transform_configuratio
 from dexnudge.geometry.warp_runtime import WarpStruct
 from dexnudge.hands.hand import Hand
 from dexnudge.mechanics.balance import support_forces
-from dexnudge.mechanics.sliding_task import sliding_task
+from dexnudge.mechanics.sliding_task import hardest_task
 from dexnudge.scenes.motion import Twist
 from dexnudge.scenes.scene import Scene
 from dexnudge.scenes.support_contacts import support_contacts
@@ -28,6 +28,7 @@ from dexnudge.scenes.support_contacts import support_contacts
 # Cosines of the object's outward normal and the motion: above the first a contact pushes back more than friction pulls on;
 # up to the second a place is worth going to.
 FACING_MOTION, PUSHABLE = 0.5, 0.2
+ON_TOP = 0.5  # z of the object's outward normal above which a contact presses it down
 TIP_RADIUS = 0.008  # [m] of a fingertip, from its keypoint to the surface that it touches
 ROOM = 0.006  # [m] that the environment must leave around the keypoint; fingertips are flat in front
 FRICTION_MARGIN = 1.6  # factor on friction_environment that the contacts are asked to overcome: above robust's 1.5
@@ -39,17 +40,24 @@ class PushableSurface:
 
     Attributes:
         twists: with which the parts of the motion begin, of the object as it lies. places: [m], a fingertip's radius above
-            the object's surface.
+            the object's surface. press_moves: whether pressing from above can move the object.
     """
 
     twists: tuple[Twist, ...]
     places: Float[Tensor, "place 3"]
+    press_moves: bool = True
 
     def idle(
         self, points: Float[Tensor, "batch digit 3"], normals: Float[Tensor, "batch digit 3"]
     ) -> Bool[Tensor, "batch digit"]:
-        """Return which contacts face the motion, by the object's outward normals; none where there is no better place."""
-        return (facing(self.twists, points, normals) > FACING_MOTION) & bool(len(self.places))
+        """Return which contacts cannot help, by the object's outward normals; none where there is no better place.
+
+        Those that face the motion, and those on top where no press moves the object.
+        """
+        useless = facing(self.twists, points, normals) > FACING_MOTION
+        if not self.press_moves:
+            useless |= normals[..., 2] > ON_TOP
+        return useless & bool(len(self.places))
 
     def nearest(
         self, points: Float[Tensor, "batch digit 3"], normals: Float[Tensor, "batch digit 3"]
@@ -70,17 +78,24 @@ def facing(
 
 
 def pushable_surface(
-    cloud: Float[Tensor, "point 6"], twists: Sequence[Twist], environment: ExactDistance, *, clearance: float = 0.0
+    cloud: Float[Tensor, "point 6"],
+    twists: Sequence[Twist],
+    environment: ExactDistance,
+    *,
+    clearance: float = 0.0,
+    press_moves: bool = True,
 ) -> PushableSurface:
     """Return where on the object a fingertip fits and can push, from its points and outward normals [m]; one frame.
 
-    twists: as in `PushableSurface`. clearance: that the fingertip keeps from the environment [m].
+    twists, press_moves: as in `PushableSurface`. clearance: that the fingertip keeps from the environment [m].
     """
     points, normals = cloud[:, :3], cloud[:, 3:]
     places = points + TIP_RADIUS * normals
     room = torch.as_tensor(environment(places.double().numpy()).distance)
     useful = (facing(twists, points, normals) < PUSHABLE) & (room > ROOM + clearance)
-    return PushableSurface(tuple(twists), places[useful])
+    if not press_moves:
+        useful &= normals[:, 2] <= ON_TOP
+    return PushableSurface(tuple(twists), places[useful], press_moves)
 
 
 @dataclass(frozen=True)
@@ -138,7 +153,7 @@ def prepare(scene: Scene, *, device: str = "cpu") -> SamplingProblem:
     motion = scene.object_motion.moved(T_canonical_world)
     fields, guiding_fields = build_guided_fields(object_mesh, environment_mesh, device=device, motion=motion)
     cloud = object_cloud(object_mesh)
-    environment = ExactDistance(environment_mesh, device=device)
+    environment, task = ExactDistance(environment_mesh, device=device), hardest_task(scene)
     return SamplingProblem(
         scene=scene,
         T_world_canonical=T_world_canonical,
@@ -146,7 +161,13 @@ def prepare(scene: Scene, *, device: str = "cpu") -> SamplingProblem:
         guiding_fields=guiding_fields,
         balances=_balances(scene, T_canonical_world),
         cloud=cloud,
-        pushable=pushable_surface(cloud, motion.beginning_twists, environment, clearance=scene.clearance),
+        pushable=pushable_surface(
+            cloud,
+            motion.beginning_twists,
+            environment,
+            clearance=scene.clearance,
+            press_moves=task.friction_hand > task.friction_environment,
+        ),
         object_mesh=object_mesh,
     )
 
@@ -157,9 +178,7 @@ def _balances(scene: Scene, T_canonical_world: Float[np.ndarray, "4 4"]) -> tupl
     for way in motion.beginnings:
         there = scene.carried(way) if way else scene
         T = T_canonical_world @ np.linalg.inv(motion.displacement(way)) if way else T_canonical_world
-        supports, task = support_contacts(there), sliding_task(there)
-        if scene.uncertainty is not None:
-            task = replace(task, **scene.uncertainty.hardest(scene))
+        supports, task = support_contacts(there), hardest_task(there)
         normals, friction, support, blocked = support_forces(supports, task)
         if blocked or not len(support):
             return ()

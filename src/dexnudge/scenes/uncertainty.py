@@ -109,7 +109,8 @@ class Uncertainty:
     def sampled(self, scene: Any) -> list[tuple[dict[str, Any], Float[np.ndarray, "3"], float]]:
         """Return of each world the scene's numbers there, and the displacement [m] and the turn [rad] of the object.
 
-        The displacement is along two axes of the support, evenly over a disk, and off it.
+        The displacement is along two axes of the support, evenly over a disk, and off it. Frictions, mass and force of the
+        last world are the hardest, of the others spread evenly over their ranges.
         """
         from scipy.stats import qmc  # takes half a second
 
@@ -123,6 +124,7 @@ class Uncertainty:
             found.append(
                 (dict(zip(ranges, numbers, strict=True)), displacement, float(np.radians(self.pose_deg * turn)))
             )
+        found[-1] = (self.hardest(scene), *found[-1][1:])
         return found
 
 
