@@ -6,7 +6,7 @@ import dexnudge as dn
 from dexnudge.hands.closing import closing
 from dexnudge.hands.config import HandConfig
 from dexnudge.hands.hand import Hand
-from dexnudge.hands.package_files import package_file
+from dexnudge.hands.link_meshes import package_file
 from dexnudge.hands.urdf import hand_from_urdf
 from dexnudge.viewer.hand_picture import hand_cameras
 from dexnudge.viewer.hand_view import hand_views

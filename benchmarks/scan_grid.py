@@ -13,14 +13,13 @@ from typing import TYPE_CHECKING, Any, Literal
 import numpy as np
 import tyro
 
-from dexnudge.experiments.charts import AVAILABLE, INK, WIDTH, save_chart
 from dexnudge.experiments.config import ExperimentConfig, ScanErrors
 from dexnudge.experiments.metrics import Measured, measure, named
 from dexnudge.experiments.records import FILE
 from dexnudge.experiments.report import setting, write_report
 from dexnudge.experiments.run import TrialRunner, read_run
 from dexnudge.experiments.scan_trial import ScanTrial
-from dexnudge.experiments.tables import Table, csv_text
+from dexnudge.experiments.tables import AVAILABLE, INK, WIDTH, Table, csv_text, save_chart
 
 if TYPE_CHECKING:
     from matplotlib.figure import Figure

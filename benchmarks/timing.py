@@ -20,8 +20,7 @@ from dexnudge.arms.registry import load_arm
 from dexnudge.cli.arguments import stdout, table
 from dexnudge.jobs.provenance import machine, versions
 from dexnudge.trajectories.limits import limits_used
-from dexnudge.trajectories.timing import CORNER, time_optimal
-from dexnudge.trajectories.ways import rounded_polyline
+from dexnudge.trajectories.timing import CORNER, rounded_polyline, time_optimal
 
 GRID = 500  # places along a way at which toppra keeps the limits
 FINGERS = JointLimits(*(np.full(4, value) for value in (-0.2, 1.5, 2.0, 20.0, 400.0, 1.0)))

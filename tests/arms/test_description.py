@@ -66,7 +66,7 @@ def test_an_mjcf_moves_as_mujoco_says_with_its_first_joint_and_its_site(describe
 
 @pytest.mark.parametrize("name", ["ur5e", "panda", "xarm7", "ur5"])
 def test_named_arms_move_as_the_packages_descriptions_say(name):
-    from dexnudge.hands.package_files import package_file
+    from dexnudge.hands.link_meshes import package_file
 
     arm = dn.load_arm(name)
     install = "pip install 'dexnudge[arms]'"

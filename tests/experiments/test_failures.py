@@ -8,7 +8,7 @@ from PIL import Image
 
 from dexnudge.errors import OutputError
 from dexnudge.experiments.config import ExperimentConfig, trial_keys
-from dexnudge.experiments.failures import failure_sections, worst_cases
+from dexnudge.experiments.reproduction import failure_sections, worst_cases
 from dexnudge.experiments.sampling_trial import SamplingTrial
 from dexnudge.objects.builtin import builtin_object
 

@@ -12,7 +12,6 @@ from PIL import Image
 
 from dexnudge.errors import InputError, OutputError
 from dexnudge.experiments import report
-from dexnudge.experiments.charts import interval_chart
 from dexnudge.experiments.config import ExperimentConfig
 from dexnudge.experiments.execution_trial import ExecutionRecord, ExecutionTrial
 from dexnudge.experiments.records import RecordWriter
@@ -20,7 +19,7 @@ from dexnudge.experiments.report import write_report
 from dexnudge.experiments.run import FILE, FORMAT_VERSION
 from dexnudge.experiments.sampling_trial import SamplingTrial
 from dexnudge.experiments.statistics import Estimate
-from dexnudge.experiments.tables import csv_text, method_table
+from dexnudge.experiments.tables import csv_text, interval_chart, method_table
 from dexnudge.jobs.folders import claim_folder
 from dexnudge.sampling.methods import METHODS
 

@@ -7,8 +7,8 @@ import torch
 
 from dexnudge.errors import HandError
 from dexnudge.hands.config import HandConfig
+from dexnudge.hands.link_meshes import package_file
 from dexnudge.hands.mjcf import hand_from_mjcf
-from dexnudge.hands.package_files import package_file
 
 CRANK, GROUND = 0.04, 0.02  # [m]
 CONFIG = HandConfig("palm", {"finger": "rocker", "thumb": "thumb"}, (0.0, 1.0, 0.0))

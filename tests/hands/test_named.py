@@ -6,9 +6,9 @@ import numpy as np
 import pytest
 
 from dexnudge.errors import HandError, UnknownNameError
-from dexnudge.hands import package_files
+from dexnudge.hands import link_meshes
+from dexnudge.hands.link_meshes import package_file
 from dexnudge.hands.named import HANDS
-from dexnudge.hands.package_files import package_file
 from dexnudge.hands.registry import load_hand
 
 FROM_PACKAGES = {  # joints, digits, what to type
@@ -32,7 +32,7 @@ def test_a_missing_package_is_named_with_what_to_type(name, monkeypatch):
     def absent(package):
         raise PackageNotFoundError(package)
 
-    monkeypatch.setattr(package_files, "distribution", absent)
+    monkeypatch.setattr(link_meshes, "distribution", absent)
     with pytest.raises(HandError, match=f"the description of hand '{name}' is missing") as caught:
         load_hand(name)
     assert str(caught.value).endswith(f"mend it with: {FROM_PACKAGES[name][2]}")

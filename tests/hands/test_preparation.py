@@ -12,7 +12,7 @@ from dexnudge.finding import Finding
 from dexnudge.hands import preparation
 from dexnudge.hands.anatomy import digit_names
 from dexnudge.hands.export import export_hand
-from dexnudge.hands.package_files import package_file
+from dexnudge.hands.link_meshes import package_file
 from dexnudge.hands.preparation import PreparedHand, prepare_hand
 from dexnudge.hands.registry import load_hand
 from dexnudge.hands.tree import Tree

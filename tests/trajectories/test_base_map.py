@@ -1,6 +1,7 @@
 """Where a SCARA may stand: in the annulus about the hands that it reaches, and not in the surroundings."""
 
 import json
+import sys
 
 import numpy as np
 import pytest
@@ -8,6 +9,7 @@ import trimesh
 from PIL import Image
 
 import dexnudge as dn
+from dexnudge.viewer.base_picture import base_picture
 
 TIP = 0.011 + 0.032 + 0.03  # [m] of the palm's centre over the fingertips of the boxy hand
 MOUNT = trimesh.transformations.translation_matrix(
@@ -103,14 +105,23 @@ def test_a_map_is_saved_as_arrays_picture_and_pose(found, tmp_path):
 
 
 def test_the_picture_is_dark_where_the_share_is_large(found, tmp_path):
-    from dexnudge.viewer.base_picture import HEADING, MARGIN, SIZE, colour
-
-    pixels = np.asarray(Image.open(found.picture(tmp_path / "map.png")))
+    figure = base_picture(found.scene, found.x, found.y, found.heights, found.share, found.best()[0], found.arm)
+    figure.savefig(tmp_path / "map.png", dpi=figure.dpi)
+    pixels, axes = np.asarray(Image.open(tmp_path / "map.png")), figure.axes[0]
     step = found.x[1] - found.x[0]
-    for place, share in (((-0.5, -0.2), 1.0), ((0.8, 0.8), 0.0)):
-        column = MARGIN + (place[0] - found.x[0] + step / 2) / step / len(found.x) * SIZE
-        row = HEADING + (found.y[-1] + step / 2 - place[1]) / step / len(found.y) * SIZE
-        np.testing.assert_allclose(pixels[round(row), round(column)], colour(share), atol=3)
+    for place, low, high in (((-0.5, -0.2), 0, 100), ((0.8, 0.8), 230, 255)):
+        near = found.x[np.abs(found.x - place[0]).argmin()], found.y[np.abs(found.y - place[1]).argmin()]
+        column, row = axes.transData.transform(np.add(near, step / 5)).round().astype(int)
+        assert low <= pixels[len(pixels) - row, column, 0] <= high
+
+
+def test_without_matplotlib_a_map_has_no_picture(found, tmp_path, monkeypatch):
+    monkeypatch.setitem(sys.modules, "matplotlib.figure", None)
+    with pytest.raises(dn.InputError, match="needs matplotlib"):
+        found.picture(tmp_path / "map.png")
+    monkeypatch.setattr("dexnudge.trajectories.base_map.find_spec", lambda _: None)
+    found.save(tmp_path / "base")
+    assert not (tmp_path / "base" / "base_map.png").exists()
 
 
 def test_where_nothing_is_reached_there_is_no_best_place(samples, column_arm, tmp_path):

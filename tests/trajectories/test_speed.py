@@ -8,7 +8,7 @@ from toppra.interpolator import AbstractGeometricPath
 from dexnudge.arms.arm import JointLimits
 from dexnudge.arms.named.panda import LIMITS
 from dexnudge.trajectories.speed import fastest_profile
-from dexnudge.trajectories.ways import rounded_polyline
+from dexnudge.trajectories.timing import rounded_polyline
 
 UR = JointLimits(*(np.full(6, value) for value in (-6.28, 6.28, 3.14, 5.0, 50.0, 1.0)))
 

@@ -4,7 +4,7 @@ import numpy as np
 import pytest
 
 from dexnudge.errors import InputError
-from dexnudge.viewer.charts import phase_spans
+from dexnudge.viewer.page import phase_spans
 from dexnudge.viewer.recording import Curve, recording_camera
 
 

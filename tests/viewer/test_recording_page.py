@@ -9,8 +9,7 @@ import numpy as np
 import pytest
 
 from dexnudge.errors import InputError, OutputError
-from dexnudge.viewer.charts import NAME_WIDTH, recording_charts
-from dexnudge.viewer.page import write_recording_page
+from dexnudge.viewer.page import NAME_WIDTH, recording_charts, write_recording_page
 
 HOSTILE = "</script><script>alert(1)</script><img src=x onerror=alert(2)> & \"q\" 'r' $title"
 

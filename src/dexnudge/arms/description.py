@@ -15,7 +15,7 @@ from dexnudge.arms.inverse_kinematics import InverseKinematics
 from dexnudge.errors import ArmError, HandError
 from dexnudge.hands.config import GEOMETRIES, yaml_beside
 from dexnudge.hands.joint_ranges import Farthest, with_ranges
-from dexnudge.hands.package_files import package_file
+from dexnudge.hands.link_meshes import package_file
 from dexnudge.hands.registry import read_robot_tree
 from dexnudge.hands.tree import Tree, TreeJoint, chain_to
 from dexnudge.hands.tree_checks import check_sizes

@@ -71,6 +71,8 @@ class FindBase(MountOptions):
             found.write(folder)
         _print(found)
         say(f"written: {out}")
+        if not (out / "base_map.png").is_file():
+            say("a picture of the map needs matplotlib: pip install 'dexnudge[plots]'")
         if not found.best():
             return NOTHING_SUCCEEDED
         say(f"use it: --arm {self.arm} --arm-base {out / 'arm_base.json'}")

@@ -10,7 +10,6 @@ from typing import Any, ClassVar
 import numpy as np
 
 from dexnudge.execution.executor import Executor
-from dexnudge.experiments.charts import interval_chart
 from dexnudge.experiments.disturbances import AS_DRAWN, EXECUTED_AT, setting_name
 from dexnudge.experiments.drawn_trial import DrawnTrial, TrialSampler
 from dexnudge.experiments.metrics import (
@@ -26,7 +25,7 @@ from dexnudge.experiments.metrics import (
 )
 from dexnudge.experiments.records import TrialRecord
 from dexnudge.experiments.statistics import Estimate, estimate_of_sums, ratio
-from dexnudge.experiments.tables import group_table
+from dexnudge.experiments.tables import group_table, interval_chart
 from dexnudge.experiments.trial import Section
 from dexnudge.planning.approach import Approach
 from dexnudge.planning.outcomes import Outcome

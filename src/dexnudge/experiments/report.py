@@ -6,12 +6,20 @@ from pathlib import Path
 from typing import Any
 
 from dexnudge.errors import InputError, writing
-from dexnudge.experiments.charts import AVAILABLE, MISSING, interval_chart, save_chart
 from dexnudge.experiments.metrics import Measured, measure, named
 from dexnudge.experiments.records import Record, TrialRecord, read_records
 from dexnudge.experiments.run import read_run
 from dexnudge.experiments.statistics import Estimate, as_json
-from dexnudge.experiments.tables import count_table, csv_text, method_table, metric_table
+from dexnudge.experiments.tables import (
+    AVAILABLE,
+    MISSING,
+    count_table,
+    csv_text,
+    interval_chart,
+    method_table,
+    metric_table,
+    save_chart,
+)
 from dexnudge.experiments.trial import Section, TrialKind
 
 REPORT = "report"  # .md, .json and .csv

@@ -11,7 +11,7 @@ from dataclasses import dataclass, replace
 import numpy as np
 import trimesh
 from jaxtyping import Float, Int
-from scipy.spatial.transform import Rotation
+from trimesh.transformations import rotation_matrix
 
 from dexnudge.experiments.config import ScanErrors
 from dexnudge.perception.depth_view import DepthView
@@ -64,7 +64,7 @@ def tilted(scene: Scene, degrees: float, generator: np.random.Generator) -> Scen
     axis = np.array([np.cos(azimuth), np.sin(azimuth), 0.0])
     if degrees == 0:
         return scene
-    turn = _turn_about(scene.object_in_world().center_mass, np.radians(degrees) * axis)
+    turn = rotation_matrix(np.radians(degrees), axis, scene.object_in_world().center_mass)
     environment = scene.environment_mesh.copy()
     environment.apply_transform(turn)
     return replace(
@@ -80,7 +80,7 @@ def disturbed_pose(scene: Scene, errors: ScanErrors, generator: np.random.Genera
     direction, axis = (each / np.linalg.norm(each) for each in generator.standard_normal((2, 3)))
     if errors.pose_mm == errors.pose_deg == 0:
         return scene.T_world_object
-    turn = _turn_about(scene.object_in_world().center_mass, np.radians(errors.pose_deg) * axis)
+    turn = rotation_matrix(np.radians(errors.pose_deg), axis, scene.object_in_world().center_mass)
     turn[:3, 3] += 1e-3 * errors.pose_mm * direction
     return turn @ scene.T_world_object
 
@@ -144,10 +144,3 @@ def _halved(faces: Int[np.ndarray, "face 3"], middle: Int[np.ndarray, "face 3"])
         (one, two, three), between = half[cut].T, new[cut]
         parts += [half[~cut], np.stack([one, two, between], axis=1), np.stack([one, between, three], axis=1)]
     return np.concatenate(parts)
-
-
-def _turn_about(centre: Float[np.ndarray, "3"], rotation_vector: Float[np.ndarray, "3"]) -> Float[np.ndarray, "4 4"]:
-    turn = np.eye(4)
-    turn[:3, :3] = Rotation.from_rotvec(rotation_vector).as_matrix()
-    turn[:3, 3] = centre - turn[:3, :3] @ centre
-    return turn

@@ -68,7 +68,7 @@ def mean_estimate(values: Sequence[float]) -> Estimate:
     return estimate_of_sums(columns, ratio)
 
 
-def quantile_estimate(values: Sequence[float], share: float, *, seed: int = 0) -> Estimate | None:
+def quantile_estimate(values: Sequence[float], share: float) -> Estimate | None:
     """Return the least value that a share of the objects does not exceed, with its interval; None without any value."""
     if not values:
         return None
@@ -78,7 +78,7 @@ def quantile_estimate(values: Sequence[float], share: float, *, seed: int = 0) -
         reached = np.cumsum(drawn, axis=1) >= share * drawn.sum(axis=1, keepdims=True) - 1e-9
         return np.asarray(ordered[reached.argmax(axis=1)])
 
-    found = np.sort(quantile(_times_drawn(len(ordered), seed)))
+    found = np.sort(quantile(_times_drawn(len(ordered), 0)))
     low, high = (_quantile(found, level) for level in ((1.0 - LEVEL) / 2.0, (1.0 + LEVEL) / 2.0))
     return Estimate(float(quantile(np.ones((1, len(ordered))))[0]), low, high)
 

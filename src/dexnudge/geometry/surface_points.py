@@ -73,10 +73,10 @@ def dart_throwing(candidates: Float[np.ndarray, "n 3"], radius: float) -> np.nda
 CLOUD_POINTS = 1024
 
 
-def object_cloud(mesh: trimesh.Trimesh, *, seed: int = 0) -> Float[Tensor, "point 6"]:
+def object_cloud(mesh: trimesh.Trimesh) -> Float[Tensor, "point 6"]:
     """1024 points [m] with outward normals, spread evenly over the surface, in the mesh's frame."""
     spacing = float(np.sqrt(mesh.area / CLOUD_POINTS))
-    spread = surface_points(mesh, spacing=spacing, seed=seed)
-    chosen = np.random.default_rng(seed).permutation(len(spread.points))
+    spread = surface_points(mesh, spacing=spacing)
+    chosen = np.random.default_rng(0).permutation(len(spread.points))
     chosen = np.resize(chosen, CLOUD_POINTS)
     return torch.as_tensor(np.concatenate([spread.points, spread.normals], axis=1)[chosen], dtype=torch.float32)

@@ -2,6 +2,7 @@
 
 import os
 from collections.abc import Mapping
+from importlib.metadata import PackageNotFoundError, distribution
 from importlib.util import find_spec
 from pathlib import Path
 
@@ -13,6 +14,34 @@ from dexnudge.errors import HandError, MeshError
 from dexnudge.geometry.mesh_files import parse_triangles
 from dexnudge.geometry.mesh_repair import wind_outward
 from dexnudge.hands.xml_text import refuse_entities
+
+
+def package_file(package: str, end: str, *, what: str, install: str) -> Path:
+    """Return the file of an installed package whose path ends in `end`.
+
+    Args:
+        package: name of the distribution, as pip knows it.
+        end: last parts of the path, separated by "/".
+        what: what it describes, such as "hand 'leap'", for the message.
+        install: what to type where the package is missing, for the message.
+
+    Raises:
+        HandError: the package is not installed, or has no such file.
+    """
+    try:
+        files = distribution(package).files or []
+    except PackageNotFoundError as error:
+        raise HandError(
+            f"the description of {what} is missing: expected the package {package}, found none; mend it with: {install}"
+        ) from error
+    found = [path for file in files if str(file).endswith(end) and (path := Path(str(file.locate()))).is_file()]
+    if not found:
+        raise HandError(
+            f"the package {package} has no file {end}, which describes {what}: expected another version of the "
+            f"package; mend it with: {install}"
+        )
+    return found[0]
+
 
 CIRCLE_SECTIONS = 48  # a circle of radius 10 mm is at most 0.02 mm off its polygon
 SPHERE_SUBDIVISIONS = 3  # 1280 faces; a sphere of radius 10 mm is at most 0.07 mm off

@@ -81,7 +81,7 @@ def _structure(robot: Element, path: Path) -> Tree:
         raise HandError(f"{path}: expected at most {MAX_SHAPES:,} shapes, found {shapes:,}; join them to meshes")
     notes: list[str] = []
     joints = _joints(robot, path)
-    link_names = [_attribute(link, "name", path, "link") for link in elements]
+    link_names = [_name(link, path) for link in elements]
     _refuse_doubles("link", link_names, path)
     _refuse_doubles("joint", [joint.name for joint in joints], path)
     missing = _missing_base(link_names, joints)
@@ -135,7 +135,7 @@ def config_path(path: Path, config: Path | str | None, tree: Tree) -> Path:
 def _joints(robot: Element, path: Path) -> list[TreeJoint]:
     joints = []
     for element in robot.findall("joint"):
-        name = _attribute(element, "name", path, "joint")
+        name = _name(element, path)
         where = f"{path}: joint '{name}'"
         kind = element.get("type")
         if kind not in (*JOINT_TYPES, *PLACING_TYPES):
@@ -215,11 +215,11 @@ def _mimic(element: Element | None, where: str) -> Mimic | None:
     return Mimic(leader, multiplier, float(numbers_of(element, "offset", (0.0,), where)[0]))
 
 
-def _attribute(element: Element, key: str, path: Path, kind: str) -> str:
-    value = element.get(key)
-    if not value:
-        raise HandError(f"{path}: expected a {key} on every <{kind}>, found one without; add it")
-    return value
+def _name(element: Element, path: Path) -> str:
+    name = element.get("name")
+    if not name:
+        raise HandError(f"{path}: expected a name on every <{element.tag}>, found one without; add it")
+    return name
 
 
 def _refuse_doubles(kind: str, names: list[str], path: Path) -> None:

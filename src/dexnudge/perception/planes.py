@@ -84,9 +84,7 @@ def cell_means(points: Float[np.ndarray, "n 3"], cell: float) -> tuple[Float[np.
     return sums / counts[:, None], counts
 
 
-def find_planes(
-    views: Sequence[DepthView], low: Float[np.ndarray, "3"], high: Float[np.ndarray, "3"], *, seed: int = 0
-) -> list[Plane]:
+def find_planes(views: Sequence[DepthView], low: Float[np.ndarray, "3"], high: Float[np.ndarray, "3"]) -> list[Plane]:
     """Return the planes that fill at least 25 cm^2 of what was measured inside a box, largest first.
 
     One after the other by RANSAC (Fischler and Bolles 1981), each hypothesis a point with its normal (Schnabel, Wahl and
@@ -96,7 +94,6 @@ def find_planes(
         views: pixels of `mask` count as others do; take them out where they should not.
         low: corner of the box in the world [m].
         high: the opposite corner [m].
-        seed: of the hypotheses.
     """
     merged = merged_points(views, low, high)
     if len(merged) <= NEIGHBOURS:
@@ -109,7 +106,7 @@ def find_planes(
     points, near = merged[dense], near[dense]
     around = merged[near] - merged[near].mean(axis=1, keepdims=True)
     normals = np.linalg.eigh(np.einsum("nki,nkj->nij", around, around))[1][:, :, 0]
-    generator = np.random.default_rng(seed)
+    generator = np.random.default_rng(0)
     free = np.ones(len(points), dtype=bool)
     found: list[Plane] = []
     for _ in range(4 * MOST_PLANES):

@@ -5,7 +5,7 @@ from dataclasses import dataclass
 import numpy as np
 from jaxtyping import Float
 from scipy.spatial import ConvexHull, QhullError
-from scipy.spatial.transform import Rotation
+from trimesh.transformations import rotation_matrix
 
 from dexnudge.geometry.exact_distance import Rays
 from dexnudge.geometry.meshes import centre_of_mass
@@ -121,7 +121,7 @@ class LyingObject:
                 return best
             gap = gap - angle * beyond
             axis = across[0] * plane[1] - across[1] * plane[0]
-            T_rocked = _turned(angle * axis, about=foot - offset * across @ plane) @ T_rocked
+            T_rocked = rotation_matrix(angle, axis, foot - offset * across @ plane) @ T_rocked
         return best
 
 
@@ -138,11 +138,3 @@ def _normal_of_support(scene: Scene, contacts: SupportContacts) -> Float[np.ndar
     """
     fitted = [support.normal for support in scene.supports if support.side == "below"] if scene.surface_noise else []
     return fitted[0] if fitted and carrying_normal(contacts).any() else carrying_normal(contacts)
-
-
-def _turned(rotation: Float[np.ndarray, "3"], *, about: Float[np.ndarray, "3"]) -> Float[np.ndarray, "4 4"]:
-    """Return the turn by a rotation vector [rad] about an axis through a point [m]."""
-    turn = np.eye(4)
-    turn[:3, :3] = Rotation.from_rotvec(rotation).as_matrix()
-    turn[:3, 3] = about - turn[:3, :3] @ about
-    return turn

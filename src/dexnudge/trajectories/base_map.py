@@ -6,6 +6,7 @@ import json
 from collections.abc import Callable, Sequence
 from contextlib import AbstractContextManager
 from dataclasses import dataclass
+from importlib.util import find_spec
 from pathlib import Path
 from typing import Any
 
@@ -17,7 +18,7 @@ from scipy.ndimage import uniform_filter
 from dexnudge.arms.arm import Arm
 from dexnudge.arms.inverse_kinematics import InverseKinematics
 from dexnudge.arms.standing import DEEPEST, standing_depth
-from dexnudge.errors import InputError, OutputError, check_kind, check_path
+from dexnudge.errors import InputError, OutputError, check_kind, check_path, writing
 from dexnudge.hands.batch import HandBatch
 from dexnudge.jobs.folders import new_folder
 from dexnudge.planning.arm_margin import STARTS, arm_margins
@@ -25,7 +26,7 @@ from dexnudge.planning.reach import LEAST_MARGIN, Reach, flange_ways
 from dexnudge.results.samples import Samples
 from dexnudge.scenes.scene import Scene
 from dexnudge.viewer.base_picture import base_picture
-from dexnudge.viewer.picture import check_png, write_png
+from dexnudge.viewer.picture import check_png
 
 EXTENT = 0.9  # [m] of the map from the object, either way along x and y
 STEP = 0.1  # [m] from a place to the next
@@ -35,6 +36,7 @@ MOST = 16  # configurations that are tried, the best: more of them change a shar
 FEW_STARTS = 2  # of inverse kinematics at first: what they reach needs no more
 SLACK = 0.01  # [m] beyond the arm's reach, which is searched for
 NEAREST = 0.05  # [m] of the base from the object's middle: nearer, it has no direction to face
+DPI = 100  # of the picture
 ARRAYS, BASE, PICTURE = "base_map.npz", "arm_base.json", "base_map.png"
 
 
@@ -97,17 +99,17 @@ class BaseMap:
         """Write the map as PNG, seen from above.
 
         Raises:
-            InputError: a path that does not end in .png. OutputError: the file cannot be written.
+            InputError: a path that does not end in .png, or no matplotlib. OutputError: the file cannot be written.
         """
         check_png(path)
-        best = self.best()
-        return write_png(
-            base_picture(self.scene, self.x, self.y, self.heights, self.share, best[0] if best else None, self.arm),
-            path,
-        )
+        best = next(iter(self.best()), None)
+        figure = base_picture(self.scene, self.x, self.y, self.heights, self.share, best, self.arm)
+        with writing(f"the picture {path}"):
+            figure.savefig(path, dpi=DPI, metadata={"Software": None})
+        return Path(path)
 
     def save(self, out: Path | str, *, overwrite: bool = False) -> None:
-        """Write base_map.npz, base_map.png and, of the best place, arm_base.json into a new folder.
+        """Write base_map.npz, base_map.png (with matplotlib) and, of the best place, arm_base.json into a new folder.
 
         Raises:
             OutputError: `out` exists without `overwrite`, is no map's folder, or cannot be written.
@@ -120,7 +122,8 @@ class BaseMap:
         """Write the same into an empty folder."""
         arrays = {name: getattr(self, name) for name in ("x", "y", "heights", "share", "margin")}
         np.savez_compressed(folder / ARRAYS, **arrays)
-        self.picture(folder / PICTURE)
+        if find_spec("matplotlib"):
+            self.picture(folder / PICTURE)
         if self.best():
             content = {"arm": self.arm, "T_world_base": self.T_world_base.tolist()}
             (folder / BASE).write_text(json.dumps(content, indent=2) + "\n", encoding="utf-8")

@@ -5,8 +5,8 @@ from pathlib import Path
 
 from dexnudge.hands.config import HandConfig
 from dexnudge.hands.hand import Hand
+from dexnudge.hands.link_meshes import package_file
 from dexnudge.hands.mjcf import hand_from_mjcf
-from dexnudge.hands.package_files import package_file
 from dexnudge.hands.urdf import hand_from_urdf
 
 

@@ -3,7 +3,7 @@
 import pytest
 
 from dexnudge.errors import HandError
-from dexnudge.hands.package_files import package_file
+from dexnudge.hands.link_meshes import package_file
 from dexnudge.hands.preparation import prepare_hand
 
 NO_HANDS = ("ur_description/urdf/ur5_robot.urdf", "urdf/double_pendulum.urdf")

@@ -6,7 +6,7 @@ Geometry: its visual meshes; the collision box of the thumb's second link is hal
 
 from dexnudge.hands.config import HandConfig
 from dexnudge.hands.hand import Hand
-from dexnudge.hands.package_files import package_file
+from dexnudge.hands.link_meshes import package_file
 from dexnudge.hands.urdf import hand_from_urdf
 
 CONFIG = HandConfig(

@@ -8,7 +8,7 @@ from dataclasses import replace
 
 from dexnudge.hands.config import HandConfig
 from dexnudge.hands.hand import Hand
-from dexnudge.hands.package_files import package_file
+from dexnudge.hands.link_meshes import package_file
 
 CONFIG = HandConfig(
     name="leap",

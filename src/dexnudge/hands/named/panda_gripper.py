@@ -5,7 +5,7 @@ Description: the Panda in `example-robot-data` (Apache 2.0), from Franka's own, 
 
 from dexnudge.hands.config import HandConfig
 from dexnudge.hands.hand import Hand
-from dexnudge.hands.package_files import package_file
+from dexnudge.hands.link_meshes import package_file
 from dexnudge.hands.urdf import hand_from_urdf
 
 CONFIG = HandConfig(
