@@ -102,7 +102,7 @@ class Benchmark:
         hand = load_hand(self.hand)
 
         def generate(attempts: GenerationConfig) -> int:
-            rows, _, _ = generate_object(
+            rows, *_ = generate_object(
                 hand,
                 mesh,
                 non_prehensile=attempts.non_prehensile,

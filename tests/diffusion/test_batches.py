@@ -47,14 +47,14 @@ def test_configurations_can_move_the_object_along_x(dataset):
         group = index // ROWS
         if batch.behaviour[group] == GRASP:
             assert dataset.behaviour[row] == BEHAVIOURS.index("grasp")
-            assert not batch.has_direction[group]
+            assert not batch.has_twist[group]
             continue
         step = 2.0 * np.pi / 16
         direction = round(-yaw / step) % 16
         assert abs((-yaw - direction * step + np.pi) % (2.0 * np.pi) - np.pi) <= PLAIN.yaw_jitter + 1e-5
         assert dataset.direction_margin[row, direction] >= 1.0
-        assert batch.has_direction[group]
-        assert batch.direction[group].tolist() == [1.0, 0.0, 0.0]
+        assert batch.has_twist[group]
+        assert batch.twist[group].tolist() == [1.0, 0.0, 0.0, 0.0, 0.0, 0.0]
         seen.add(direction)
     assert len(seen) > 8
 
@@ -107,10 +107,10 @@ def test_shares_of_dropped_conditions(dataset):
     )
     batch = BatchSampler(dataset, range(4), config).batch(0)
     null = float((batch.behaviour == NULL_CLASS).float().mean())
-    directed = float(batch.has_direction.float().mean())
+    directed = float(batch.has_twist.float().mean())
     assert null == pytest.approx(1.0 - 0.9 * 0.85, abs=0.04)  # four standard errors of 2000 draws
     assert directed == pytest.approx(0.7 * 0.9 * 0.8, abs=0.045)
-    assert not batch.direction[~batch.has_direction].any()
+    assert not batch.twist[~batch.has_twist].any()
     assert float((batch.behaviour == GRASP).float().mean()) == pytest.approx(0.3 * 0.9 * 0.85, abs=0.04)
 
 

@@ -19,23 +19,23 @@ from dexnudge.diffusion.schedule import NoiseSchedule
 from dexnudge.errors import CheckpointError, InputError, UnknownNameError
 
 
-def inputs(config, feature, num=5, behaviour=NON_PREHENSILE, direction=(1.0, 0.0, 0.0), t=300):
+def inputs(config, feature, num=5, behaviour=NON_PREHENSILE, twist=(1.0, 0.0, 0.0, 0.0, 0.0, 0.0), t=300):
     x_t = torch.randn(num, config.dimension, generator=torch.Generator().manual_seed(4))
-    condition = Condition.of(feature, behaviour, direction=direction)
+    condition = Condition.of(feature, behaviour, twist=twist)
     return [
         x_t,
         torch.full((len(feature),), t),
         condition.object_feature,
         condition.behaviour,
-        condition.direction,
-        condition.has_direction,
+        condition.twist,
+        condition.has_twist,
     ]
 
 
 def test_an_untrained_network_returns_zero_whatever_the_condition(untrained, config, points):
     for arguments in (
         inputs(config, untrained.encode(points)),
-        inputs(config, untrained.encode(2.0 * points), behaviour=GRASP, direction=None, t=1),
+        inputs(config, untrained.encode(2.0 * points), behaviour=GRASP, twist=None, t=1),
     ):
         assert torch.equal(untrained(*arguments), torch.zeros(5, config.dimension))
 
@@ -50,8 +50,8 @@ def test_every_condition_matters_once_trained(network, config, points):
     base = network(*inputs(config, feature))
     for changed in (
         inputs(config, feature, behaviour=GRASP),
-        inputs(config, feature, direction=(0.0, 1.0, 0.0)),
-        inputs(config, feature, direction=None),
+        inputs(config, feature, twist=(0.0, 1.0, 0.0, 0.0, 0.0, 0.0)),
+        inputs(config, feature, twist=None),
         inputs(config, feature, t=301),
         inputs(config, network.encode(1.1 * points)),
     ):
@@ -59,9 +59,9 @@ def test_every_condition_matters_once_trained(network, config, points):
 
 
 def test_a_direction_that_does_not_count_is_not_seen(network, config, points):
-    arguments = inputs(config, network.encode(points), direction=None)
+    arguments = inputs(config, network.encode(points), twist=None)
     base = network(*arguments)
-    arguments[4] = torch.tensor([[0.3, 0.4, 0.5]])
+    arguments[4] = torch.tensor([[0.3, 0.4, 0.5, 0.6, 0.7, 0.8]])
     assert torch.equal(network(*arguments), base)
 
 

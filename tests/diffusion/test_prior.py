@@ -35,7 +35,7 @@ def test_guidance_scale_extrapolates_from_no_intent(prior, points):
 
 
 def test_nothing_to_extrapolate_without_intent(prior, points):
-    nothing = prior.condition(points, "null", toward_motion=False)
+    nothing = prior.condition(points, "null", twist=None)
     assert nothing.behaviour.tolist() == [NULL_CLASS]
     x_t = prior.noise(6, generator=torch.Generator().manual_seed(0))
     estimate = prior.predict_clean(x_t, 400, nothing, guidance_scale=3.0)
@@ -48,8 +48,8 @@ def test_gradient_through_the_network_against_finite_differences(prior, points):
     condition = type(condition)(
         condition.object_feature.detach().double(),
         condition.behaviour,
-        condition.direction.double(),
-        condition.has_direction,
+        condition.twist.double(),
+        condition.has_twist,
     )
     x_t = torch.randn(2, 25, generator=torch.Generator().manual_seed(0), dtype=torch.float64, requires_grad=True)
     assert torch.autograd.gradcheck(lambda x: prior.predict_clean(x, 500, condition), (x_t,), eps=1e-6, atol=1e-6)

@@ -335,5 +335,5 @@ def test_samples_recover_the_modes_that_belong_to_the_condition(
     np.testing.assert_allclose(pushes[left, 9:].mean(axis=0), push_left[9:], atol=0.1)
     np.testing.assert_allclose(pushes[right, 9:].mean(axis=0), push_right[9:], atol=0.1)
     np.testing.assert_allclose(pushes[left, 3:9].mean(axis=0), push_left[3:9], atol=0.15)
-    grasps = sample("grasp", toward_motion=False)
+    grasps = sample("grasp", twist=None)
     assert (np.linalg.norm(grasps[:, :3] - grasp[:3], axis=1) < 0.04).mean() > 0.9

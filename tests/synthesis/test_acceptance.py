@@ -6,7 +6,7 @@ import numpy as np
 import pytest
 from scipy.optimize import linprog
 
-from dexnudge.dataset.schema import INFEASIBLE, NUM_DIRECTIONS, best_direction, direction_angles
+from dexnudge.dataset.schema import INFEASIBLE, NUM_DIRECTIONS, TURNS, best_direction, direction_angles
 from dexnudge.mechanics.balance import balance_problem, solve_balance
 from dexnudge.mechanics.contacts import HandContacts
 from dexnudge.mechanics.friction_cone import friction_cone_edges, wrenches
@@ -24,6 +24,7 @@ from dexnudge.verification.verdicts import verify
 
 LET_GO, TURNED = 0.05, np.radians(15.0)  # [m] and [rad]: DexGraspBench's limits
 GEOMETRY = {"penetration object", "penetration environment", "penetration self", "no contact"}
+NO_TURN = np.full(len(TURNS), INFEASIBLE)
 PHYSICS = {"no squeeze", "drops", "diverges"}  # of a grasp whose geometry is right
 
 pytestmark = pytest.mark.slow  # a batch of hands is generated and verified first
@@ -188,14 +189,14 @@ def test_behaviours_by_where_the_hand_touches_and_comes_from():
     forward[0] = 2.0  # moves along +x best
     top = patches(([0.0, 0.0, 0.005], [0.0, 0.0, 1.0]))
     back = patches(([-0.075, 0.0, 0.0], [-1.0, 0.0, 0.0]))
-    assert behaviour_of(top, forward, np.asarray([-0.1, 0.0, 0.1])) == "press"
-    assert behaviour_of(back, forward, np.asarray([-0.1, 0.0, 0.1])) == "push"
-    assert behaviour_of(back, forward, np.asarray([0.1, 0.0, 0.1])) == "hook"
+    assert behaviour_of(top, forward, np.asarray([-0.1, 0.0, 0.1]), NO_TURN) == "press"
+    assert behaviour_of(back, forward, np.asarray([-0.1, 0.0, 0.1]), NO_TURN) == "push"
+    assert behaviour_of(back, forward, np.asarray([0.1, 0.0, 0.1]), NO_TURN) == "hook"
     # As good along -x..+x by way of +y: the middle, +y, decides, not the first of them.
     half = np.full(NUM_DIRECTIONS, -1.0)
     half[: NUM_DIRECTIONS // 2 + 1] = 3.0
-    assert behaviour_of(back, half, np.asarray([-0.1, 0.2, 0.1])) == "hook"
-    assert behaviour_of(back, half, np.asarray([0.1, -0.2, 0.1])) == "push"
+    assert behaviour_of(back, half, np.asarray([-0.1, 0.2, 0.1]), NO_TURN) == "hook"
+    assert behaviour_of(back, half, np.asarray([0.1, -0.2, 0.1]), NO_TURN) == "push"
 
 
 def test_no_support_in_free_space_and_a_plane_under_what_rests(phone):

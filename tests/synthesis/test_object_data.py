@@ -85,7 +85,9 @@ def test_rows_say_what_a_verification_of_their_q_finds(hand, generated):
         np.testing.assert_allclose(row.direction_margin, found.direction_margin[index], atol=1e-6)
         assert row.contact_links == found.columns(index)["contact_links"]
         contacts = found.contacts[index]
-        assert row.behaviour == behaviour_of(contacts, found.direction_margin[index], row.q[:3])
+        assert row.behaviour == behaviour_of(
+            contacts, found.direction_margin[index], row.q[:3], found.turn_margin[index]
+        )
         for name, point in zip(row.contact_links, row.contact_points, strict=True):
             mine = [
                 place

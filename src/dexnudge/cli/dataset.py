@@ -27,6 +27,8 @@ class Generate(SetOptions):
     """Attempts at pushing, pressing and hooking for each object."""
     grasps: Count = 256
     """Attempts at grasps for each object."""
+    upright: float = 0.0
+    """Share of the objects that stand on their end, as books do; the others lie."""
     engine: Literal["processes", "ray"] = "processes"
     """Processes of this machine, or a Ray cluster (needs dexnudge[cluster])."""
     ray_address: Annotated[str | None, metavar("HOST:PORT")] = None
@@ -85,6 +87,31 @@ class Info:
             with owned_folder(self.out):
                 samples = draw_samples(self.folder, objects=self.objects, seed=self.seed)
                 print("\nwrote " + "\n      ".join(map(str, write_dataset_page(info, samples, self.out))))
+        return 0
+
+
+@dataclass(frozen=True)
+class LabelTurns:
+    """Judge which configurations of an older dataset can turn or tip their object; a stopped run goes on where it was."""
+
+    folder: ResultFolder
+    """Folder that `dataset generate` wrote, whose shards are written again."""
+    objects: OptionalSet = None
+    """The set of objects that it was generated from; not needed for built-in objects."""
+    workers: Count = 2
+    """Processes; one core each."""
+
+    def run(self) -> int:
+        """Judge, write the shards and the data card, and print how many were written."""
+        check_at_least(1, workers=self.workers)
+        from dexnudge.jobs.folders import owned_folder
+        from dexnudge.synthesis.dataset_card import write_card
+        from dexnudge.synthesis.recheck import label_turns
+
+        with owned_folder(self.folder):
+            written = label_turns(Path(self.folder), objects=self.objects, workers=self.workers)
+            write_card(self.folder)
+        print(f"{written} shards judged")
         return 0
 
 

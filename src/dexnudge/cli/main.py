@@ -31,6 +31,7 @@ COMMANDS = {
     "dataset generate": ("dataset", "Generate", "grasps and non-prehensile configurations to learn from"),
     "dataset info": ("dataset", "Info", "what a dataset holds, in tables and as a page"),
     "dataset check": ("dataset", "CheckDataset", "read a dataset again, and verify it from the meshes"),
+    "dataset turns": ("dataset", "LabelTurns", "judge which configurations of an older dataset turn their object"),
     "train": ("train", "Train", "train the diffusion model on a dataset"),
     "plugins": ("plugins", "Plugins", "list what is built in and what installed packages bring"),
     "hand": ("hand", "HandCommand", "understand, prepare and learn a hand"),

@@ -4,7 +4,7 @@ import os
 from contextlib import nullcontext
 from dataclasses import dataclass, field
 
-from dexnudge.cli.arguments import Folder
+from dexnudge.cli.arguments import Folder, Folders
 from dexnudge.diffusion.config import TrainingConfig
 
 INTERRUPTED = 130  # what shells report for a command that Ctrl-C stopped
@@ -18,8 +18,8 @@ class Train:
     train ...` shares it among N processes.
     """
 
-    data: Folder
-    """Folder that `dataset generate` wrote."""
+    data: Folders
+    """Folder that `dataset generate` wrote; several of one hand are taken together."""
     out: Folder
     """Folder of the run: checkpoints, logs, and in model/ what --weights takes, with its card."""
     training: TrainingConfig = field(default_factory=TrainingConfig)
@@ -33,7 +33,8 @@ class Train:
         from dexnudge.jobs.provenance import machine, versions
 
         console = stdout()
-        read_manifest(self.data)  # a missing dataset is refused before anything is made
+        for folder in self.data:
+            read_manifest(folder)  # a missing dataset is refused before anything is made
         # The first process of torchrun writes; the others own nothing.
         with owned_folder(self.out) if os.environ.get("RANK", "0") == "0" else nullcontext():
             result = train(

@@ -14,6 +14,7 @@ from dexnudge.dataset.manifest import MANIFEST_NAME, Manifest, read_manifest
 from dexnudge.dataset.schema import (
     BEHAVIOURS,
     POSE_DIMENSIONS,
+    TURNS,
     BehaviourCounts,
     configuration_schema,
     direction_angles,
@@ -53,7 +54,7 @@ class DatasetInfo:
         counts: behaviour -> what became of every attempt. num_held: grasps that were held in simulation.
         tables: by name: `counts`, `digit_numbers`, `digits`, `directions`, `faces`, `face_objects`, `octants`, `joints`,
             and where there are rows `NAME_bins` and `NAME` (quantiles) for `margin`, `penetration`, `height`, `drift`,
-            `turn`.
+            `turn`; `turns` where they were judged.
         bytes_on_disk: of manifest and Parquet files. bytes_per_row: of the shards alone; 0 without rows.
     """
 
@@ -83,7 +84,8 @@ def describe(folder: Path | str) -> DatasetInfo:
         for behaviour, count in shard.counts.items():
             counts[behaviour] += count
     empty = configuration_schema(len(manifest.joint_names)).empty_table()
-    rows = pa.concat_tables([empty, *(shard.table.replace_schema_metadata() for shard in shards)])
+    tables = [empty, *(shard.table.replace_schema_metadata() for shard in shards)]
+    rows = pa.concat_tables(tables, promote_options="default")  # what older shards lack is null
     faces = [_faces_of_rows(shard, read_cloud(folder, manifest, shard.object_name)) for shard in shards]
     shard_bytes = sum(shard_path(folder, name).stat().st_size for name in names)
     cloud_bytes = sum(cloud_path(folder, name).stat().st_size for name in names)
@@ -97,6 +99,7 @@ def describe(folder: Path | str) -> DatasetInfo:
             "counts": _counts_table(counts),
             **_coverage_tables(rows, np.concatenate([np.zeros((0, len(FACES)), dtype=bool), *faces]), manifest),
             **_histograms(rows),
+            **_turns_table([shard for shard in shards if shard.turns is not None]),
             "joints": _joints_table(column_matrix(rows, "q")[:, POSE_DIMENSIONS:], manifest, folder),
         },
         bytes_on_disk=shard_bytes + cloud_bytes + (folder / MANIFEST_NAME).stat().st_size,
@@ -221,6 +224,20 @@ def _coverage_tables(rows: pa.Table, faces: Bool[np.ndarray, "row face"], manife
         ),
         "octants": by_behaviour("rows by where the palm stands", OCTANTS, octants),
     }
+
+
+def _turns_table(shards: Sequence[Shard]) -> dict[str, Table]:
+    """Rows that can turn or tip their object, of those judged; nothing for a dataset from before turns were judged."""
+    if not shards:
+        return {}
+    able = np.concatenate([column_matrix(shard.table, "turn_margin") >= FEASIBLE_MARGIN for shard in shards])
+    behaviour = np.concatenate([_strings(shard.table, "behaviour") for shard in shards])
+    counted: tuple[tuple[Cell, ...], ...] = tuple(
+        (name, int((behaviour == name).sum()), *able[behaviour == name].sum(axis=0).tolist())
+        for name in BEHAVIOURS
+        if name != "grasp"
+    )
+    return {"turns": Table("rows that can turn the object", ("behaviour", "judged", *TURNS), counted)}
 
 
 def _histograms(rows: pa.Table) -> dict[str, Table]:

@@ -11,7 +11,7 @@ from jaxtyping import Float, Float32, Int64
 from torch import Tensor
 
 from dexnudge.dataset.manifest import Manifest, read_manifest
-from dexnudge.dataset.schema import BEHAVIOURS, CLOUD_POINTS, NUM_DIRECTIONS, POSE_DIMENSIONS
+from dexnudge.dataset.schema import BEHAVIOURS, CLOUD_POINTS, INFEASIBLE, NUM_DIRECTIONS, POSE_DIMENSIONS, TURNS
 from dexnudge.dataset.shards import column_matrix, complete_objects, read_cloud, read_shard
 from dexnudge.errors import DatasetError
 
@@ -70,7 +70,8 @@ class Dataset:
     """Every configuration of every object, resting frame, metres and radians.
 
     q: (row, 9 + d); object_index: (row) into object_names; behaviour: (row) into `schema.BEHAVIOURS`;
-    direction_margin: (row, 16); clouds: (object, 1024, 6) points and normals.
+    direction_margin: (row, 16); clouds: (object, 1024, 6) points and normals; turn_margin: (row, 10) of `schema.TURNS`, -1
+    where it was not judged; turns: (object, 10, 6) their twists, linear at the origin and angular, NaN where there is none.
     """
 
     manifest: Manifest
@@ -80,9 +81,35 @@ class Dataset:
     behaviour: Int64[np.ndarray, " row"]
     direction_margin: Float32[np.ndarray, "row direction"]
     clouds: Float32[np.ndarray, "object point 6"]
+    turn_margin: Float32[np.ndarray, "row turn"]
+    turns: Float32[np.ndarray, "object turn 6"]
 
     def __len__(self) -> int:
         return len(self.q)
+
+
+def load_datasets(folders: Sequence[Path | str]) -> Dataset:
+    """Read several datasets of one hand as one; an object that is in two of them, lying and standing, counts as two.
+
+    The manifest is that of the first. Raises DatasetError as `load_dataset` does, for no folder, and for different hands.
+    """
+    if not folders:
+        raise DatasetError("there is no dataset to read; expected at least one folder")
+    parts = [load_dataset(folder) for folder in folders]
+    first = parts[0].manifest
+    for folder, part in zip(folders, parts, strict=True):
+        if (part.manifest.hand, part.manifest.joint_names) != (first.hand, first.joint_names):
+            raise DatasetError(
+                f"{folder} is of hand {part.manifest.hand!r}, {folders[0]} of {first.hand!r}; expected datasets of one hand"
+            )
+    before = np.cumsum([0, *(len(part.object_names) for part in parts)])
+    arrays = ("q", "behaviour", "direction_margin", "clouds", "turn_margin", "turns")
+    return Dataset(
+        manifest=first,
+        object_names=tuple(name for part in parts for name in part.object_names),
+        object_index=np.concatenate([part.object_index + start for part, start in zip(parts, before, strict=False)]),
+        **{name: np.concatenate([getattr(part, name) for part in parts]) for name in arrays},
+    )
 
 
 def load_dataset(folder: Path | str, *, allow_incomplete: bool = False) -> Dataset:
@@ -101,7 +128,7 @@ def load_dataset(folder: Path | str, *, allow_incomplete: bool = False) -> Datas
             f"(first: {missing[0]}); resume `dexnudge dataset generate`, or allow an incomplete dataset."
         )
     dimension = POSE_DIMENSIONS + len(manifest.joint_names)
-    q, object_index, behaviours, margins, clouds = [], [], [], [], []
+    q, object_index, behaviours, margins, clouds, turn_margins, turns = [], [], [], [], [], [], []
     for index, name in enumerate(names):
         shard = read_shard(folder, manifest, name)
         q.append(column_matrix(shard.table, "q"))
@@ -110,6 +137,12 @@ def load_dataset(folder: Path | str, *, allow_incomplete: bool = False) -> Datas
         behaviours.append(np.array(labels, dtype=np.int64))
         object_index.append(np.full(len(labels), index, dtype=np.int64))
         clouds.append(read_cloud(folder, manifest, name))
+        if shard.turns is None:
+            turn_margins.append(np.full((len(labels), len(TURNS)), INFEASIBLE, dtype=np.float32))
+            turns.append(np.full((len(TURNS), 6), np.nan))
+        else:
+            turn_margins.append(column_matrix(shard.table, "turn_margin"))
+            turns.append(shard.turns)
     if not any(len(part) for part in q):
         raise DatasetError(f"{folder} holds no configuration; run `dexnudge dataset generate` first.")
     return Dataset(
@@ -120,4 +153,6 @@ def load_dataset(folder: Path | str, *, allow_incomplete: bool = False) -> Datas
         behaviour=np.concatenate(behaviours),
         direction_margin=np.concatenate(margins).reshape(-1, NUM_DIRECTIONS),
         clouds=np.stack(clouds).reshape(-1, CLOUD_POINTS, 6),
+        turn_margin=np.concatenate(turn_margins).reshape(-1, len(TURNS)),
+        turns=np.stack(turns).astype(np.float32),
     )

@@ -19,7 +19,11 @@ from dexnudge.errors import DatasetError
 FORMAT_VERSION = 2  # raised whenever a column, a unit or a frame changes its meaning
 BEHAVIOURS = ("grasp", "push", "press", "hook")  # a stored behaviour index points into this tuple
 NUM_DIRECTIONS = 16  # planar directions of motion; direction k has the angle k * 22.5 degrees in the resting frame
-INFEASIBLE = -1.0  # force margin of a direction in which no contact forces balance
+TURNS = (
+    *("turn +z", "turn -z"),
+    *(f"{kind} {heading}" for kind in ("tip", "edge") for heading in ("+x", "+y", "-x", "-y")),
+)  # motions about an axis: in place, over an edge of its own, over the edge of a table
+INFEASIBLE = -1.0  # force margin of a motion in which no contact forces balance
 CLOUD_POINTS = 1024  # surface points stored per object: enough for random subsets of 256
 POSE_DIMENSIONS = 9  # translation (3) and 6D rotation (6) that come before the joint angles in q
 RESTING_FRAME = "object at rest: z up, origin at the centroid of its convex hull (x, y) and half way up (z)"
@@ -44,6 +48,7 @@ class ConfigurationRow:
     seed: int
     hold_translation: float | None = None
     hold_rotation: float | None = None
+    turn_margin: Float[np.ndarray, " turn"] | None = None
 
 
 @dataclass(kw_only=True)
@@ -119,8 +124,20 @@ def configuration_schema(num_joints: int) -> pa.Schema:
             _column("seed", pa.int64(), "seed of the run"),
             _column("hold_translation", pa.float32(), _HOLD, unit="m", nullable=True),
             _column("hold_rotation", pa.float32(), _TURN, unit="rad", nullable=True),
+            _column(
+                "turn_margin",
+                pa.list_(pa.float32(), len(TURNS)),
+                f"force margin as the object begins to turn about an axis: {', '.join(TURNS)}; rounded down; "
+                f"{INFEASIBLE:g} where no contact forces balance, null in datasets from before it was judged",
+                unit="1",
+                frame=RESTING_FRAME,
+                nullable=True,
+            ),
         ]
     )
+
+
+LATER_COLUMNS = ("turn_margin",)  # that older shards lack: read as null
 
 
 def cloud_schema() -> pa.Schema:

@@ -2,7 +2,7 @@
 
 import json
 from collections.abc import Collection, Iterator, Sequence
-from dataclasses import asdict, dataclass
+from dataclasses import asdict, dataclass, replace
 from pathlib import Path
 
 import numpy as np
@@ -17,9 +17,11 @@ from dexnudge.dataset.schema import (
     CLOUD_COLUMNS,
     CLOUD_POINTS,
     FORMAT_VERSION,
+    LATER_COLUMNS,
     NUM_DIRECTIONS,
     POINT_STEP,
     POSE_DIMENSIONS,
+    TURNS,
     BehaviourCounts,
     ConfigurationRow,
     cloud_schema,
@@ -35,18 +37,26 @@ _METADATA_KEY = b"dexnudge"
 _PROVENANCE = ("hand", "joint_names", "config", "seed", "versions")  # of the manifest; a shard must agree on each
 
 
+Turns = Float[np.ndarray, "turn 6"]
+
+
 class DamagedShardError(DatasetError):
     """A file of the dataset that is missing, ends too early or has changed: generating its object again mends it."""
 
 
 @dataclass(frozen=True, kw_only=True)
 class Shard:
-    """All rows of one object; `table` has the columns of `configuration_schema`, mesh_hash is of its object's mesh."""
+    """All rows of one object; `table` has the columns of `configuration_schema`, mesh_hash is of its object's mesh.
+
+    turns: twist of each of `TURNS`, linear [m/m] at the origin and angular [rad/m], resting frame; NaN where the object
+    has no such edge; None, and no column `turn_margin`, in a dataset from before turns were judged.
+    """
 
     object_name: str
     table: pa.Table
     counts: dict[str, BehaviourCounts]
     mesh_hash: str
+    turns: Turns | None = None
 
 
 def column_matrix(table: pa.Table, name: str) -> Float32[np.ndarray, "row column"]:
@@ -83,10 +93,12 @@ def write_shard(
     rows: Sequence[ConfigurationRow],
     cloud: Float[np.ndarray, "point 6"],
     counts: dict[str, BehaviourCounts],
+    turns: Turns | None = None,
 ) -> Path:
     """Write one object's surface points, then its configurations, each atomically; return the shard's path.
 
     cloud: (1024, 6) points [m] and outward normals, resting frame. counts: per behaviour, `kept` equal to its rows.
+    turns: as in `Shard`, with rows that hold a `turn_margin`.
     Margins are rounded down, points and normals to the steps of `rounding`; q is stored in single precision, without
     loss once it has gone through `round_configuration`. Equal arguments give equal bytes.
     Raises DatasetError for rows, counts or clouds that contradict each other or the manifest's hand.
@@ -98,14 +110,41 @@ def write_shard(
             f"({CLOUD_POINTS}, 6); sample {CLOUD_POINTS} surface points with normals."
         )
     table = _table(object_name, rows, len(manifest.joint_names))
+    if turns is None:
+        table = table.drop_columns(list(LATER_COLUMNS))
     check_rows(table, manifest, f"object {object_name!r}")
     header = _header(manifest, object_name, counts)
     cloud = round_cloud(cloud)
     points = pa.table([pa.array(cloud[:, k].astype(np.float32)) for k in range(6)], schema=cloud_schema())
     _write_table(cloud_path(folder, object_name), points, header)
     path = shard_path(folder, object_name)
-    _write_table(path, table, header)
+    _write_table(path, table, header | _turns_entry(turns))
     return path
+
+
+def write_turns(
+    folder: Path | str, manifest: Manifest, shard: Shard, margin: Float[np.ndarray, "row turn"], turns: Turns | None
+) -> None:
+    """Write a shard again with the force margins of its rows in `TURNS`, and their twists; nothing else changes.
+
+    turns: None takes both away.
+    """
+    schema = configuration_schema(len(manifest.joint_names))
+    flat = pa.array(floor_margin(margin.astype(np.float64)).astype(np.float32).reshape(-1))
+    columns = {name: shard.table.column(name) for name in shard.table.schema.names}
+    columns["turn_margin"] = pa.FixedSizeListArray.from_arrays(flat, len(TURNS))
+    table = pa.table({name: columns[name] for name in schema.names}).cast(schema)
+    of_mesh = replace(manifest, objects={shard.object_name: shard.mesh_hash})
+    header = _header(of_mesh, shard.object_name, shard.counts) | _turns_entry(turns)
+    table = table.drop_columns(list(LATER_COLUMNS)) if turns is None else table
+    _write_table(shard_path(folder, shard.object_name), table, header)
+
+
+def _turns_entry(turns: Turns | None) -> dict[str, object]:
+    """The twists as they stand in a header; none where they were not judged."""
+    if turns is None:
+        return {}
+    return {"turns": [None if np.isnan(twist).any() else twist.tolist() for twist in turns]}
 
 
 def read_shard(
@@ -120,7 +159,10 @@ def read_shard(
     table, header = _read_table(path, manifest, object_name, configuration_schema(len(manifest.joint_names)))
     check_rows(table, manifest, str(path), links=links)
     counts = {behaviour: BehaviourCounts(**count) for behaviour, count in header["counts"].items()}
-    return Shard(object_name=object_name, table=table, counts=counts, mesh_hash=header["mesh_sha256"])
+    turns = None
+    if "turns" in header and "turn_margin" in table.schema.names:
+        turns = np.array([twist or [np.nan] * 6 for twist in header["turns"]], dtype=np.float64).reshape(len(TURNS), 6)
+    return Shard(object_name=object_name, table=table, counts=counts, mesh_hash=header["mesh_sha256"], turns=turns)
 
 
 def read_whole(
@@ -202,12 +244,16 @@ def _table(object_name: str, rows: Sequence[ConfigurationRow], num_joints: int) 
     schema = configuration_schema(num_joints)
     columns: dict[str, list] = {"object": [object_name] * len(rows)}
     columns |= {name: [getattr(row, name) for row in rows] for name in schema.names if name != "object"}
-    columns["direction_margin"] = [floor_margin(np.asarray(m, dtype=np.float64)) for m in columns["direction_margin"]]
+    for name in ("direction_margin", "turn_margin"):
+        columns[name] = [m if m is None else floor_margin(np.asarray(m, dtype=np.float64)) for m in columns[name]]
     columns["contact_points"] = [list(round_to(p, POINT_STEP).astype(np.float32)) for p in columns["contact_points"]]
     arrays = []
     for field in schema:
         values = columns[field.name]
         if pa.types.is_fixed_size_list(field.type):
+            if any(value is None for value in values):
+                arrays.append(pa.nulls(len(values), field.type))
+                continue
             flat = pa.array(np.asarray(values, dtype=np.float32).reshape(-1))
             arrays.append(pa.FixedSizeListArray.from_arrays(flat, field.type.list_size))
         else:
@@ -287,6 +333,7 @@ def _read_table(path: Path, manifest: Manifest, object_name: str, schema: pa.Sch
                 f"{path} has {key} {header.get(key)!r}, expected {value!r}; "
                 "it belongs to another dataset: delete it, and resume `dexnudge dataset generate`."
             )
-    if not table.schema.equals(schema, check_metadata=False):
+    later = [name for name in LATER_COLUMNS if name in schema.names and name not in table.schema.names]
+    if not table.schema.equals(pa.schema([each for each in schema if each.name not in later]), check_metadata=False):
         raise DatasetError(f"{path} has columns {table.schema.names}, expected {schema.names}; generate it again.")
     return table, header

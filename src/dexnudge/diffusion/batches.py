@@ -1,4 +1,4 @@
-"""Training batches: groups of configurations of one object that share a frame, a class and a direction of motion.
+"""Training batches: groups of configurations of one object that share a frame, a class and a motion.
 
 Batch k depends only on the seed and k, never on what was drawn before: a resumed run sees the same batches.
 """
@@ -11,11 +11,14 @@ import torch
 from jaxtyping import Bool, Float, Int
 from torch import Tensor
 
-from dexnudge.dataset.loading import Dataset, turn_clouds, turn_configurations
-from dexnudge.dataset.schema import BEHAVIOURS, NUM_DIRECTIONS, direction_angles
+from dexnudge.dataset.loading import Dataset, turn_clouds, turn_configurations, turn_vectors
+from dexnudge.dataset.schema import BEHAVIOURS, direction_angles
 from dexnudge.diffusion.config import TrainingConfig
 from dexnudge.diffusion.network import GRASP, NON_PREHENSILE, NULL_CLASS, Condition
 from dexnudge.errors import DatasetError
+
+HEADED = 0.7  # share of tips that head along x, as a book does that is then pulled out; the others head anywhere
+SLIDE = np.array([1.0, 0.0, 0.0, 0.0, 0.0, 0.0])  # twist in frame C
 
 
 @dataclass(frozen=True)
@@ -25,8 +28,8 @@ class TrainingBatch:
     q: Float[Tensor, "row dimension"]
     points: Float[Tensor, "group point 6"]
     behaviour: Int[Tensor, " group"]
-    direction: Float[Tensor, "group 3"]
-    has_direction: Bool[Tensor, " group"]
+    twist: Float[Tensor, "group 6"]
+    has_twist: Bool[Tensor, " group"]
 
     def condition(self, object_feature: Float[Tensor, "group feature"]) -> Condition:
         """Return one condition row per configuration."""
@@ -34,8 +37,8 @@ class TrainingBatch:
         return Condition(
             object_feature=object_feature.repeat_interleave(rows, dim=0),
             behaviour=self.behaviour.repeat_interleave(rows),
-            direction=self.direction.repeat_interleave(rows, dim=0),
-            has_direction=self.has_direction.repeat_interleave(rows),
+            twist=self.twist.repeat_interleave(rows, dim=0),
+            has_twist=self.has_twist.repeat_interleave(rows),
         )
 
     def part(self, groups: slice) -> "TrainingBatch":
@@ -52,7 +55,8 @@ class TrainingBatch:
 class BatchSampler:
     """Draws groups evenly over objects, and within an object evenly over the directions in which it can be moved.
 
-    Without this the objects and directions that are easy to generate data for would crowd out the others.
+    Without this the objects and directions that are easy to generate data for would crowd out the others. A share of the
+    groups turns or tips its object, evenly over the ways in which it can be.
     """
 
     def __init__(self, dataset: Dataset, objects: Sequence[int], config: TrainingConfig) -> None:
@@ -61,21 +65,28 @@ class BatchSampler:
         self._clouds = torch.from_numpy(dataset.clouds)
         is_grasp = dataset.behaviour == BEHAVIOURS.index("grasp")
         feasible = dataset.direction_margin >= config.min_direction_margin
+        turning = dataset.turn_margin >= config.min_direction_margin
+        self._turn_twists = dataset.turns
+        self._turns: dict[int, dict[int, _Pool]] = {}  # object -> index into TURNS -> rows that can turn it so
         self._grasps: dict[int, _Pool] = {}
         self._moves: dict[int, dict[int, _Pool]] = {}  # object -> direction -> rows that can move it there
         for index in objects:
             of_object = dataset.object_index == index
             grasps = np.flatnonzero(of_object & is_grasp)
-            moves = {k: np.flatnonzero(of_object & ~is_grasp & feasible[:, k]) for k in range(NUM_DIRECTIONS)}
-            pools = {
-                k: _Pool.of(rows, dataset.behaviour[rows], config.behaviour_balance)
-                for k, rows in moves.items()
-                if len(rows)
-            }
+            pools, turns = (
+                {
+                    k: _Pool.of(rows, dataset.behaviour[rows], config.behaviour_balance)
+                    for k in range(able.shape[1])
+                    if len(rows := np.flatnonzero(of_object & ~is_grasp & able[:, k]))
+                }
+                for able in (feasible, turning)
+            )
             if len(grasps) and config.grasp_fraction > 0.0:
                 self._grasps[index] = _Pool.of(grasps, dataset.behaviour[grasps], config.behaviour_balance)
             if pools and config.grasp_fraction < 1.0:
                 self._moves[index] = pools
+                if turns and config.turn_fraction > 0.0:
+                    self._turns[index] = turns
         if not self._grasps and not self._moves:
             raise DatasetError(
                 f"none of {len(objects)} objects has a configuration to train on: expected grasps or configurations with "
@@ -86,7 +97,7 @@ class BatchSampler:
         """Return batch number `index` of random `stream`."""
         rng = np.random.default_rng([self.config.seed, stream, index])
         groups = [self._group(rng) for _ in range(self.config.groups)]
-        objects, rows, yaws, behaviours, have_directions = zip(*groups, strict=True)
+        objects, rows, yaws, behaviours, twists = zip(*groups, strict=True)
         yaw = torch.tensor(yaws, dtype=torch.float32)
         subset = rng.permutation(self._clouds.shape[1])[: self.config.num_points]
         points = turn_clouds(self._clouds[torch.tensor(objects)][:, torch.from_numpy(subset)], yaw)
@@ -94,18 +105,17 @@ class BatchSampler:
         points[..., :3] += torch.from_numpy(noise)
         scale = 1.0 + self.config.scale_jitter * rng.uniform(-1.0, 1.0, (len(groups), 1, 1))
         points[..., :3] *= torch.from_numpy(scale.astype(np.float32))
-        has_direction = torch.tensor(have_directions)
         q = self._q[torch.from_numpy(np.concatenate(rows))]
         return TrainingBatch(
             q=turn_configurations(q, yaw.repeat_interleave(self.config.rows_per_group)),
             points=points,
             behaviour=torch.tensor(behaviours),
-            direction=has_direction[:, None] * torch.tensor([1.0, 0.0, 0.0]),
-            has_direction=has_direction,
+            twist=torch.tensor(np.array([np.zeros(6) if twist is None else twist for twist in twists])).float(),
+            has_twist=torch.tensor([twist is not None for twist in twists]),
         )
 
-    def _group(self, rng: np.random.Generator) -> tuple[int, np.ndarray, float, int, bool]:
-        """Draw (object, rows, yaw [rad], behaviour, whether the direction counts)."""
+    def _group(self, rng: np.random.Generator) -> tuple[int, np.ndarray, float, int, np.ndarray | None]:
+        """Draw (object, rows, yaw [rad], behaviour, twist in frame C or None where it does not count)."""
         config = self.config
         wants_grasp = rng.random() < config.grasp_fraction
         drops = rng.random(3) < [config.unconditional_fraction, config.direction_dropout, config.behaviour_dropout]
@@ -113,17 +123,25 @@ class BatchSampler:
         any_yaw = rng.uniform(0.0, 2.0 * np.pi)
         if (wants_grasp and self._grasps) or not self._moves:
             index = int(rng.choice(list(self._grasps)))
-            pool, behaviour, yaw, has_direction = self._grasps[index], GRASP, any_yaw, False
+            pool, behaviour, yaw, twist = self._grasps[index], GRASP, any_yaw, None
         else:
             index = int(rng.choice(list(self._moves)))
-            moves = self._moves[index]
+            turns = index in self._turns and rng.random() < config.turn_fraction
+            moves = (self._turns if turns else self._moves)[index]
             chosen = int(rng.choice(list(moves)))
-            pool, behaviour, has_direction = moves[chosen], NON_PREHENSILE, not (unconditional or drops_direction)
+            pool, behaviour, yaw, twist = moves[chosen], NON_PREHENSILE, any_yaw, None
             jitter = rng.uniform(-config.yaw_jitter, config.yaw_jitter)
-            yaw = jitter - direction_angles()[chosen] if has_direction else any_yaw
+            if turns and not (unconditional or drops_direction):
+                resting = self._turn_twists[index, chosen]
+                heading = resting[[4, 3]] * [1.0, -1.0]  # angular x up
+                if heading.any() and rng.random() < HEADED:
+                    yaw = jitter - np.arctan2(heading[1], heading[0])
+                twist = turn_vectors(torch.tensor(resting).view(2, 3), torch.tensor(yaw)).flatten().numpy()
+            elif not (unconditional or drops_direction):
+                yaw, twist = jitter - direction_angles()[chosen], SLIDE
         if unconditional or drops_behaviour:
             behaviour = NULL_CLASS
-        return index, pool.draw(rng, config.rows_per_group), float(yaw), behaviour, has_direction
+        return index, pool.draw(rng, config.rows_per_group), float(yaw), behaviour, twist
 
 
 @dataclass(frozen=True)

@@ -17,7 +17,7 @@ from safetensors.torch import save as serialise_tensors
 from safetensors.torch import save_file
 from torch import Tensor
 
-from dexnudge.diffusion.config import ModelConfig
+from dexnudge.diffusion.config import SLIDES_ONLY, ModelConfig
 from dexnudge.diffusion.network import ConditionalDenoiser, Normaliser
 from dexnudge.errors import CheckpointError
 from dexnudge.jobs.folders import replace_atomically
@@ -75,6 +75,8 @@ def shipped_or_given(model: str) -> Path:
 def load_model(folder: Path | str) -> tuple[ConditionalDenoiser, Normaliser]:
     """Read a model folder; the network comes in evaluation mode, float32, without gradients of its weights.
 
+    Weights from before objects could turn get columns of zeros for it: what they draw for slides stays the same, to the bit.
+
     Raises:
         CheckpointError: a file is missing, truncated, foreign, of another version, or does not fit the other one; or it
             holds sizes or numbers that no trained model has.
@@ -97,6 +99,8 @@ def load_model(folder: Path | str) -> tuple[ConditionalDenoiser, Normaliser]:
             f"{path} is not the file that {CONFIG_NAME} was written for: its SHA-256 differs; "
             "copy both files from the same model."
         )
+    if content["model"]["config_version"] == SLIDES_ONLY:
+        tensors.setdefault(_NETWORK + "turn_embedding", torch.zeros(config.architecture.width, 3))
     _check_tensors(path, tensors, config)
     network = ConditionalDenoiser(config)
     network.load_state_dict(

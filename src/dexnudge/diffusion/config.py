@@ -113,7 +113,8 @@ def _check_size(name: str, value: object, least: int, most: int) -> None:
         raise InputError(f"`{name}` is {value!r}; expected a whole number from {least} to {most}.")
 
 
-CONFIG_VERSION = 1  # raised whenever a weight changes its meaning
+CONFIG_VERSION = 2  # raised whenever a weight changes its meaning or is new
+SLIDES_ONLY = 1  # version of models from before objects could turn: without the columns for the angular part
 JOINT_GROUPS_KEY = "digit_joints"  # in model files, which are older than the name in the code
 
 
@@ -156,9 +157,9 @@ class ModelConfig:
         """
         values = dict(content)
         version = values.pop("config_version", None)
-        if version != CONFIG_VERSION:
+        if version not in (SLIDES_ONLY, CONFIG_VERSION):
             raise CheckpointError(
-                f"model config has version {version!r}, expected {CONFIG_VERSION}; "
+                f"model config has version {version!r}, expected {SLIDES_ONLY} or {CONFIG_VERSION}; "
                 "train the model again with this version of dexnudge."
             )
         try:
@@ -180,14 +181,21 @@ DEFAULT_STEPS = 20_000
 # May differ between a run and its continuation: they do not change the weights of a run that ends by its steps.
 _BUDGET_FIELDS = ("max_minutes", "checkpoint_every", "validate_every", "log_every", "num_threads")
 _COUNTS = ("groups", "rows_per_group", "num_points", "validate_every", "checkpoint_every", "log_every")
-_SHARES = ("grasp_fraction", "behaviour_balance", "unconditional_fraction", "direction_dropout", "behaviour_dropout")
+_SHARES = (
+    "grasp_fraction",
+    "behaviour_balance",
+    "unconditional_fraction",
+    "direction_dropout",
+    "turn_fraction",
+    "behaviour_dropout",
+)
 
 
 @dataclass(frozen=True, kw_only=True)
 class TrainingConfig:
     """Settings of `train`. A batch has `groups` x `rows_per_group` configurations.
 
-    A group is one object turned to frame C with one direction of motion; its surface is encoded once.
+    A group is one object turned to frame C with one motion; its surface is encoded once.
     """
 
     steps: int | None = None
@@ -195,7 +203,7 @@ class TrainingConfig:
     max_minutes: float | None = None
     """Time limit over all continuations [min]; a run that stops for time is not reproducible bit by bit."""
     groups: int = 16
-    """Objects, each with one direction of motion, in a batch."""
+    """Objects, each with one motion, in a batch."""
     rows_per_group: int = 16
     """Configurations of each of them."""
     learning_rate: float = 1e-3
@@ -213,9 +221,11 @@ class TrainingConfig:
     behaviour_balance: float = 0.5
     """0 draws rows evenly, 1 draws push, press and hook equally often."""
     unconditional_fraction: float = 0.1
-    """Share of groups that lose class and direction."""
+    """Share of groups that lose class and motion."""
     direction_dropout: float = 0.1
-    """Share of groups that lose the direction."""
+    """Share of groups that lose the motion."""
+    turn_fraction: float = 0.3
+    """Share of the groups that move an object which turn or tip it, where the dataset says which hands can."""
     behaviour_dropout: float = 0.1
     """Share of groups that lose the class."""
     min_direction_margin: float = 1.0

@@ -1,10 +1,11 @@
 """The conditional denoiser, PointNet over the object and diffusion transformer over the hand, and the normaliser of q.
 
-x_t is cut into tokens by the architecture's token layout. Time, object, class and direction are summed into one vector
+x_t is cut into tokens by the architecture's token layout. Time, object, class and motion are summed into one vector
 that scales, shifts and gates every layer (adaLN-Zero; Peebles and Xie, 2023).
 """
 
 import math
+from collections.abc import Sequence
 from dataclasses import dataclass
 from itertools import pairwise
 
@@ -27,13 +28,14 @@ class Condition:
     """One row for all samples, or one row a sample.
 
     object_feature: from `ConditionalDenoiser.encode`, of a cloud in frame C; behaviour: index into CLASSES;
-    direction: unit vector in frame C, where planar motion is +x, zero if there is none; has_direction: whether it counts.
+    twist: of the object's motion in frame C, linear [m/m] at its origin and angular [rad/m], see `Twist`; a slide is +x,
+    zeros if there is no motion; has_twist: whether it counts.
     """
 
     object_feature: Float[Tensor, "row feature"]
     behaviour: Int[Tensor, " row"]
-    direction: Float[Tensor, "row 3"]
-    has_direction: Bool[Tensor, " row"]
+    twist: Float[Tensor, "row 6"]
+    has_twist: Bool[Tensor, " row"]
 
     @classmethod
     def of(
@@ -41,30 +43,30 @@ class Condition:
         object_feature: Float[Tensor, "row feature"],
         behaviour: int,
         *,
-        direction: tuple[float, float, float] | None,
+        twist: Sequence[float] | None,
     ) -> "Condition":
-        """Return the same behaviour and direction for every row of `object_feature`."""
+        """Return the same behaviour and twist (6), None without a motion, for every row of `object_feature`."""
         rows, device = len(object_feature), object_feature.device
-        vector = torch.tensor(direction or (0.0, 0.0, 0.0), dtype=object_feature.dtype, device=device)
+        vector = torch.tensor(twist or (0.0,) * 6, dtype=object_feature.dtype, device=device)
         return cls(
             object_feature=object_feature,
             behaviour=torch.full((rows,), behaviour, dtype=torch.int64, device=device),
-            direction=vector.expand(rows, 3),
-            has_direction=torch.full((rows,), direction is not None, dtype=torch.bool, device=device),
+            twist=vector.expand(rows, 6),
+            has_twist=torch.full((rows,), twist is not None, dtype=torch.bool, device=device),
         )
 
     @property
     def inputs(self) -> tuple[Tensor, Tensor, Tensor, Tensor]:
         """What the network takes after x_t and t."""
-        return self.object_feature, self.behaviour, self.direction, self.has_direction
+        return self.object_feature, self.behaviour, self.twist, self.has_twist
 
     def without_intent(self) -> "Condition":
-        """Return the same object, with class and direction dropped: the reference of classifier-free guidance."""
+        """Return the same object, with class and motion dropped: the reference of classifier-free guidance."""
         return Condition(
             object_feature=self.object_feature,
             behaviour=torch.full_like(self.behaviour, NULL_CLASS),
-            direction=torch.zeros_like(self.direction),
-            has_direction=torch.zeros_like(self.has_direction),
+            twist=torch.zeros_like(self.twist),
+            has_twist=torch.zeros_like(self.has_twist),
         )
 
 
@@ -145,12 +147,16 @@ class PointEncoder(nn.Module):
 
 TIME_FREQUENCIES = 64  # sine and cosine pairs of the timestep embedding
 LONGEST_PERIOD = 10_000.0  # of the timestep embedding, in steps
+TURN_SCALE = (
+    0.1  # [m] about the distance of an object's farthest point from its axis: brings angular parts to the order of 1
+)
 
 
 class ConditionalDenoiser(nn.Module):
-    """Predicts x_0, epsilon or v from x_t (see `NoiseSchedule`), given the object's feature, class and direction.
+    """Predicts x_0, epsilon or v from x_t (see `NoiseSchedule`), given the object's feature, class and motion.
 
-    The last layer and all gates start at zero: an untrained network returns zero for every input.
+    The last layer and all gates start at zero: an untrained network returns zero for every input. So do the columns for the
+    angular part of a twist, in networks that were only trained on slides as well.
     """
 
     def __init__(self, config: ModelConfig) -> None:
@@ -172,6 +178,7 @@ class ConditionalDenoiser(nn.Module):
         self.object_embedding = nn.Linear(shape.feature_width, width)
         self.class_embedding = nn.Embedding(len(CLASSES), width)
         self.direction_embedding = nn.Linear(4, width)
+        self.turn_embedding = nn.Parameter(torch.zeros(width, 3))
         self.modulation = nn.Linear(width, (6 * shape.depth + 2) * width)
         self.blocks = nn.ModuleList(
             TransformerBlock(width, shape.num_heads, shape.mlp_ratio) for _ in range(shape.depth)
@@ -191,16 +198,18 @@ class ConditionalDenoiser(nn.Module):
         t: Int[Tensor, " row"],
         object_feature: Float[Tensor, "row feature"],
         behaviour: Int[Tensor, " row"],
-        direction: Float[Tensor, "row 3"],
-        has_direction: Bool[Tensor, " row"],
+        twist: Float[Tensor, "row 6"],
+        has_twist: Bool[Tensor, " row"],
     ) -> Float[Tensor, "batch dimension"]:
         """Return the prediction for normalised x_t; row = batch, or 1 where all samples share timestep and condition."""
-        flag = has_direction[:, None].to(x_t.dtype)
+        flag = has_twist[:, None].to(x_t.dtype)
+        linear, angular = (twist * flag).split(3, dim=-1)
         condition = (
             self.time_embedding(timestep_features(t).to(x_t.dtype))
             + self.object_embedding(object_feature)
             + self.class_embedding(behaviour)
-            + self.direction_embedding(torch.cat([direction * flag, flag], dim=-1))
+            + self.direction_embedding(torch.cat([linear, flag], dim=-1))
+            + functional.linear(TURN_SCALE * angular, self.turn_embedding)
         )
         modulation = self.modulation(functional.silu(condition))[:, None].chunk(6 * len(self.blocks) + 2, dim=-1)
         parts = x_t[:, self.order].split(self.part_sizes, dim=-1)

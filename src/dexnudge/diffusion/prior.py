@@ -2,6 +2,7 @@
 
 from pathlib import Path
 
+import numpy as np
 import torch
 from jaxtyping import Float
 from torch import Tensor
@@ -12,8 +13,9 @@ from dexnudge.diffusion.network import CLASSES, NULL_CLASS, Condition, Condition
 from dexnudge.diffusion.schedule import NoiseSchedule
 from dexnudge.errors import CheckpointError, UnknownNameError
 from dexnudge.hands.hand import Hand
+from dexnudge.scenes.motion import Twist
 
-MOTION_IN_FRAME_C = (1.0, 0.0, 0.0)  # frame C is turned so that the desired planar motion is +x
+SLIDE = Twist(np.array([1.0, 0.0, 0.0]), np.zeros(3))  # frame C is turned so that a slide is +x
 
 
 class DiffusionPrior:
@@ -49,18 +51,23 @@ class DiffusionPrior:
         return self.normaliser.mean.device
 
     def condition(
-        self, points: Float[Tensor, "object point 6"], behaviour: str = "non_prehensile", *, toward_motion: bool = True
+        self, points: Float[Tensor, "object point 6"], behaviour: str = "non_prehensile", *, twist: Twist | None = SLIDE
     ) -> Condition:
         """Return one condition row per object.
 
-        points: surface points [m] and outward normals in frame C; behaviour: one of `CLASSES`; toward_motion: ask for
-        configurations that move the object along +x; without it frame C may have any yaw.
+        points: surface points [m] and outward normals in frame C; behaviour: one of `CLASSES`; twist: in frame C, with
+        which the object should begin to move, a slide always along +x; without one frame C may have any yaw. Of weights
+        that were only trained on slides a turn asks for no motion in particular.
         """
         if behaviour not in CLASSES:
             raise UnknownNameError(f"unknown behaviour class {behaviour!r}; expected one of {', '.join(CLASSES)}.")
         feature = self.network.encode(points.to(self.device, torch.float32))
-        direction = MOTION_IN_FRAME_C if toward_motion else None
-        return Condition.of(feature, CLASSES.index(behaviour), direction=direction)
+        if twist is not None and not twist.angular.any():
+            twist = SLIDE
+        elif not self.network.turn_embedding.any():
+            twist = None
+        numbers = None if twist is None else [*twist.linear.tolist(), *twist.angular.tolist()]
+        return Condition.of(feature, CLASSES.index(behaviour), twist=numbers)
 
     def noise(self, num: int, *, generator: torch.Generator | None = None) -> Float[Tensor, "num dimension"]:
         """Return x_T, where sampling starts."""
@@ -78,7 +85,7 @@ class DiffusionPrior:
         unconditional = condition.without_intent()
         if guidance_scale == 0.0:
             estimate = self._estimate(x_t, t, unconditional)
-        elif guidance_scale == 1.0 or bool((condition.behaviour == NULL_CLASS).all() & ~condition.has_direction.any()):
+        elif guidance_scale == 1.0 or bool((condition.behaviour == NULL_CLASS).all() & ~condition.has_twist.any()):
             estimate = self._estimate(x_t, t, condition)
         else:
             estimate = torch.lerp(

@@ -7,7 +7,7 @@ import os
 import signal
 import threading
 import time
-from collections.abc import Callable, Iterator
+from collections.abc import Callable, Iterator, Sequence
 from contextlib import closing, contextmanager, nullcontext
 from dataclasses import asdict, dataclass, replace
 from itertools import takewhile
@@ -18,7 +18,7 @@ from typing import Any
 import torch
 from rich.progress import TextColumn
 
-from dexnudge.dataset.loading import Dataset, load_dataset
+from dexnudge.dataset.loading import Dataset, load_datasets
 from dexnudge.diffusion.checkpoint import (
     LOG_NAME,
     MODEL_FOLDER,
@@ -142,7 +142,7 @@ class TrainingResult:
 
 
 def train(
-    dataset_folder: Path | str,
+    dataset: Path | str | Sequence[Path | str],
     out_folder: Path | str,
     config: TrainingConfig,
     *,
@@ -150,7 +150,7 @@ def train(
     made_with: dict[str, Any] | None = None,
     on_plan: Callable[[TrainingPlan], None] | None = None,
 ) -> TrainingResult:
-    """Train on a dataset folder; continue if `out_folder` holds an unfinished run of the same settings and data.
+    """Train on a dataset folder, or on several as one; continue an unfinished run of the same settings and data.
 
     With `config.max_minutes` and without `config.steps` the number of steps is planned first. SIGTERM and SIGINT end the
     run after the current step with everything saved. Started by torchrun, the processes share every batch.
@@ -168,16 +168,17 @@ def train(
     out_folder.mkdir(parents=True, exist_ok=True)
     if config.num_threads is not None:
         torch.set_num_threads(config.num_threads)
+    folders = [dataset] if isinstance(dataset, str | Path) else dataset
     with joined_processes(config.device) as processes:
-        dataset = load_dataset(dataset_folder)
-        config = _planned(dataset, out_folder, config, processes, on_plan)
-        run = TrainingRun(dataset, config, processes)
+        data = load_datasets(folders)
+        config = _planned(data, out_folder, config, processes, on_plan)
+        run = TrainingRun(data, config, processes)
         provenance = {
-            "data": Path(dataset_folder).resolve().name,
+            "data": " and ".join(Path(folder).resolve().name for folder in folders),
             "dataset": run.dataset_id,
             "objects": len(run.training_objects),
-            "held_out_objects": [dataset.object_names[k] for k in run.held_out_objects],
-            "configurations": len(dataset),
+            "held_out_objects": [data.object_names[k] for k in run.held_out_objects],
+            "configurations": len(data),
             "config": {**asdict(config), **run.settings},
             "made_with": made_with or {},
         }

@@ -180,6 +180,6 @@ def take_over(network: ConditionalDenoiser, other: ConditionalDenoiser) -> None:
 
 def _fingerprint(dataset: Dataset) -> str:
     digest = hashlib.sha256(json.dumps([dataset.manifest.hand, dataset.object_names]).encode())
-    for array in (dataset.q, dataset.behaviour, dataset.direction_margin, dataset.clouds):
+    for array in (dataset.q, dataset.behaviour, dataset.direction_margin, dataset.clouds, dataset.turn_margin):
         digest.update(array.tobytes())
     return digest.hexdigest()

@@ -2,6 +2,7 @@
 
 from dataclasses import dataclass
 
+import numpy as np
 import torch
 from jaxtyping import Float
 from torch import Tensor
@@ -101,7 +102,8 @@ def denoise(
     generator: torch.Generator,
 ) -> Float[Tensor, "num coordinates"]:
     """Return `num` configurations in frame C from the prior, guided by the scene's energy; neither projected nor checked."""
-    condition = prior.condition(problem.cloud[None], behaviour, toward_motion=behaviour != "grasp")
+    twist = problem.scene.object_motion.twist().moved(np.linalg.inv(problem.T_world_canonical))
+    condition = prior.condition(problem.cloud[None], behaviour, twist=None if behaviour == "grasp" else twist)
     run = _Run(hand, problem, prior, condition, config, generator)
     timesteps = prior.schedule.timesteps(config.num_inference_steps)
     if config.particles > 1:

@@ -15,6 +15,8 @@ from dexnudge.scenes.boxes import shift, turn
 
 SAME_FACE_ANGLE = 5.0  # [deg] hull triangles this close in direction count as one face: scans are never quite flat
 TIE = 0.02  # two faces whose sizes differ by less than this fraction are equally stable
+STANDING_HEIGHT = 1e-3  # [m] over the lowest vertex up to which an object that stands touches the plane
+STEADY = 1e-3  # [m] that its supports reach beyond its centre of mass on every side
 EDGE_TOLERANCE = 1e-9  # barycentric; the foot of the centre of mass may lie on the edge between two triangles
 
 
@@ -42,6 +44,37 @@ def resting_pose(mesh: trimesh.Trimesh) -> Float[np.ndarray, "4 4"]:
     pose[:3, :3] = rotation
     pose[:3, 3] = [-(low[0] + high[0]) / 2, -(low[1] + high[1]) / 2, -low[2]]
     return pose
+
+
+def standing_pose(mesh: trimesh.Trimesh) -> Float[np.ndarray, "4 4"] | None:
+    """Return the pose of the object on its end, the longest side of its resting pose up; None where it cannot stand so.
+
+    It stands where its centre of mass is 1 mm inside of what is within 1 mm of the plane. Of the two ends, the one whose
+    supports reach farther about it. Plane, origin and axes as in `resting_pose`.
+    """
+    lying = resting_pose(mesh)
+    placed = trimesh.transform_points(mesh.vertices, lying)
+    centre = trimesh.transform_points(centre_of_mass(mesh)[None], lying)[0]
+    best, steadiest = None, STEADY
+    for sign in (1.0, -1.0):
+        end = np.array([[0.0, 0.0, -sign], [0.0, 1.0, 0.0], [sign, 0.0, 0.0]])  # of the long side, up is +x or -x
+        turned, over = placed @ end.T, (centre @ end.T)[:2]
+        foot = turned[turned[:, 2] < turned[:, 2].min() + STANDING_HEIGHT, :2]
+        if len(foot) < 3 or np.linalg.matrix_rank(foot - foot[0], tol=STEADY) < 2:
+            continue
+        hull = ConvexHull(foot)
+        steady = float(-(hull.equations[:, :2] @ over + hull.equations[:, 2]).max())
+        if steady > steadiest * (1 + TIE):
+            rotation = long_side_along_x(turned[ConvexHull(turned[:, :2]).vertices, :2]) @ end
+            best, steadiest = rotation, steady
+    if best is None:
+        return None
+    placed = placed @ best.T
+    low, high = placed.min(axis=0), placed.max(axis=0)
+    pose = np.eye(4)
+    pose[:3, :3] = best
+    pose[:3, 3] = [-(low[0] + high[0]) / 2, -(low[1] + high[1]) / 2, -low[2]]
+    return np.asarray(pose @ lying)
 
 
 def _most_stable_direction(mesh: trimesh.Trimesh) -> Float[np.ndarray, "3"]:

@@ -12,7 +12,7 @@ import torch
 import trimesh
 from jaxtyping import Bool, Float
 
-from dexnudge.dataset.schema import INFEASIBLE, NUM_DIRECTIONS, best_direction, direction_angles
+from dexnudge.dataset.schema import INFEASIBLE, NUM_DIRECTIONS, TURNS, best_direction, direction_angles
 from dexnudge.hands.batch import HandBatch
 from dexnudge.hands.hand import Hand
 from dexnudge.mechanics.contacts import HandContacts
@@ -22,6 +22,7 @@ from dexnudge.scenes.motion import Twist
 from dexnudge.scenes.scene import Scene
 from dexnudge.scenes.support_contacts import support_contacts
 from dexnudge.simulation.hold import HoldTest
+from dexnudge.synthesis.turns import HEADINGS, resting_turns
 from dexnudge.verification.criteria import PENETRATION_LIMIT, SUCCESS_MARGIN
 from dexnudge.verification.measurements import Measurements
 
@@ -35,7 +36,8 @@ PLANE_SIDE, PLANE_DEPTH = 2.0, 0.5  # [m] a support so wide and deep that it has
 class Verified:
     """Verdicts on n configurations in the resting frame.
 
-    `direction_margin` (n, 16): force margin per planar direction, -1 where the forces do not suffice at all.
+    `direction_margin` (n, 16), `turn_margin` (n, 10): force margin per planar direction and per turn of `TURNS`, -1 where
+    the forces do not suffice at all.
     `hold_translation` [m], `hold_rotation` [rad] (n): how far the object drifted in the hold test, NaN without one.
     `reason`: empty for what is kept, else why not.
     """
@@ -43,6 +45,7 @@ class Verified:
     reason: list[str]
     penetration: Float[np.ndarray, "n 3"]
     direction_margin: Float[np.ndarray, "n direction"]
+    turn_margin: Float[np.ndarray, "n turn"]
     hold_translation: Float[np.ndarray, " n"]
     hold_rotation: Float[np.ndarray, " n"]
     contacts: list[HandContacts]
@@ -66,6 +69,7 @@ class Verified:
         depths = zip(PARTS, self.penetration[row].tolist(), strict=True)
         return {
             "direction_margin": self.direction_margin[row],
+            "turn_margin": self.turn_margin[row],
             "contact_links": links,
             "contact_points": np.asarray(means).reshape(-1, 3),
             "digits": tuple(sorted({digit for link in links if (digit := self.hand.digit_of_link[link]) is not None})),
@@ -127,6 +131,7 @@ class NonPrehensileVerifier:
         angles = direction_angles()
         directions = np.stack([np.cos(angles), np.sin(angles), np.zeros(NUM_DIRECTIONS)], axis=1)
         self._twists = [Twist(direction, np.zeros(3)) for direction in directions]
+        self._turns = resting_turns(scene)
 
     def __call__(self, q: Float[np.ndarray, "n coordinates"]) -> Verified:
         """Return the verdicts on configurations in the resting frame."""
@@ -136,10 +141,26 @@ class NonPrehensileVerifier:
             contacts = [verified.contacts[row] for row in clean]
             margins = force_margins(contacts, self._supports, self._task, twists=self._twists, threads=1)
             verified.direction_margin[clean] = np.where(margins.factor > 0, margins.factor, INFEASIBLE)
+            verified.turn_margin[clean] = self.turn_margins(contacts)
         for row in clean:
-            if verified.direction_margin[row].max() < SUCCESS_MARGIN:
+            if max(verified.direction_margin[row].max(), verified.turn_margin[row].max()) < SUCCESS_MARGIN:
                 verified.reason[row] = "force"
         return verified
+
+    def turn_margins(self, contacts: list[HandContacts]) -> Float[np.ndarray, "n turn"]:
+        """Return the force margins of the turns, -1 where the forces do not suffice or the object has no such edge."""
+        found = np.full((len(contacts), len(TURNS)), INFEASIBLE)
+        for index, turn in enumerate(self._turns):
+            if turn is not None:
+                margins = force_margins(contacts, turn.supports, self._task, twists=[turn.twist], threads=1)
+                found[:, index] = np.where(margins.factor[:, 0] > 0, margins.factor[:, 0], INFEASIBLE)
+        return found
+
+    @property
+    def turns(self) -> Float[np.ndarray, "turn 6"]:
+        """Twist of each of `TURNS`: linear at the origin [m/m], angular [rad/m]; NaN where the object has no such edge."""
+        twists = [turn and [*turn.twist.linear, *turn.twist.angular] for turn in self._turns]
+        return np.array([twist or [np.nan] * 6 for twist in twists], dtype=np.float64)
 
 
 def _clean(hand: Hand, scene: Scene, q: Float[np.ndarray, "n coordinates"]) -> Verified:
@@ -152,6 +173,7 @@ def _clean(hand: Hand, scene: Scene, q: Float[np.ndarray, "n coordinates"]) -> V
         reason=geometry_reasons(penetration, touches, parts=PARTS, limit=PENETRATION_LIMIT),
         penetration=penetration,
         direction_margin=np.full((len(q), NUM_DIRECTIONS), INFEASIBLE),
+        turn_margin=np.full((len(q), len(TURNS)), INFEASIBLE),
         hold_translation=np.full(len(q), np.nan),
         hold_rotation=np.full(len(q), np.nan),
         contacts=found.contacts,
@@ -160,9 +182,15 @@ def _clean(hand: Hand, scene: Scene, q: Float[np.ndarray, "n coordinates"]) -> V
 
 
 def behaviour_of(
-    contacts: HandContacts, direction_margin: Float[np.ndarray, " direction"], root: Float[np.ndarray, " 3"]
+    contacts: HandContacts,
+    direction_margin: Float[np.ndarray, " direction"],
+    root: Float[np.ndarray, " 3"],
+    turn_margin: Float[np.ndarray, " turn"],
 ) -> str:
-    """Return the behaviour in the best direction of motion."""
+    """Return the behaviour in the best direction of motion; of a hand that can only turn the object, in its best turn."""
+    if direction_margin.max() < SUCCESS_MARGIN:
+        way = TURNS[int(np.argmax(turn_margin))].split()[1]
+        return behaviour_along(contacts, np.asarray(HEADINGS.get(way, (0.0, 0.0, 0.0))), root)
     angle = direction_angles()[best_direction(direction_margin)]
     return behaviour_along(contacts, np.asarray([np.cos(angle), np.sin(angle), 0.0]), root)
 

@@ -29,6 +29,7 @@ from dexnudge.objects.sets import BUILTIN_PREFIX, resolve_object_set
 from dexnudge.scenes.scene import FRICTION_ENVIRONMENT, FRICTION_HAND, MASS, MAX_NORMAL_FORCE
 from dexnudge.simulation import hold, model
 from dexnudge.synthesis.acceptance import PENETRATION_LIMIT, PRESSING
+from dexnudge.synthesis.turns import TABLE_EDGE
 from dexnudge.verification.penetration import SURFACE_SPACING
 
 CARD_FILE = "README.md"
@@ -47,6 +48,10 @@ q = np.stack(rows["q"].to_numpy())
 PURPOSE = """\
 Poses and joint angles of a robot hand that push, press or hook a thin object at rest on a plane, or grasp it in free \
 space; each one verified against penetration and for its contact forces."""
+TURNING = f"""\
+Turns: `turn` in place about the vertical through the centre of mass; `tip` over the edge of its own supports that faces \
+the heading; `edge` over the straight edge of a table that ends {100 * TABLE_EDGE:g} % of the way from the centre of mass \
+to the farthest support. Each shard's header holds their twists, linear at the origin and angular, in the resting frame."""
 FILES = """\
 `FOLDER` is the folder of this file. `manifest.json` names the hand, the joints in the order of `q` and the SHA-256 of each \
 object's mesh."""
@@ -149,6 +154,7 @@ def _columns(manifest: Manifest) -> tuple[str | Table, ...]:
     return (
         *tables,
         f"Frame `resting`: {RESTING_FRAME}.",
+        TURNING,
         f"Joint angles in `q`, in this order: {', '.join(manifest.joint_names)}.",
     )
 
@@ -173,9 +179,10 @@ def _criteria() -> tuple[str, ...]:
     conditions = f"""\
 - penetration of object, plane and the hand itself at most {1e3 * PENETRATION_LIMIT:g} mm each
 - contact: a surface of the hand that faces the object within {1e3 * HAND_CONTACT_DISTANCE:g} mm
-- push, press, hook: a force margin of {FEASIBLE_MARGIN:g} or more in at least one of {NUM_DIRECTIONS} directions. The \
+- push, press, hook: a force margin of {FEASIBLE_MARGIN:g} or more in at least one of {NUM_DIRECTIONS} directions or, \
+where they were judged, turns. The \
 margin is the largest factor on the friction of the plane with which contact forces within their cones and limits still \
-balance the sliding object; it ends at {MAX_FACTOR:g}
+balance the moving object; it ends at {MAX_FACTOR:g}
 - for these forces: friction {FRICTION_HAND:g} of the hand and {FRICTION_ENVIRONMENT:g} of the plane, mass {MASS:g} kg, \
 at most {MAX_NORMAL_FORCE:g} N normal force for each link"""
     behaviours = (

@@ -163,6 +163,8 @@ def generate_dataset(
     """
     if config.non_prehensile + config.grasps == 0:
         raise InputError("there is nothing to attempt: non_prehensile and grasps are 0; expected one of them above 0")
+    if not 0.0 <= config.upright <= 1.0:
+        raise InputError(f"`upright` is {config.upright}; expected a share of the objects between 0 and 1")
     if not objects.startswith(BUILTIN_PREFIX) and Path(objects).exists():
         objects = str(Path(objects).resolve())  # workers on other machines have another working directory
     entries = resolve_object_set(objects, units=config.units, length=config.length)

@@ -23,6 +23,13 @@ from dexnudge.verification.penetration import self_penetration
 TOP_NORMAL = 0.9  # smallest vertical part of a normal on which one presses
 SIDE_NORMAL = 0.8  # smallest part of a side normal against the motion
 INTENTS = {"press": 0.3, "push": 0.35, "hook": 0.35}  # shares of the starts; many side starts end on top, as presses
+UPRIGHT_INTENTS = {
+    "press": 0.3,
+    "push": 0.25,
+    "hook": 0.45,
+}  # of an object that stands: hooks over its top need most tries
+UPRIGHT_SPREAD = 20.0  # [deg] standard deviation of the direction about one across the object's sides
+HIGHEST_REACH = 0.8  # share of the height of an object that stands above which all targets may lie
 HOOK_SPREAD = 40.0  # [deg] standard deviation of a hooking hand's heading about the one against the motion
 DIGIT_COUNTS = {1: 0.15, 2: 0.40, 3: 0.30, 4: 0.15}  # how many digits are to touch
 DIGIT_SPREAD = 0.022  # [m] between neighbouring knuckles
@@ -61,12 +68,13 @@ def descend_to_contact(
     *,
     config: NonPrehensileConfig,
     generator: np.random.Generator,
+    upright: bool = False,
 ) -> tuple[Float[Tensor, "batch coordinates"], list[str]]:
     """Return (q, intents): configurations in the resting frame at the end of the descent, not yet verified.
 
-    An intent is what its start was meant to be: push, press or hook.
+    An intent is what its start was meant to be: push, press or hook. upright: the object stands on its end.
     """
-    start = sample_pre_contact(hand, surface, centre_of_mass, count=config.batch, generator=generator)
+    start = sample_pre_contact(hand, surface, centre_of_mass, count=config.batch, generator=generator, upright=upright)
     energy = HandEnergy(hand, fields, config.batch, config.weights)
     tips = hand.fingertip_indices
     touches = torch.as_tensor(start.touches, dtype=torch.float32)
@@ -100,13 +108,18 @@ def sample_pre_contact(
     *,
     count: int,
     generator: np.random.Generator,
+    upright: bool = False,
 ) -> PreContact:
-    """Return start poses for one object at rest on a plane, resting frame."""
+    """Return start poses for one object at rest on a plane, resting frame; upright: on its end."""
     digits = len(hand.fingertips)
     angle = generator.uniform(0.0, 2 * np.pi, count)
+    if upright:
+        off = np.radians(generator.normal(0.0, UPRIGHT_SPREAD, count))
+        angle = off + np.radians(90.0) * generator.integers(4, size=count)
     direction = np.stack([np.cos(angle), np.sin(angle)], axis=1)
     sizes = generator.choice(list(DIGIT_COUNTS), p=list(DIGIT_COUNTS.values()), size=count)
-    intents = generator.choice(list(INTENTS), p=list(INTENTS.values()), size=count).tolist()
+    shares = UPRIGHT_INTENTS if upright else INTENTS
+    intents = generator.choice(list(shares), p=list(shares.values()), size=count).tolist()
     touches = np.zeros((count, digits), dtype=bool)
     target = np.zeros((count, digits, 3))
     outward = np.zeros((count, 3))
@@ -114,7 +127,7 @@ def sample_pre_contact(
         chosen = generator.permutation(digits)[: min(sizes[item], digits)]
         touches[item, chosen] = True
         on_top = intents[item] == "press"
-        target[item], outward[item] = _targets(
+        target[item], outward[item] = (_upright_targets if upright else _targets)(
             surface, centre_of_mass, direction[item], chosen, digits, generator, on_top=on_top
         )
     # A hooking hand comes from ahead of the object and reaches over it; the others come from anywhere.
@@ -156,6 +169,36 @@ def _targets(
         )
         apart = np.linalg.norm(points[usable, :2] - wanted, axis=1) + 0.5 * np.abs(points[usable, 2] - first[2])
         nearest = usable[np.argmin(apart)]
+        target[digit] = points[nearest]
+        outward += normals[nearest]
+    return target, outward / max(float(np.linalg.norm(outward)), 1e-9)
+
+
+def _upright_targets(
+    surface: SurfacePoints,
+    centre_of_mass: Float[np.ndarray, " 3"],
+    direction: Float[np.ndarray, " 2"],
+    chosen: Int[np.ndarray, " touching"],
+    digits: int,
+    generator: np.random.Generator,
+    *,
+    on_top: bool,
+) -> tuple[Float[np.ndarray, "digit 3"], Float[np.ndarray, " 3"]]:
+    """The same on an object that stands: digits in a row of any slope on its top, or on its trailing side, mostly high."""
+    normals, points = surface.normals, surface.points
+    ahead, lateral = np.array([*direction, 0.0]), np.array([-direction[1], direction[0], 0.0])
+    low, high = points[:, 2].min(), points[:, 2].max()
+    reached = points[:, 2] >= low + generator.uniform(0.0, HIGHEST_REACH) * (high - low)
+    facing = normals[:, 2] > TOP_NORMAL if on_top else (normals @ ahead < -SIDE_NORMAL) & reached
+    usable = np.flatnonzero(facing) if facing.any() else np.arange(len(points))
+    first = points[generator.choice(usable)]
+    first = first + (generator.normal(0.0, LATERAL_SPREAD) - (first - centre_of_mass) @ lateral) * lateral
+    slope = generator.uniform(0.0, np.pi)
+    row = np.cos(slope) * lateral + np.sin(slope) * (ahead if on_top else np.array([0.0, 0.0, 1.0]))
+    spread = (np.arange(len(chosen)) - (len(chosen) - 1) / 2) * DIGIT_SPREAD * generator.uniform(0.6, 1.3)
+    target, outward = np.zeros((digits, 3)), np.zeros(3)
+    for digit, shift in zip(chosen, spread, strict=True):
+        nearest = usable[np.argmin(np.linalg.norm(points[usable] - (first + shift * row), axis=1))]
         target[digit] = points[nearest]
         outward += normals[nearest]
     return target, outward / max(float(np.linalg.norm(outward)), 1e-9)

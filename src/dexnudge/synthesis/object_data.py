@@ -7,6 +7,7 @@ import zlib
 from dataclasses import dataclass, field, replace
 from functools import partial
 from pathlib import Path
+from typing import NamedTuple
 
 import numpy as np
 import torch
@@ -27,7 +28,7 @@ from dexnudge.hands.hand import Hand
 from dexnudge.hands.registry import load_hand
 from dexnudge.objects.builtin import is_builtin
 from dexnudge.objects.sets import ObjectEntry, object_mesh, resolve_object_set
-from dexnudge.scenes.resting import resting_pose
+from dexnudge.scenes.resting import resting_pose, standing_pose
 from dexnudge.synthesis.acceptance import (
     GraspVerifier,
     NonPrehensileVerifier,
@@ -43,6 +44,17 @@ BATCH = 256  # hands that descend together
 TARGET_SPACING = 0.004  # [m] between the surface points that fingertips may aim at
 OBVIOUSLY_DEEP = 0.0015  # [m] on guiding points: not worth the exact check
 OUT_OF_REACH = 0.003  # [m] from the object to the nearest fingertip: not worth it either
+SQUEEZES = 0.3  # share of the attempts at an object that stands which start with the thumb opposite the fingers
+SQUEEZED_HEIGHT = (0.5, 0.95)  # of such an object's height, where they take hold
+
+
+class GeneratedObject(NamedTuple):
+    """Kept rows, surface points, counts per behaviour, and the twists of `TURNS` (see `Shard`) of one object."""
+
+    rows: list[ConfigurationRow]
+    cloud: Float[np.ndarray, "point 6"]
+    counts: dict[str, BehaviourCounts]
+    turns: Float[np.ndarray, "turn 6"]
 
 
 def generate_object(
@@ -53,25 +65,36 @@ def generate_object(
     grasps: int,
     generator: np.random.Generator,
     seed: int,
-) -> tuple[list[ConfigurationRow], Float[np.ndarray, "point 6"], dict[str, BehaviourCounts]]:
-    """Return (kept rows, surface points, counts per behaviour) of one object, in its resting frame.
+    upright: bool = False,
+) -> GeneratedObject:
+    """Return what is generated for one object, in its resting frame.
 
-    mesh: metres, any frame; non_prehensile, grasps: attempts; seed: what the rows are labelled with.
+    mesh: metres, any frame; non_prehensile, grasps: attempts; seed: what the rows are labelled with; upright: whether it
+    stands on its end.
     """
-    mesh = at_rest(mesh)
+    mesh = at_rest(mesh, upright=upright)
     surface = surface_points(mesh, spacing=TARGET_SPACING)
     centre = centre_of_mass(mesh)
     rows: list[ConfigurationRow] = []
     counts = {behaviour: BehaviourCounts() for behaviour in ("push", "press", "hook", "grasp")}
+    scene = resting_scene(mesh)
+    verifier = NonPrehensileVerifier(hand, scene)
 
     if non_prehensile:
-        scene = resting_scene(mesh)
         fields = build_scene_fields(mesh, scene.environment_mesh)
-        verifier = NonPrehensileVerifier(hand, scene)
-        for batch in _batches(non_prehensile):
+        squeezes = round(SQUEEZES * non_prehensile) if upright and len(hand.fingertips) > 1 else 0
+        for batch in _batches(non_prehensile - squeezes):
             config = NonPrehensileConfig(batch=batch)
-            q, intents = descend_to_contact(hand, fields, surface, centre, config=config, generator=generator)
+            q, intents = descend_to_contact(
+                hand, fields, surface, centre, config=config, generator=generator, upright=upright
+            )
             _verify(hand, fields, q.numpy(), intents, verifier, rows, counts, seed)
+        for batch in _batches(squeezes):
+            height = mesh.bounds[0, 2] + generator.uniform(*SQUEEZED_HEIGHT) * mesh.extents[2]
+            place = np.array([*centre[:2], height])
+            squeeze = GraspConfig(batch=batch, weights=replace(GraspConfig.weights, environment=8.0))
+            q = descend_to_grasp(hand, fields, surface, place, config=squeeze, generator=generator)
+            _verify(hand, fields, q.numpy(), ["push"] * batch, verifier, rows, counts, seed)
 
     if grasps:
         fields = build_scene_fields(mesh, None)
@@ -80,13 +103,17 @@ def generate_object(
             grasp_config = GraspConfig(batch=batch)
             q = descend_to_grasp(hand, fields, surface, centre, config=grasp_config, generator=generator)
             _verify(hand, fields, q.numpy(), ["grasp"] * batch, grasp_verifier, rows, counts, seed)
-    return rows, object_cloud(mesh).numpy(), counts
+    return GeneratedObject(rows, object_cloud(mesh).numpy(), counts, verifier.turns)
 
 
-def at_rest(mesh: trimesh.Trimesh) -> trimesh.Trimesh:
-    """Return a copy in its resting frame, the frame of every configuration in a dataset: see `schema`."""
+def at_rest(mesh: trimesh.Trimesh, *, upright: bool = False) -> trimesh.Trimesh:
+    """Return a copy in its resting frame, the frame of every configuration in a dataset: see `schema`.
+
+    upright: standing on its end, where it can; else, and where it cannot, lying on its most stable face.
+    """
     resting = mesh.copy()
-    resting.apply_transform(resting_pose(resting))
+    standing = standing_pose(resting) if upright else None
+    resting.apply_transform(resting_pose(resting) if standing is None else standing)
     resting.apply_translation(-resting_origin(resting))
     return resting
 
@@ -96,6 +123,7 @@ class ObjectMeshes:
 
     def __init__(self, manifest: Manifest, objects: str | None) -> None:
         self._objects = objects
+        self._upright = float(str(manifest.config.get("upright", 0.0)))
         length = manifest.config.get("length")
         length = float(length) if isinstance(length, int | float) else None
         if objects is None:
@@ -124,7 +152,12 @@ class ObjectMeshes:
             raise DatasetError(
                 f"the mesh of {name!r} is not the one that the dataset was generated from; correct `objects`"
             )
-        return at_rest(mesh)
+        return at_rest(mesh, upright=stands(name, self._upright))
+
+
+def stands(name: str, share: float) -> bool:
+    """Return whether an object is among the `share` of a dataset's objects that stand on their end: by its name alone."""
+    return zlib.crc32(f"upright {name}".encode()) < share * 2**32
 
 
 def _batches(total: int) -> list[int]:
@@ -152,7 +185,7 @@ def _verify(
         if not reasons[row]:
             margin, contacts = verified.direction_margin[index], verified.contacts[index]
             if intents[row] != "grasp":
-                behaviours[row] = behaviour_of(contacts, margin, q[row, :3])
+                behaviours[row] = behaviour_of(contacts, margin, q[row, :3], verified.turn_margin[index])
             rows.append(ConfigurationRow(behaviour=behaviours[row], q=q[row], seed=seed, **verified.columns(index)))
     for behaviour, reason in zip(behaviours, reasons, strict=True):
         counts[behaviour] += BehaviourCounts(attempted=1, kept=int(not reason), rejected={reason: 1} if reason else {})
@@ -174,7 +207,8 @@ def _hopeless(hand: Hand, fields: WarpStruct, q: Float[np.ndarray, "n coordinate
 class GenerationConfig:
     """What to generate for each object.
 
-    non_prehensile, grasps: attempts per object and kind; 0 leaves a kind out.
+    non_prehensile, grasps: attempts per object and kind; 0 leaves a kind out. upright: share of the objects that stand on
+    their end, those that can; the others lie.
     """
 
     hand: str = "shadow_lite"
@@ -182,6 +216,7 @@ class GenerationConfig:
     length: float | None = None
     non_prehensile: int = 256
     grasps: int = 256
+    upright: float = 0.0
 
 
 @dataclass(frozen=True, kw_only=True)
@@ -219,16 +254,17 @@ class ObjectTask:
         try:
             mesh = entry.load()
             digest = mesh_hash(mesh)
-            rows, cloud, counts = generate_object(
+            made = generate_object(
                 self._hand,
                 mesh,
                 non_prehensile=self._config.non_prehensile,
                 grasps=self._config.grasps,
                 generator=np.random.default_rng(object_seed(self._manifest.seed, entry.name)),
                 seed=self._manifest.seed,
+                upright=stands(entry.name, self._config.upright),
             )
             manifest = replace(self._manifest, objects={entry.name: digest})
-            write_shard(self._out, manifest, entry.name, rows, cloud, counts)
+            write_shard(self._out, manifest, entry.name, made.rows, made.cloud, made.counts, made.turns)
         except OutputError:
             raise
         except DexnudgeError as error:
@@ -237,7 +273,7 @@ class ObjectTask:
             failed = f"{type(error).__name__}: {error}"
             return ObjectOutcome(failed=failed, trace=traceback.format_exc(), seconds=time.perf_counter() - start)
         repairs = tuple(mesh.metadata.get("notes", ()))
-        return ObjectOutcome(mesh_hash=digest, counts=counts, repairs=repairs, seconds=time.perf_counter() - start)
+        return ObjectOutcome(mesh_hash=digest, counts=made.counts, repairs=repairs, seconds=time.perf_counter() - start)
 
 
 def mesh_hash(mesh: trimesh.Trimesh) -> str:

@@ -1,4 +1,4 @@
-"""Reads a whole dataset, and verifies its rows again from the objects' meshes."""
+"""Reads a whole dataset, verifies its rows again from the objects' meshes, and judges how they turn, where that is new."""
 
 from collections.abc import Callable, Iterable
 from contextlib import closing
@@ -12,8 +12,16 @@ from jaxtyping import Float, Int
 
 from dexnudge.dataset.info import known_hand
 from dexnudge.dataset.manifest import Manifest, read_manifest
-from dexnudge.dataset.schema import BEHAVIOURS, BehaviourCounts
-from dexnudge.dataset.shards import DamagedShardError, Shard, column_matrix, complete_objects, read_shard, read_whole
+from dexnudge.dataset.schema import BEHAVIOURS, INFEASIBLE, TURNS, BehaviourCounts
+from dexnudge.dataset.shards import (
+    DamagedShardError,
+    Shard,
+    column_matrix,
+    complete_objects,
+    read_shard,
+    read_whole,
+    write_turns,
+)
 from dexnudge.errors import DatasetError
 from dexnudge.jobs.processes import WorkerDied, run_tasks
 from dexnudge.jobs.progress import progress
@@ -27,9 +35,11 @@ from dexnudge.synthesis.acceptance import (
 )
 from dexnudge.synthesis.generate import totals
 from dexnudge.synthesis.object_data import ObjectMeshes
+from dexnudge.verification.criteria import SUCCESS_MARGIN
 
 PENETRATION_TOLERANCE = 1e-4  # [m] the same query on another machine; a tenth of what decides
 MARGIN_TOLERANCE = 2e-3  # the same solver on another machine, and the rounding of what is stored; no unit
+TWIST_TOLERANCE = 1e-5  # [m/m, rad/m] the same geometry on another machine
 CONTACT_TOLERANCE = 1e-4  # [m] thirteen times the rounding of what is stored, a twentieth of what counts as contact
 # That a grasp holds must come out again. How far the object drifts is the same number on the same machine; on another
 # one sums end in other last digits, and contacts that slip amplify them: changes of 1e-12 to 1e-6 in q and contacts moved
@@ -38,6 +48,7 @@ DRIFT_SHARE = 0.05
 TOLERANCES = {
     **dict.fromkeys(("penetration_object", "penetration_environment", "penetration_self"), PENETRATION_TOLERANCE),
     "direction_margin": MARGIN_TOLERANCE,
+    "turn_margin": MARGIN_TOLERANCE,
     "contact_points": CONTACT_TOLERANCE,
     "hold_translation": DRIFT_SHARE * FARTHEST,
     "hold_rotation": DRIFT_SHARE * MOST_TURNED,
@@ -65,7 +76,10 @@ class RowCheck:
         grasps, others = rows[is_grasp[rows]], rows[~is_grasp[rows]]
         differences = []
         if len(others):
-            differences += _compare(shard, others, NonPrehensileVerifier(self._hand, resting_scene(mesh)))
+            verifier = NonPrehensileVerifier(self._hand, resting_scene(mesh))
+            differences += _compare(shard, others, verifier)
+            if shard.turns is not None:
+                differences += _numbers(f"{name}: turns", shard.turns, verifier.turns, TWIST_TOLERANCE)
         if len(grasps):
             differences += _compare(shard, grasps, GraspVerifier(self._hand, floating_scene(mesh)))
         return differences
@@ -97,6 +111,8 @@ def _row_differences(stored: dict[str, Any], found: dict[str, Any]) -> list[str]
         if tuple(stored[name]) != found[name]
     ]
     for name, tolerance in TOLERANCES.items():
+        if name not in stored:  # of LATER_COLUMNS, in a dataset from before
+            continue
         ours, theirs = len(np.atleast_1d(found[name])), len(np.atleast_1d(stored[name]))
         if ours == theirs:
             differences += _numbers(name, stored[name], found[name], tolerance)
@@ -114,6 +130,55 @@ def _numbers(what: str, stored: Any, found: Float[np.ndarray, "*shape"] | float 
     worst = np.unravel_index(np.argmax(error), error.shape)  # a NaN is the worst
     place = "".join(f"[{index}]" for index in worst)
     return [f"{what}{place} is {theirs[worst]:.5f} in the file, {ours[worst]:.5f} found"]
+
+
+class TurnLabels:
+    """Judges how the rows of one object after another can turn it, and writes that into their shard."""
+
+    def __init__(self, folder: Path, manifest: Manifest, meshes: ObjectMeshes) -> None:
+        self._folder, self._manifest, self._meshes = folder, manifest, meshes
+        self._hand = manifest.load_hand(folder)
+
+    def __call__(self, name: str) -> int:
+        """Return how many rows can turn or tip the object.
+
+        Raises:
+            DatasetError: the mesh is another one; the shard is damaged.
+            OutputError: the shard cannot be written; it is as it was.
+        """
+        shard = read_shard(self._folder, self._manifest, name)
+        verifier = NonPrehensileVerifier(self._hand, resting_scene(self._meshes.at_rest(name, shard.mesh_hash)))
+        others = np.flatnonzero([label != "grasp" for label in shard.table.column("behaviour").to_pylist()])
+        q = column_matrix(shard.table, "q").astype(np.float64)
+        margin = np.full((len(q), len(TURNS)), INFEASIBLE)
+        for start in range(0, len(others), BATCH):
+            batch = others[start : start + BATCH]
+            margin[batch] = verifier(q[batch]).turn_margin
+        write_turns(self._folder, self._manifest, shard, margin, verifier.turns)
+        return int((margin.max(axis=1) >= SUCCESS_MARGIN).sum())
+
+
+def label_turns(folder: Path, *, objects: str | None, workers: int = 2) -> int:
+    """Judge the turns of a dataset from before they were; return how many shards were written, those without any.
+
+    objects: the set that the dataset was generated from. A stopped run goes on where it was.
+
+    Raises:
+        DatasetError: an object's mesh is not the one it was generated from.
+    """
+    manifest = read_manifest(folder)
+    meshes = ObjectMeshes(manifest, objects)
+    names = [name for name in complete_objects(folder, manifest) if read_shard(folder, manifest, name).turns is None]
+    for name in names:
+        meshes.check_known(name)
+    label = partial(TurnLabels, folder, replace(manifest, objects={}, failed_objects={}), meshes)
+    with progress() as bars, closing(run_tasks(label, names, workers=workers)) as results:
+        bar = bars.add_task("objects", total=len(names))
+        for name, result in results:
+            if isinstance(result, WorkerDied):
+                raise DatasetError(f"{name} could not be judged: {result.reason}; the same command goes on")
+            bars.update(bar, advance=1)
+    return len(names)
 
 
 @dataclass(frozen=True)

@@ -8,7 +8,7 @@ import torch
 
 from dexnudge.dataset.loading import Dataset
 from dexnudge.dataset.manifest import Manifest, joint_groups
-from dexnudge.dataset.schema import BEHAVIOURS, ConfigurationRow
+from dexnudge.dataset.schema import BEHAVIOURS
 from dexnudge.diffusion.config import TrainingConfig
 from dexnudge.diffusion.network import ConditionalDenoiser
 from dexnudge.diffusion.prior import DiffusionPrior
@@ -20,7 +20,7 @@ from dexnudge.objects.builtin import builtin_object
 from dexnudge.sampling.problem import prepare
 from dexnudge.sampling.sampler import Sampler
 from dexnudge.scenes.families import build_scene
-from dexnudge.synthesis.object_data import generate_object
+from dexnudge.synthesis.object_data import GeneratedObject, generate_object
 
 OBJECT = "remote"  # neither in builtin:train nor in builtin:test
 WARM_UP_ATTEMPTS, WARM_UP_STEPS = 32, 3  # the first ones load kernels and allocate memory
@@ -37,39 +37,36 @@ def measure_rates(hand: Hand, training: TrainingConfig, *, seed: int, grasps: bo
     torch.set_num_threads(1)
     mesh, generator = builtin_object(OBJECT), np.random.default_rng(seed)
 
-    def generate(**attempts: int) -> tuple[list[ConfigurationRow], np.ndarray, Counter[str], float]:
+    def generate(*, non_prehensile: int = 0, grasps: int = 0) -> tuple[GeneratedObject, float]:
         begun = time.perf_counter()
-        rows, cloud, counts = generate_object(
-            hand, mesh, **{"non_prehensile": 0, "grasps": 0, **attempts}, generator=generator, seed=seed
-        )
-        rejected: Counter[str] = Counter()
-        for count in counts.values():
-            rejected.update(count.rejected)
-        return rows, cloud, rejected, time.perf_counter() - begun
+        made = generate_object(hand, mesh, non_prehensile=non_prehensile, grasps=grasps, generator=generator, seed=seed)
+        return made, time.perf_counter() - begun
 
     generate(non_prehensile=WARM_UP_ATTEMPTS)
-    rows, cloud, rejected, seconds = generate(non_prehensile=BATCH)
-    if not rows:
+    made, seconds = generate(non_prehensile=BATCH)
+    if not made.rows:
+        rejected: Counter[str] = Counter()
+        for count in made.counts.values():
+            rejected.update(count.rejected)
         reasons = ", ".join(f"{reason} {number}" for reason, number in rejected.most_common(TOP_REASONS))
         raise DatasetError(
             f"none of {BATCH} attempts at a push, press or hook with hand '{hand.name}' is kept (rejected: {reasons}); "
             "expected some to learn from; look at the palm's direction and the fingertips in the hand's YAML"
         )
     per_grasp = generate(grasps=GRASPS[0])[-1] / GRASPS[0] if grasps else None
-    step, prior = _time_steps(hand, rows, cloud, training)
+    step, prior = _time_steps(hand, made, training)
     return LearningRates(
         attempt=seconds / BATCH,
-        kept=len(rows) / BATCH,
+        kept=len(made.rows) / BATCH,
         grasp=per_grasp,
         step=step,
         trial=_time_trial(hand, prior, seed),
     )
 
 
-def _time_steps(
-    hand: Hand, rows: list[ConfigurationRow], cloud: np.ndarray, config: TrainingConfig
-) -> tuple[float, DiffusionPrior]:
+def _time_steps(hand: Hand, made: GeneratedObject, config: TrainingConfig) -> tuple[float, DiffusionPrior]:
     """Return seconds of a step on one object's rows, and the prior that these few steps made."""
+    rows = made.rows
     manifest = Manifest(hand=hand.name, joint_names=hand.joint_names, joint_groups=joint_groups(hand), objects={})
     dataset = Dataset(
         manifest=manifest,
@@ -78,7 +75,9 @@ def _time_steps(
         object_index=np.zeros(len(rows), dtype=np.int64),
         behaviour=np.array([BEHAVIOURS.index(row.behaviour) for row in rows], dtype=np.int64),
         direction_margin=np.array([row.direction_margin for row in rows], dtype=np.float32),
-        clouds=cloud[None].astype(np.float32),
+        clouds=made.cloud[None].astype(np.float32),
+        turn_margin=np.array([row.turn_margin for row in rows], dtype=np.float32),
+        turns=made.turns[None].astype(np.float32),
     )
     torch.set_num_threads(config.num_threads or 1)
     try:
