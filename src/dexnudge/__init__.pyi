@@ -45,6 +45,15 @@ from dexnudge.finding import Finding as Finding
 from dexnudge.scenes.scene import Scene as Scene, load_scene as load_scene
 from dexnudge.scenes.uncertainty import Uncertainty as Uncertainty
 from dexnudge.simulation.depth_camera import DepthCamera as DepthCamera, depth_views as depth_views
+from dexnudge.simulation.feedback import Feedback as Feedback, FeedbackLimits as FeedbackLimits
+from dexnudge.simulation.open_loop import OpenLoop as OpenLoop
+from dexnudge.simulation.policy import (
+    Command as Command,
+    HandDrive as HandDrive,
+    Observation as Observation,
+    Policy as Policy,
+    PushPlan as PushPlan,
+)
 from dexnudge.trajectories.base_map import BaseMap as BaseMap, find_base as find_base
 from dexnudge.trajectories.plan import JointTrajectory as JointTrajectory, Phase as Phase, Plan as Plan
 from dexnudge.trajectories.plan_episode import PlanEpisode as PlanEpisode

@@ -59,6 +59,10 @@ def pressing(simulation: SimulationModel, *forces: tuple[float, float, float]) -
         surplus=np.ones(len(force)),
         closing=np.zeros(simulation.model.nu),
         base_closing=np.zeros(3),
+        link_force=np.zeros((len(force), 3)),
+        link_torque=np.zeros((3, simulation.model.nu)),
+        link_wrench=np.zeros((3, 6)),
+        limit=5.0,
     )
 
 

@@ -30,6 +30,10 @@ def idle(simulation) -> PushForces:
         surplus=np.ones(1),
         closing=none,
         base_closing=np.zeros(3),
+        link_force=np.zeros((1, 3)),
+        link_torque=np.zeros((3, simulation.model.nu)),
+        link_wrench=np.zeros((3, 6)),
+        limit=5.0,
     )
 
 

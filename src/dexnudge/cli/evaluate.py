@@ -68,6 +68,8 @@ class Evaluate(SetOptions):
     """With --execute: play this many of each, best first."""
     execute_errors: Flag = False
     """With --execute: play the best one with other frictions and masses, too."""
+    open_loop: Flag = False
+    """With --execute: play what was planned, whatever comes of it; else the hand answers what it feels and sees."""
     then_grasp: Flag = False
     """Also slide, grasp and lift each object with its verified draws, for the lifted rate."""
     attempts: OptionalCount = None
@@ -141,7 +143,7 @@ class Evaluate(SetOptions):
         if self.execute:
             from dexnudge.experiments.execution_trial import ExecutionTrial
 
-            kinds.append(ExecutionTrial(num=self.execute_num, errors=self.execute_errors))
+            kinds.append(ExecutionTrial(num=self.execute_num, errors=self.execute_errors, feedback=not self.open_loop))
         if self.then_grasp:
             from dexnudge.experiments.lifting_trial import LiftingTrial
 

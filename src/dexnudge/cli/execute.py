@@ -42,6 +42,8 @@ class Execute:
     """Execute this many, best first."""
     workers: Count = 2
     """Processes; one core each."""
+    open_loop: Flag = False
+    """Play what was planned, whatever comes of it; else the hand answers what it feels and sees."""
     then_grasp: Flag = False
     """Slide, grasp and lift."""
     attempts: Count = 3
@@ -122,6 +124,7 @@ class Execute:
             summary = push_folder(
                 Path(self.folder),
                 top=self.top,
+                feedback=not self.open_loop,
                 workers=self.workers,
                 out=out,
                 overwrite=self.overwrite,
@@ -140,6 +143,7 @@ class Execute:
             bars.add_task("slide, grasp, lift", total=None)
             summary = lift_folder(
                 Path(self.folder),
+                feedback=not self.open_loop,
                 attempts=self.attempts,
                 seed=self.seed,
                 weights=self.weights,

@@ -21,7 +21,10 @@ from dexnudge.results.folder import SUMMARY, write_summary
 from dexnudge.results.samples import Sample
 from dexnudge.sampling.sampler import Sampler
 from dexnudge.scenes.scene import Scene
+from dexnudge.simulation.feedback import Feedback
 from dexnudge.simulation.model import TIMESTEP, SimulationModel, scene_model
+from dexnudge.simulation.open_loop import OpenLoop
+from dexnudge.simulation.policy import Policy
 from dexnudge.simulation.rollout import Divergence, Trace
 from dexnudge.simulation.success import PushVerdict
 from dexnudge.viewer.recording import Recording
@@ -224,6 +227,7 @@ class Episode:
 def execute(
     sample: Sample,
     *,
+    feedback: Policy | bool = True,
     then_grasp: bool = False,
     alternatives: Sequence[Sample] = (),
     attempts: int = 3,
@@ -235,6 +239,8 @@ def execute(
 
     Args:
         sample: a configuration in its scene, such as `samples[0]`. One that was rejected is played, too, with a warning.
+        feedback: whether the hand answers what it feels and sees, see `Feedback`; False for the plan as it is, or a policy
+            of your own.
         then_grasp: slide the object until it can be grasped, grasp it, lift it by 10 cm and hold it for 2 s.
         alternatives: with `then_grasp`, configurations of the same scene with which further attempts push.
         attempts: with `then_grasp`, at most so many; each goes on from where the one before left hand and object.
@@ -256,12 +262,13 @@ def execute(
             f"the configuration was rejected for '{sample.reason}'; it is executed all the same", stacklevel=2
         )
     q = np.stack([np.asarray(each.q, dtype=np.float64) for each in (sample, *alternatives)])
+    policy = feedback if isinstance(feedback, Policy) else Feedback() if feedback else OpenLoop()
     if not then_grasp:
         simulation = scene_model(sample.hand, sample.scene)
-        return Episode(sample.scene, simulation, Executor(sample.scene, simulation)(q[0]))
+        return Episode(sample.scene, simulation, Executor(sample.scene, simulation, policy)(q[0]))
     sampler = Sampler.from_pretrained(sample.hand, weights=weights)
     simulation = scene_model(sample.hand, sample.scene)
-    result = SlideGraspLift(sample.scene, simulation, q, sampler, draws=draws, seed=seed).run(attempts)
+    result = SlideGraspLift(sample.scene, simulation, q, sampler, draws=draws, seed=seed, policy=policy).run(attempts)
     used = next((one.configuration for one in result.attempts if one.configuration >= 0), 0)
     return Episode(sample.scene, simulation, result, used)
 

@@ -11,8 +11,10 @@ from dexnudge.planning.approach import Approach, ApproachPlanner
 from dexnudge.planning.hand_clearance import Blocked
 from dexnudge.planning.object_path import push_length, stations
 from dexnudge.scenes.scene import Scene
+from dexnudge.simulation.feedback import Feedback
 from dexnudge.simulation.hand_path import push_path
 from dexnudge.simulation.model import SimulationModel
+from dexnudge.simulation.policy import Policy
 from dexnudge.simulation.push_forces import PushForces, push_forces
 from dexnudge.simulation.rollout import Divergence, Rollout, Trace
 from dexnudge.simulation.success import PushVerdict, judge_push
@@ -36,10 +38,14 @@ class Execution:
 
 
 class Executor:
-    """Pushes the object of one scene, of which `simulation` is the model, by `push_length(scene)` with configurations q."""
+    """Pushes the object of one scene, of which `simulation` is the model, by `push_length(scene)` with configurations q.
 
-    def __init__(self, scene: Scene, simulation: SimulationModel) -> None:
+    policy: what decides step by step; feedback unless given.
+    """
+
+    def __init__(self, scene: Scene, simulation: SimulationModel, policy: Policy | None = None) -> None:
         self._scene, self._simulation, self._hand = scene, simulation, simulation.hand
+        self._policy = policy or Feedback()
         self._length = push_length(scene)
         self._planner = ApproachPlanner(self._hand, scene)
         self._stations, self._task = stations(scene, self._length), sliding_task(scene)
@@ -75,7 +81,7 @@ class Executor:
     ) -> Rollout:
         times, way = approach.last_stretch if isinstance(approach, Approach) else (np.zeros(1), q[None])
         rollout = Rollout(simulation, way[0])
-        rollout.push(push_path(times, way, motion=self._scene.object_motion, length=self._length), forces)
+        rollout.push(push_path(times, way, motion=self._scene.object_motion, length=self._length), forces, self._policy)
         return rollout
 
     def _judge(self, rollout: Rollout) -> PushVerdict:

@@ -15,7 +15,9 @@ from dexnudge.jobs.processes import WorkerDied, run_tasks
 from dexnudge.planning.outcomes import Outcome
 from dexnudge.results.folder import load_samples, read_inputs, write_summary
 from dexnudge.results.samples import Samples
+from dexnudge.simulation.feedback import Feedback
 from dexnudge.simulation.model import load_scene_model, scene_model
+from dexnudge.simulation.open_loop import OpenLoop
 
 PUSH_FOLDER, LIFT_FOLDER = "execution", "slide_grasp_lift"  # in the result folder, unless told otherwise
 
@@ -40,6 +42,7 @@ def push_folder(
     folder: Path,
     *,
     top: int = 1,
+    feedback: bool = True,
     workers: int = 1,
     out: Path | None = None,
     overwrite: bool = False,
@@ -64,7 +67,7 @@ def push_folder(
         episodes: list[Episode] = []
         rows: list[dict[str, Any]] = []
         tasks = list(enumerate(samples.q.astype(np.float64)))
-        handler = partial(_executor, folder.absolute(), simulation.xml)
+        handler = partial(_executor, folder.absolute(), simulation.xml, feedback=feedback)
         for (index, _), result in run_tasks(handler, tasks, workers=min(workers, len(tasks))):
             if isinstance(result, Execution):
                 episode = Episode(samples.scene, simulation, result, index)
@@ -90,9 +93,9 @@ def push_folder(
     return summary
 
 
-def _executor(folder: Path, xml: str) -> Callable[[tuple[int, np.ndarray]], Execution]:
+def _executor(folder: Path, xml: str, *, feedback: bool) -> Callable[[tuple[int, np.ndarray]], Execution]:
     scene, hand = read_inputs(folder)
-    executor = Executor(scene, load_scene_model(xml, hand, scene))
+    executor = Executor(scene, load_scene_model(xml, hand, scene), Feedback() if feedback else OpenLoop())
     return lambda task: executor(task[1])
 
 
@@ -110,6 +113,7 @@ def _died(index: int, result: WorkerDied) -> dict[str, Any]:
 def lift_folder(
     folder: Path,
     *,
+    feedback: bool = True,
     attempts: int = 3,
     seed: int = 0,
     weights: Path | str | None = None,
@@ -130,6 +134,14 @@ def lift_folder(
     first, *others = read_verified(folder)
     out = out or folder / LIFT_FOLDER
     with new_folder(out, overwrite=overwrite, marker=MODEL_FILE, ours=EPISODE_FILES) as written:
-        episode = execute(first, then_grasp=True, alternatives=others, attempts=attempts, seed=seed, weights=weights)
+        episode = execute(
+            first,
+            feedback=feedback,
+            then_grasp=True,
+            alternatives=others,
+            attempts=attempts,
+            seed=seed,
+            weights=weights,
+        )
         title, options = f"{folder.absolute().name}: slide, grasp, lift", {"seed": seed, "most_attempts": attempts}
         return episode.write_all(written, title=title, pictures=films, details=options)

@@ -20,9 +20,11 @@ from dexnudge.planning.object_path import GraspableLimits, plan_object_motion, s
 from dexnudge.planning.outcomes import Outcome
 from dexnudge.sampling.sampler import Sampler
 from dexnudge.scenes.scene import Scene
+from dexnudge.simulation.feedback import Feedback
 from dexnudge.simulation.hand_path import SPEED, along_line, push_path
 from dexnudge.simulation.hold import LiftRehearsal
 from dexnudge.simulation.model import SimulationModel
+from dexnudge.simulation.policy import Policy
 from dexnudge.simulation.push_forces import push_forces
 from dexnudge.simulation.rollout import Divergence, Trace
 from dexnudge.simulation.success import MOST_PENETRATION, MOST_TURNED, judge_lift
@@ -86,9 +88,15 @@ def overhang(scene: Scene) -> float | tuple[Outcome, str]:
 
 
 class Slide:
-    """Slides the object of a stage along the scene's motion with configurations q, each of them once, in their order."""
+    """Slides the object of a stage along the scene's motion with configurations q, each of them once, in their order.
 
-    def __init__(self, stage: SceneRollout, q: Float[np.ndarray, "n coordinates"]) -> None:
+    policy: what decides step by step; feedback unless given.
+    """
+
+    def __init__(
+        self, stage: SceneRollout, q: Float[np.ndarray, "n coordinates"], policy: Policy | None = None
+    ) -> None:
+        self._policy = policy or Feedback()
         self._stage, self._waiting = stage, dict(enumerate(np.asarray(q, dtype=np.float64)))
 
     def __call__(self, scene: Scene, attempt: Attempt) -> Attempt:
@@ -108,7 +116,9 @@ class Slide:
         task = sliding_task(scene)
         with rollout.elsewhere():
             forces = push_forces(self._stage.model_at(scene), q, contacts, stations(scene, plan.length), task)
-        rollout.push(push_path(*approach.last_stretch, motion=scene.object_motion, length=plan.length), forces)
+        rollout.push(
+            push_path(*approach.last_stretch, motion=scene.object_motion, length=plan.length), forces, self._policy
+        )
         self._catch_up(scene, plan.length)
         self._stage.back_off(approach)
         outcome, detail = self._judged(scene)
@@ -194,10 +204,11 @@ class SlideGraspLift:
         *,
         draws: int = GRASP_DRAWS,
         seed: int,
+        policy: Policy | None = None,
     ) -> None:
         self._stage = SceneRollout(scene, simulation)
         finder = GraspFinder(simulation.hand, sampler, scene, LiftRehearsal(simulation, scene))
-        self._slide = Slide(self._stage, q)
+        self._slide = Slide(self._stage, q, policy)
         self._grasp = GraspAndLift(self._stage, finder, draws=draws, seed=seed)
 
     def run(self, most_attempts: int) -> SlideGraspLiftResult:

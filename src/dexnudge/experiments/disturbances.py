@@ -15,8 +15,12 @@ VERIFIED_AT = (
     ("mass", 2.0),
 )
 """Quantities of the scene and factors at which draws are verified again."""
-EXECUTED_AT = tuple(
-    (name, factor) for name in ("friction_hand", "friction_environment", "mass") for factor in (0.5, 1.5)
+EXECUTED_AT = (
+    ("friction_hand", 0.5),
+    ("friction_hand", 0.75),
+    ("friction_environment", 1.5),
+    ("mass", 0.5),
+    ("mass", 2.0),
 )
 """The same in physics, while approach and forces are planned without the factor."""
 AS_DRAWN = "as drawn"  # the setting for which draws were made, ranked and planned

@@ -30,7 +30,9 @@ from dexnudge.experiments.trial import Section
 from dexnudge.planning.approach import Approach
 from dexnudge.planning.outcomes import Outcome
 from dexnudge.results.samples import Sample, Samples
+from dexnudge.simulation.feedback import Feedback
 from dexnudge.simulation.model import SimulationModel, changed_physics, scene_model
+from dexnudge.simulation.open_loop import OpenLoop
 from dexnudge.synthesis.acceptance import behaviour_along
 
 MARGIN_EDGES = (1.0, 1.25, 1.5, 2.0, 2.5, 3.0)  # of the bins of force margins
@@ -140,6 +142,7 @@ class ExecutionTrial(DrawnTrial[ExecutionRecord]):
     """Execute the best verified draws.
 
     num: of them, best first. errors: whether the best one is also played in the physics of `EXECUTED_AT`.
+    feedback: whether the hand answers what it feels and sees.
     """
 
     title: ClassVar[str] = "Executed in physics"
@@ -165,13 +168,15 @@ class ExecutionTrial(DrawnTrial[ExecutionRecord]):
 
     num: int = 1
     errors: bool = False
+    feedback: bool = True
 
     def start_with(self, sampler: TrialSampler) -> Callable[[Samples, int], dict[str, Any]]:
         """Return what plays the best verified draws of a trial."""
 
         def play(samples: Samples, _: int) -> dict[str, Any]:
             simulation = scene_model(sampler.hand, samples.scene)
-            executor, chosen = Executor(samples.scene, simulation), samples.verified[: self.num]
+            policy = Feedback() if self.feedback else OpenLoop()
+            executor, chosen = Executor(samples.scene, simulation, policy), samples.verified[: self.num]
             return {"executed": [self._executed(rank, each, executor, simulation) for rank, each in enumerate(chosen)]}
 
         return play

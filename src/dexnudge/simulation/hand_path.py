@@ -13,7 +13,7 @@ from dexnudge.simulation.model import TIMESTEP
 Path = Float[np.ndarray, "step coordinates"]  # q (world) at every step
 
 SPEED = 0.05  # [m/s] of the object's fastest point along the motion
-PHASES = SETTLE, _, SQUEEZE, PUSH, _ = ("settle", "approach", "squeeze", "push", "stop")  # of a push
+PHASES = SETTLE, _, SQUEEZE, PUSH, STOP = ("settle", "approach", "squeeze", "push", "stop")  # of a push
 SETTLE_TIME = 0.1  # [s] in which the object comes to rest on its supports, untouched
 SQUEEZE_TIME = 0.4  # [s] in which the fingers close the last 2 mm and the forces build up
 RAMP_TIME = 0.1  # [s] in which each stage of the motion gets to its speed, and stops
@@ -78,7 +78,7 @@ class PushPath:
 
     position [m] and quaternion (wxyz) of the palm, world. angles: joint angles [rad]. phase: one of PHASES. done: share of
     the push's length that is behind the hand. displacement: by which the motion has carried the object since contact, a
-    rigid transform in the world.
+    rigid transform in the world. length: of the push [m].
     """
 
     position: Float[np.ndarray, "step 3"]
@@ -87,6 +87,7 @@ class PushPath:
     phase: np.ndarray
     done: Float[np.ndarray, " step"]
     displacement: Float[np.ndarray, "step 4 4"]
+    length: float
 
     @property
     def velocity(self) -> Float[np.ndarray, "step 6"]:
@@ -134,6 +135,7 @@ def push_path(
         phase=phase,
         done=travelled / length,
         displacement=displacement,
+        length=length,
     )
 
 

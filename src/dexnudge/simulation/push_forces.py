@@ -79,11 +79,12 @@ def _gap(simulation: SimulationModel, link: int) -> tuple[float, Float[np.ndarra
 
 CONE_SHARES = (0.5, 0.7, 0.85, 1.0)  # of the hand's friction that the forces use; the first that balances is taken
 SURPLUS = 1.4  # times the forces that balance: an object then follows even where its support is rougher than planned
-PRELOAD = 3.0  # [N] with which every link that touches should press: a finger that rests keeps the object from turning
+PRELOAD = 1.0  # [N] with which every link that touches should press: a finger that rests keeps the object from turning
 BALANCE = 100.0  # weight of the net wrench against the size of the forces: balance comes first
 TENDON = 3.0  # weight of torques that a shared tendon cannot make
 PRESSING = 0.5  # weight of the preload
 EVENNESS = 0.1  # weight of each edge's own size: forces spread over contacts
+ROOM = 0.8  # of the limit of a link that is planned for where that balances: the rest is left to control
 LEVER = 0.05  # [m] that makes a torque a force in these weights: a finger's segment
 UNBALANCED = 0.02  # net wrench over weight up to which forces count as balanced
 LEAST_FORCE = 0.05  # [N] below which a link need not touch
@@ -98,10 +99,11 @@ class PushForces:
 
     done: share of the push's length that is behind each place. force: on the object per contact [N]. motor_torque: [N m]
     per motor, [N] of one that slides. base_wrench: force [N] and torque about the palm's origin [N m] that the base is to
-    press with. cone_share: of the hand's friction
-    that the forces use; 0 where no forces balance at the beginning and the hand only holds its place. surplus: by which
-    those that balance were multiplied.
+    press with. cone_share: of the hand's friction that the forces use; 0 where no forces balance at the beginning and the
+    hand only holds its place. surplus: by which those that balance were multiplied.
     closing: of each motor until the pressing links touch [rad], sliding ones [m], and base_closing of the base [m].
+    link_force: normal force per link [N]. link_torque, link_wrench: torques and wrench that add one newton to it, at the
+    beginning; zero for links without contacts. limit: of each link [N].
     """
 
     done: Float[np.ndarray, " place"]
@@ -112,6 +114,10 @@ class PushForces:
     surplus: Float[np.ndarray, " place"]
     closing: Float[np.ndarray, " motor"]
     base_closing: Float[np.ndarray, " 3"]
+    link_force: Float[np.ndarray, "place link"]
+    link_torque: Float[np.ndarray, "link motor"]
+    link_wrench: Float[np.ndarray, "link 6"]
+    limit: float
 
 
 @dataclass(frozen=True)
@@ -153,15 +159,20 @@ def push_forces(
     load = np.linalg.norm(force, axis=2).max(axis=0)
     pressing = np.flatnonzero(np.bincount(contacts.link, weights=load, minlength=1) > LEAST_FORCE)
     closed = closed_configuration(simulation, q, pressing.tolist())
+    link_force, unit = _of_links(pushed, force)
     return PushForces(
         done=np.array([station.done for station in stations]),
         force=force,
         motor_torque=np.stack([_motor_torque(pushed, each) for each in force]),
-        base_wrench=np.concatenate([force, np.cross(contacts.points - q[:3], force)], axis=2).sum(axis=1),
+        base_wrench=_base_wrench(pushed, force),
         cone_share=share,
         surplus=surplus,
         closing=simulation.motor_of_angle @ (closed - q)[ROOT_COORDINATES:],
         base_closing=(closed - q)[:3],
+        link_force=link_force,
+        link_torque=np.stack([_motor_torque(pushed, each) for each in unit]),
+        link_wrench=_base_wrench(pushed, unit),
+        limit=task.max_normal_force,
     )
 
 
@@ -172,11 +183,25 @@ def _carried(pushed: _Pushed, station: Station) -> _Pushed:
     return replace(pushed, contacts=contacts, task=station.task(pushed.task), jacobians=jacobians)
 
 
+def _base_wrench(pushed: _Pushed, force: Float[np.ndarray, "n contact 3"]) -> Float[np.ndarray, "n 6"]:
+    return np.concatenate([force, np.cross(pushed.contacts.points - pushed.q[:3], force)], axis=2).sum(axis=1)
+
+
+def _of_links(
+    pushed: _Pushed, force: Float[np.ndarray, "place contact 3"]
+) -> tuple[Float[np.ndarray, "place link"], Float[np.ndarray, "link contact 3"]]:
+    """Return the normal force of every link [N], and what one newton of it, spread over its contacts, is."""
+    contacts = pushed.contacts
+    mine = contacts.link == np.arange(len(pushed.simulation.hand.link_names))[:, None]
+    normal = -np.einsum("pcx,cx->pc", force, contacts.normals)
+    return normal @ mine.T, mine[..., None] * -contacts.normals / np.maximum(mine.sum(axis=1), 1)[:, None, None]
+
+
 def _surplus(force: Float[np.ndarray, "contact 3"], contacts: HandContacts, task: SlidingTask) -> float:
     """Return `SURPLUS`, or less where a link would press harder than it may."""
     normal = -np.einsum("cx,cx->c", force, contacts.normals)
     hardest = float(np.bincount(contacts.link, weights=normal, minlength=1).max())
-    return max(1.0, min(SURPLUS, task.max_normal_force / hardest)) if hardest > 0 else 1.0
+    return max(1.0, min(SURPLUS, ROOM * task.max_normal_force / hardest)) if hardest > 0 else 1.0
 
 
 def _chosen(pushed: _Pushed, station: Station) -> tuple[Float[np.ndarray, "contact 3"], float] | None:
@@ -189,7 +214,9 @@ def _chosen(pushed: _Pushed, station: Station) -> tuple[Float[np.ndarray, "conta
     kept = pressing(contacts, task.twist)
     tries = [(kept, share) for share in CONE_SHARES[:-1]] + [(np.ones_like(kept), share) for share in CONE_SHARES]
     for used, share in tries:
-        narrowed = replace(task, friction_hand=share * task.friction_hand)
+        narrowed = replace(
+            task, friction_hand=share * task.friction_hand, max_normal_force=ROOM * task.max_normal_force
+        )
         some = some_contacts(contacts, used)
         found = _balanced(
             replace(pushed, contacts=some, task=narrowed, jacobians=pushed.jacobians[used]), station.supports

@@ -7,40 +7,24 @@ commands, one a step, made while the simulation runs, so that a command may depe
 from collections.abc import Iterable, Iterator
 from contextlib import contextmanager
 from dataclasses import dataclass, fields
-from typing import NamedTuple
 
 import mujoco
 import numpy as np
 from jaxtyping import Float, Int
-from scipy.spatial.transform import Rotation
 
 from dexnudge.hands.hand import ROOT_COORDINATES
-from dexnudge.simulation.hand_path import SQUEEZE, Path, PushPath, interpolated, palm_velocity, rotations
+from dexnudge.simulation.hand_path import Path, PushPath, palm_velocity, rotations
 from dexnudge.simulation.model import ENVIRONMENT_SIDE, HAND_SIDE, OBJECT_SIDE, TIMESTEP, SimulationModel
+from dexnudge.simulation.open_loop import OpenLoop
+from dexnudge.simulation.policy import Command, HandDrive, Policy, PushPlan, Senses
 from dexnudge.simulation.push_forces import PushForces
 
 RECORD_STEPS = 10  # between two records: 20 ms
 FASTEST = 100.0  # [m/s, rad/s] anything faster has diverged
 FAR = 0.05  # [m] clearances above this are not told apart
-TOUCHING, LOADED = 0.3, 0.8  # of the time of the squeeze: fingers have closed, forces are built up; the rest settles
-FOLLOW_TIME = 0.05  # [s] in which the base's target goes down or up to where the pressing hand has come to rest
-MOST_FOLLOWED = 0.005  # [m]
 CLOSING_STEPS = 10  # between two updates of the squeeze: 20 ms
 CLOSE_RAMP, CLOSE_TIME, GRIP_SETTLE_TIME = 0.1, 0.2, 0.1  # [s] of a grasp that closes, as in the hold test
 STATE = mujoco.mjtState.mjSTATE_INTEGRATION
-
-
-class Command(NamedTuple):
-    """What hand and fingers are told for one step.
-
-    q: configuration (world), whose first three are the target of the base. quaternion: of that target, wxyz. ctrl: of all
-    motors, those of the base included. phase: its name.
-    """
-
-    q: Float[np.ndarray, " coordinates"]
-    quaternion: Float[np.ndarray, " 4"]
-    ctrl: Float[np.ndarray, " motor"]
-    phase: str
 
 
 @dataclass(frozen=True, kw_only=True)
@@ -106,8 +90,7 @@ class Rollout:
         self._grip: np.ndarray | None = None
         simulation.place(self.commanded)
         self._last_state, self._last_step = self._state(), 0
-        model = simulation.model
-        self._low, self._high = np.where(model.actuator_ctrllimited, model.actuator_ctrlrange.T, [[-np.inf], [np.inf]])
+        self._drive = HandDrive.of(simulation)
 
     @property
     def T_world_object(self) -> Float[np.ndarray, "4 4"]:
@@ -134,12 +117,17 @@ class Rollout:
         mujoco.mj_forward(model, data)  # what follows from the state; changes the warm start
         mujoco.mj_setState(model, data, kept, STATE)
 
-    def push(self, path: PushPath, forces: PushForces) -> None:
-        """Close in, squeeze with the forces, and carry the object along."""
+    def push(self, path: PushPath, forces: PushForces, policy: Policy | None = None, *, sees: bool = True) -> None:
+        """Close in, squeeze with the forces, and carry the object along, as `policy` decides; open loop unless given.
+
+        sees: whether the policy observes the object's pose.
+        """
         self._grip = None
         if self._recorded and not self._columns["time"]:
             self._record(str(path.phase[0]), 0.0)
-        self.play(self._push_commands(path, forces))
+        policy = policy or OpenLoop()
+        policy.start(PushPlan(path, forces, self._drive))
+        self.play(self._policy_commands(policy, Senses(self.simulation, sees=sees)))
 
     def follow(self, path: Path, phase: str) -> None:
         """Move the hand along `path`; the fingers keep their grip where there is one."""
@@ -207,40 +195,10 @@ class Rollout:
                 self._record(command.phase, deepest)
             self.commanded = np.array(command.q)
 
-    def _push_commands(self, path: PushPath, forces: PushForces) -> Iterator[Command]:
-        """Yield the commands of a push.
-
-        Pressing, the base is told a force and no height: as fingers give way the hand sinks, and a target that stayed would
-        pull it up by as much as it should press. So the target's height follows, by up to 5 mm.
-        """
-        simulation, data = self.simulation, self.simulation.data
-        place = path.angles @ simulation.motor_of_angle.T
-        squeezing = np.flatnonzero(path.phase == SQUEEZE)
-        rotation = Rotation.from_quat(path.quaternion, scalar_first=True)
-        columns = rotation.as_matrix()[:, :, :2].transpose(0, 2, 1).reshape(-1, 6)
-        to_base = rotation.inv()
-        moving = _in_base(to_base, simulation.base_damping * path.velocity) / simulation.base_stiffness
-        carried = path.displacement[:, :3, :3]
-        wrench = interpolated(path.done, forces.done, forces.base_wrench).reshape(-1, 2, 3)
-        wrench = np.einsum("sxy,sky->skx", carried, wrench).reshape(-1, 6)
-        pressing = _in_base(to_base, wrench) / simulation.base_stiffness
-        torque = interpolated(path.done, forces.done, forces.motor_torque)
-        closed = loaded = followed = 0.0
-        for step, phase in enumerate(path.phase.tolist()):
-            if phase == SQUEEZE:
-                done = (step - squeezing[0] + 1) / len(squeezing)
-                closed, loaded = np.clip([done / TOUCHING, (done - TOUCHING) / (LOADED - TOUCHING)], 0.0, 1.0)
-            position = path.position[step] + closed * (carried[step] @ forces.base_closing)
-            if loaded > 0:
-                sunk = data.qpos[simulation.palm_position + 2] - position[2]
-                followed += TIMESTEP / FOLLOW_TIME * (sunk - followed)
-                followed = float(np.clip(followed, -MOST_FOLLOWED, MOST_FOLLOWED))
-                position[2] += followed
-            offset = closed * forces.closing + loaded * torque[step] / simulation.motor_gain
-            ctrl = np.clip(place[step] + offset, self._low, self._high)
-            ctrl[simulation.base_motor] = moving[step] + loaded * pressing[step]
-            q = np.concatenate([position, columns[step], path.angles[step]])
-            yield Command(q, path.quaternion[step], ctrl, phase)
+    def _policy_commands(self, policy: Policy, senses: Senses) -> Iterator[Command]:
+        """Yield what the policy commands, each for what it observes then."""
+        while (command := policy.command(senses.observe())) is not None:
+            yield command
 
     def _path_commands(
         self,
@@ -257,7 +215,7 @@ class Rollout:
         moving = simulation.base_damping * palm_velocity(path, self.commanded) / simulation.base_stiffness
         quaternions = rotations(path).as_quat(scalar_first=True)
         for step, q in enumerate(path):
-            ctrl = np.clip(motors[step], self._low, self._high)
+            ctrl = np.clip(motors[step], self._drive.lower, self._drive.upper)
             ctrl[simulation.base_motor] = moving[step] + pressing
             yield Command(q, quaternions[step], ctrl, phase)
 
@@ -323,8 +281,3 @@ def _pair_sides(simulation: SimulationModel) -> Int[np.ndarray, " contact"]:
     """Return the two sides of each current contact, as the sum of their bits."""
     geoms = np.asarray(simulation.data.contact.geom).reshape(-1, 2)
     return np.asarray(simulation.side[geoms].sum(axis=1))
-
-
-def _in_base(to_base: Rotation, wrench: Float[np.ndarray, "step 6"]) -> Float[np.ndarray, "step 6"]:
-    """Turn force and torque per step from the world's axes to those of the base's target."""
-    return np.concatenate([to_base.apply(wrench[:, :3]), to_base.apply(wrench[:, 3:])], axis=1)

@@ -13,16 +13,13 @@ from dexnudge.hands.hand import Hand
 from dexnudge.mechanics.sliding_task import sliding_task
 from dexnudge.planning.object_path import push_length, stations
 from dexnudge.scenes.scene import Scene
-from dexnudge.simulation.hand_path import PHASES, PUSH, SQUEEZE, interpolated, orthonormal, push_path
+from dexnudge.simulation.hand_path import PUSH, SQUEEZE, STOP, interpolated, orthonormal, push_path
 from dexnudge.simulation.model import SimulationModel
 from dexnudge.simulation.push_forces import LEAST_FORCE, push_forces
 from dexnudge.simulation.rollout import Rollout
 from dexnudge.simulation.success import PushVerdict, judge_push
 from dexnudge.verification.penetration import PenetrationCheck
 from dexnudge.verification.verdicts import contacts_of
-
-STOP = PHASES[-1]
-
 
 GIVING_WAY = (1.0, 0.5, 0.0)  # of what fingers gave way by in a rehearsal; where that is not clean, less is planned
 DEEPEST = 0.0009  # [m] of the hand in object, surroundings or itself: nearly what a configuration may have

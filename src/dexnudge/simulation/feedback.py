@@ -1,0 +1,261 @@
+"""A push that feels: it presses harder where the object slips, less where a link exceeds its limit, aims anew, and waits.
+
+The plan says where the object should be at every step, as a rigid motion. What it is off by is split along the twist of that
+motion, a lag in metres of way, and across it; so slides, turns and tips are treated alike.
+"""
+
+from dataclasses import dataclass
+
+import numpy as np
+from jaxtyping import Float
+from scipy.spatial.transform import Rotation
+
+from dexnudge.simulation.hand_path import PUSH, SETTLE, SPEED, PushPath, interpolated
+from dexnudge.simulation.model import TIMESTEP
+from dexnudge.simulation.open_loop import OpenLoop, in_base
+from dexnudge.simulation.policy import Command, Observation, PushPlan
+
+FEEL_TIME = 0.03  # [s] over which forces and speeds are smoothed: contacts chatter from one step to the next
+PULL_TIME = 0.1  # [s] the same for the ratio of pull to press
+STILL_TIME = 0.3  # [s] the same for whether the object moves at all
+LEVER = 0.06  # [m] that makes an angle a length where errors are split: half of a phone
+LEAST = 0.3  # [N] below which a link or a hand does not press
+ROTATION_GAIN = 4.0  # of the base's torques over its forces: a palm's turn moves stiff fingers little
+SLIPPING = 0.3  # of the hand's speed at which press rises as fast as it may
+
+
+@dataclass(frozen=True, kw_only=True)
+class FeedbackLimits:
+    """How far, and how fast, feedback may go away from the plan.
+
+    Attributes:
+        room: share of a link's greatest force that is asked of it; the rest is left to control.
+        press: least and greatest press, times the planned one. press_rate, relax_rate: of its rise and fall [1/s].
+        slip: way by which the object may stay behind the palm [m]; so far fingers give way.
+        pull: times the planned ratio of pull to press above which the hand presses harder.
+        tilt: of the object against the plan above which the hand presses less [rad].
+        slowest: share of the speed at which the hand waits for the object, longest_wait: in all [s].
+        close: lag at the end that is left [m]. most_ahead: way that the hand pushes on, [m] and share of the length.
+        lost: slip of an object that stands still, above which the push ends [m]. most_off: turn of the object away from the
+            plan above which it ends, too [rad].
+        aim_way: way over which an error across the motion is answered [m]. aside [m], turned [rad]: most of that answer.
+        track_time: in which the base catches up with its own path [s]. tracked: least and greatest lead of its target [m].
+        link_time, base_time: in which fingers and base bring a link's force to what it should be [s]. band: share of the
+            force by which it may be off. over: times as fast above the limit. leak: time in which this is forgotten [s].
+        base_force [N], base_torque [N m]: most that is so added to the base's, along and about each axis.
+    """
+
+    room: float = 0.8
+    press: tuple[float, float] = (0.4, 2.5)
+    press_rate: float = 4.0
+    relax_rate: float = 0.3
+    slip: float = 0.002
+    pull: float = 1.15
+    tilt: float = 0.008
+    slowest: float = 0.3
+    longest_wait: float = 0.7
+    close: float = 0.003
+    most_ahead: tuple[float, float] = (0.03, 0.3)
+    lost: float = 0.008
+    most_off: float = 0.15
+    aim_way: float = 0.03
+    aside: float = 0.005
+    turned: float = 0.1
+    track_time: float = 0.15
+    tracked: tuple[float, float] = (-0.005, 0.025)
+    link_time: float = 0.1
+    base_time: float = 0.15
+    band: float = 0.15
+    over: float = 2.5
+    leak: float = 0.5
+    base_force: float = 10.0
+    base_torque: float = 2.0
+
+
+class Feedback:
+    """Follows the plan, corrected by what is felt and seen.
+
+    - **Press**: torques of the fingers and wrench of the base are scaled up while the object slips behind the palm, or while
+      the base pulls more per newton of press than planned; down while the object tilts.
+    - **Links**: what each presses with is brought to its share, below its limit, by its fingers' torques and by the base.
+    - **Way**: the target of the base leads by what its springs give way; it slows down for an object that stays behind, and
+      pushes on at the end. The push ends early where the object stands still, or has turned too far.
+    - **Aim**: base and fingers turn and move aside, about the object, against its error across the motion.
+
+    Without the object's pose there is the ratio of pull to press, the links' forces and the base's lead.
+
+    limits: of all that; see `FeedbackLimits`.
+    """
+
+    def __init__(self, limits: FeedbackLimits | None = None) -> None:
+        self.limits = limits or FeedbackLimits()
+
+    def start(self, plan: PushPlan) -> None:
+        """Begin with the first step of the plan and no corrections."""
+        path, forces = plan.path, plan.forces
+        self._plan, self._loop = plan, OpenLoop()
+        self._loop.start(plan)
+        self._twist = twists(path)
+        self._share = interpolated(path.done, forces.done, forces.link_force)  # planned force of each link [N]
+        room = self.limits.room * forces.limit / np.maximum(self._share.max(axis=1), LEAST)
+        self._most_press = np.clip(room, 1.0, self.limits.press[1])
+        self._end = int(np.flatnonzero(path.phase == PUSH)[-1])
+        self._clock, self._rate, self._waited = 0.0, 1.0, 0.0  # step of the plan, its pace, [s]
+        self._start: Float[np.ndarray, "4 4"] | None = None  # pose of the object before the push
+        self._press, self._slip, self._slipping, self._pull = 1.0, 0.0, 0.0, 0.0
+        self._lead, self._further = 0.0, 0.0  # of the base's target [m of way]: for its springs, and at the end
+        self._way, self._moving, self._off = 0.0, 1.0, 0.0
+        self._aim, self._wrench = np.zeros((2, 6))
+        self._force, self._extra = np.zeros((2, forces.link_force.shape[1]))
+
+    def command(self, seen: Observation) -> Command | None:
+        """Return the plan's step, corrected; None when the push is over."""
+        path, step = self._plan.path, int(self._clock)
+        if step >= len(path.phase):
+            return None
+        if path.phase[step] == SETTLE or self._start is None:
+            self._start = seen.T_world_object
+        self._force += TIMESTEP / FEEL_TIME * (seen.link_force - self._force)
+        told = self._loop.at(step, seen, rate=self._rate)
+        self._rate = 1.0
+        if path.phase[step] == PUSH:
+            lag, across = self._error(seen, step)
+            behind = self._behind(seen, told, step)
+            self._feel(seen, step, lag - behind)
+            self._press_anew(step, tilt=float(np.linalg.norm(across[3:5])))
+            self._lead += TIMESTEP / self.limits.track_time * (behind + self._further)
+            self._lead = float(np.clip(self._lead, *self.limits.tracked))
+            self._aim_anew(step, lag, across)
+            self._pace(step, lag)
+        else:
+            self._clock += 1
+        if self._loop.loaded(step) > 0:
+            self._share_out(step)
+        return self._corrected(told, step)
+
+    def _error(self, seen: Observation, step: int) -> tuple[float, Float[np.ndarray, " 6"]]:
+        """Return by how much of the way the object lags [m], and what it is off by across the motion [m, rad]."""
+        if seen.T_world_object is None or self._start is None:
+            return 0.0, np.zeros(6)
+        planned, twist = self._plan.path.displacement[step] @ self._start, self._twist[step]
+        twist = np.concatenate([twist[:3] + np.cross(twist[3:], planned[:3, 3]), twist[3:]])
+        turned = Rotation.from_matrix(planned[:3, :3] @ seen.T_world_object[:3, :3].T).as_rotvec()
+        error = np.concatenate([planned[:3, 3] - seen.T_world_object[:3, 3], turned])
+        weighted = twist * np.repeat([1.0, LEVER**2], 3)
+        lag = float(error @ weighted / (twist @ weighted))
+        return lag, error - lag * twist
+
+    def _behind(self, seen: Observation, told: Command, step: int) -> float:
+        """Return by how much of the way the palm lags behind the plan [m]."""
+        twist = self._twist[step]
+        velocity = twist[:3] + np.cross(twist[3:], told.q[:3])
+        return float((told.q[:3] - seen.T_world_palm[:3, 3]) @ velocity / max(velocity @ velocity, 1e-6))
+
+    def _feel(self, seen: Observation, step: int, slip: float) -> None:
+        """Take in how fast the object slips, and the ratio of pull to press."""
+        speed = np.clip((slip - self._slip) / TIMESTEP / SPEED, -2.0, 2.0)
+        self._slipping += TIMESTEP / FEEL_TIME * (speed - self._slipping)
+        self._slip = slip if seen.T_world_object is not None else 0.0
+        pull = self._along(seen.base_wrench, seen.T_world_palm[:3, 3], step) / max(float(self._force.sum()), LEAST)
+        self._pull += TIMESTEP / PULL_TIME * (pull - self._pull)
+
+    def _along(self, wrench: Float[np.ndarray, " 6"], palm: Float[np.ndarray, " 3"], step: int) -> float:
+        """Return the power of a wrench about the palm's origin per metre of way [N]."""
+        twist = self._twist[step]
+        return float(wrench[:3] @ (twist[:3] + np.cross(twist[3:], palm)) + wrench[3:] @ twist[3:])
+
+    def _press_anew(self, step: int, *, tilt: float) -> None:
+        limits, path = self.limits, self._plan.path
+        planned = self._along(self._loop.wrench[step], path.position[step], step) / max(self._share[step].sum(), LEAST)
+        more = self._slipping / SLIPPING if self._slip > limits.slip else 0.0
+        if planned > 0:
+            more = max(more, 4.0 * (self._pull / (limits.pull * planned) - 1.0))
+        rate = limits.press_rate * min(more, 1.0) if more > 0 else -limits.relax_rate
+        least = 1.0 if self._press >= 1.0 else limits.press[0]
+        if tilt > limits.tilt:
+            rate, least = -2.0 * limits.press_rate, limits.press[0]
+        self._press = float(np.clip(self._press + TIMESTEP * rate, least, self._most_press[step]))
+
+    def _aim_anew(self, step: int, lag: float, across: Float[np.ndarray, " 6"]) -> None:
+        """Turn and move aside as the object advances; where it stands still, that would only twist the fingers."""
+        path, limits = self._plan.path, self.limits
+        way = path.done[step] * path.length - lag
+        advance = max(0.0, way - self._way)
+        self._way += advance
+        self._moving += TIMESTEP / STILL_TIME * (advance / (SPEED * TIMESTEP) - self._moving)
+        self._off = float(np.linalg.norm(across[3:]))
+        self._aim += advance / limits.aim_way * across
+        for part, most in ((slice(0, 3), limits.aside), (slice(3, 6), limits.turned)):
+            self._aim[part] *= min(1.0, most / max(float(np.linalg.norm(self._aim[part])), most))
+
+    def _pace(self, step: int, lag: float) -> None:
+        """Go on with the plan, slower where the object stays behind; at its end push on until the object is there."""
+        limits, length = self.limits, self._plan.path.length
+        lost = (self._slip > limits.lost and self._moving < 0.05) or self._off > limits.most_off
+        if lost:
+            self._clock = self._end + 1
+        elif step < self._end:
+            pressing = self._press < self._most_press[step] or self._slipping > 0.5
+            if pressing and self._waited < limits.longest_wait:
+                waiting = float(np.clip(self._slip / limits.slip - 1.5, 0.0, 1.0))
+                self._rate = 1.0 - (1.0 - limits.slowest) * waiting
+                self._waited += (1.0 - self._rate) * TIMESTEP
+            self._clock = min(self._clock + self._rate, float(self._end))
+        elif lag < limits.close or self._further >= limits.most_ahead[0] + limits.most_ahead[1] * length:
+            self._clock += 1
+        else:
+            self._rate = 0.0
+            self._further += TIMESTEP * SPEED * min(1.0, lag / (2 * limits.close))
+
+    def _share_out(self, step: int) -> None:
+        """Bring what the links press with to what they should, by the torques of their fingers and by the base's wrench."""
+        limits, forces = self.limits, self._plan.forces
+        most = limits.room * forces.limit
+        wanted = self._loop.loaded(step) * np.minimum(self._press * self._share[step], most)
+        off = wanted - self._force
+        off = np.sign(off) * np.maximum(np.abs(off) - limits.band * np.maximum(wanted, 1.0), 0.0)
+        off = np.where(self._share[step] > LEAST / 6, off, np.minimum(0.0, most - self._force))
+        off = np.where(self._force > most, limits.over, 1.0) * off
+        self._extra += TIMESTEP * (off / limits.link_time - self._extra / limits.leak)
+        self._extra = np.clip(self._extra, -wanted, most)
+        change = self._carried(step, off @ forces.link_wrench) * np.repeat([1.0, ROTATION_GAIN], 3)
+        self._wrench += TIMESTEP * (change / limits.base_time - self._wrench / limits.leak)
+        bound = np.repeat([limits.base_force, limits.base_torque], 3)
+        self._wrench = np.clip(self._wrench, -bound, bound)
+
+    def _carried(self, step: int, wrench: Float[np.ndarray, " 6"]) -> Float[np.ndarray, " 6"]:
+        """Turn a wrench from the axes in which forces are planned to the world's."""
+        return (wrench.reshape(2, 3) @ self._plan.path.displacement[step, :3, :3].T).ravel()
+
+    def _corrected(self, told: Command, step: int) -> Command:
+        drive, forces = self._plan.drive, self._plan.forces
+        more = self._loop.loaded(step) * (self._press - 1.0)
+        torque = more * self._loop.torque[step] + self._extra @ forces.link_torque
+        ctrl = np.clip(told.ctrl + torque / drive.motor_gain, drive.lower, drive.upper)
+        target = Rotation.from_quat(told.quaternion, scalar_first=True)
+        wrench = in_base(target.inv(), (more * self._loop.wrench[step] + self._wrench)[None])[0]
+        ctrl[drive.base_motor] = told.ctrl[drive.base_motor] + wrench / drive.base_stiffness
+        pivot = told.q[:3] if self._start is None else (self._plan.path.displacement[step] @ self._start)[:3, 3]
+        ahead, twist = self._lead + self._further, self._twist[step]
+        turn = Rotation.from_rotvec(self._aim[3:] + ahead * twist[3:])
+        shift = self._aim[:3] + ahead * (twist[:3] + np.cross(twist[3:], pivot))
+        rotation, q = turn * target, told.q.copy()
+        q[:3] = pivot + turn.apply(told.q[:3] - pivot) + shift
+        q[3:9] = rotation.as_matrix()[:, :2].T.ravel()
+        return Command(q, rotation.as_quat(scalar_first=True), ctrl, told.phase)
+
+
+def twists(path: PushPath) -> Float[np.ndarray, "step 6"]:
+    """Return the twist of the object's planned motion at every step: a point x (world) moves at v + w x x per metre of way.
+
+    v [m/m], then w [rad/m]; where the object rests, that of the nearest step at which it moves.
+    """
+    way, pose = path.done * path.length, path.displacement
+    moving = np.flatnonzero(np.diff(way) > 0)
+    step = pose[moving + 1] @ np.linalg.inv(pose[moving])
+    size = np.diff(way)[moving][:, None]
+    angular = Rotation.from_matrix(step[:, :3, :3]).as_rotvec() / size
+    middle = (pose[moving + 1, :3, 3] + pose[moving, :3, 3]) / 2
+    linear = (pose[moving + 1, :3, 3] - pose[moving, :3, 3]) / size - np.cross(angular, middle)
+    nearest = np.abs(np.arange(len(way))[:, None] - moving).argmin(axis=1)
+    return np.concatenate([linear, angular], axis=1)[nearest]

@@ -1,0 +1,136 @@
+"""What decides, step by step, what base and fingers are told while they push: from what a robot senses to a command."""
+
+from dataclasses import dataclass
+from typing import NamedTuple, Protocol, runtime_checkable
+
+import mujoco
+import numpy as np
+from jaxtyping import Float, Int
+from scipy.spatial.transform import Rotation
+
+from dexnudge.simulation.hand_path import PushPath
+from dexnudge.simulation.model import HAND_SIDE, OBJECT_SIDE, SimulationModel
+from dexnudge.simulation.push_forces import PushForces
+
+
+@dataclass(frozen=True, kw_only=True)
+class Observation:
+    """What a robot senses at one step.
+
+    Attributes:
+        time: since the simulation began [s].
+        joint_angles: in the order of `joint_names` [rad, m of sliding ones].
+        motor_torque: of the fingers' motors [N m, N of sliding ones]; entries of the base's motors are zero.
+        T_world_palm: pose of the palm, from the arm's joints.
+        base_wrench: force [N] and torque about the palm's origin [N m] with which the arm acts on the palm, world.
+        link_force: normal force of each link on the object [N], as skin on the links feels it.
+        T_world_object: pose of the object, as cameras see it; None for a robot that does not see it.
+    """
+
+    time: float
+    joint_angles: Float[np.ndarray, " joint"]
+    motor_torque: Float[np.ndarray, " motor"]
+    T_world_palm: Float[np.ndarray, "4 4"]
+    base_wrench: Float[np.ndarray, " 6"]
+    link_force: Float[np.ndarray, " link"]
+    T_world_object: Float[np.ndarray, "4 4"] | None
+
+
+class Command(NamedTuple):
+    """What hand and fingers are told for one step.
+
+    q: configuration (world), whose first three are the target of the base. quaternion: of that target, wxyz. ctrl: of all
+    motors, those of the base included. phase: its name.
+    """
+
+    q: Float[np.ndarray, " coordinates"]
+    quaternion: Float[np.ndarray, " 4"]
+    ctrl: Float[np.ndarray, " motor"]
+    phase: str
+
+
+@dataclass(frozen=True)
+class HandDrive:
+    """Motors of fingers and base; see `SimulationModel` for all but `lower` and `upper`, the range of their targets."""
+
+    motor_of_angle: Float[np.ndarray, "motor angle"]
+    motor_gain: Float[np.ndarray, " motor"]
+    base_motor: Int[np.ndarray, " base"]
+    base_stiffness: Float[np.ndarray, " base"]
+    base_damping: Float[np.ndarray, " base"]
+    lower: Float[np.ndarray, " motor"]
+    upper: Float[np.ndarray, " motor"]
+
+    @classmethod
+    def of(cls, simulation: SimulationModel) -> "HandDrive":
+        """Return the motors of a model."""
+        model = simulation.model
+        lower, upper = np.where(model.actuator_ctrllimited, model.actuator_ctrlrange.T, [[-np.inf], [np.inf]])
+        names = ("motor_of_angle", "motor_gain", "base_motor", "base_stiffness", "base_damping")
+        return cls(**{name: getattr(simulation, name) for name in names}, lower=lower, upper=upper)
+
+
+@dataclass(frozen=True)
+class PushPlan:
+    """What a policy is to carry out.
+
+    path: where base, fingers and object should be at every step. forces: with which the hand should press. drive: the
+    motors.
+    """
+
+    path: PushPath
+    forces: PushForces
+    drive: HandDrive
+
+
+@runtime_checkable
+class Policy(Protocol):
+    """Decides what base and fingers are told at every step of a push."""
+
+    def start(self, plan: PushPlan) -> None:
+        """Begin a push; nothing may be left from the one before."""
+
+    def command(self, seen: Observation) -> Command | None:
+        """Return what to do in the next step, or None when the push is over."""
+
+
+class Senses:
+    """Observes a simulation as a robot would; `sees`: whether it has the object's pose."""
+
+    def __init__(self, simulation: SimulationModel, *, sees: bool = True) -> None:
+        self._simulation, self._sees = simulation, sees
+        bodies = np.asarray(simulation.model.geom_bodyid)
+        self._angle = [int(simulation.model.joint(name).qposadr[0]) for name in simulation.hand.joint_names]
+        self._link = np.full(len(bodies), -1)
+        for link, body in enumerate(simulation.link_body):
+            self._link[bodies == body] = link
+
+    def observe(self) -> Observation:
+        """Return what is sensed now."""
+        simulation, data, palm = self._simulation, self._simulation.data, self._simulation.palm_position
+        base = simulation.base_motor
+        torque, force = np.array(data.actuator_force), np.array(data.actuator_force[base])
+        torque[base] = 0.0
+        pose, target = np.eye(4), Rotation.from_quat(data.mocap_quat[0], scalar_first=True).as_matrix()
+        pose[:3, :3] = Rotation.from_quat(data.qpos[palm + 3 : palm + 7], scalar_first=True).as_matrix()
+        pose[:3, 3] = data.qpos[palm : palm + 3]
+        return Observation(
+            time=data.time,
+            joint_angles=data.qpos[self._angle],
+            motor_torque=torque,
+            T_world_palm=pose,
+            base_wrench=np.concatenate([target @ force[:3], target @ force[3:]]),
+            link_force=self._link_force(),
+            T_world_object=simulation.object_poses(data.qpos[None])[0] if self._sees else None,
+        )
+
+    def _link_force(self) -> Float[np.ndarray, " link"]:
+        simulation, force = self._simulation, np.zeros(6)
+        found = np.zeros(len(simulation.link_body))
+        if simulation.data.ncon:
+            geoms = np.asarray(simulation.data.contact.geom)
+            sides = simulation.side[geoms]
+            for index in np.flatnonzero(sides.sum(axis=1) == HAND_SIDE + OBJECT_SIDE):
+                mujoco.mj_contactForce(simulation.model, simulation.data, int(index), force)
+                found[self._link[geoms[index, int(sides[index, 1] == HAND_SIDE)]]] += force[0]
+        return found

@@ -1,0 +1,216 @@
+"""Policies that push: open loop as planned, feedback that rescues a slip within its limits, one of a user's own."""
+
+from dataclasses import replace
+
+import numpy as np
+import pytest
+import trimesh
+from scipy.spatial.transform import Rotation
+
+from dexnudge.hands.hand import ROOT_COORDINATES
+from dexnudge.mechanics.sliding_task import GRAVITY
+from dexnudge.scenes.boxes import box
+from dexnudge.scenes.motion import Motion, Turn
+from dexnudge.scenes.scene import Scene
+from dexnudge.simulation.feedback import Feedback, FeedbackLimits, twists
+from dexnudge.simulation.hand_path import SQUEEZE, interpolated, push_path
+from dexnudge.simulation.model import TIMESTEP, SimulationModel, changed_physics, scene_model
+from dexnudge.simulation.open_loop import FOLLOW_TIME, LOADED, MOST_FOLLOWED, TOUCHING, OpenLoop
+from dexnudge.simulation.policy import Policy
+from dexnudge.simulation.push_forces import PushForces
+from dexnudge.simulation.rollout import Rollout
+
+HEIGHT, MASS, LENGTH = 0.02, 0.15, 0.05
+FRICTION_HAND, FRICTION_ENVIRONMENT = 0.8, 0.4
+PALM_BOTTOM = 0.11  # [m] from the palm's origin down to the lower face of its box
+LIMIT = 10.0  # [N] of a link
+LEAST = FRICTION_ENVIRONMENT * MASS * GRAVITY / (FRICTION_HAND - FRICTION_ENVIRONMENT)  # [N] that drags a block: 1.47
+X = np.array([1.0, 0.0, 0.0])
+
+
+@pytest.fixture(scope="module")
+def simulation(pad_hand) -> SimulationModel:
+    """The palm of the pads lies on a block that lies on a table."""
+    pose = np.eye(4)
+    pose[2, 3] = HEIGHT / 2
+    table = box((-0.5, -0.3, -0.04), (0.5, 0.3, 0.0))
+    return scene_model(pad_hand, Scene(trimesh.creation.box((0.12, 0.06, HEIGHT)), table, pose, X))
+
+
+Q = np.array([0.0, 0.0, HEIGHT + PALM_BOTTOM, 1.0, 0.0, 0.0, 0.0, 1.0, 0.0, 0.0, 0.0])
+PATH = push_path(np.zeros(1), Q[None], motion=Motion(None, X, LENGTH), length=LENGTH)
+
+
+def pressing(simulation: SimulationModel, normal: float, *, limit: float = LIMIT) -> PushForces:
+    """The palm presses the block with this force [N], and pulls it along with what its friction then needs."""
+    force = np.array([[FRICTION_ENVIRONMENT * (MASS * GRAVITY + normal), 0.0, -normal]] * 2)
+    lever, unit = np.array([0.0, 0.0, -PALM_BOTTOM]), np.zeros((3, 6))
+    unit[0, 2] = -1.0
+    return PushForces(
+        done=np.array([0.0, 1.0]),
+        force=force[:, None],
+        motor_torque=np.zeros((2, simulation.model.nu)),
+        base_wrench=np.concatenate([force, np.cross(lever, force)], axis=1),
+        cone_share=np.ones(2),
+        surplus=np.ones(2),
+        closing=np.zeros(simulation.model.nu),
+        base_closing=np.zeros(3),
+        link_force=np.array([[normal, 0.0, 0.0]] * 2),
+        link_torque=np.zeros((3, simulation.model.nu)),
+        link_wrench=unit,
+        limit=limit,
+    )
+
+
+class Witness:
+    """A policy that keeps what another one has seen and commanded."""
+
+    def __init__(self, policy: Policy) -> None:
+        self.policy, self.seen, self.commands = policy, [], []
+
+    def start(self, plan):
+        self.policy.start(plan)
+
+    def command(self, seen):
+        command = self.policy.command(seen)
+        if command is not None:
+            self.seen.append(seen)
+            self.commands.append(command)
+        return command
+
+
+def pushed(simulation: SimulationModel, forces: PushForces, policy: Policy, **options) -> tuple[float, Witness]:
+    """Way of the block [m], and what was seen and commanded."""
+    rollout, witness = Rollout(simulation, Q), Witness(policy)
+    rollout.push(PATH, forces, witness, **options)
+    assert rollout.divergence is None
+    return float(rollout.trace.object_pose[-1, 0] - rollout.trace.object_pose[0, 0]), witness
+
+
+def planned_commands(simulation: SimulationModel, forces: PushForces, heights: list[float]):
+    """The commands of a plan by a loop of its own, for palms that are found at these heights [m]."""
+    squeezing = np.flatnonzero(PATH.phase == SQUEEZE)
+    velocity, closed, loaded, followed = PATH.velocity, 0.0, 0.0, 0.0
+    for step, height in enumerate(heights):
+        if PATH.phase[step] == SQUEEZE:
+            done = (step - squeezing[0] + 1) / len(squeezing)
+            closed, loaded = np.clip([done / TOUCHING, (done - TOUCHING) / (LOADED - TOUCHING)], 0.0, 1.0)
+        position = PATH.position[step] + closed * forces.base_closing
+        if loaded > 0:
+            followed += TIMESTEP / FOLLOW_TIME * (height - position[2] - followed)
+            followed = float(np.clip(followed, -MOST_FOLLOWED, MOST_FOLLOWED))
+            position[2] += followed
+        torque, wrench = (
+            interpolated(PATH.done[step : step + 1], forces.done, each)[0]
+            for each in (forces.motor_torque, forces.base_wrench)
+        )
+        ctrl = PATH.angles[step] @ simulation.motor_of_angle.T + closed * forces.closing
+        ctrl = ctrl + loaded * torque / simulation.motor_gain
+        ctrl[simulation.base_motor] = (
+            simulation.base_damping * velocity[step] / simulation.base_stiffness
+            + loaded * wrench / simulation.base_stiffness
+        )
+        yield position, ctrl
+
+
+def test_open_loop_commands_the_plan_whatever_it_sees(simulation):
+    forces = replace(pressing(simulation, 4.0), base_closing=np.array([0.0, 0.0, -0.001]))
+    _, witness = pushed(simulation, forces, OpenLoop(), sees=False)
+    assert all(seen.T_world_object is None for seen in witness.seen)
+    assert [command.phase for command in witness.commands] == PATH.phase.tolist()
+    heights = [seen.T_world_palm[2, 3] for seen in witness.seen]
+    for command, (position, ctrl) in zip(witness.commands, planned_commands(simulation, forces, heights), strict=True):
+        np.testing.assert_allclose(command.q[:3], position, rtol=1e-12, atol=1e-15)
+        np.testing.assert_allclose(command.ctrl, ctrl, rtol=1e-12, atol=1e-15)
+
+
+def test_what_is_sensed_is_what_is_exerted(simulation):
+    _, witness = pushed(simulation, pressing(simulation, 4.0), OpenLoop())
+    seen = witness.seen[-len(witness.seen) // 3]
+    assert seen.link_force[0] == pytest.approx(4.0, rel=0.03)
+    assert seen.base_wrench[2] == pytest.approx(-4.0, rel=0.03)
+    assert seen.base_wrench[0] == pytest.approx(FRICTION_ENVIRONMENT * (MASS * GRAVITY + 4.0), rel=0.1)
+    np.testing.assert_array_equal(seen.motor_torque[simulation.base_motor], 0.0)
+    np.testing.assert_allclose(seen.joint_angles, 0.0, atol=1e-3)
+
+
+@pytest.mark.parametrize(
+    ("changed", "least"),
+    [
+        # N >= mu_e m g / (mu_h - mu_e) in the changed world; planned and pressed are 2 N, enough for 1.47 N.
+        ({"friction_hand": 0.75}, FRICTION_ENVIRONMENT * MASS * GRAVITY / (0.6 - FRICTION_ENVIRONMENT)),
+        ({"friction_environment": 1.5}, 0.6 * MASS * GRAVITY / (FRICTION_HAND - 0.6)),
+        ({"mass": 2.0}, 2 * LEAST),
+    ],
+)
+def test_feedback_presses_harder_where_the_plan_slips(simulation, changed, least):
+    world, forces = changed_physics(simulation, **changed), pressing(simulation, 2.0)
+    assert LEAST < 2.0 < least < FeedbackLimits().press[1] * 2.0
+    stuck, _ = pushed(world, forces, OpenLoop())
+    assert stuck < 0.1 * LENGTH
+    moved, witness = pushed(world, forces, Feedback())
+    assert moved > 0.9 * LENGTH
+    pressed = np.array([seen.link_force[0] for seen in witness.seen])
+    assert pressed[-100:].mean() > 0.97 * least
+
+
+def test_where_no_press_moves_it_nothing_is_broken(simulation):
+    world, forces = changed_physics(simulation, friction_hand=0.45), pressing(simulation, 4.0, limit=5.0)
+    moved, witness = pushed(world, forces, Feedback())  # mu_h < mu_e: impossible
+    assert abs(moved) < 0.1 * LENGTH
+    limits = FeedbackLimits()
+    told = np.array([command.ctrl[simulation.base_motor] for command in witness.commands]) * simulation.base_stiffness
+    # Never more than a link may, plus what brings it there: the planned press is at its share of the limit already.
+    assert -told[:, 2].min() <= limits.room * 5.0 + limits.base_force
+    mean = np.convolve([seen.link_force[0] for seen in witness.seen], np.full(50, 0.02), mode="valid")
+    assert mean.max() <= 5.0
+    ahead = np.array([command.q[0] for command in witness.commands]).max() - LENGTH
+    assert ahead <= limits.most_ahead[0] + limits.most_ahead[1] * LENGTH + limits.tracked[1]
+
+
+def test_without_the_objects_pose_a_greater_pull_is_felt(simulation):
+    world, forces = changed_physics(simulation, friction_environment=1.4), pressing(simulation, 3.0)
+    assert pushed(world, forces, OpenLoop())[0] < 0.1 * LENGTH
+    moved, witness = pushed(world, forces, Feedback(), sees=False)
+    assert all(seen.T_world_object is None for seen in witness.seen)
+    assert moved > 0.7 * LENGTH
+    assert np.mean([seen.link_force[0] for seen in witness.seen[-100:]]) > 3.3
+
+
+def test_a_policy_of_ones_own_decides(simulation):
+    class Half(OpenLoop):
+        """Stops half-way."""
+
+        def command(self, seen):
+            command = super().command(seen)
+            return None if seen.T_world_object[0, 3] > LENGTH / 2 else command
+
+    assert isinstance(Half(), Policy)
+    moved, _ = pushed(simulation, pressing(simulation, 4.0), Half())
+    assert moved == pytest.approx(LENGTH / 2, abs=1e-3)
+
+
+def test_twists_are_those_of_the_motion():
+    motion = Motion(Turn(0.5, np.array([0.0, 0.0, 1.0]), np.array([0.2, 0.1, 0.0])), X, 0.03, radius=0.1)
+    path = push_path(np.zeros(1), Q[None], motion=motion, length=motion.length)
+    found = twists(path)
+    for way in (0.02, 0.04, 0.06, 0.07):
+        step = int(np.argmin(np.abs(path.done * path.length - way)))
+        expected = motion.twist(way)
+        np.testing.assert_allclose(found[step], np.concatenate([expected.linear, expected.angular]), atol=2e-3)
+
+
+def test_a_correction_turns_the_hand_about_the_object(simulation):
+    """An object that lies turned by a little is answered by a palm that turns against it, fingers and all."""
+    loop = Feedback()
+    _, witness = pushed(simulation, pressing(simulation, 4.0), loop)
+    loop._aim[5] = 0.05
+    before, seen = witness.commands[-1], witness.seen[-1]
+    after = loop._corrected(before, len(PATH.phase) - 1)
+    turned = (
+        Rotation.from_quat(after.quaternion, scalar_first=True)
+        * Rotation.from_quat(before.quaternion, scalar_first=True).inv()
+    )
+    assert turned.magnitude() > 0.04
+    assert after.q.shape == (ROOT_COORDINATES + 2,)
+    assert seen.T_world_object is not None
