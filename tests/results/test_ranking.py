@@ -12,6 +12,7 @@ from dexnudge.mechanics.sliding_task import sliding_task
 from dexnudge.results.path_margins import forward_offset, mean_help, path_margins, pressing_margins
 from dexnudge.results.ranking import ranking
 from dexnudge.scenes.boxes import box
+from dexnudge.scenes.motion import Turn
 from dexnudge.scenes.scene import Scene
 from dexnudge.scenes.support_contacts import support_contacts
 from dexnudge.verification.verdicts import Verdicts
@@ -150,3 +151,6 @@ def test_the_order_of_draws_is_that_of_its_keys(at_the_edge, boxy_hand):
     )
     # at the centre; in front of it; tips on the way; squeezing, which presses nowhere; not robust; not verified
     assert ranking(at_the_edge, verdicts, boxy_hand, np.zeros((6, 13))).order.tolist() == [1, 0, 3, 2, 4, 5]
+    # An object that turns is turned by what has the larger margin, a squeeze above all.
+    turning = replace(at_the_edge, turn=Turn(0.5, np.array([0.0, 0.0, 1.0]), sliding_task(at_the_edge).centre))
+    assert ranking(turning, verdicts, boxy_hand, np.zeros((6, 13))).order.tolist()[0] == 2

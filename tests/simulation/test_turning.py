@@ -17,6 +17,7 @@ from dexnudge.planning.outcomes import Outcome
 from dexnudge.scenes.boxes import box
 from dexnudge.scenes.motion import Turn
 from dexnudge.scenes.scene import Scene
+from dexnudge.scenes.support_contacts import support_contacts
 from dexnudge.simulation.hand_path import PUSH, SPEED, PushPath, push_path
 from dexnudge.simulation.model import SimulationModel, scene_model
 from dexnudge.simulation.push_forces import PushForces, push_forces
@@ -104,6 +105,17 @@ def test_the_press_of_the_pads_turns_with_them(turned):
     moving = trace.phase == PUSH
     wanted = -np.einsum("pcx,cx->p", forces.force, np.repeat([[0.0, -1.0, 0.0], [0.0, 1.0, 0.0]], 4, axis=0))
     assert trace.hand_object_force[moving, 0].mean() == pytest.approx(wanted.mean(), rel=0.1)
+
+
+def test_an_object_that_turns_is_carried_by_its_corners_and_not_by_sides_that_bulge_a_little(turning):
+    """Carried half way along its sides it would be turned by half the force; nothing says that it is."""
+    outline = [(0.03, 0.02), (0.0, 0.021), (-0.03, 0.02), (-0.03, -0.02), (0.0, -0.021), (0.03, -0.02)]
+    bulging = trimesh.convex.convex_hull([[x, y, z] for x, y in outline for z in (-0.02, 0.02)])
+    sliding = replace(turning, object_mesh=bulging, turn=None, motion_length=0.1)
+    assert len(support_contacts(sliding).points) == 6
+    carried = support_contacts(replace(turning, object_mesh=bulging)).points
+    np.testing.assert_allclose(np.linalg.norm(carried[:, :2], axis=1), np.hypot(0.03, 0.02), atol=1e-6)
+    assert len(carried) == 4
 
 
 def motion_of(scene: Scene, made: np.ndarray) -> Trace:

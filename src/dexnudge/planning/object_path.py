@@ -16,11 +16,10 @@ from dexnudge.planning.lying_object import LyingObject, lying_object
 from dexnudge.planning.outcomes import Outcome
 from dexnudge.scenes.motion import Motion, Twist
 from dexnudge.scenes.scene import Scene
-from dexnudge.scenes.support_contacts import SupportContacts, carrying_normal, support_contacts
+from dexnudge.scenes.support_contacts import SupportContacts, support_contacts, turns_in_place
 
 STRIDE = 0.01  # [m] at most between two places
 STAGE_END = 0.001  # [m] before the end of a turn, from where on forces change to those of the slide
-UPRIGHT = 0.99  # cosine of a turn's axis with the support's normal from which the object stays flat on it
 
 
 @dataclass(frozen=True, eq=False)
@@ -94,8 +93,7 @@ def _turned(scene: Scene, motion: Motion, way: float) -> Station:
 
 def stays_flat(scene: Scene) -> bool:
     """Return whether the object keeps lying on its support as it moves: it slides, or turns about the support's normal."""
-    turn = scene.turn
-    return turn is None or abs(float(turn.axis @ carrying_normal(support_contacts(scene)))) > UPRIGHT
+    return scene.turn is None or turns_in_place(scene)
 
 
 @cached_per_instance

@@ -6,6 +6,7 @@ import numpy as np
 from jaxtyping import Float, Int
 
 from dexnudge.hands.hand import Hand
+from dexnudge.mechanics.balance import MAX_FACTOR
 from dexnudge.results.path_margins import forward_offset, mean_help, pressing_margins
 from dexnudge.results.worlds import share_of_worlds, uncertainty_of
 from dexnudge.scenes.scene import Scene
@@ -49,7 +50,8 @@ def ranking(scene: Scene, verdicts: Verdicts, hand: Hand, q: Float[np.ndarray, "
     That is: where something is uncertain, by the share of the worlds in which they hold (`share_of_worlds`); by the margin
     where the path begins, up to 1.5 (robust); by the least one on the path of those contacts alone that press or push, up to
     1; by how near to the object's centre of mass or behind it they are on average; by how far they press or push; by the
-    least penetration. Larger margins are those of hands that squeeze, and slip.
+    least penetration. Larger margins are those of hands that squeeze, and slip. Where the object turns, the margin counts as
+    far as it goes: nothing but fingers that press apart from one another, or from two sides, turns it.
     """
     keys = _keys(scene, verdicts)
     foresight, tolerance = {}, {}
@@ -69,7 +71,10 @@ def _keys(scene: Scene, verdicts: Verdicts) -> Float[np.ndarray, "key draw"]:
     if len(verified) > 1:
         contacts = [verdicts.contacts[row] for row in verified]
         pressing[verified] = pressing_margins(scene, contacts)
-        ahead[verified], helping[verified] = forward_offset(scene, contacts), mean_help(scene, contacts)
+        helping[verified] = mean_help(scene, contacts)
+        if scene.turn is None:
+            ahead[verified] = forward_offset(scene, contacts)
     deepest = verdicts.deepest_penetration
-    margins = -np.minimum(margin, ROBUST_MARGIN), -np.minimum(pressing, SUCCESS_MARGIN)
+    most = ROBUST_MARGIN if scene.turn is None else MAX_FACTOR
+    margins = -np.minimum(margin, most), -np.minimum(pressing, SUCCESS_MARGIN)
     return np.stack([~verdicts.success, *margins, ahead, -helping, deepest]).astype(np.float64)

@@ -14,7 +14,7 @@ from dexnudge.jobs.cached import cached_per_instance
 from dexnudge.scenes.carrying import first_met
 from dexnudge.scenes.placement import surroundings_distance
 from dexnudge.scenes.scene import Scene
-from dexnudge.scenes.support_hull import reduce_supports
+from dexnudge.scenes.support_hull import HULL_TOLERANCE, TURNING_TOLERANCE, reduce_supports
 from dexnudge.scenes.sweep import triangles_in_box
 
 SUPPORT_DISTANCE = 1e-3
@@ -28,6 +28,8 @@ FACING_COSINE = -0.1
 the flank of the object seen by the floor."""
 UPWARD = 0.5
 """z of a normal from which a contact can carry [-]."""
+UPRIGHT = 0.99
+"""Cosine of a turn's axis with the support's normal from which the object turns in place [-]."""
 MOTION_TOLERANCE = 1e-3
 """|n . u| up to which a support contact counts as sliding, above as separating or blocking [-]."""
 PIVOT_SPEED = 0.02
@@ -103,8 +105,14 @@ def support_contacts(scene: Scene) -> SupportContacts:
     if scene.surface_noise > 0:
         found = _without_noise(scene, found)
     half_length = 0.5 * float(np.max(scene.object_mesh.extents))
-    points, normals = reduce_supports(found.points, found.normals, half_length=half_length)
+    tolerance = TURNING_TOLERANCE if turns_in_place(scene) else HULL_TOLERANCE
+    points, normals = reduce_supports(found.points, found.normals, half_length=half_length, tolerance=tolerance)
     return SupportContacts(points=points, normals=normals)
+
+
+def turns_in_place(scene: Scene) -> bool:
+    """Return whether the object first turns about the normal of what carries it."""
+    return scene.turn is not None and abs(float(scene.turn.axis @ carrying_normal(touching_contacts(scene)))) > UPRIGHT
 
 
 def carrying_normal(contacts: SupportContacts) -> Float[np.ndarray, "3"]:

@@ -16,6 +16,9 @@ MANY_SUPPORTS = 96
 """Number of points from which the coarse step is used; the balance's cost grows with it."""
 HULL_TOLERANCE = 5e-4
 """A corner that stands out this little over its neighbours' chord, over half_length, is left out [-]."""
+TURNING_TOLERANCE = 0.05
+"""The same where the object turns on the plane: nothing says that what bulges a little carries it, near the axis and with
+little friction, rather than the corners [-]."""
 MAX_CORNERS = 32
 """Corners kept per plane: a circle loses 0.5 % of its radius."""
 
@@ -23,27 +26,28 @@ _Points = Float[np.ndarray, "point 3"]
 _Kept = Float[np.ndarray, "kept 3"]
 
 
-def reduce_supports(points: _Points, normals: _Points, *, half_length: float) -> tuple[_Kept, _Kept]:
+def reduce_supports(
+    points: _Points, normals: _Points, *, half_length: float, tolerance: float = HULL_TOLERANCE
+) -> tuple[_Kept, _Kept]:
     """Return the points [m] and normals that span the same cone of support wrenches, to about 1e-3.
 
     On one plane all wrenches N (n - mu t) share n and t and are affine in the point, so the convex hull's corners
-    generate every non-negative combination; corners that stand out by less than 5e-4 * half_length go too, and the
-    cone can only shrink. Where the surroundings have so many planes that over 96 points remain, planes
+    generate every non-negative combination; corners that stand out by less than `tolerance` * half_length go too,
+    and the cone can only shrink. Where the surroundings have so many planes that over 96 points remain, planes
     within about 6 degrees share a hull; the kept points keep their own normals.
     """
     if len(points) == 0:
         return points, normals
-    kept = _corners_by_plane(points, normals, half_length=half_length, step=NORMAL_STEP, use_offset=True)
+    sizes = {"half_length": half_length, "tolerance": tolerance}
+    kept = _corners_by_plane(points, normals, **sizes, step=NORMAL_STEP, use_offset=True)
     if len(kept) > MANY_SUPPORTS:
-        coarse = _corners_by_plane(
-            points[kept], normals[kept], half_length=half_length, step=COARSE_NORMAL_STEP, use_offset=False
-        )
+        coarse = _corners_by_plane(points[kept], normals[kept], **sizes, step=COARSE_NORMAL_STEP, use_offset=False)
         kept = kept[coarse]
     return points[kept], normals[kept]
 
 
 def _corners_by_plane(
-    points: _Points, normals: _Points, *, half_length: float, step: float, use_offset: bool
+    points: _Points, normals: _Points, *, half_length: float, tolerance: float, step: float, use_offset: bool
 ) -> Int[np.ndarray, "kept"]:
     """Return the indices of the hull corners of each group of like planes."""
     offset = np.einsum("px,px->p", points - points.mean(axis=0), normals) / half_length
@@ -52,10 +56,7 @@ def _corners_by_plane(
     order = np.argsort(plane, kind="stable")
     groups = np.split(order, np.flatnonzero(np.diff(plane[order])) + 1)
     return np.concatenate(
-        [
-            group[hull_corners(points[group], normals[group[0]], tolerance=HULL_TOLERANCE * half_length)]
-            for group in groups
-        ]
+        [group[hull_corners(points[group], normals[group[0]], tolerance=tolerance * half_length)] for group in groups]
     )
 
 
