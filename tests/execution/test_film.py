@@ -63,6 +63,10 @@ def trace(simulation):
         mocap=np.zeros((RECORDS, 7)),
         object_pose=pose,
         hand_object_force=rng.uniform(0, 5, (RECORDS, 2)),
+        link_force=rng.uniform(0, 5, (RECORDS, len(simulation.hand.link_names))),
+        motor_force=np.zeros((RECORDS, model.nu)),
+        torque_share=np.zeros((RECORDS, model.nu)),
+        base_wrench=np.zeros((RECORDS, 6)),
         hand_environment_clearance=rng.uniform(0, 0.05, RECORDS),
         hand_environment_depth=np.zeros(RECORDS),
         support_force=np.zeros(RECORDS),
@@ -93,7 +97,7 @@ def test_the_pages_bodies_stand_where_mujoco_has_them(scene, simulation, trace, 
 
 def test_the_curves_are_those_of_the_verdict(scene, simulation, trace):
     film = film_of_trace(scene, simulation, trace)
-    verdict = judge_push(trace, motion=scene.object_motion, length=0.1, diverged=False)
+    verdict = judge_push(trace, motion=scene.object_motion, length=0.1, max_normal_force=5.0, diverged=False)
     along, up = film.charts["object's way"]
     (turned,) = film.charts["object's turn"]
     assert along.values[-1] == pytest.approx(1e3 * verdict.length_reached, abs=1e-6)

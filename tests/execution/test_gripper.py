@@ -6,7 +6,7 @@ import dexnudge as dn
 
 
 def test_two_jaws_are_drawn_verified_and_push(two_jaws):
-    scene = dn.build_scene("table", "phone", seed=0)
+    scene = dn.build_scene("table", "phone", seed=0, max_normal_force=10.0)  # jaws hold more than a finger on a tendon
     samples = dn.Sampler(two_jaws).sample(scene, num=16, seed=0, method="random_start_projection")
     verified = samples.q[samples.success]
     assert len(verified) > 0

@@ -11,8 +11,8 @@ from dexnudge.execution.slide_grasp_lift import Attempt, SlideGraspLift
 from dexnudge.planning.outcomes import Outcome
 from dexnudge.simulation.success import LiftVerdict
 
-LIFTED = LiftVerdict("", Outcome.SUCCESS, 0.1, 0.1, 1.0, 0.0)
-SLIPPED = LiftVerdict("lift", Outcome.SLIPPED, 0.003, 0.0, 1.0, 0.0)
+LIFTED = LiftVerdict("", Outcome.SUCCESS, 0.1, 0.1, 1.0, 0.0, 3.0)
+SLIPPED = LiftVerdict("lift", Outcome.SLIPPED, 0.003, 0.0, 1.0, 0.0, 3.0)
 
 
 @dataclass

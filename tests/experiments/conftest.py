@@ -93,6 +93,7 @@ def executed() -> Callable[..., ExecutedDraw]:
             turned_deg=1.0,
             sunk=0.0,
             hand_environment=0.0,
+            link_force=3.0,
             cone_share=0.5,
             approach="straight",
             disturbed=disturbed or {},

@@ -104,6 +104,10 @@ def made_up(*, lifted=0.1, held=0.1, carried=0.0, depth=0.0, attempt=2) -> Trace
         mocap=np.zeros((count, 7)),
         object_pose=pose,
         hand_object_force=np.zeros((count, 2)),
+        link_force=np.full((count, 2), [1.0, 3.0]),
+        motor_force=nothing,
+        torque_share=nothing,
+        base_wrench=np.zeros((count, 6)),
         hand_environment_clearance=np.zeros(count),
         hand_environment_depth=deep,
         support_force=forces,
@@ -117,6 +121,7 @@ def test_lifted_and_held():
     assert verdict.least_held == pytest.approx(0.1)
     assert verdict.turned_deg == pytest.approx(20.0)
     assert verdict.hand_environment == 0.0
+    assert verdict.link_force == pytest.approx(3.0)
 
 
 @pytest.mark.parametrize(

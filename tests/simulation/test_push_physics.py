@@ -14,10 +14,10 @@ from dexnudge.scenes.motion import Motion
 from dexnudge.scenes.scene import Scene
 from dexnudge.simulation.convex_pieces import link_pieces
 from dexnudge.simulation.hand_path import PUSH, SETTLE, PushPath, push_path
-from dexnudge.simulation.model import SimulationModel, scene_model
+from dexnudge.simulation.model import BASE_FORCE_LIMIT, SimulationModel, changed_physics, scene_model
 from dexnudge.simulation.push_forces import PushForces
-from dexnudge.simulation.rollout import Rollout, Trace
-from dexnudge.simulation.success import judge_push
+from dexnudge.simulation.rollout import Rollout, Trace, normal_forces
+from dexnudge.simulation.success import judge_push, lasting_forces
 
 HEIGHT = 0.02  # [m] of the block
 FRICTION_HAND, FRICTION_ENVIRONMENT, MASS = 0.8, 0.4, 0.15
@@ -124,7 +124,7 @@ def test_a_pressed_slab_follows_from_the_force_of_the_closed_form(simulation, sh
     # N >= mu_e m g / (mu_h - mu_e): 1.47 N here
     least = FRICTION_ENVIRONMENT * MASS * GRAVITY / (FRICTION_HAND - FRICTION_ENVIRONMENT)
     run, _ = drag(simulation, share * least)
-    verdict = judge_push(run, motion=MOTION, length=0.05, diverged=False)
+    verdict = judge_push(run, motion=MOTION, length=0.05, max_normal_force=5.0, diverged=False)
     assert verdict.success is follows
     moving = run.phase == PUSH
     assert np.mean(run.hand_object_force[moving, 0]) == pytest.approx(share * least, rel=0.03)
@@ -148,6 +148,58 @@ def test_the_press_follows_the_forces_of_the_way(simulation):
     for way, expected in ((0.0125, 3.5), (0.025, 3.0), (0.0375, 4.0), (0.045, 4.6)):
         near = (run.phase == PUSH) & (np.abs(run.mocap[:, 0] - way) < 0.0015)
         assert np.mean(run.hand_object_force[near, 0]) == pytest.approx(expected, rel=0.1)
+
+
+def test_the_forces_of_a_press_are_measured_at_the_link_and_at_the_base(simulation):
+    run, _ = drag(simulation, 4.0)
+    steady = (run.phase == PUSH) & (np.abs(run.object_pose[:, 0] - 0.025) < 0.015)
+    palm = simulation.hand.link_names.index("palm")
+    assert run.link_force[steady, palm].mean() == pytest.approx(4.0, rel=0.03)
+    assert np.delete(run.link_force, palm, axis=1).max() == 0.0
+    np.testing.assert_allclose(run.link_force.sum(axis=1)[steady], run.hand_object_force[steady, 0], rtol=0.01)
+    # At constant speed the base balances what the slab does to the palm, whose lower face is a lever under its origin.
+    pull = FRICTION_ENVIRONMENT * (MASS * GRAVITY + 4.0)
+    np.testing.assert_allclose(run.base_wrench[steady, :3].mean(axis=0), [pull, 0.0, -4.0], atol=0.1)
+    turning = run.base_wrench[steady, 3:].mean(axis=0)
+    assert turning[1] == pytest.approx(-PALM_BOTTOM * pull, abs=0.03)
+
+
+@pytest.mark.parametrize(("asked", "made"), [(25.0, 25.0), (60.0, BASE_FORCE_LIMIT)])
+def test_the_base_presses_no_harder_than_an_arm(simulation, asked, made):
+    path = push_path(np.zeros(1), palm_at(HEIGHT)[None], motion=MOTION, length=0.05)
+    run = pushed(simulation, palm_at(HEIGHT), path, pressing(simulation, (0.0, 0.0, -asked))).trace
+    down = simulation.base_motor[2]
+    assert run.link_force[run.phase == PUSH].sum(axis=1).max() == pytest.approx(made, rel=0.03)
+    assert run.base_wrench[:, 2].min() == pytest.approx(-made, rel=0.03)
+    assert run.torque_share[:, down].max() == pytest.approx(made / BASE_FORCE_LIMIT, rel=0.03)
+    verdict = judge_push(run, motion=MOTION, length=0.05, max_normal_force=100.0, diverged=False)
+    assert verdict.link_force == pytest.approx(made, rel=0.03)
+    hard = judge_push(run, motion=MOTION, length=verdict.length_reached, max_normal_force=5.0, diverged=False)
+    assert hard.outcome is Outcome.PRESSED_TOO_HARD
+
+
+@pytest.mark.parametrize("cone", [mujoco.mjtCone.mjCONE_ELLIPTIC, mujoco.mjtCone.mjCONE_PYRAMIDAL])
+def test_normal_forces_are_mujocos(simulation, cone):
+    simulation = changed_physics(simulation)
+    simulation.model.opt.cone = cone
+    simulation.place(palm_at(HEIGHT - 0.0005))
+    slide(simulation, 20)
+    expected = np.zeros((simulation.data.ncon, 6))
+    for index in range(len(expected)):
+        mujoco.mj_contactForce(simulation.model, simulation.data, index, expected[index])
+    assert expected[:, 0].max() > 0.3
+    np.testing.assert_allclose(normal_forces(simulation), expected[:, 0], atol=1e-9)
+
+
+def test_a_spike_is_no_load():
+    time = np.concatenate([0.02 * np.arange(10), [0.186, 0.206]])  # an act may end between two records
+    force = np.zeros((12, 3))
+    force[4, 0] = 20.0  # for 20 ms: 4 N over 100 ms
+    force[2:7, 1] = 6.0  # for 100 ms
+    force[10, 2] = 10.0  # for 6 ms of 100
+    np.testing.assert_allclose(lasting_forces(time, force), [4.0, 6.0, 10.0 * 0.006 / 0.106], rtol=1e-9)
+    np.testing.assert_allclose(lasting_forces(time, force, window=0.02), [20.0, 6.0, 10.0 * 0.006 / 0.026], rtol=1e-9)
+    assert lasting_forces(time[:4], force[:4]).tolist() == [0.0, 0.0, 0.0]
 
 
 def test_a_dragged_slab_does_not_hop(simulation):
@@ -179,10 +231,14 @@ def test_the_same_push_gives_the_same_numbers_whatever_ran_before(simulation):
 def test_a_run_out_of_hand_is_stopped_and_can_be_replayed(simulation):
     q = palm_at(0.2)
     path = push_path(np.zeros(1), q[None], motion=MOTION, length=0.05)
+    simulation = changed_physics(simulation)
+    simulation.model.actuator_forcelimited[simulation.base_motor] = False
     rollout = pushed(simulation, q, path, pressing(simulation, (0.0, 0.0, 1e6)))
     trace, divergence = rollout.trace, rollout.divergence
     assert divergence.step >= divergence.last_step > 0
-    assert judge_push(trace, motion=MOTION, length=0.05, diverged=True).outcome is Outcome.DIVERGED
+    assert (
+        judge_push(trace, motion=MOTION, length=0.05, max_normal_force=5.0, diverged=True).outcome is Outcome.DIVERGED
+    )
     mujoco.mj_setState(simulation.model, simulation.data, divergence.state, mujoco.mjtState.mjSTATE_INTEGRATION)
     np.testing.assert_array_equal(simulation.data.qpos, trace.qpos[-1])
 

@@ -87,7 +87,7 @@ def test_the_hand_goes_around_the_axis_with_the_objects_fastest_point_at_its_spe
 def test_two_pads_turn_a_block(turned, turning):
     rollout, _, _ = turned
     motion = turning.object_motion
-    verdict = judge_push(rollout.trace, motion=motion, length=motion.length, diverged=False)
+    verdict = judge_push(rollout.trace, motion=motion, length=motion.length, max_normal_force=5.0, diverged=False)
     assert verdict.success
     assert verdict.angle_asked == pytest.approx(np.pi / 2)
     assert verdict.angle_reached == pytest.approx(np.pi / 2, abs=np.radians(2.0))
@@ -132,6 +132,10 @@ def motion_of(scene: Scene, made: np.ndarray) -> Trace:
         mocap=empty,
         object_pose=np.concatenate([poses[:, :3, 3], quaternions], axis=1),
         hand_object_force=np.zeros((count, 2)),
+        link_force=np.zeros((count, 1)),
+        motor_force=empty,
+        torque_share=empty,
+        base_wrench=np.zeros((count, 6)),
         hand_environment_clearance=np.ones(count),
         hand_environment_depth=np.zeros(count),
         support_force=np.ones(count),
@@ -145,7 +149,7 @@ def motion_of(scene: Scene, made: np.ndarray) -> Trace:
 def test_a_turn_is_judged_by_its_angle(turning, share, outcome):
     length = turning.object_motion.length
     trace = motion_of(turning, share * length * np.linspace(0.0, 1.0, 60))
-    verdict = judge_push(trace, motion=turning.object_motion, length=length, diverged=False)
+    verdict = judge_push(trace, motion=turning.object_motion, length=length, max_normal_force=5.0, diverged=False)
     assert verdict.outcome is outcome
     assert verdict.angle_reached == pytest.approx(share * np.pi / 2)
     assert verdict.turned_deg == pytest.approx(max(0.0, share - 1.0) * 90.0, abs=1e-6)
@@ -159,6 +163,7 @@ def test_half_a_turn_does_not_wrap(turning):
         motion_of(scene, 1.05 * length * np.linspace(0.0, 1.0, 90)),
         motion=scene.object_motion,
         length=length,
+        max_normal_force=5.0,
         diverged=False,
     )
     assert verdict.angle_reached == pytest.approx(1.05 * np.pi)
@@ -170,7 +175,7 @@ def test_each_stage_is_judged_by_itself(tipping):
     motion = scene.object_motion
     for slid, outcome in ((0.041, Outcome.SUCCESS), (0.039, Outcome.FELL_SHORT)):
         trace = motion_of(scene, (motion.turn_length + slid) * np.linspace(0.0, 1.0, 60))
-        verdict = judge_push(trace, motion=motion, length=motion.length, diverged=False)
+        verdict = judge_push(trace, motion=motion, length=motion.length, max_normal_force=5.0, diverged=False)
         assert verdict.outcome is outcome
         assert verdict.length_reached == pytest.approx(slid)
         assert verdict.angle_reached == pytest.approx(verdict.angle_asked)
@@ -182,7 +187,13 @@ def test_an_object_that_is_lifted_less_than_its_tip_lifts_it_is_not_dropped_but_
     fallen[-5:, 2] -= 0.021
     for poses, outcome in ((trace.object_pose, Outcome.SUCCESS), (fallen, Outcome.DROPPED)):
         judged = replace(trace, object_pose=poses)
-        verdict = judge_push(judged, motion=tipping.object_motion, length=tipping.object_motion.length, diverged=False)
+        verdict = judge_push(
+            judged,
+            motion=tipping.object_motion,
+            length=tipping.object_motion.length,
+            max_normal_force=5.0,
+            diverged=False,
+        )
         assert verdict.outcome is outcome
 
 

@@ -89,5 +89,6 @@ class Executor:
             rollout.trace,
             motion=self._scene.object_motion,
             length=self._length,
+            max_normal_force=self._task.max_normal_force,
             diverged=rollout.divergence is not None,
         )

@@ -131,7 +131,7 @@ def opening_path(hand: Hand, angles: Float[np.ndarray, " joint"]) -> list[Float[
     """Return joint angles from these to the open hand; None if no clean order is found.
 
     The links are never more than 1 mm in one another, nor deeper than they are now: fingers that have pressed may have
-    been pushed into each other a little, since the simulation knows no contacts between links.
+    been pushed into each other a little, since contacts of the simulation's coarser pieces begin inside them.
     All digits open at once if that is clean, else one of them before the others, or after them.
     """
     opened = state_space(hand, angles).opened

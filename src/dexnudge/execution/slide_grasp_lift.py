@@ -47,7 +47,7 @@ class Attempt:
     held. outcome: how it ended. detail: what `outcome` leaves open, for people. configuration: place of the one that slid
     the object among those given; -1 where it lay graspable already. overhang: free share of the object's length after the
     slide. grasps: found, of `drawn` draws so far. drift: of the grasp taken. length_asked, length_reached [m]: of the slide.
-    raised, least_held [m], turned_deg, hand_environment [m]: see `LiftVerdict`.
+    raised, least_held [m], turned_deg, hand_environment [m], link_force [N]: see `LiftVerdict`.
     """
 
     number: int
@@ -65,6 +65,7 @@ class Attempt:
     least_held: float | None = None
     turned_deg: float | None = None
     hand_environment: float | None = None
+    link_force: float | None = None
 
     @classmethod
     def from_json(cls, content: dict[str, Any]) -> "Attempt":

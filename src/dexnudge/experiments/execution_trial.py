@@ -51,8 +51,8 @@ class ExecutedDraw:
     Attributes:
         rank: place among the verified draws, 0 the best.
         force_margin: at most 3. links: number of hand links in contact. behaviour: push, press or hook.
-        outcome: value of an `Outcome`. length_asked, length_reached [m], turned_deg, sunk [m], hand_environment [m]: see
-            `simulation.success.PushVerdict`.
+        outcome: value of an `Outcome`. length_asked, length_reached [m], turned_deg, sunk [m], hand_environment [m],
+            link_force [N]: see `simulation.success.PushVerdict`.
         cone_share: of the hand's friction that the forces use.
         approach: name of the planner that found a way to contact, "" where there was none.
         disturbed: success where a friction or the mass is other than was planned for, by setting; empty where not played.
@@ -68,6 +68,7 @@ class ExecutedDraw:
     turned_deg: float
     sunk: float
     hand_environment: float
+    link_force: float
     cone_share: float
     approach: str
     disturbed: dict[str, bool] = field(default_factory=dict)
@@ -213,6 +214,7 @@ class ExecutionTrial(DrawnTrial[ExecutionRecord]):
             turned_deg=round(verdict.turned_deg, 3),
             sunk=round(verdict.sunk, 5),
             hand_environment=round(verdict.hand_environment, 6),
+            link_force=round(verdict.link_force, 3),
             cone_share=float(execution.forces.cone_share[0]),
             approach=execution.approach.planner if isinstance(execution.approach, Approach) else "",
             disturbed={

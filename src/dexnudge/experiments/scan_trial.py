@@ -229,7 +229,11 @@ def played_in(truth: Scene, scan: Scene, hand: Hand, q: Float[np.ndarray, " coor
     execution = Executor(scan, scene_model(hand, truth))(q.astype(np.float64))
     asked, approach = execution.verdict.length_asked, execution.approach
     verdict = judge_push(
-        execution.trace, motion=truth.object_motion, length=asked, diverged=execution.divergence is not None
+        execution.trace,
+        motion=truth.object_motion,
+        length=asked,
+        max_normal_force=truth.max_normal_force,
+        diverged=execution.divergence is not None,
     )
     return {
         "outcome": verdict.outcome.value,

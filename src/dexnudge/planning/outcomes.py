@@ -22,6 +22,7 @@ class Outcome(str, Enum):
     TURNED_SHORT = "turned_short", "the object turned by less than 80% of the angle asked for"
     FELL_SHORT = "fell_short", "the object moved less than 80% of the length asked for"
     HAND_IN_ENVIRONMENT = "hand_in_environment", "the hand got more than 2 mm into the surroundings"
+    PRESSED_TOO_HARD = "pressed_too_hard", "a link pressed harder on the object than it may"
     UNSUPPORTED = "unsupported", "nothing below carries the object at rest"
     WOULD_TIP = "would_tip", "the object would tip before enough of it is free to be grasped"
     WOULD_OVERHANG = "would_overhang", "the object would hang over too far before it can be grasped"

@@ -7,6 +7,7 @@ real arm carries.
 
 import copy
 from dataclasses import dataclass, replace
+from itertools import product
 from typing import Any
 from xml.etree import ElementTree
 
@@ -26,6 +27,7 @@ from dexnudge.mechanics.contacts import HandContacts
 from dexnudge.mechanics.sliding_task import GRAVITY
 from dexnudge.scenes.scene import Scene
 from dexnudge.simulation.convex_pieces import Vertices, environment_pieces, link_pieces, object_pieces
+from dexnudge.verification.criteria import PENETRATION_LIMIT
 
 TIMESTEP = 0.002  # [s]
 NORMAL_TO_TANGENT_STIFFNESS = 10.0  # MuJoCo's impratio: friction holds as firmly as the normal force, little creep
@@ -40,8 +42,15 @@ SLIDING_CONTACT = (2 * CONTACT_TIME, 0.5)  # [s], [-] MuJoCo's solref: time cons
 SLIDING_IMPEDANCE = (0.1, 0.95, 0.0002, 0.5, 2.0)  # MuJoCo's solimp: from 0.1 at touch to 0.95 at a depth of 0.2 mm
 BASE_STIFFNESS = 1000.0  # [N/m] of an arm under impedance control: what contacts give way by costs little of the force
 BASE_ROTATION_STIFFNESS = 100.0  # [N m/rad] the same at a lever of 0.2 m
+# What an arm's flange exerts beyond carrying the hand, along and about each axis of the base's target. The Panda's rated
+# payload is 3 kg: 30 N. Each of its three wrist joints makes 12 N m; a hand of 2 kg, 0.15 m from them, takes 3 N m of it.
+BASE_FORCE_LIMIT, BASE_TORQUE_LIMIT = 30.0, 9.0  # [N], [N m]
 IDLE_TORQUE = 1.0e-3  # [N m] below which a motor has no part in a squeeze and keeps its place
 ARM_MASS, ARM_INERTIA = 1.0, 0.01  # [kg], [kg m^2] of an arm's flange: a light hand stays stable on these springs
+
+# Links of the hand touch each other where their pieces are as deep as verified links may be: pieces are coarser than the
+# links, by millimetres at knuckles, and of verified configurations one in six has some in each other, by up to this much.
+SELF_CONTACT_DEPTH = PENETRATION_LIMIT  # [m]
 
 MANY_PIECES = 200  # surroundings in more of them may touch an object in hundreds of places at once
 MEMORY = 2**30  # [byte] for the contacts of those; MuJoCo's own 15 MB hold 400. What is not needed is never touched
@@ -108,6 +117,7 @@ class SimulationModel:
         motor_gain: of every motor [N m/rad], [N/m] of one that slides.
         motor_scale: what counts as a radian of every motor, see `Hand.joint_scales`; 1 of the base's.
         base_motor: the six motors of the base, force then torque, in the axes of the base's target; none for a fixed palm.
+        link_of_geom: link that a geom belongs to, -1 for object and surroundings.
         base_stiffness [N/m, N m/rad], base_damping [N s/m, N m s/rad]: of each.
     """
 
@@ -129,6 +139,7 @@ class SimulationModel:
     base_motor: Int[np.ndarray, " base"]
     base_stiffness: Float[np.ndarray, " base"]
     base_damping: Float[np.ndarray, " base"]
+    link_of_geom: Int[np.ndarray, " geom"]
 
     @property
     def angle_of_motor(self) -> Float[np.ndarray, "angle motor"]:
@@ -141,6 +152,8 @@ class SimulationModel:
 
     def place(self, q: Float[np.ndarray, " coordinates"]) -> None:
         """Reset everything, warm starts included: the hand at q, at rest, the object at `T_world_object`.
+
+        Pieces of links that are deeper than `SELF_CONTACT_DEPTH` in each other at q touch from that depth on.
 
         Raises:
             SceneError: there are more contacts than MuJoCo has memory for.
@@ -160,13 +173,28 @@ class SimulationModel:
         free = self.object_position
         data.qpos[free : free + 3] = self.T_world_object[:3, 3]
         data.qpos[free + 3 : free + 7] = _quaternion(self.T_world_object)
+        model.pair_margin[:], model.pair_gap[:] = -SELF_CONTACT_DEPTH, SELF_CONTACT_DEPTH
         try:
             mujoco.mj_forward(model, data)
+            if self._touch_from_here():
+                mujoco.mj_forward(model, data)
         except mujoco.FatalError as error:
             raise SceneError(
                 f"MuJoCo cannot place hand and object ({str(error).splitlines()[0]}): they touch the surroundings in "
                 f"{data.ncon} places; expected fewer; give an `environment` that is smoother around the object"
             ) from error
+
+    def _touch_from_here(self) -> bool:
+        """Let the links that press each other now touch only where they are deeper; return whether there are some."""
+        model, contact = self.model, self.data.contact
+        deep = np.asarray(contact.dist) < -SELF_CONTACT_DEPTH
+        deep &= (self.side[np.asarray(contact.geom).reshape(-1, 2)] == HAND_SIDE).all(axis=1)
+        pairs = np.sort(np.stack([model.pair_geom1, model.pair_geom2], axis=1), axis=1)
+        for geoms, distance in zip(np.sort(contact.geom[deep], axis=1), contact.dist[deep], strict=True):
+            pair = (pairs == geoms).all(axis=1)
+            model.pair_margin[pair] = np.minimum(model.pair_margin[pair], distance)
+            model.pair_gap[pair] = -model.pair_margin[pair]
+        return bool(deep.any())
 
     def configurations(self, qpos: Float[np.ndarray, "n nq"]) -> Float[np.ndarray, "n coordinates"]:
         """Return the hand's q for MuJoCo's coordinates."""
@@ -214,6 +242,7 @@ def scene_model(hand: Hand, scene: Scene) -> SimulationModel:
     _drive_base(spec, hand)
     for name in hand.link_names:
         spec.body(name).gravcomp = 1.0
+    add_self_contacts(spec, hand)
     add_scene(spec, scene, environment_pieces(scene.environment_mesh, scene.way_bounds()))
     return load_scene_model(str(spec.to_xml()), hand, scene)
 
@@ -229,6 +258,19 @@ def link_surface(scene: Scene) -> ContactSurface:
         priority=1,
         colour=(0.75, 0.75, 0.80, 1.0),
     )
+
+
+def add_self_contacts(spec: Any, hand: Hand) -> None:
+    """Let the links touch each other that `Hand.self_collision_pairs` names, from `SELF_CONTACT_DEPTH` on.
+
+    Without friction: that between hand and object says nothing of the hand's housings.
+    """
+    for pair in hand.self_collision_pairs:
+        one, other = (spec.body(hand.link_names[link]).geoms for link in pair)
+        for first, second in product(one, other):
+            touching = spec.add_pair(geomname1=first.name, geomname2=second.name)
+            touching.condim, touching.solref = 1, first.solref
+            touching.margin, touching.gap = -SELF_CONTACT_DEPTH, SELF_CONTACT_DEPTH
 
 
 def add_scene(spec: Any, scene: Scene, surroundings: list[Vertices]) -> None:
@@ -349,7 +391,10 @@ def _set_options(option: Any, *, timestep: float, noslip_iterations: int, gravit
 
 
 def _drive_base(spec: Any, hand: Hand) -> None:
-    """Hang the palm on six critically damped springs to a target, as an arm under impedance control carries it."""
+    """Hang the palm on six critically damped springs to a target, as an arm under impedance control carries it.
+
+    Springs and dampers together exert no more than the arm can.
+    """
     palm = spec.body(hand.link_names[0])
     palm.add_freejoint(name=DRIVER)
     palm.add_site(name="palm")
@@ -359,11 +404,16 @@ def _drive_base(spec: Any, hand: Hand) -> None:
     mass = ARM_MASS + hand_mass
     inertia = ARM_INERTIA + hand_mass * (hand.finger_length / 2) ** 2
     for index, name in enumerate(BASE_MOTORS):
-        stiffness, inert = (BASE_STIFFNESS, mass) if index < 3 else (BASE_ROTATION_STIFFNESS, inertia)
+        stiffness, inert, most = (
+            (BASE_STIFFNESS, mass, BASE_FORCE_LIMIT)
+            if index < 3
+            else (BASE_ROTATION_STIFFNESS, inertia, BASE_TORQUE_LIMIT)
+        )
         motor = spec.add_actuator(name=name, target="palm", refsite=DRIVER)
         motor.trntype = mujoco.mjtTrn.mjTRN_SITE
         motor.gear[:] = np.eye(6)[index]
         motor.set_to_position(kp=stiffness, kv=2.0 * np.sqrt(stiffness * inert))
+        motor.forcelimited, motor.forcerange = True, (-most, most)
 
 
 def _add_object(spec: Any, mesh: trimesh.Trimesh, mass: float) -> Any:
@@ -404,6 +454,9 @@ def indexed(hand: Hand, model: Any, xml: str, T_world_object: Float[np.ndarray, 
     np.copyto(motor_scale, (motor_of_angle * hand.joint_scales).max(axis=1), where=motor_of_angle.any(axis=1))
     sprung = mujoco.mj_name2id(model, mujoco.mjtObj.mjOBJ_JOINT, DRIVER) >= 0
     base_motor = np.array([model.actuator(name).id for name in BASE_MOTORS if sprung], dtype=np.int64)
+    link_of_body = np.full(model.nbody, -1)
+    link_body = np.asarray([model.body(name).id for name in hand.link_names])
+    link_of_body[link_body] = np.arange(len(link_body))
     return SimulationModel(
         hand=hand,
         xml=xml,
@@ -414,7 +467,7 @@ def indexed(hand: Hand, model: Any, xml: str, T_world_object: Float[np.ndarray, 
         object_body=int(model.body(OBJECT).id),
         object_position=int(model.joint(OBJECT).qposadr[0]),
         side=np.array(model.geom_contype),
-        link_body=np.asarray([model.body(name).id for name in hand.link_names]),
+        link_body=link_body,
         joint_position=joint_position,
         dof_of_angle=dof_of_angle,
         motor_of_angle=motor_of_angle,
@@ -423,6 +476,7 @@ def indexed(hand: Hand, model: Any, xml: str, T_world_object: Float[np.ndarray, 
         base_motor=base_motor,
         base_stiffness=-model.actuator_biasprm[base_motor, 1],
         base_damping=-model.actuator_biasprm[base_motor, 2],
+        link_of_geom=link_of_body[model.geom_bodyid],
     )
 
 

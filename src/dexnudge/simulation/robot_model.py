@@ -14,7 +14,14 @@ from dexnudge.errors import InputError
 from dexnudge.hands.xml_text import numbers, refuse_entities
 from dexnudge.scenes.scene import Scene
 from dexnudge.simulation.convex_pieces import environment_pieces
-from dexnudge.simulation.model import SimulationModel, add_scene, indexed, link_surface, spec_of_links
+from dexnudge.simulation.model import (
+    SimulationModel,
+    add_scene,
+    add_self_contacts,
+    indexed,
+    link_surface,
+    spec_of_links,
+)
 from dexnudge.simulation.surface_pieces import REACH
 
 
@@ -48,7 +55,7 @@ class RobotModel:
 def robot_model(robot: Robot, scene: Scene) -> RobotModel:
     """Return the model of a robot in a scene: contacts, frictions and options are those of `scene_model`.
 
-    Arm and hand touch the object and the surroundings; links of the robot do not touch each other.
+    Arm and hand touch the object and the surroundings, links of the hand each other; the arm touches no link of the robot.
 
     Raises:
         MeshError: object, surroundings or a link cannot be cut into convex pieces.
@@ -56,6 +63,7 @@ def robot_model(robot: Robot, scene: Scene) -> RobotModel:
     body = robot.body
     no_files: list[str | None] = [None] * len(body.link_names)
     spec = spec_of_links(mjcf_of_robot(robot, no_files, ""), body, link_surface(scene))
+    add_self_contacts(spec, robot.hand)
     add_scene(
         spec, scene, environment_pieces(scene.environment_mesh, scene.way_bounds(), within=_reached(robot, scene))
     )

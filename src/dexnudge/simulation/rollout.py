@@ -11,6 +11,7 @@ from dataclasses import dataclass, fields
 import mujoco
 import numpy as np
 from jaxtyping import Float, Int
+from scipy.spatial.transform import Rotation
 
 from dexnudge.hands.hand import ROOT_COORDINATES
 from dexnudge.simulation.hand_path import Path, PushPath, palm_velocity, rotations
@@ -39,6 +40,12 @@ class Trace:
             where an arm carries the hand.
         object_pose: centre of mass [m, world], quaternion wxyz of the object's frame.
         hand_object_force: sums of the normal and of the tangential forces of hand on object [N].
+        link_force: sum of each hand link's normal forces on the object [N], mean since the record before.
+        motor_force: what each motor exerts [N m], sliding ones [N], mean since the record before; of the base in the axes
+            of its target.
+        torque_share: greatest force of each motor since the record before, as a share of its limit.
+        base_wrench: what carries the hand exerts on it beyond its weight: force [N], torque about the palm's origin [N m],
+            world. The mean of the base's motors since the record before; of an arm what balances the hand's contacts then.
         hand_environment_clearance: [m] between convex pieces, at most 50 mm, negative where they penetrate.
         hand_environment_depth: greatest depth by MuJoCo's contacts at any step since the record before [m].
         support_force: sum of the normal forces of the surroundings on the object [N].
@@ -52,6 +59,10 @@ class Trace:
     mocap: Float[np.ndarray, "record target"]
     object_pose: Float[np.ndarray, "record 7"]
     hand_object_force: Float[np.ndarray, "record 2"]
+    link_force: Float[np.ndarray, "record link"]
+    motor_force: Float[np.ndarray, "record nu"]
+    torque_share: Float[np.ndarray, "record nu"]
+    base_wrench: Float[np.ndarray, "record 6"]
     hand_environment_clearance: Float[np.ndarray, " record"]
     hand_environment_depth: Float[np.ndarray, " record"]
     support_force: Float[np.ndarray, " record"]
@@ -88,6 +99,7 @@ class Rollout:
         self._steps = 0
         self._columns: dict[str, list] = {field.name: [] for field in fields(Trace)}
         self._grip: np.ndarray | None = None
+        self._measured = _Measured(simulation)
         simulation.place(self.commanded)
         self._last_state, self._last_step = self._state(), 0
         self._drive = HandDrive.of(simulation)
@@ -124,7 +136,9 @@ class Rollout:
         """
         self._grip = None
         if self._recorded and not self._columns["time"]:
-            self._record(str(path.phase[0]), 0.0)
+            self._record(str(path.phase[0]))
+        with self.elsewhere():  # at contact, fingers may be closer to each other than where they start
+            self.simulation.place(np.concatenate([self.commanded[:ROOT_COORDINATES], path.angles[-1]]))
         policy = policy or OpenLoop()
         policy.start(PushPlan(path, forces, self._drive))
         self.play(self._policy_commands(policy, Senses(self.simulation, sees=sees)))
@@ -169,8 +183,8 @@ class Rollout:
         """Give the commands one after another, each for one step; each is asked for when the step before is done."""
         if self.divergence is not None:
             return
-        simulation, model, data = self.simulation, self.simulation.model, self.simulation.data
-        deepest, done, command = 0.0, 0, None
+        model, data = self.simulation.model, self.simulation.data
+        done, command = 0, None
         for command in commands:
             if model.nmocap:
                 data.mocap_pos[0], data.mocap_quat[0] = command.q[:3], command.quaternion
@@ -186,13 +200,12 @@ class Rollout:
             self._steps += 1
             done += 1
             if self._recorded:
-                deepest = max(deepest, hand_in_environment(simulation))
+                self._measured.add()
                 if done % RECORD_STEPS == 0:
-                    self._record(command.phase, deepest)
-                    deepest = 0.0
+                    self._record(command.phase)
         if command is not None:
             if self._recorded and done % RECORD_STEPS:
-                self._record(command.phase, deepest)
+                self._record(command.phase)
             self.commanded = np.array(command.q)
 
     def _policy_commands(self, policy: Policy, senses: Senses) -> Iterator[Command]:
@@ -219,8 +232,8 @@ class Rollout:
             ctrl[simulation.base_motor] = moving[step] + pressing
             yield Command(q, quaternions[step], ctrl, phase)
 
-    def _record(self, phase: str, deepest: float) -> None:
-        simulation, data = self.simulation, self.simulation.data
+    def _record(self, phase: str) -> None:
+        simulation, data, measured = self.simulation, self.simulation.data, self._measured
         free = simulation.object_position
         record = {
             "time": data.time,
@@ -231,13 +244,25 @@ class Rollout:
             "mocap": np.concatenate([data.mocap_pos, data.mocap_quat], axis=1).ravel(),
             "object_pose": np.concatenate([data.xipos[simulation.object_body], data.qpos[free + 3 : free + 7]]),
             "hand_object_force": contact_force_sums(simulation, HAND_SIDE, OBJECT_SIDE),
+            "link_force": measured.link_force / max(1, measured.steps),
+            "motor_force": measured.motor_force / max(1, measured.steps),
+            "torque_share": measured.greatest / simulation.model.actuator_forcerange[:, 1],
+            "base_wrench": self._base_wrench(),
             "hand_environment_clearance": hand_clearance(simulation),
-            "hand_environment_depth": deepest,
+            "hand_environment_depth": measured.deepest,
             "support_force": contact_force_sums(simulation, OBJECT_SIDE, ENVIRONMENT_SIDE)[0],
         }
         for name, value in record.items():
             self._columns[name].append(value)
+        self._measured = _Measured(simulation)
         self._last_state, self._last_step = self._state(), self._steps
+
+    def _base_wrench(self) -> Float[np.ndarray, " 6"]:
+        """Return what carries the hand exerts, about the palm's origin; see `Trace`."""
+        simulation, measured = self.simulation, self._measured
+        mean = measured.motor_force[simulation.base_motor] / max(1, measured.steps)
+        rotation = Rotation.from_quat(simulation.data.mocap_quat[0], scalar_first=True)
+        return np.concatenate([rotation.apply(mean[:3]), rotation.apply(mean[3:])])
 
     def _state(self) -> Float[np.ndarray, " state"]:
         state = np.zeros(mujoco.mj_stateSize(self.simulation.model, STATE))
@@ -245,12 +270,44 @@ class Rollout:
         return state
 
 
-def hand_in_environment(simulation: SimulationModel) -> float:
-    """Return the greatest depth of the hand in the surroundings by MuJoCo's contacts [m], 0 where there is none."""
-    if simulation.data.ncon == 0:
-        return 0.0
-    distance = np.asarray(simulation.data.contact.dist)[_pair_sides(simulation) == HAND_SIDE + ENVIRONMENT_SIDE]
-    return max(0.0, -float(distance.min(initial=0.0)))
+class _Measured:
+    """What is summed over the steps between two records."""
+
+    def __init__(self, simulation: SimulationModel) -> None:
+        self._simulation = simulation
+        self.steps, self.deepest = 0, 0.0
+        self.link_force = np.zeros(len(simulation.link_body))
+        self.motor_force, self.greatest = np.zeros((2, simulation.model.nu))
+
+    def add(self) -> None:
+        """Add the step that was just made, whose contacts and forces the model's data still holds."""
+        simulation, data = self._simulation, self._simulation.data
+        self.steps += 1
+        self.motor_force += data.actuator_force
+        np.maximum(self.greatest, np.abs(data.actuator_force), out=self.greatest)
+        if data.ncon == 0:
+            return
+        contact = data.contact
+        geoms = np.asarray(contact.geom).reshape(-1, 2)
+        sides = simulation.side[geoms].sum(axis=1)
+        depth = -np.asarray(contact.dist)[sides == HAND_SIDE + ENVIRONMENT_SIDE]
+        self.deepest = max(self.deepest, float(depth.max(initial=0.0)))
+        on_object = sides == HAND_SIDE + OBJECT_SIDE
+        links = simulation.link_of_geom[geoms[on_object]].max(axis=1)
+        force = normal_forces(simulation)[on_object]
+        self.link_force += np.bincount(links, weights=force, minlength=len(self.link_force))
+
+
+def normal_forces(simulation: SimulationModel) -> Float[np.ndarray, " contact"]:
+    """Return the normal force of each current contact [N], as `mj_contactForce` does.
+
+    Elliptic cones have it in the first row of their constraint; pyramidal ones as the sum over their edges.
+    """
+    contact, pyramids = simulation.data.contact, simulation.model.opt.cone == mujoco.mjtCone.mjCONE_PYRAMIDAL
+    first, dimensions = np.asarray(contact.efc_address), np.asarray(contact.dim)
+    rows = np.where((dimensions > 1) & pyramids, 2 * (dimensions - 1), 1)
+    until = np.concatenate([[0.0], np.cumsum(simulation.data.efc_force)])
+    return np.where(first >= 0, until[first + rows] - until[first], 0.0)
 
 
 def contact_force_sums(simulation: SimulationModel, one: int, other: int) -> Float[np.ndarray, " 2"]:

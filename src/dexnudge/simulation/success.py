@@ -15,6 +15,9 @@ LEAST_ADVANCE = 0.8  # of the length and of the angle asked for
 MOST_TURNED = 15.0  # [deg] away from the motion
 MOST_PENETRATION = 0.002  # [m] of the hand in the surroundings
 MOST_SUNK = 0.02  # [m] of the centre of mass below its path: the object has left what carried it
+# The limit on a link's force is what its motor and tendon can hold. An impact, over within milliseconds, loads neither; what
+# is pressed for this long, they hold. The rest is what forces scatter while an object sticks and slides.
+FORCE_WINDOW, FORCE_TOLERANCE = 0.1, 1.02  # [s], [-]
 LEAST_RAISED = 0.8  # of the lift, at its end and at every moment of the hold; the rest may be lost to tilting
 
 
@@ -26,6 +29,7 @@ class PushVerdict:
     angle_asked, angle_reached: turn about the motion's axis [rad], as far; 0 where the object only slides. turned_deg:
     largest angle of the object's orientation from those of its motion at any record. sunk: farthest below where the motion
     has the centre of mass [m]. hand_environment: greatest depth of the hand in its surroundings [m] by MuJoCo's contacts.
+    link_force: greatest normal force of a link on the object [N], mean over 0.1 s.
     """
 
     outcome: Outcome
@@ -36,6 +40,7 @@ class PushVerdict:
     turned_deg: float
     sunk: float
     hand_environment: float
+    link_force: float
 
     @property
     def success(self) -> bool:
@@ -43,10 +48,11 @@ class PushVerdict:
         return self.outcome is Outcome.SUCCESS
 
 
-def judge_push(trace: Trace, *, motion: Motion, length: float, diverged: bool) -> PushVerdict:
+def judge_push(trace: Trace, *, motion: Motion, length: float, max_normal_force: float, diverged: bool) -> PushVerdict:
     """Judge a push that should have moved the object by `length` [m] along its `motion`.
 
-    Of each stage of it the object must have made 80 % at the end.
+    Of each stage of it the object must have made 80 % at the end. No link may press harder on the object than
+    `max_normal_force` [N] on average over any 0.1 s.
     """
     untouched = np.flatnonzero(trace.phase == SETTLE)
     start = int(untouched[-1]) if len(untouched) else 0
@@ -55,6 +61,7 @@ def judge_push(trace: Trace, *, motion: Motion, length: float, diverged: bool) -
     angle_asked, length_asked = motion.angle(length), motion.slid(length)
     angle_reached, length_reached = float(turned[-1]), float((slid @ motion.direction)[-1])
     turned_deg, depth = float(np.degrees(off).max()), float(trace.hand_environment_depth.max())
+    force = float(lasting_forces(trace.time, trace.link_force).max())
     failures = {
         Outcome.DIVERGED: diverged,
         Outcome.DROPPED: sunk > MOST_SUNK,
@@ -62,9 +69,12 @@ def judge_push(trace: Trace, *, motion: Motion, length: float, diverged: bool) -
         Outcome.TURNED_SHORT: angle_reached < LEAST_ADVANCE * angle_asked,
         Outcome.FELL_SHORT: length_asked > 0 and length_reached < LEAST_ADVANCE * length_asked,
         Outcome.HAND_IN_ENVIRONMENT: depth > MOST_PENETRATION,
+        Outcome.PRESSED_TOO_HARD: force > FORCE_TOLERANCE * max_normal_force,
     }
     outcome = next((outcome for outcome, failed in failures.items() if failed), Outcome.SUCCESS)
-    return PushVerdict(outcome, length_asked, length_reached, angle_asked, angle_reached, turned_deg, sunk, depth)
+    return PushVerdict(
+        outcome, length_asked, length_reached, angle_asked, angle_reached, turned_deg, sunk, depth, force
+    )
 
 
 def _made(
@@ -90,13 +100,26 @@ def _made(
     return turned, centres - motion.turn.point - about.apply(arm), (rotation * planned.inv()).magnitude()
 
 
+def lasting_forces(
+    time: Float[np.ndarray, " record"], link_force: Float[np.ndarray, "record link"], *, window: float = FORCE_WINDOW
+) -> Float[np.ndarray, " link"]:
+    """Return the greatest force of each link [N], mean over any `window` [s] of a trace; 0 where that is shorter."""
+    impulse = np.cumsum(link_force * np.diff(time, prepend=time[0])[:, None], axis=0)
+    begin = np.searchsorted(time, time - window + 1e-9, side="right") - 1  # 1e-9 s: times are rounded
+    end = np.flatnonzero(begin >= 0)
+    begin = begin[end]
+    means = (impulse[end] - impulse[begin]) / (time[end] - time[begin])[:, None]
+    return np.asarray(means.max(axis=0, initial=0.0))
+
+
 @dataclass(frozen=True)
 class LiftVerdict:
     """The verdict on a lift; `phase` is "" where it succeeded, else "lift" or "hold".
 
     raised: of the object's centre of mass at the end of the lift [m]. least_held: the least while it was held [m].
     turned_deg: from the object's orientation before the fingers closed to the end. hand_environment: greatest depth of the
-    hand in its surroundings by MuJoCo's contacts [m].
+    hand in its surroundings by MuJoCo's contacts [m]. link_force: greatest normal force of a link on the object [N], mean
+    over 0.1 s, which is not judged: a grasp holds as firmly as it must.
     """
 
     phase: str
@@ -105,6 +128,7 @@ class LiftVerdict:
     least_held: float
     turned_deg: float
     hand_environment: float
+    link_force: float
 
 
 def judge_lift(trace: Trace, *, attempt: int, height: float) -> LiftVerdict:
@@ -134,4 +158,5 @@ def judge_lift(trace: Trace, *, attempt: int, height: float) -> LiftVerdict:
         failed = ("lift", Outcome.HAND_IN_ENVIRONMENT)
     else:
         failed = ("", Outcome.SUCCESS)
-    return LiftVerdict(*failed, top, lowest, float(np.degrees(2 * np.arccos(cosine))), depth)
+    force = float(lasting_forces(trace.time[mine][first:], trace.link_force[mine][first:]).max())
+    return LiftVerdict(*failed, top, lowest, float(np.degrees(2 * np.arccos(cosine))), depth, force)

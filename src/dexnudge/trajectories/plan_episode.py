@@ -191,7 +191,13 @@ def judge_plan(plan: Plan, trace: PlanTrace, *, diverged: bool) -> PushVerdict:
     for last in ("push", "retreat"):
         end = ends[last] - plan.trajectory.time[0]
         verdicts.append(
-            judge_push(_until(trace, end), motion=plan.scene.object_motion, length=plan.length, diverged=diverged)
+            judge_push(
+                _until(trace, end),
+                motion=plan.scene.object_motion,
+                length=plan.length,
+                max_normal_force=plan.scene.max_normal_force,
+                diverged=diverged,
+            )
         )
     return next((verdict for verdict in verdicts if not verdict.success), verdicts[0])
 

@@ -10,7 +10,7 @@ from jaxtyping import Float
 from dexnudge.arms.export import robot_actuators
 from dexnudge.hands.motors import Actuator
 from dexnudge.simulation.hand_path import interpolated
-from dexnudge.simulation.model import HAND_SIDE, OBJECT_SIDE, TIMESTEP
+from dexnudge.simulation.model import TIMESTEP
 from dexnudge.simulation.robot_model import RobotModel, robot_model
 from dexnudge.simulation.rollout import Command, Divergence, Rollout, Trace
 from dexnudge.trajectories.interpolation import at
@@ -26,16 +26,12 @@ class PlanTrace(Trace):
         tracking_error: by how much the joints are ahead of it [rad]; the delay of the motors is part of it.
         palm_error: of the palm's place [m] and orientation [rad] against the plan's.
         velocity: of every joint [rad/s].
-        torque_share: greatest force of every motor since the record before, as a share of its limit.
-        link_force: normal force of every link of the robot's body on the object [N].
     """
 
     planned: Float[np.ndarray, "record n"]
     tracking_error: Float[np.ndarray, "record n"]
     palm_error: Float[np.ndarray, "record 2"]
     velocity: Float[np.ndarray, "record n"]
-    torque_share: Float[np.ndarray, "record motor"]
-    link_force: Float[np.ndarray, "record link"]
 
 
 def set_points(
@@ -77,14 +73,13 @@ class PlanRollout(Rollout):
     def __init__(self, model: RobotModel, position: Float[np.ndarray, " n"]) -> None:
         super().__init__(model.simulation, model.robot.coordinates(position[None])[0])
         self._model, self._motors = model, robot_actuators(model.robot)
-        self._more: dict[str, list] = {name: [] for name in ("planned", "velocity", "torque_share", "link_force")}
+        self._more: dict[str, list] = {name: [] for name in ("planned", "velocity")}
         self._planned = np.array(position)
-        self._greatest = np.zeros(model.simulation.model.nu)
 
     def follow_plan(self, plan: Plan) -> None:
         """Play a plan from where the robot is, which should be where the plan begins."""
         if not self._columns["time"]:
-            self._record(plan.phases[0].name, 0.0)
+            self._record(plan.phases[0].name)
         self.play(self._plan_commands(plan))
 
     def _plan_commands(self, plan: Plan) -> Iterator[Command]:
@@ -97,12 +92,9 @@ class PlanRollout(Rollout):
         ends = np.array([phase.end for phase in plan.phases[:-1]])
         phase = np.searchsorted(ends, time[1:] - TIMESTEP / 2)
         base = self.simulation.model.body(int(self.simulation.link_body[0])).quat
-        limits = self.simulation.model.actuator_forcerange[:, 1]
         for step in range(steps):
             self._planned = joints.position[step + 1]
             yield Command(q[step], base, ctrl[step], plan.phases[phase[step]].name)
-            share = np.abs(self.simulation.data.actuator_force) / limits
-            self._greatest = np.maximum(self._greatest, share)
 
     @property
     def plan_trace(self) -> PlanTrace:
@@ -111,6 +103,8 @@ class PlanRollout(Rollout):
         more = {name: np.array(values) for name, values in self._more.items()}
         positions = self._model.positions(whole.qpos)
         poses, planned = (self._model.robot.palm_poses(each) for each in (positions, more["planned"]))
+        wrench = whole.base_wrench  # about the world's origin, as yet
+        wrench[:, 3:] -= np.cross(poses[:, :3, 3], wrench[:, :3])
         off = np.linalg.norm(poses[:, :3, 3] - planned[:, :3, 3], axis=1)
         cosine = (np.einsum("kxy,kxy->k", poses[:, :3, :3], planned[:, :3, :3]) - 1) / 2
         return PlanTrace(
@@ -120,29 +114,17 @@ class PlanRollout(Rollout):
             palm_error=np.stack([off, np.arccos(np.clip(cosine, -1.0, 1.0))], axis=1),
         )
 
-    def _record(self, phase: str, deepest: float) -> None:
-        super()._record(phase, deepest)
+    def _record(self, phase: str) -> None:
+        super()._record(phase)
         model, data = self.simulation.model, self.simulation.data
         velocity = data.qvel[[model.joint(name).dofadr[0] for name in self._model.robot.joint_names]]
-        record = {
-            "planned": self._planned,
-            "velocity": velocity,
-            "torque_share": self._greatest,
-            "link_force": self._link_forces(),
-        }
-        for name, value in record.items():
+        for name, value in {"planned": self._planned, "velocity": velocity}.items():
             self._more[name].append(np.array(value))
-        self._greatest = np.zeros(model.nu)
 
-    def _link_forces(self) -> Float[np.ndarray, " link"]:
-        """Return the normal force of each link on the object [N]."""
-        simulation, force = self.simulation, np.zeros(6)
-        model, data = simulation.model, simulation.data
-        found = np.zeros(len(simulation.link_body))
-        for index in range(data.ncon):
-            geoms = data.contact.geom[index]
-            if simulation.side[geoms].sum() == HAND_SIDE + OBJECT_SIDE:
-                mine = geoms[simulation.side[geoms] == HAND_SIDE][0]
-                mujoco.mj_contactForce(model, data, index, force)
-                found[simulation.link_body == model.geom_bodyid[mine]] += force[0]
-        return found
+    def _base_wrench(self) -> Float[np.ndarray, " 6"]:
+        """Return what balances the contacts of the hand's links now; the torque about the world's origin."""
+        model, data, names = self.simulation.model, self.simulation.data, self._model.robot.hand.link_names
+        mujoco.mj_rnePostConstraint(model, data)
+        links = [model.body(name).id for name in names]
+        torque, force = -data.cfrc_ext[links].sum(axis=0).reshape(2, 3)
+        return np.concatenate([force, torque + np.cross(data.subtree_com[model.body_rootid[links[0]]], force)])

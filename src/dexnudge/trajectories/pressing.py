@@ -6,7 +6,6 @@ import numpy as np
 import torch
 from jaxtyping import Float
 from scipy.interpolate import CubicSpline
-from scipy.spatial.transform import Rotation
 
 from dexnudge.arms.robot import Robot
 from dexnudge.hands.hand import Hand
@@ -129,9 +128,9 @@ def press(
         hand.link_names[link]: float(normal[:, contacts.link == link].sum(axis=1).max())
         for link in np.unique(contacts.link)
     }
-    rehearsal = _Rehearsal(simulation, q)
+    rehearsal = Rollout(simulation, q)
     rehearsal.push(push_path(np.zeros(1), q[None], motion=scene.object_motion, length=length), forces)
-    pressing, motor_force, wrench = rehearsal.at(np.linspace(0.0, length, len(forces.force)), scene.motion)
+    pressing, motor_force, wrench = _pressed(rehearsal, np.linspace(0.0, length, len(forces.force)), scene.motion)
     return Press(
         contact=q,
         pressing=pressing,
@@ -141,45 +140,34 @@ def press(
         length=length,
         link_force={name: force for name, force in link_force.items() if force > LEAST_FORCE},
         verdict=judge_push(
-            rehearsal.trace, motion=scene.object_motion, length=length, diverged=rehearsal.divergence is not None
+            rehearsal.trace,
+            motion=scene.object_motion,
+            length=length,
+            max_normal_force=task.max_normal_force,
+            diverged=rehearsal.divergence is not None,
         ),
     )
 
 
-class _Rehearsal(Rollout):
-    """A push on a compliant arm that keeps what its motors make."""
+def _pressed(
+    rollout: Rollout, travelled: Float[np.ndarray, " place"], motion: Float[np.ndarray, " 3"]
+) -> tuple[Float[np.ndarray, "place coordinates"], Float[np.ndarray, "place motor"], Float[np.ndarray, "place 6"]]:
+    """Return q, the motors' forces and the wrench on the palm (world) where the hand of a push was told to be.
 
-    def __init__(self, simulation: SimulationModel, q: Float[np.ndarray, " coordinates"]) -> None:
-        super().__init__(simulation, q)
-        self._forces: list[np.ndarray] = []
-
-    def at(
-        self, travelled: Float[np.ndarray, " place"], motion: Float[np.ndarray, " 3"]
-    ) -> tuple[Float[np.ndarray, "place coordinates"], Float[np.ndarray, "place motor"], Float[np.ndarray, "place 6"]]:
-        """Return q, the motors' forces and the wrench on the palm (world) where the hand has been told to be.
-
-        Means over neighbouring records, so that what the object's sticking and slipping does in between is left out.
-        """
-        simulation, trace = self.simulation, self.trace
-        base = simulation.base_motor
-        kept = np.flatnonzero(np.isin(trace.phase, (SQUEEZE, PUSH, STOP)))
-        kept = kept[np.searchsorted(kept, np.flatnonzero(trace.phase == SQUEEZE)[-1]) :]
-        done = (trace.mocap[kept, :3] - trace.mocap[kept[0], :3]) @ motion
-        q = simulation.configurations(trace.qpos[kept])
-        q[:, :3] += np.outer(-done, motion)
-        rows = np.concatenate([q, np.array(self._forces)[kept]], axis=1)
-        half = travelled[1] / 2
-        near = np.abs(done - travelled[:, None]) <= half
-        means = np.stack([rows[mine].mean(axis=0) for mine in near])
-        means[:, :3] += np.outer(travelled, motion)
-        found, force = np.split(means, [q.shape[1]], axis=1)
-        target = Rotation.from_quat(trace.mocap[kept[0], 3:], scalar_first=True)
-        wrench = np.concatenate([target.apply(force[:, base[:3]]), target.apply(force[:, base[3:]])], axis=1)
-        return simulation.hand.clamp(torch.as_tensor(orthonormal(found))).numpy(), force, wrench
-
-    def _record(self, phase: str, deepest: float) -> None:
-        super()._record(phase, deepest)
-        self._forces.append(np.array(self.simulation.data.actuator_force))
+    Means over neighbouring records, so that what the object's sticking and slipping does in between is left out.
+    """
+    simulation, trace = rollout.simulation, rollout.trace
+    kept = np.flatnonzero(np.isin(trace.phase, (SQUEEZE, PUSH, STOP)))
+    kept = kept[np.searchsorted(kept, np.flatnonzero(trace.phase == SQUEEZE)[-1]) :]
+    done = (trace.mocap[kept, :3] - trace.mocap[kept[0], :3]) @ motion
+    q = simulation.configurations(trace.qpos[kept])
+    q[:, :3] += np.outer(-done, motion)
+    rows = [q, trace.motor_force[kept], trace.base_wrench[kept]]
+    half = travelled[1] / 2
+    near = np.abs(done - travelled[:, None]) <= half
+    found, force, wrench = (np.stack([each[mine].mean(axis=0) for mine in near]) for each in rows)
+    found[:, :3] += np.outer(travelled, motion)
+    return simulation.hand.clamp(torch.as_tensor(orthonormal(found))).numpy(), force, wrench
 
 
 def palm_jacobians(
