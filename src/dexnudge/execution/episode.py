@@ -242,7 +242,8 @@ def execute(
         feedback: whether the hand answers what it feels and sees, see `Feedback`; False for the plan as it is, or a policy
             of your own.
         then_grasp: slide the object until it can be grasped, grasp it, lift it by 10 cm and hold it for 2 s.
-        alternatives: with `then_grasp`, configurations of the same scene with which further attempts push.
+        alternatives: configurations of the same scene with which a push that falls short goes on; with `then_grasp`, with
+            which further attempts push.
         attempts: with `then_grasp`, at most so many; each goes on from where the one before left hand and object.
         draws: with `then_grasp`, the number of grasps that are sampled at a time; 32 unless given.
         seed: with `then_grasp`, the seed of the grasps.
@@ -265,7 +266,8 @@ def execute(
     policy = feedback if isinstance(feedback, Policy) else Feedback() if feedback else OpenLoop()
     if not then_grasp:
         simulation = scene_model(sample.hand, sample.scene)
-        return Episode(sample.scene, simulation, Executor(sample.scene, simulation, policy)(q[0]))
+        execution = Executor(sample.scene, simulation, policy)(q[0], q[1:] if feedback else None)
+        return Episode(sample.scene, simulation, execution)
     sampler = Sampler.from_pretrained(sample.hand, weights=weights)
     simulation = scene_model(sample.hand, sample.scene)
     result = SlideGraspLift(sample.scene, simulation, q, sampler, draws=draws, seed=seed, policy=policy).run(attempts)

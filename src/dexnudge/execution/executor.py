@@ -6,10 +6,13 @@ from dataclasses import dataclass
 import numpy as np
 from jaxtyping import Float
 
+from dexnudge.execution.scene_rollout import SceneRollout
+from dexnudge.execution.slide_grasp_lift import Attempt, Slide
 from dexnudge.mechanics.sliding_task import sliding_task
 from dexnudge.planning.approach import Approach, ApproachPlanner
 from dexnudge.planning.hand_clearance import Blocked
 from dexnudge.planning.object_path import push_length, stations
+from dexnudge.planning.outcomes import Outcome
 from dexnudge.scenes.scene import Scene
 from dexnudge.simulation.feedback import Feedback
 from dexnudge.simulation.hand_path import push_path
@@ -17,8 +20,11 @@ from dexnudge.simulation.model import SimulationModel
 from dexnudge.simulation.policy import Policy
 from dexnudge.simulation.push_forces import PushForces, push_forces
 from dexnudge.simulation.rollout import Divergence, Rollout, Trace
-from dexnudge.simulation.success import PushVerdict, judge_push
+from dexnudge.simulation.success import LEAST_ADVANCE, PushVerdict, judge_push
 from dexnudge.verification.verdicts import contacts_of
+
+MOST_REGRASPS = 3  # of a push that falls short
+Alternatives = Float[np.ndarray, "n coordinates"] | None
 
 
 @dataclass(frozen=True)
@@ -50,8 +56,12 @@ class Executor:
         self._planner = ApproachPlanner(self._hand, scene)
         self._stations, self._task = stations(scene, self._length), sliding_task(scene)
 
-    def __call__(self, q: Float[np.ndarray, " coordinates"]) -> Execution:
-        """Push with q (world); the same q gives the same result, whatever was executed before."""
+    def __call__(self, q: Float[np.ndarray, " coordinates"], alternatives: Alternatives = None) -> Execution:
+        """Push with q (world); the same q gives the same result, whatever was executed before.
+
+        An object that only slides, and falls short, is pushed on: with q or one of the `alternatives`, whichever balances
+        best where the object lies then. None: it is not.
+        """
         seconds: dict[str, float] = {}
         clock = time.perf_counter()
         approach = self._planner.plan(q)
@@ -59,18 +69,22 @@ class Executor:
         (contacts,) = contacts_of(self._scene, self._hand, q[None])
         forces = push_forces(self._simulation, q, contacts, self._stations, self._task)
         seconds["forces"], clock = time.perf_counter() - clock, time.perf_counter()
-        rollout = self._play(self._simulation, q, approach, forces)
+        rollout = self._play(self._simulation, q, approach, forces, alternatives)
         seconds["simulation"] = time.perf_counter() - clock
         return Execution(self._judge(rollout), rollout.trace, rollout.divergence, forces, approach, seconds)
 
     def again(
-        self, q: Float[np.ndarray, " coordinates"], execution: Execution, simulation: SimulationModel
+        self,
+        q: Float[np.ndarray, " coordinates"],
+        execution: Execution,
+        simulation: SimulationModel,
+        alternatives: Alternatives = None,
     ) -> PushVerdict:
         """Return the verdict on the same approach and forces, played in another model of the same hand and scene.
 
         That model may have other frictions, of which approach and forces then know nothing.
         """
-        return self._judge(self._play(simulation, q, execution.approach, execution.forces))
+        return self._judge(self._play(simulation, q, execution.approach, execution.forces, alternatives))
 
     def _play(
         self,
@@ -78,11 +92,38 @@ class Executor:
         q: Float[np.ndarray, " coordinates"],
         approach: Approach | Blocked,
         forces: PushForces,
+        alternatives: Alternatives,
     ) -> Rollout:
         times, way = approach.last_stretch if isinstance(approach, Approach) else (np.zeros(1), q[None])
         rollout = Rollout(simulation, way[0])
         rollout.push(push_path(times, way, motion=self._scene.object_motion, length=self._length), forces, self._policy)
+        if isinstance(approach, Approach) and alternatives is not None and self._scene.turn is None:
+            self._go_on(rollout, simulation, approach, np.stack([q, *alternatives]))
         return rollout
+
+    def _go_on(
+        self,
+        rollout: Rollout,
+        simulation: SimulationModel,
+        approach: Approach,
+        q: Float[np.ndarray, "n coordinates"],
+    ) -> None:
+        """Back off and push with one of the configurations after another until the object is there, or none fits."""
+        stage = SceneRollout(self._scene, simulation, rollout)
+        slide = Slide(stage, q, self._policy, length=self._left)
+        for attempt in range(2, 2 + MOST_REGRASPS):
+            if self._left(stage.scene_now()) <= (1 - LEAST_ADVANCE) * self._length or stage.why_over():
+                return
+            if attempt == 2:
+                stage.back_off(approach)
+            rollout.attempt = attempt
+            if slide(stage.scene_now(), Attempt(attempt, "slide", Outcome.SUCCESS)).configuration < 0:
+                return
+
+    def _left(self, scene: Scene) -> float:
+        """Return how much of the push is left where the object is in `scene` [m]."""
+        moved = sliding_task(scene).centre - self._task.centre
+        return self._length - float(moved @ self._scene.motion)
 
     def _judge(self, rollout: Rollout) -> PushVerdict:
         return judge_push(

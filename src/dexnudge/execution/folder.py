@@ -6,6 +6,7 @@ from pathlib import Path
 from typing import Any
 
 import numpy as np
+from jaxtyping import Float
 
 from dexnudge.errors import InputError
 from dexnudge.execution.episode import EPISODE_FILES, MODEL_FILE, Episode, execute, provenance, write_model
@@ -60,14 +61,17 @@ def push_folder(
         MeshError: MuJoCo cannot take the object or the surroundings.
         OutputError: `out` exists or cannot be written.
     """
-    samples = read_verified(folder)[:top]
+    verified = read_verified(folder)
+    samples = verified[:top]
     out = out or folder / PUSH_FOLDER
     with new_folder(out, overwrite=overwrite, marker=MODEL_FILE, ours=EPISODE_FILES) as written:
         simulation = scene_model(samples.hand, samples.scene)
         episodes: list[Episode] = []
         rows: list[dict[str, Any]] = []
         tasks = list(enumerate(samples.q.astype(np.float64)))
-        handler = partial(_executor, folder.absolute(), simulation.xml, feedback=feedback)
+        handler = partial(
+            _executor, folder.absolute(), simulation.xml, verified.q.astype(np.float64), feedback=feedback
+        )
         for (index, _), result in run_tasks(handler, tasks, workers=min(workers, len(tasks))):
             if isinstance(result, Execution):
                 episode = Episode(samples.scene, simulation, result, index)
@@ -93,10 +97,12 @@ def push_folder(
     return summary
 
 
-def _executor(folder: Path, xml: str, *, feedback: bool) -> Callable[[tuple[int, np.ndarray]], Execution]:
+def _executor(
+    folder: Path, xml: str, q: Float[np.ndarray, "n coordinates"], *, feedback: bool
+) -> Callable[[tuple[int, np.ndarray]], Execution]:
     scene, hand = read_inputs(folder)
     executor = Executor(scene, load_scene_model(xml, hand, scene), Feedback() if feedback else OpenLoop())
-    return lambda task: executor(task[1])
+    return lambda task: executor(task[1], np.delete(q, task[0], axis=0) if feedback else None)
 
 
 def _died(index: int, result: WorkerDied) -> dict[str, Any]:

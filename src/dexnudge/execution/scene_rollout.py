@@ -29,11 +29,14 @@ LEAST_CLEARANCE = 0.0015  # [m] kept while it moves away, or what it has where i
 
 
 class SceneRollout:
-    """A rollout that begins when the hand first goes to the object; `first` is the scene as it was at the start."""
+    """A rollout that begins when the hand first goes to the object; `first` is the scene as it was at the start.
 
-    def __init__(self, first: Scene, simulation: SimulationModel) -> None:
+    rollout: one that has begun already.
+    """
+
+    def __init__(self, first: Scene, simulation: SimulationModel, rollout: Rollout | None = None) -> None:
         self.hand, self.first, self.simulation = simulation.hand, first, simulation
-        self._rollout: Rollout | None = None
+        self._rollout = rollout
 
     @property
     def begun(self) -> bool:

@@ -4,6 +4,7 @@ One continuous simulation. When something fails, the next attempt goes on from w
 would: with the next configuration where the object still has to slide, else with the next grasp.
 """
 
+from collections.abc import Callable
 from dataclasses import dataclass, replace
 from typing import Any
 
@@ -14,6 +15,8 @@ from dexnudge.execution.grasp_and_lift import LIFT, GraspAndLift, NoGrasp
 from dexnudge.execution.grasp_finder import GraspFinder
 from dexnudge.execution.scene_rollout import SceneRollout
 from dexnudge.geometry.transforms import transform_configurations
+from dexnudge.mechanics.contacts import moved_contacts
+from dexnudge.mechanics.fast_balance import force_margins
 from dexnudge.mechanics.sliding_task import sliding_task
 from dexnudge.planning.approach import Approach, ApproachPlanner
 from dexnudge.planning.object_path import GraspableLimits, plan_object_motion, stations
@@ -88,26 +91,38 @@ def overhang(scene: Scene) -> float | tuple[Outcome, str]:
     return plan.overhang
 
 
+def to_be_graspable(scene: Scene) -> float | Outcome:
+    """Return how far the object has to slide until it can be grasped [m], or why there is no such way."""
+    plan = plan_object_motion(scene, AIM)
+    if isinstance(plan, Outcome):
+        plan = plan_object_motion(scene)
+    return plan if isinstance(plan, Outcome) else plan.length
+
+
 class Slide:
     """Slides the object of a stage along the scene's motion with configurations q, each of them once, in their order.
 
-    policy: what decides step by step; feedback unless given.
+    policy: what decides step by step; feedback unless given. length: how far to push [m] in a scene, or why not; to where
+    the object can be grasped unless given.
     """
 
     def __init__(
-        self, stage: SceneRollout, q: Float[np.ndarray, "n coordinates"], policy: Policy | None = None
+        self,
+        stage: SceneRollout,
+        q: Float[np.ndarray, "n coordinates"],
+        policy: Policy | None = None,
+        *,
+        length: Callable[[Scene], float | Outcome] | None = None,
     ) -> None:
-        self._policy = policy or Feedback()
+        self._policy, self._length = policy or Feedback(), length or to_be_graspable
         self._stage, self._waiting = stage, dict(enumerate(np.asarray(q, dtype=np.float64)))
 
     def __call__(self, scene: Scene, attempt: Attempt) -> Attempt:
         """Push the object from where it lies in `scene`; return the attempt with what came of it."""
-        plan = plan_object_motion(scene, AIM)
-        if isinstance(plan, Outcome):
-            plan = plan_object_motion(scene)
-        if isinstance(plan, Outcome):
-            return replace(attempt, outcome=plan)
-        chosen = self._choose(scene)
+        length = self._length(scene)
+        if isinstance(length, Outcome):
+            return replace(attempt, outcome=length)
+        chosen = self._choose(scene, length)
         if len(chosen) == 2:
             return replace(attempt, outcome=chosen[0], detail=chosen[1])
         index, q, approach = chosen
@@ -116,11 +131,9 @@ class Slide:
         (contacts,) = contacts_of(scene, self._stage.hand, q[None])
         task = sliding_task(scene)
         with rollout.elsewhere():
-            forces = push_forces(self._stage.model_at(scene), q, contacts, stations(scene, plan.length), task)
-        rollout.push(
-            push_path(*approach.last_stretch, motion=scene.object_motion, length=plan.length), forces, self._policy
-        )
-        self._catch_up(scene, plan.length)
+            forces = push_forces(self._stage.model_at(scene), q, contacts, stations(scene, length), task)
+        rollout.push(push_path(*approach.last_stretch, motion=scene.object_motion, length=length), forces, self._policy)
+        self._catch_up(scene, length)
         self._stage.back_off(approach)
         outcome, detail = self._judged(scene)
         return replace(
@@ -128,17 +141,25 @@ class Slide:
             outcome=outcome,
             detail=detail,
             configuration=index,
-            length_asked=plan.length,
+            length_asked=length,
             length_reached=float(self._stage.moved(scene) @ scene.motion),
         )
 
-    def _choose(self, scene: Scene) -> tuple[int, np.ndarray, Approach] | tuple[Outcome, str]:
-        """Return the first configuration that fits the object where it lies now, its q and a way there, or why none does."""
+    def _choose(self, scene: Scene, length: float) -> tuple[int, np.ndarray, Approach] | tuple[Outcome, str]:
+        """Return the first configuration that fits the object where it lies now, its q and a way there, or why none does.
+
+        Once the hand has begun, each may go where it has come to with the object, or where it was drawn, under which the
+        object has slid away; those come first that balance best from here to the end.
+        """
         moved = scene.T_world_object @ np.linalg.inv(self._stage.first.T_world_object)
+        waiting = [(index, transform_configurations(moved, q[None])[0]) for index, q in self._waiting.items()]
+        if self._stage.begun and waiting:
+            waiting += list(self._waiting.items())
+            least = self._least_margins(scene, length, np.array([q for _, q in waiting]))
+            waiting = [waiting[place] for place in np.argsort(-least, kind="stable")]
         planner = ApproachPlanner(self._stage.hand, scene)
         failed = Outcome.NO_CONFIGURATION, ""
-        for index, first in list(self._waiting.items())[:MOST_PLANNED]:
-            q = np.asarray(transform_configurations(moved, first[None])[0])
+        for index, q in waiting[:MOST_PLANNED]:
             if self._stage.begun:
                 verdict = verify(scene, self._stage.hand, q[None])
                 if not verdict.success[0]:
@@ -149,6 +170,17 @@ class Slide:
                 return index, q, approach
             failed = Outcome.APPROACH_BLOCKED, approach.reason
         return failed
+
+    def _least_margins(
+        self, scene: Scene, length: float, q: Float[np.ndarray, "n coordinates"]
+    ) -> Float[np.ndarray, " n"]:
+        """Return the least force margin of each configuration at both ends of the way."""
+        contacts, task, way = contacts_of(scene, self._stage.hand, q), sliding_task(scene), stations(scene, length)
+        found = [
+            force_margins([moved_contacts(each, end.T) for each in contacts], end.supports, end.task(task)).factor[:, 0]
+            for end in (way[0], way[-1])
+        ]
+        return np.min(found, axis=0)
 
     def _catch_up(self, scene: Scene, length: float) -> None:
         """Carry on by as much as the object has stayed behind, as a hand that sees the object would."""

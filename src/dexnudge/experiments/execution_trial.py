@@ -9,7 +9,7 @@ from typing import Any, ClassVar
 
 import numpy as np
 
-from dexnudge.execution.executor import Executor
+from dexnudge.execution.executor import Alternatives, Executor
 from dexnudge.experiments.disturbances import AS_DRAWN, EXECUTED_AT, setting_name
 from dexnudge.experiments.drawn_trial import DrawnTrial, TrialSampler
 from dexnudge.experiments.metrics import (
@@ -177,8 +177,16 @@ class ExecutionTrial(DrawnTrial[ExecutionRecord]):
         def play(samples: Samples, _: int) -> dict[str, Any]:
             simulation = scene_model(sampler.hand, samples.scene)
             policy = Feedback() if self.feedback else OpenLoop()
-            executor, chosen = Executor(samples.scene, simulation, policy), samples.verified[: self.num]
-            return {"executed": [self._executed(rank, each, executor, simulation) for rank, each in enumerate(chosen)]}
+            executor, verified = Executor(samples.scene, simulation, policy), samples.verified
+            q = verified.q.astype(np.float64)
+
+            def others(rank: int) -> Alternatives:
+                return np.delete(q, rank, axis=0) if self.feedback else None
+
+            chosen = enumerate(verified[: self.num])
+            return {
+                "executed": [self._executed(rank, each, executor, simulation, others(rank)) for rank, each in chosen]
+            }
 
         return play
 
@@ -199,9 +207,11 @@ class ExecutionTrial(DrawnTrial[ExecutionRecord]):
                 found.append(Section(title, ABOUT_GROUPS.get(title, ""), table, chart, numbers=rates))
         return found
 
-    def _executed(self, rank: int, sample: Sample, executor: Executor, simulation: SimulationModel) -> ExecutedDraw:
+    def _executed(
+        self, rank: int, sample: Sample, executor: Executor, simulation: SimulationModel, others: Alternatives
+    ) -> ExecutedDraw:
         q = sample.q.astype(np.float64)
-        execution = executor(q)
+        execution = executor(q, others)
         verdict, root = execution.verdict, q[:3] - sample.scene.object_in_world().center_mass
         return ExecutedDraw(
             rank=rank,
@@ -219,7 +229,7 @@ class ExecutionTrial(DrawnTrial[ExecutionRecord]):
             approach=execution.approach.planner if isinstance(execution.approach, Approach) else "",
             disturbed={
                 setting_name(name, factor): executor.again(
-                    q, execution, changed_physics(simulation, **{name: factor})
+                    q, execution, changed_physics(simulation, **{name: factor}), others
                 ).success
                 for name, factor in (EXECUTED_AT if self.errors and rank == 0 else [])
             },

@@ -54,8 +54,7 @@ def judge_push(trace: Trace, *, motion: Motion, length: float, max_normal_force:
     Of each stage of it the object must have made 80 % at the end. No link may press harder on the object than
     `max_normal_force` [N] on average over any 0.1 s.
     """
-    untouched = np.flatnonzero(trace.phase == SETTLE)
-    start = int(untouched[-1]) if len(untouched) else 0
+    start = max(0, int(np.argmax(trace.phase != SETTLE)) - 1)  # the last record before the hand first came
     turned, slid, off = _made(motion, length, trace.object_pose[start:])
     sunk = float((slid @ motion.direction * motion.direction[2] - slid[:, 2]).max())
     angle_asked, length_asked = motion.angle(length), motion.slid(length)

@@ -1,0 +1,49 @@
+"""A push that falls short goes on from where the object lies, with what fits there."""
+
+from dataclasses import replace
+
+import numpy as np
+import pytest
+
+from dexnudge.execution.executor import MOST_REGRASPS, Executor
+from dexnudge.planning.approach import Approach
+from dexnudge.planning.outcomes import Outcome
+from dexnudge.simulation.model import scene_model
+from dexnudge.simulation.open_loop import OpenLoop
+
+LENGTH, STRIDE = 0.06, 0.025  # [m]
+
+
+class Stride(OpenLoop):
+    """Ends every push once the object has come so far."""
+
+    def start(self, plan):
+        super().start(plan)
+        self._begun = None
+
+    def command(self, seen):
+        if self._begun is None:
+            self._begun = seen.T_world_object[0, 3]
+        return None if seen.T_world_object[0, 3] > self._begun + STRIDE else super().command(seen)
+
+
+@pytest.fixture(scope="module")
+def executor(pad_hand, block_scene):
+    scene = replace(block_scene, motion_length=LENGTH)
+    return Executor(scene, scene_model(pad_hand, scene), Stride())
+
+
+def test_a_push_that_falls_short_goes_on(executor, pad_grasp):
+    q, _ = pad_grasp
+    once = executor(q)
+    assert isinstance(once.approach, Approach)
+    assert once.verdict.outcome is Outcome.FELL_SHORT
+    assert once.verdict.length_reached == pytest.approx(STRIDE, abs=0.002)
+    assert set(once.trace.attempt) == {1}
+    on = executor(q, q[None][:0])  # no others: with the same one, carried along
+    assert on.verdict.success
+    assert on.verdict.length_reached > 0.8 * LENGTH
+    assert set(on.trace.attempt) == {1, 2}
+    assert set(on.trace.attempt) <= set(range(1, 2 + MOST_REGRASPS))
+    count = len(once.trace.time)
+    np.testing.assert_array_equal(on.trace.qpos[:count], once.trace.qpos)
