@@ -19,7 +19,7 @@ from dexnudge.arms.arm import JointLimits
 from dexnudge.arms.registry import load_arm
 from dexnudge.cli.arguments import stdout, table
 from dexnudge.jobs.provenance import machine, versions
-from dexnudge.trajectories.limits import limits_used
+from dexnudge.trajectories.interpolation import limits_used
 from dexnudge.trajectories.timing import CORNER, rounded_polyline, time_optimal
 
 GRID = 500  # places along a way at which toppra keeps the limits

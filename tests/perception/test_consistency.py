@@ -4,7 +4,7 @@ from dataclasses import replace
 
 import numpy as np
 
-from dexnudge.perception.consistency import consistent
+from dexnudge.perception.depth_view import consistent
 
 TABLE = ((-0.3, -0.25, -0.02), (0.3, 0.25, 0.0))
 EYES = [(-0.45, 0.3, 0.5), (-0.5, -0.25, 0.45), (0.4, 0.0, 0.5)]

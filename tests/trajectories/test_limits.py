@@ -5,8 +5,7 @@ import pytest
 from scipy.interpolate import BPoly
 
 from dexnudge.arms.arm import JointLimits
-from dexnudge.trajectories.interpolation import at
-from dexnudge.trajectories.limits import limits_used
+from dexnudge.trajectories.interpolation import at, limits_used
 from dexnudge.trajectories.plan import JointTrajectory
 
 LIMITS = JointLimits(

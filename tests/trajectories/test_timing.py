@@ -11,8 +11,7 @@ from ruckig import InputParameter, Ruckig, Trajectory
 from dexnudge.arms.arm import JointLimits
 from dexnudge.arms.named.panda import HOME, LIMITS
 from dexnudge.errors import InputError
-from dexnudge.trajectories.interpolation import at
-from dexnudge.trajectories.limits import limits_used
+from dexnudge.trajectories.interpolation import at, limits_used
 from dexnudge.trajectories.timing import SAMPLE_INTERVAL, concatenated, hold, time_optimal, timed_way
 
 NOISE = 1e-5  # [rad] of inverse kinematics

@@ -10,8 +10,7 @@ import pytest
 from scipy.spatial.transform import Rotation
 
 from dexnudge.hands.closing import closing
-from dexnudge.viewer.hand_page import write_hand_page
-from dexnudge.viewer.hand_view import hand_views
+from dexnudge.viewer.hand_view import hand_views, write_hand_page
 
 HOSTILE = "</script><script>alert(1)</script><img src=x onerror=alert(2)> & \"q\" 'r' $title"
 

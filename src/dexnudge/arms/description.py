@@ -17,8 +17,7 @@ from dexnudge.hands.config import GEOMETRIES, yaml_beside
 from dexnudge.hands.joint_ranges import Farthest, with_ranges
 from dexnudge.hands.link_meshes import package_file
 from dexnudge.hands.registry import read_robot_tree
-from dexnudge.hands.tree import Tree, TreeJoint, chain_to
-from dexnudge.hands.tree_checks import check_sizes
+from dexnudge.hands.tree import Tree, TreeJoint, chain_to, check_sizes
 
 OTHER_YAML = "arm.yaml"  # beside the description, where there is no `<stem>.yaml`
 ENDLESS = 2 * np.pi  # [rad] either way: joints without limits turn on, but cables do not

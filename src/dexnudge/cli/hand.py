@@ -91,8 +91,8 @@ class HandCommand:
     def _write(self, out: str) -> PreparedHand:
         from dexnudge.hands.export import export_hand
         from dexnudge.jobs.folders import new_folder
-        from dexnudge.viewer.hand_page import write_hand_page
         from dexnudge.viewer.hand_picture import hand_picture
+        from dexnudge.viewer.hand_view import write_hand_page
         from dexnudge.viewer.picture import write_png
 
         argument = "prepare" if self.prepare is not None else "out"

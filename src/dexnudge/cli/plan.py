@@ -149,7 +149,7 @@ def _say_below(plan: PlanResult) -> None:
 
 
 def _print(plan: PlanResult, seconds: dict[str, float], *, total: float) -> None:
-    from dexnudge.trajectories.limits import limits_used
+    from dexnudge.trajectories.interpolation import limits_used
 
     used = limits_used(plan.trajectory, plan.robot.limits)
     shown = table("phase", "start [s]", "end [s]", "force [N]")

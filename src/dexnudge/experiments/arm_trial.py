@@ -25,7 +25,7 @@ from dexnudge.planning.reach import Reach
 from dexnudge.results.samples import Samples
 from dexnudge.sampling.sampler import Sampler
 from dexnudge.scenes.scene import Scene
-from dexnudge.trajectories.limits import limits_used
+from dexnudge.trajectories.interpolation import limits_used
 from dexnudge.trajectories.plan import Plan
 from dexnudge.trajectories.plan_episode import execute_plan
 from dexnudge.trajectories.plan_penetration import plan_penetrations

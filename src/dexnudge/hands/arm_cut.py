@@ -3,8 +3,7 @@
 from dataclasses import replace
 
 from dexnudge.hands.config import HandConfig
-from dexnudge.hands.tree import Tree, TreeJoint, chain_to, check_tree, joints_below
-from dexnudge.hands.tree_checks import check_names
+from dexnudge.hands.tree import Tree, TreeJoint, chain_to, check_names, check_tree, joints_below
 
 WORLD = "world"  # MuJoCo's name for what does not move
 WRIST_JOINTS = 3  # above the palm; more are an arm's

@@ -9,8 +9,7 @@ from dexnudge.hands.arm_cut import renamed_world, without_arm, without_base
 from dexnudge.hands.config import HandConfig, unit_direction
 from dexnudge.hands.hand import Hand, Joint
 from dexnudge.hands.joint_ranges import with_ranges
-from dexnudge.hands.tree import Tree, TreeJoint, rerooted
-from dexnudge.hands.tree_checks import check_joints, check_sizes
+from dexnudge.hands.tree import Tree, TreeJoint, check_joints, check_sizes, rerooted
 
 
 def hand_from_tree(tree: Tree, config: HandConfig, *, base: bool = True) -> Hand:

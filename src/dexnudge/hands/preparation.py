@@ -21,8 +21,7 @@ from dexnudge.hands.config import GEOMETRIES, LONGEST_QUOTE, HandConfig, read_ha
 from dexnudge.hands.hand import Hand, Joint
 from dexnudge.hands.named import HANDS
 from dexnudge.hands.registry import PREPARED_NAME, check_packages, is_description, load_hand, read_hand, read_tree
-from dexnudge.hands.tree import Tree
-from dexnudge.hands.tree_checks import check_sizes
+from dexnudge.hands.tree import Tree, check_sizes
 
 MOST_JOINTS = 40  # independent ones; the Shadow hand has 24, a human hand 27
 LEAST_CONFIDENCE = 0.5  # of where the palm faces; below, it is asked for

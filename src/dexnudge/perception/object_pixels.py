@@ -13,8 +13,7 @@ from scipy.ndimage import binary_dilation
 
 from dexnudge.errors import SceneError
 from dexnudge.geometry.exact_distance import ExactDistance
-from dexnudge.perception.consistency import votes
-from dexnudge.perception.depth_view import DepthView
+from dexnudge.perception.depth_view import DepthView, votes
 
 OWN = 0.015  # [m] from the object's surface within which a measured point is the object's: pose error and noise
 OWN_MASKED = 0.04  # [m] the same for a masked pixel

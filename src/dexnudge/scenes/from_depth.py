@@ -15,8 +15,7 @@ from dexnudge.errors import SceneError, quote
 from dexnudge.geometry.exact_distance import ExactDistance
 from dexnudge.geometry.far_surroundings import coarsened_faces
 from dexnudge.perception.completion import bridged, complete
-from dexnudge.perception.consistency import consistent
-from dexnudge.perception.depth_view import DepthView
+from dexnudge.perception.depth_view import DepthView, consistent
 from dexnudge.perception.fusion import ASSUMED, UNSEEN, VOXEL, EmptySpace, FusedSurface, fuse
 from dexnudge.perception.masked_object import masked_object
 from dexnudge.perception.object_pixels import object_pixels

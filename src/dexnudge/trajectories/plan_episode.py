@@ -17,7 +17,7 @@ from dexnudge.simulation.robot_model import RobotModel, load_robot_model, robot_
 from dexnudge.simulation.rollout import Divergence, Trace
 from dexnudge.simulation.success import LiftVerdict, PushVerdict, judge_lift, judge_push
 from dexnudge.trajectories.plan import Plan
-from dexnudge.trajectories.plan_phases import check_phases
+from dexnudge.trajectories.plan_reader import check_phases
 from dexnudge.trajectories.playback import PlanTrace, play
 from dexnudge.viewer.recording import Recording
 

@@ -27,10 +27,11 @@ from dexnudge.trajectories.mcap import write_mcap
 from dexnudge.trajectories.plan import JointTrajectory, Plan
 from dexnudge.trajectories.plan_film import ends_of_phases, film_of_plan
 from dexnudge.trajectories.plan_json import plan_text, rounded
-from dexnudge.trajectories.plan_phases import check_phases, read_phases
 from dexnudge.trajectories.plan_reader import (
+    check_phases,
     parse_plan_json,
     read_limits,
+    read_phases,
     read_plan_json,
     read_trajectory,
 )

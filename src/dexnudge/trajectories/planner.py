@@ -24,7 +24,7 @@ from dexnudge.scenes.scene import Scene
 from dexnudge.simulation.hand_path import SPEED
 from dexnudge.simulation.model import SimulationModel, scene_model
 from dexnudge.trajectories.floor import with_floor
-from dexnudge.trajectories.limits import limits_used
+from dexnudge.trajectories.interpolation import limits_used
 from dexnudge.trajectories.plan import JointTrajectory, Phase, Plan
 from dexnudge.trajectories.pressing import DEEPEST, GIVING_WAY, Press, press
 from dexnudge.trajectories.regrasp import graspable_length, with_grasp

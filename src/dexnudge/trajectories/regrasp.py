@@ -22,7 +22,7 @@ from dexnudge.scenes.scene import Scene
 from dexnudge.simulation.hold import LiftRehearsal, squeeze
 from dexnudge.simulation.model import SimulationModel, scene_model
 from dexnudge.simulation.rollout import Rollout
-from dexnudge.trajectories.limits import limits_used
+from dexnudge.trajectories.interpolation import limits_used
 from dexnudge.trajectories.plan import JointTrajectory, Phase, Plan
 from dexnudge.trajectories.plan_episode import PlanEpisode, execute_plan
 from dexnudge.trajectories.pressing import DEEPEST, GIVING_WAY, deepest

@@ -16,10 +16,8 @@ from dexnudge.arms.robot import Robot
 from dexnudge.errors import InputError, quote
 from dexnudge.hands.hand import Hand, Joint
 from dexnudge.hands.registry import load_hand
-from dexnudge.hands.tree import Mimic, Tree, TreeJoint
-from dexnudge.hands.tree_checks import check_sizes
-from dexnudge.hands.urdf import urdf_tree
-from dexnudge.hands.urdf_links import numbers_of
+from dexnudge.hands.tree import Mimic, Tree, TreeJoint, check_sizes
+from dexnudge.hands.urdf import numbers_of, urdf_tree
 from dexnudge.hands.xml_text import read_xml
 from dexnudge.trajectories.plan import JointTrajectory, Phase
 from dexnudge.trajectories.plan_json import LIMITS, motors_of, units_of

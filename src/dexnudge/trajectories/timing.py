@@ -13,7 +13,7 @@ from scipy.interpolate import BSpline, PPoly, make_interp_spline, make_lsq_splin
 
 from dexnudge.arms.arm import JointLimits
 from dexnudge.errors import InputError
-from dexnudge.trajectories.limits import TOLERANCE, limits_used
+from dexnudge.trajectories.interpolation import TOLERANCE, limits_used
 from dexnudge.trajectories.plan import JointTrajectory
 from dexnudge.trajectories.speed import Motion, fastest_profile, straight_profile
 

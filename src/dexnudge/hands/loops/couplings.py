@@ -10,9 +10,8 @@ from scipy.sparse.csgraph import connected_components
 
 from dexnudge.errors import HandError
 from dexnudge.hands.config import HandConfig
-from dexnudge.hands.loops.closing import FULL_TURN, Loop
+from dexnudge.hands.loops.closing import FULL_TURN, LOOPS, Equalities, Loop, ends, limits_of, motor_dofs
 from dexnudge.hands.loops.fit import SolvedLoop, most_error, size_text, solve_loop, straight_line
-from dexnudge.hands.loops.residuals import LOOPS, Equalities, ends, limits_of, motor_dofs
 from dexnudge.hands.tree import Mimic, Tree, TreeJoint, locked
 
 CURVE_SAMPLES = 101  # of the leader's range, for a joint that follows it along a curve

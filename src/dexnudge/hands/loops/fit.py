@@ -11,8 +11,7 @@ import numpy as np
 from scipy.optimize import linprog
 
 from dexnudge.errors import HandError
-from dexnudge.hands.loops.closing import Closing, Loop
-from dexnudge.hands.loops.residuals import Equalities
+from dexnudge.hands.loops.closing import Closing, Equalities, Loop
 
 MAX_OFFSET = 0.001  # [m] at a loop's points, when its joints follow one another as straight lines
 MAX_ANGLE = np.radians(3.0)  # [rad] of a joint off its line
