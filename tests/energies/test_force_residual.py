@@ -163,10 +163,10 @@ def test_few_warm_sweeps_reach_what_many_cold_ones_do():
 
 
 def turning_scene(*, slide: float):
-    """A phone on a table that turns by 30 degrees in place, and then slides or does not."""
+    """A phone on a rough table that turns by 30 degrees in place, and then slides or does not."""
     scene = build_scene("table", "phone", seed=0)
     turn = Turn(np.pi / 6, np.array([0.0, 0.0, 1.0]), scene.object_in_world().bounds.mean(axis=0))
-    return replace(scene, turn=turn, motion_length=slide)
+    return replace(scene, turn=turn, motion_length=slide, friction_environment=0.55)
 
 
 def on_top_and_around(scene, batch: int, seed: int) -> tuple[np.ndarray, np.ndarray]:

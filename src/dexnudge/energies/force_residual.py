@@ -15,13 +15,14 @@ from collections.abc import Sequence
 from dataclasses import dataclass
 
 import torch
-from jaxtyping import Float, Int
+from jaxtyping import Bool, Float, Int
 from torch import Tensor
 
 from dexnudge.geometry.warp_runtime import wp
 
 CONE_EDGES = wp.constant(8)
 SMALLEST_COLUMN = wp.constant(1.0e-9)  # squared length under which a column is no contact
+SMALLEST_FORCE = 0.01  # [weights of the object] less does not count as a contact's force
 SMALLEST_RESIDUAL = wp.constant(1.0e-10)  # squared; further sweeps would change nothing that matters
 
 
@@ -172,7 +173,19 @@ class ForceResidual:
     @property
     def residual(self) -> Float[Tensor, " batch"]:
         """Length of the residual wrench [weights of the object]."""
-        return torch.cat([stage.residual for stage in self._stages], dim=1).norm(dim=1)
+        return self.wrench.flatten(1).norm(dim=1)
+
+    @property
+    def wrench(self) -> Float[Tensor, "batch balance 6"]:
+        """Residual wrench of each balance [weights of the object]."""
+        return torch.stack([stage.residual for stage in self._stages], dim=1)
+
+    @property
+    def loaded(self) -> Bool[Tensor, "batch contact"]:
+        """Whether a contact carries a force in any of the balances."""
+        count = self.gradient.shape[1] * CONE_EDGES
+        forces = torch.stack([stage.multipliers[:, :count].unflatten(1, (-1, CONE_EDGES)) for stage in self._stages])
+        return forces.sum(dim=3).amax(dim=0) > SMALLEST_FORCE
 
     def __call__(
         self,

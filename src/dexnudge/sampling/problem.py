@@ -21,6 +21,7 @@ from dexnudge.geometry.warp_runtime import WarpStruct
 from dexnudge.hands.hand import Hand
 from dexnudge.mechanics.balance import support_forces
 from dexnudge.mechanics.sliding_task import hardest_task
+from dexnudge.sampling.helpful_places import HelpfulPlaces, helpful_places
 from dexnudge.scenes.motion import Twist
 from dexnudge.scenes.scene import Scene
 from dexnudge.scenes.support_contacts import support_contacts
@@ -89,13 +90,21 @@ def pushable_surface(
 
     twists, press_moves: as in `PushableSurface`. clearance: that the fingertip keeps from the environment [m].
     """
-    points, normals = cloud[:, :3], cloud[:, 3:]
-    places = points + TIP_RADIUS * normals
-    room = torch.as_tensor(environment(places.double().numpy()).distance)
-    useful = (facing(twists, points, normals) < PUSHABLE) & (room > ROOM + clearance)
+    places, surface = places_with_room(cloud, environment, clearance=clearance)
+    points, normals = surface[:, :3], surface[:, 3:]
+    useful = facing(twists, points, normals) < PUSHABLE
     if not press_moves:
         useful &= normals[:, 2] <= ON_TOP
     return PushableSurface(tuple(twists), places[useful], press_moves)
+
+
+def places_with_room(
+    cloud: Float[Tensor, "point 6"], environment: ExactDistance, *, clearance: float
+) -> tuple[Float[Tensor, "place 3"], Float[Tensor, "place 6"]]:
+    """Return where a fingertip's keypoint fits that touches the object [m], and the points and normals that it touches."""
+    places = cloud[:, :3] + TIP_RADIUS * cloud[:, 3:]
+    room = torch.as_tensor(environment(places.double().numpy()).distance) > ROOM + clearance
+    return places[room], cloud[room]
 
 
 @dataclass(frozen=True)
@@ -110,6 +119,7 @@ class SamplingProblem:
             its supports block the motion.
         cloud: (1024, 6) points [m] and outward normals of the object.
         pushable: where on the object a fingertip can push for the motion.
+        helpful: where one more fingertip would help; None where the object only slides, for which one is mostly enough.
         object_mesh: in frame C.
         terms: the user's, which every energy of this problem holds beside the kernel's.
     """
@@ -121,6 +131,7 @@ class SamplingProblem:
     balances: tuple[SlidingBalance, ...]
     cloud: Float[Tensor, "point 6"]
     pushable: PushableSurface
+    helpful: HelpfulPlaces | None
     object_mesh: trimesh.Trimesh
     terms: tuple[EnergyTerm, ...] = ()
 
@@ -154,12 +165,14 @@ def prepare(scene: Scene, *, device: str = "cpu") -> SamplingProblem:
     fields, guiding_fields = build_guided_fields(object_mesh, environment_mesh, device=device, motion=motion)
     cloud = object_cloud(object_mesh)
     environment, task = ExactDistance(environment_mesh, device=device), hardest_task(scene)
+    balances = _balances(scene, T_canonical_world)
+    room = places_with_room(cloud, environment, clearance=scene.clearance)
     return SamplingProblem(
         scene=scene,
         T_world_canonical=T_world_canonical,
         fields=fields,
         guiding_fields=guiding_fields,
-        balances=_balances(scene, T_canonical_world),
+        balances=balances,
         cloud=cloud,
         pushable=pushable_surface(
             cloud,
@@ -168,6 +181,7 @@ def prepare(scene: Scene, *, device: str = "cpu") -> SamplingProblem:
             clearance=scene.clearance,
             press_moves=task.friction_hand > task.friction_environment,
         ),
+        helpful=helpful_places(*room, balances) if scene.turn and balances else None,
         object_mesh=object_mesh,
     )
 

@@ -47,6 +47,7 @@ class ProjectionConfig:
     """Budget and tolerances of the projection."""
 
     max_steps: int = 160
+    turning_steps: int = 240  # the same where the object turns: fingertips go farther, and have to come clear again
     steps: StepSizes = StepSizes(translation=0.002, rotation=0.015, joints=0.03)
     final_scale: float = 0.1
     weights: TermWeights = PROJECTION_WEIGHTS
@@ -61,6 +62,7 @@ class ProjectionConfig:
     term_steps: int = (
         80  # first steps, in which the user's terms pull; the others must still get a hand out of what it penetrates
     )
+    arrival: float = 0.012  # [m] from a helpful place at which a fingertip that goes there begins to touch
     patience: int = 120  # steps after which a hand that is clean and touching waits for nothing else
 
 
@@ -94,7 +96,8 @@ def project(
     iterations = torch.zeros(batch, dtype=torch.long)
     residual = residual_before = torch.zeros(batch)
     balanced = settled = torch.ones(batch, dtype=torch.bool)
-    for step in range(config.max_steps):
+    max_steps = config.max_steps if problem.helpful is None else config.turning_steps
+    for step in range(max_steps):
         energy.scene = problem.guiding_fields if step < config.guided_steps else problem.fields
         if terms is not None and step == config.term_steps:
             energy.terms, settled = None, torch.ones_like(settled)
@@ -111,10 +114,19 @@ def project(
                 residual_before = residual.clone()
             near, points = energy.contact_weight[:, tips] > 0, energy.contact_point[:, tips]
             normals = energy.contact_normal[:, tips]
-            idle = problem.pushable.idle(points, normals) & near & ~balanced[:, None] & (step < config.idle_steps)
+            asked = ~balanced[:, None] & (step < config.idle_steps)
+            if problem.helpful is not None:
+                keypoints = hand.keypoints(configuration_from_pose(pose))
+                idle, places = problem.helpful(force, keypoints)
+                idle &= asked
+                arrived = (keypoints - places).norm(dim=2) < config.arrival
+                energy.contact_weight[:, tips] = torch.where(idle, arrived.float(), energy.contact_weight[:, tips])
+            else:
+                idle = problem.pushable.idle(points, normals) & near & asked
+                places = problem.pushable.nearest(points, normals) if idle.any() else points
             energy.target_weight[:, tips] = idle.float()
             if idle.any():
-                energy.target[:, tips] = problem.pushable.nearest(points, normals)
+                energy.target[:, tips] = places
         if energy.terms is not None:
             settled = settling(energy.term_energy)
         clean = energy.depth.amax(dim=(1, 2)) <= config.depth_tolerance
@@ -125,7 +137,7 @@ def project(
             break
         energy.active.copy_(moving)
         iterations += moving
-        scale = config.final_scale ** (step / config.max_steps) * moving[:, None].float()
+        scale = config.final_scale ** (step / max_steps) * moving[:, None].float()
         pose = descent.step(pose, energy.gradient, scale=scale)
     energy.active.fill_(1)
     energy.terms = terms
