@@ -22,7 +22,7 @@ def test_the_best_configuration_pushes_a_phone_over_a_table(dexnudge, sampled, t
     assert row["length_reached"] >= 0.8 * row["length_asked"] > 0.06
     assert row["turned_deg"] < 15
     assert row["hand_environment"] <= 0.002
-    with np.load(out / "configuration_000.npz", allow_pickle=False) as traces:
+    with np.load(out / "configuration_000/episode.npz", allow_pickle=False) as traces:
         scene = json.loads((sampled / "scene.json").read_text(encoding="utf-8"))
         moved = (traces["object_pose"][-1, :3] - traces["object_pose"][5, :3]) @ scene["motion"]
         assert moved == pytest.approx(row["length_reached"], abs=1e-3)

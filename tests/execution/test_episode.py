@@ -11,6 +11,7 @@ from PIL import Image
 from dexnudge.errors import CheckpointError, InputError, OutputError
 from dexnudge.execution.episode import Episode, execute, write_model
 from dexnudge.execution.slide_grasp_lift import Attempt, SlideGraspLiftResult
+from dexnudge.hands.motors import POSITION_GAIN
 from dexnudge.planning.outcomes import Outcome
 from dexnudge.results.samples import Sample
 from dexnudge.simulation.hand_path import waiting
@@ -48,11 +49,49 @@ def test_what_is_saved_is_what_was_played(episode, tmp_path):
     assert (summary["length_asked"], summary["length_reached"]) == (episode.length_asked, episode.length_reached)
     with np.load(out / summary["trace"], allow_pickle=False) as trace:
         np.testing.assert_array_equal(trace["qpos"], episode.trace.qpos)
-        assert trace["contact_force"].shape[1:] == (len(episode.result.forces.force[0]), 3)
+        assert trace["planned_force"].shape[1:] == (len(episode.result.forces.force[0]), 3)
     model = mujoco.MjModel.from_xml_path(str(out / "scene.xml"))
     np.testing.assert_allclose(model.key_qpos[-1], episode.trace.qpos[-1], atol=1e-8)
     with pytest.raises(OutputError, match="exists"):
         episode.save(out)
+
+
+def test_an_episode_is_written_in_the_hands_terms(episode, sample, tmp_path):
+    out, hand = episode.save(tmp_path / "out", pictures=False), sample.hand
+    figures = json.loads((out / "episode.json").read_text(encoding="utf-8"))
+    assert Outcome[figures["outcome"]] is episode.outcome
+    assert figures["sentence"] == episode.outcome.sentence
+    with np.load(out / "episode.npz", allow_pickle=False) as saved:
+        arrays = dict(saved)
+    count, simulation = len(episode.trace.time), episode.simulation
+    assert arrays["joint_names"].tolist() == list(hand.joint_names)
+    assert arrays["link_names"].tolist() == list(hand.link_names)
+    for record in (0, count // 2, count - 1):
+        simulation.data.qpos[:] = arrays["qpos"][record]
+        mujoco.mj_kinematics(simulation.model, simulation.data)
+        for name, body in (("palm", simulation.link_body[0]), ("object", simulation.object_body)):
+            pose = arrays[f"T_world_{name}"][record]
+            np.testing.assert_allclose(pose[:3, 3], simulation.data.xpos[body], atol=1e-9)
+            np.testing.assert_allclose(pose[:3, :3].ravel(), simulation.data.xmat[body], atol=1e-9)
+        for joint, name in enumerate(hand.joint_names):
+            angle = simulation.data.joint(name).qpos[0]
+            assert arrays["joint_angles"][record, joint] == pytest.approx(angle)
+            assert arrays["commanded_joint_angles"][record, joint] == arrays["ctrl"][record, joint]
+    assert arrays["link_force"].shape == (count, len(hand.link_names))
+    assert arrays["base_wrench"].shape == (count, 6)
+    # The pads press as hard as their motors turn them on the block, at their levers.
+    pressing = arrays["phase"] == "push"
+    lacking = (arrays["commanded_joint_angles"] - arrays["joint_angles"])[pressing].mean(axis=0)
+    force = arrays["link_force"][pressing][:, 1:].mean(axis=0)
+    np.testing.assert_allclose(force, POSITION_GAIN * lacking / 0.5, rtol=0.1)
+    greatest = arrays["link_force"].max(axis=0)
+    assert figures["link_force_peak"] == pytest.approx(
+        dict(zip(hand.link_names[1:], greatest[1:], strict=True)), abs=1e-3
+    )
+    assert figures["limits"] == {"link_force": 5.0, "base_force": 30.0, "base_torque": 9.0}
+    lasting = max(figures["link_force"].values())
+    assert figures["limits_used"]["link_force"] == pytest.approx(lasting / 5.0, abs=1e-3)
+    assert 0.0 < figures["limits_used"]["base_force"] < 1.0
 
 
 def test_a_film_is_written_by_its_suffix(episode, tmp_path):

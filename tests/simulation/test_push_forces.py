@@ -69,8 +69,8 @@ def test_the_forces_balance_where_they_are_meant_to(scene, contacts, forces):
 
 def test_the_hand_makes_more_than_that_but_no_more_than_a_link_may(pad_hand, scene, contacts, forces):
     pressed = -forces.force[:, :, 2].sum(axis=1)  # by the palm, its one link
-    np.testing.assert_allclose(pressed, ROOM * scene.max_normal_force)
-    assert ((forces.surplus > 1) & (forces.surplus < SURPLUS)).all()
+    np.testing.assert_allclose(pressed, ROOM * scene.max_normal_force, rtol=2e-3)  # as far as the forces balance
+    assert ((forces.surplus >= 1) & (forces.surplus < SURPLUS)).all()
     light = forces_in(pad_hand, replace(scene, mass=0.5 * scene.mass), contacts)
     assert (light.force[:, :, 2].sum(axis=1) > -scene.max_normal_force).all()
     np.testing.assert_array_equal(light.surplus, SURPLUS)

@@ -68,11 +68,11 @@ def test_what_is_saved_opens_in_mujoco_and_holds_the_records(episode, tmp_path):
     folder = episode.save(tmp_path / "played", pictures=False)
     model = mujoco.MjModel.from_xml_path(str(folder / "scene.xml"))
     assert model.nkey >= 10
-    with np.load(folder / "plan.npz", allow_pickle=False) as saved:
+    with np.load(folder / "episode.npz", allow_pickle=False) as saved:
         assert saved["joint_names"].tolist() == ["along", "up", "slide0", "slide1"]
         np.testing.assert_array_equal(saved["qpos"], episode.trace.qpos)
         np.testing.assert_allclose(saved["qpos"][-1], model.key_qpos[-1], atol=1e-8)
-    assert (folder / "plan/film.html").is_file()
+    assert (folder / "film.html").is_file()
 
 
 def test_a_lift_is_judged_as_a_lift(lift_plan):

@@ -73,7 +73,7 @@ class Execute:
         say(f"written: {out}")
         from dexnudge.execution.film import PAGE_FILE
 
-        for film in sorted(out.glob(f"*/{PAGE_FILE}"))[:1]:
+        for film in sorted(out.rglob(PAGE_FILE))[:1]:
             say(f"watch it: {film}")
         say(f"open the model: python -m mujoco.viewer --mjcf={out / 'scene.xml'}")
         return 0 if succeeded else NOTHING_SUCCEEDED

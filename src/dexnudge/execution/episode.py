@@ -10,6 +10,7 @@ from xml.etree import ElementTree
 import numpy as np
 
 from dexnudge.errors import InputError, check_kind
+from dexnudge.execution.episode_files import ARRAYS, forces_used, write_arrays, write_figures
 from dexnudge.execution.executor import Execution, Executor
 from dexnudge.execution.film import film_of_trace, save_film, write_film
 from dexnudge.execution.slide_grasp_lift import GRASP_DRAWS, Attempt, SlideGraspLift, SlideGraspLiftResult
@@ -22,6 +23,7 @@ from dexnudge.results.samples import Sample
 from dexnudge.sampling.sampler import Sampler
 from dexnudge.scenes.scene import Scene
 from dexnudge.simulation.feedback import Feedback
+from dexnudge.simulation.hand_path import rotations
 from dexnudge.simulation.model import TIMESTEP, SimulationModel, scene_model
 from dexnudge.simulation.open_loop import OpenLoop
 from dexnudge.simulation.policy import Policy
@@ -30,7 +32,7 @@ from dexnudge.simulation.success import PushVerdict
 from dexnudge.viewer.recording import Recording
 
 MODEL_FILE = "scene.xml"
-EPISODE_FILES = (SUMMARY, "configuration_*.npz", "configuration_*/film.*")
+EPISODE_FILES = (SUMMARY, *(f"{folder}{name}.*" for folder in ("", "configuration_*/") for name in ("episode", "film")))
 """What else a folder of episodes consists of, as patterns of paths."""
 KEY_INTERVAL = 0.25  # [s] between two key frames
 
@@ -140,7 +142,7 @@ class Episode:
         return save_film(self.recording(title), path)
 
     def save(self, folder: Path | str, *, overwrite: bool = False, pictures: bool = True) -> Path:
-        """Write scene.xml, the trace, the film and summary.json into a new folder, as `dexnudge execute` does.
+        """Write scene.xml, episode.npz, episode.json, the film and summary.json into a new folder.
 
         Raises:
             OutputError: the folder exists without `overwrite`, or cannot be written.
@@ -161,31 +163,32 @@ class Episode:
         return summary
 
     def write(self, folder: Path, *, title: str = "", pictures: bool = True) -> None:
-        """Write trace and film into a folder that exists; the trace is an npz archive without pickles.
+        """Write episode.json, episode.npz and the film into a folder, made where it is missing.
 
-        `configuration_000.npz`: the arrays of `Trace`; of a push also those of PushForces by place of the way,
-        `contact_force`, `motor_torque` and `base_wrench`. `..._approach.npz`: `times`, `q` and `joint_names`.
-        `..._diverged.npz`: `state`, MuJoCo's mjSTATE_INTEGRATION after `last_step` steps, and the step `diverged_at`.
-        `configuration_000/`: the film.
+        episode.npz: see `write_arrays`. Of a push also what was planned: planned_force, planned_motor_torque and
+        planned_base_wrench, those of PushForces by place of the way; approach_time and approach_q, the way to contact. Of a
+        simulation that diverged `state`, MuJoCo's mjSTATE_INTEGRATION after `last_step` steps, and the step `diverged_at`.
         """
-        stem = trace_file(self.configuration).removesuffix(".npz")
+        folder.mkdir(parents=True, exist_ok=True)
+        write_figures(folder, self.outcome, self.summary())
         if self.trace is None:
             return
-        arrays = dict(vars(self.trace))
+        further: dict[str, Any] = {}
         if isinstance(self.result, Execution):
             forces = self.result.forces
-            arrays |= {"contact_force": forces.force, "motor_torque": forces.motor_torque}
-            arrays["base_wrench"] = forces.base_wrench
+            further |= {"planned_force": forces.force, "planned_motor_torque": forces.motor_torque}
+            further["planned_base_wrench"] = forces.base_wrench
             if isinstance(self.result.approach, Approach):
-                way, names = self.result.approach.trajectory, np.array(self.simulation.hand.joint_names)
-                np.savez(folder / f"{stem}_approach.npz", times=way.times, q=way.q, joint_names=names)
-        np.savez_compressed(folder / trace_file(self.configuration), **arrays)
+                way = self.result.approach.trajectory
+                further |= {"approach_time": way.times, "approach_q": way.q}
         if self.divergence is not None:
             found = self.divergence
-            np.savez_compressed(
-                folder / f"{stem}_diverged.npz", state=found.state, last_step=found.last_step, diverged_at=found.step
-            )
-        write_film(self.recording(title), folder / stem, pictures=pictures)
+            further |= {"state": found.state, "last_step": found.last_step, "diverged_at": found.step}
+        palms = np.tile(np.eye(4), (len(self.trace.time), 1, 1))
+        q = self.simulation.configurations(self.trace.qpos)
+        palms[:, :3, :3], palms[:, :3, 3] = rotations(q).as_matrix(), q[:, :3]
+        write_arrays(folder, self.simulation, self.trace, T_world_palm=palms, **further)
+        write_film(self.recording(title), folder, pictures=pictures)
 
     def summary(self) -> dict[str, Any]:
         """Return outcome and figures as a JSON object; lengths in metres, angles in radians unless they say degrees."""
@@ -199,8 +202,9 @@ class Episode:
             "length_reached": self.length_reached,
             "angle_asked": self.angle_asked,
             "angle_reached": self.angle_reached,
-            "trace": None if trace is None else trace_file(self.configuration),
+            "trace": None if trace is None else ARRAYS,
             "simulated_seconds": 0.0 if trace is None else float(trace.time[-1]),
+            **({} if trace is None else forces_used(self.scene, self.simulation, trace)),
         }
         if isinstance(result, SlideGraspLiftResult):
             return shared | {
@@ -273,11 +277,6 @@ def execute(
     result = SlideGraspLift(sample.scene, simulation, q, sampler, draws=draws, seed=seed, policy=policy).run(attempts)
     used = next((one.configuration for one in result.attempts if one.configuration >= 0), 0)
     return Episode(sample.scene, simulation, result, used)
-
-
-def trace_file(configuration: int) -> str:
-    """Return the name of the file with a configuration's trace."""
-    return f"configuration_{configuration:03d}.npz"
 
 
 def provenance() -> dict[str, Any]:

@@ -23,6 +23,7 @@ from dexnudge.viewer.visual_scene import VisualScene, visual_scenes
 
 PAGE_FILE = "film.html"
 FILM = Path(PAGE_FILE).stem
+LEAST_SHOWN = 0.05  # [N] that a link presses with at some time, to have a curve
 FILM_SUFFIXES = (".gif", ".png", ".html")
 
 
@@ -52,6 +53,13 @@ def film_of_trace(
         "hand on object": (
             Curve("normal force", "N", trace.hand_object_force[:, 0]),
             Curve("tangential", "N", trace.hand_object_force[:, 1]),
+        ),
+        "links on object": (
+            Curve("limit", "N", np.full(len(trace.time), scene.max_normal_force)),
+            *(
+                Curve(simulation.hand.link_names[link], "N", trace.link_force[:, link])
+                for link in np.flatnonzero(trace.link_force.max(axis=0) > LEAST_SHOWN)
+            ),
         ),
         "hand to surroundings": (Curve("clearance", "mm", 1e3 * trace.hand_environment_clearance),),
     }

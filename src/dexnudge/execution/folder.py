@@ -10,6 +10,7 @@ from jaxtyping import Float
 
 from dexnudge.errors import InputError
 from dexnudge.execution.episode import EPISODE_FILES, MODEL_FILE, Episode, execute, provenance, write_model
+from dexnudge.execution.episode_files import ARRAYS
 from dexnudge.execution.executor import Execution, Executor
 from dexnudge.jobs.folders import new_folder
 from dexnudge.jobs.processes import WorkerDied, run_tasks
@@ -52,9 +53,9 @@ def push_folder(
 ) -> dict[str, Any]:
     """Push with the `top` best verified configurations of a folder that `sample` wrote; return the summary.
 
-    Writes scene.xml, trace and film of every configuration and summary.json into `out`, or into folder/execution. Of the
-    `films` best also film.png and film.gif are drawn, which takes some seconds each. `on_done` is called with each
-    configuration's number and result, as they finish.
+    Writes scene.xml, episode.npz, episode.json and film of every configuration, each in a folder of its own, and
+    summary.json into `out`, or into folder/execution. Of the `films` best also film.png and film.gif are drawn, which takes
+    some seconds each. `on_done` is called with each configuration's number and result, as they finish.
 
     Raises:
         InputError: files are missing, damaged or do not belong together, or no configuration is verified.
@@ -76,9 +77,10 @@ def push_folder(
             if isinstance(result, Execution):
                 episode = Episode(samples.scene, simulation, result, index)
                 title = f"{folder.absolute().name}: configuration {index}"
-                episode.write(written, title=title, pictures=index < films)
+                own = f"configuration_{index:03d}"
+                episode.write(written / own, title=title, pictures=index < films)
                 episodes.append(episode)
-                row = episode.summary()
+                row = episode.summary() | {"trace": f"{own}/{ARRAYS}"}
             else:
                 row = _died(index, result)
             rows.append(row | {"force_margin": samples[index].force_margin})
@@ -129,7 +131,7 @@ def lift_folder(
 ) -> dict[str, Any]:
     """Slide, grasp and lift with the verified configurations of a folder that `sample` wrote; return the summary.
 
-    Writes scene.xml, trace and film of the whole simulation, and summary.json into `out`, or into folder/slide_grasp_lift.
+    Writes scene.xml, episode.npz, episode.json, the film and summary.json into `out`, or into folder/slide_grasp_lift.
 
     See `execute` for `attempts`, `seed` and `weights`; `films`: draw film.png and film.gif beside film.html.
 

@@ -8,6 +8,7 @@ import numpy as np
 from jaxtyping import Bool
 
 from dexnudge.execution.episode import EPISODE_FILES, MODEL_FILE, provenance, write_model
+from dexnudge.execution.episode_files import ARRAYS, forces_used, write_arrays, write_figures
 from dexnudge.execution.film import film_of_trace, save_film, write_film
 from dexnudge.execution.grasp_and_lift import HOLD_TIME, LIFT
 from dexnudge.jobs.folders import new_folder
@@ -21,9 +22,6 @@ from dexnudge.trajectories.plan_reader import check_phases
 from dexnudge.trajectories.playback import PlanTrace, play
 from dexnudge.viewer.recording import Recording
 
-TRACE_FILE, FILM_FOLDER = "plan.npz", "plan"
-PLAN_EPISODE_FILES = (*EPISODE_FILES, TRACE_FILE, f"{FILM_FOLDER}/film.*")
-"""What else a folder of an executed plan consists of, as patterns of paths."""
 PUSH_PHASES = ("pre-contact", "contact", "squeeze", "push")  # in which the arrow shows where the object shall go
 
 
@@ -101,20 +99,18 @@ class PlanEpisode:
         return save_film(self.recording(title), path)
 
     def save(self, folder: Path | str, *, overwrite: bool = False, pictures: bool = True) -> Path:
-        """Write scene.xml, the trace plan.npz, the film and summary.json into a new folder, as `dexnudge execute` does.
+        """Write scene.xml, episode.npz, episode.json, the film and summary.json into a new folder.
 
         Raises:
             OutputError: the folder exists without `overwrite`, or cannot be written.
         """
         folder = Path(folder)
-        with new_folder(folder, overwrite=overwrite, marker=MODEL_FILE, ours=PLAN_EPISODE_FILES) as written:
-            np.savez_compressed(
-                written / TRACE_FILE,
-                **vars(self.trace),
-                joint_names=np.array(self.plan.robot.joint_names),
-                link_names=np.array(self.plan.robot.body.link_names),
-            )
-            write_film(self.recording(), written / FILM_FOLDER, pictures=pictures)
+        with new_folder(folder, overwrite=overwrite, marker=MODEL_FILE, ours=EPISODE_FILES) as written:
+            write_figures(written, self.outcome, self.summary())
+            simulation, robot = self.model.simulation, self.plan.robot
+            palms = robot.palm_poses(self.model.positions(self.trace.qpos))
+            write_arrays(written, simulation, self.trace, T_world_palm=palms)
+            write_film(self.recording(), written, pictures=pictures)
             write_model({self.configuration: self.trace}, written, xml=self.model.simulation.xml)
             write_summary(written, self.summary() | provenance())
         return folder
@@ -139,7 +135,8 @@ class PlanEpisode:
             **({} if self.lift is None else {"lift": asdict(self.lift)}),
             "delay": self.delay,
             "phases": [{"name": str(name)} | self._figures(trace.phase == name) for name in dict.fromkeys(trace.phase)],
-            "trace": TRACE_FILE,
+            "trace": ARRAYS,
+            **forces_used(self.plan.scene, self.model.simulation, trace),
             "simulated_seconds": float(trace.time[-1]),
             "diverged_at": -1 if self.divergence is None else self.divergence.step,
         }

@@ -1,0 +1,74 @@
+"""What an episode leaves in its folder: where everything was and what pressed, moment by moment, and how it ended."""
+
+import json
+from pathlib import Path
+from typing import Any
+
+import numpy as np
+from jaxtyping import Float
+
+from dexnudge.hands.hand import ROOT_COORDINATES
+from dexnudge.planning.outcomes import Outcome
+from dexnudge.scenes.scene import Scene
+from dexnudge.simulation.model import BASE_FORCE_LIMIT, BASE_TORQUE_LIMIT, SimulationModel
+from dexnudge.simulation.rollout import Trace
+from dexnudge.simulation.success import lasting_forces
+
+ARRAYS, FIGURES = "episode.npz", "episode.json"
+
+
+def write_arrays(
+    folder: Path,
+    simulation: SimulationModel,
+    trace: Trace,
+    *,
+    T_world_palm: Float[np.ndarray, "record 4 4"],
+    **further: Any,
+) -> None:
+    """Write episode.npz, an archive without pickles, of the trace, `further` arrays and the hand's own terms.
+
+    These are joint_names, joint_angles and commanded_joint_angles (record, d) [rad], [m] of joints that slide: where the
+    joints are, and what their motors aim at, which lies beyond what they press on. T_world_palm, T_world_object
+    (record, 4, 4). link_names: of `Trace.link_force`.
+    """
+    np.savez_compressed(
+        folder / ARRAYS,
+        **vars(trace),
+        joint_names=np.array(simulation.hand.joint_names),
+        joint_angles=simulation.configurations(trace.qpos)[:, ROOT_COORDINATES:],
+        commanded_joint_angles=trace.ctrl @ simulation.angle_of_motor.T,
+        T_world_palm=T_world_palm,
+        T_world_object=simulation.object_poses(trace.qpos),
+        link_names=np.array(simulation.hand.link_names),
+        **further,
+    )
+
+
+def forces_used(scene: Scene, simulation: SimulationModel, trace: Trace) -> dict[str, Any]:
+    """Return what was pressed with, as JSON.
+
+    link_force, link_force_peak: greatest normal force of each link on the object [N], mean over 0.1 s and over 20 ms.
+    limits: on the former [N], and of the base's force [N] and torque [N m] along each axis. limits_used: greatest share of
+    them; of motor_torque that of any motor at any step.
+    """
+    names = simulation.hand.link_names
+    lasting, peak = lasting_forces(trace.time, trace.link_force), trace.link_force.max(axis=0)
+    share = trace.torque_share.max(axis=0)
+    base = share[simulation.base_motor]
+    limits, used = {"link_force": scene.max_normal_force}, {"link_force": lasting.max() / scene.max_normal_force}
+    if len(base):
+        limits |= {"base_force": BASE_FORCE_LIMIT, "base_torque": BASE_TORQUE_LIMIT}
+        used |= {"base_force": base[:3].max(), "base_torque": base[3:].max()}
+    used["motor_torque"] = np.delete(share, simulation.base_motor).max(initial=0.0)
+    return {
+        "link_force": {names[link]: round(float(lasting[link]), 4) for link in np.flatnonzero(peak)},
+        "link_force_peak": {names[link]: round(float(peak[link]), 4) for link in np.flatnonzero(peak)},
+        "limits": limits,
+        "limits_used": {name: round(float(value), 4) for name, value in used.items()},
+    }
+
+
+def write_figures(folder: Path, outcome: Outcome, summary: dict[str, Any]) -> None:
+    """Write episode.json: the summary of the episode, with the outcome by its name in `Outcome`."""
+    text = json.dumps(summary | {"outcome": outcome.name}, indent=2, allow_nan=False)
+    (folder / FIGURES).write_text(text + "\n", encoding="utf-8")
