@@ -9,10 +9,13 @@ import trimesh
 from scipy.optimize import nnls
 from scipy.spatial.transform import Rotation
 
+from dexnudge.errors import InputError
+from dexnudge.execution.scene_rollout import SceneRollout
+from dexnudge.execution.slide_grasp_lift import check_slides_at_last
 from dexnudge.mechanics.balance import balance_problem
 from dexnudge.mechanics.contacts import HandContacts
 from dexnudge.mechanics.sliding_task import GRAVITY, sliding_task
-from dexnudge.planning.object_path import push_length, stations
+from dexnudge.planning.object_path import check_slides, push_length, stations
 from dexnudge.planning.outcomes import Outcome
 from dexnudge.scenes.boxes import box
 from dexnudge.scenes.motion import Turn
@@ -116,6 +119,31 @@ def test_an_object_that_turns_is_carried_by_its_corners_and_not_by_sides_that_bu
     carried = support_contacts(replace(turning, object_mesh=bulging)).points
     np.testing.assert_allclose(np.linalg.norm(carried[:, :2], axis=1), np.hypot(0.03, 0.02), atol=1e-6)
     assert len(carried) == 4
+
+
+def test_what_is_left_of_a_turn_is_what_the_object_has_not_made(turned, turning):
+    rollout, _, _ = turned
+    first = replace(turning, motion_length=0.05)
+    assert SceneRollout(first, rollout.simulation).scene_now() is first
+    assert SceneRollout(first, rollout.simulation, rollout).scene_now().turn is None
+    asked = replace(first, turn=replace(turning.turn, angle=np.pi))
+    stage = SceneRollout(asked, rollout.simulation, rollout)
+    left = stage.scene_now().turn
+    assert left.angle == pytest.approx(np.pi / 2, abs=np.radians(2.0))
+    np.testing.assert_allclose(left.axis, Z)
+    np.testing.assert_allclose(stage.scene_now().T_world_object, rollout.T_world_object)
+
+
+def test_what_only_slides_refuses_a_turn(turning, tipping):
+    with pytest.raises(
+        InputError, match=r"turns the object by 90 deg; expected a slide alone: an arm turns or tips no"
+    ):
+        check_slides(turning, "an arm")
+    check_slides(replace(turning, turn=None, motion_length=0.1), "an arm")
+    check_slides_at_last(replace(turning, motion_length=0.1))
+    for scene in (turning, replace(tipping, motion_length=0.05)):
+        with pytest.raises(InputError, match=r"ends with a turn, or tips the object; expected one that slides it"):
+            check_slides_at_last(scene)
 
 
 def motion_of(scene: Scene, made: np.ndarray) -> Trace:

@@ -5,6 +5,7 @@ from itertools import combinations, pairwise
 
 import numpy as np
 from jaxtyping import Float
+from scipy.spatial.transform import Rotation
 
 from dexnudge.hands.hand import ROOT_COORDINATES, Hand
 from dexnudge.mechanics.sliding_task import sliding_task
@@ -12,16 +13,18 @@ from dexnudge.planning.approach import OPENING_ALLOWANCE, Approach
 from dexnudge.planning.hand_clearance import CLEARANCE, HandClearance
 from dexnudge.planning.hand_motion import JOINT_SPEED, palm_pose, state_space
 from dexnudge.planning.outcomes import Outcome
+from dexnudge.scenes.motion import Turn
 from dexnudge.scenes.scene import Scene
 from dexnudge.simulation.hand_path import along_line, along_way, bending, waiting
 from dexnudge.simulation.model import SimulationModel
 from dexnudge.simulation.rollout import Rollout
-from dexnudge.simulation.success import MOST_SUNK
+from dexnudge.simulation.success import LEAST_ADVANCE, MOST_SUNK
 from dexnudge.verification.criteria import PENETRATION_LIMIT
 from dexnudge.verification.penetration import self_penetration
 
 FREE_SPEED = 0.10  # [m/s] of a hand that moves away, in the middle of its way
 REST_TIME = 0.2  # [s] in which an object that was let go comes to rest
+MOST_LEFT = 1.0 - LEAST_ADVANCE  # of a turn that may be left undone
 DISTANCES = (0.0, 0.03, 0.06, 0.10, 0.15, 0.20, 0.30)  # [m] the first that is free is taken
 STEP = 0.002  # [m] between the places that are checked
 OPENING_STEPS = 17  # openings that are checked between two sets of joint angles
@@ -55,8 +58,20 @@ class SceneRollout:
         return self.rollout.q if self.begun else None
 
     def scene_now(self) -> Scene:
-        """Return the scene with the object where it is."""
-        return replace(self.first, T_world_object=self.rollout.T_world_object) if self.begun else self.first
+        """Return the scene with the object where it is, and what is left of its turn, unless that is next to nothing."""
+        if not self.begun:
+            return self.first
+        first, here = self.first, self.rollout.T_world_object
+        turn, moved = first.turn, here @ np.linalg.inv(first.T_world_object)
+        if turn is not None:
+            made = float(Rotation.from_matrix(moved[:3, :3]).as_rotvec() @ turn.axis)
+            left = min(turn.angle, turn.angle - made)
+            turn = (
+                Turn(left, turn.axis, (moved @ np.append(turn.point, 1.0))[:3])
+                if left > MOST_LEFT * turn.angle
+                else None
+            )
+        return replace(first, T_world_object=here, turn=turn)
 
     def model_at(self, scene: Scene) -> SimulationModel:
         """Return the model, which places the object where `scene` has it."""

@@ -11,6 +11,7 @@ from typing import Any
 import numpy as np
 from jaxtyping import Float
 
+from dexnudge.errors import InputError
 from dexnudge.execution.grasp_and_lift import LIFT, GraspAndLift, NoGrasp
 from dexnudge.execution.grasp_finder import GraspFinder
 from dexnudge.execution.scene_rollout import SceneRollout
@@ -19,7 +20,7 @@ from dexnudge.mechanics.contacts import moved_contacts
 from dexnudge.mechanics.fast_balance import force_margins
 from dexnudge.mechanics.sliding_task import sliding_task
 from dexnudge.planning.approach import Approach, ApproachPlanner
-from dexnudge.planning.object_path import GraspableLimits, plan_object_motion, stations
+from dexnudge.planning.object_path import GraspableLimits, plan_object_motion, stations, stays_flat
 from dexnudge.planning.outcomes import Outcome
 from dexnudge.sampling.sampler import Sampler
 from dexnudge.scenes.scene import Scene
@@ -92,11 +93,26 @@ def overhang(scene: Scene) -> float | tuple[Outcome, str]:
 
 
 def to_be_graspable(scene: Scene) -> float | Outcome:
-    """Return how far the object has to slide until it can be grasped [m], or why there is no such way."""
-    plan = plan_object_motion(scene, AIM)
+    """Return the way of the object until it can be grasped [m], what it has to turn included, or why there is none."""
+    turn_length = scene.object_motion.turn_length
+    turned = scene.carried(turn_length) if scene.turn else scene
+    plan = plan_object_motion(turned, AIM)
     if isinstance(plan, Outcome):
-        plan = plan_object_motion(scene)
-    return plan if isinstance(plan, Outcome) else plan.length
+        plan = plan_object_motion(turned)
+    return plan if isinstance(plan, Outcome) else turn_length + plan.length
+
+
+def check_slides_at_last(scene: Scene) -> None:
+    """Refuse a motion after which there is nothing to grasp: one that ends with a turn, or tips the object.
+
+    Raises:
+        InputError: saying so, and what to do.
+    """
+    if scene.turn is not None and not (scene.motion_length > 0 and stays_flat(scene)):
+        raise InputError(
+            f"the motion of '{scene.name}' ends with a turn, or tips the object; expected one that slides it, flat on its "
+            "support, to where it can be grasped; give a `motion_length`, or leave out `then_grasp`"
+        )
 
 
 class Slide:
@@ -118,10 +134,14 @@ class Slide:
         self._stage, self._waiting = stage, dict(enumerate(np.asarray(q, dtype=np.float64)))
 
     def __call__(self, scene: Scene, attempt: Attempt) -> Attempt:
-        """Push the object from where it lies in `scene`; return the attempt with what came of it."""
-        length = self._length(scene)
+        """Push the object from where it lies in `scene`; return the attempt with what came of it.
+
+        What the scene turns is turned first, and slides from where it lies then.
+        """
+        length, turn_length = self._length(scene), scene.object_motion.turn_length
         if isinstance(length, Outcome):
             return replace(attempt, outcome=length)
+        turned = scene.carried(turn_length) if scene.turn else scene
         chosen = self._choose(scene, length)
         if len(chosen) == 2:
             return replace(attempt, outcome=chosen[0], detail=chosen[1])
@@ -133,7 +153,7 @@ class Slide:
         with rollout.elsewhere():
             forces = push_forces(self._stage.model_at(scene), q, contacts, stations(scene, length), task)
         rollout.push(push_path(*approach.last_stretch, motion=scene.object_motion, length=length), forces, self._policy)
-        self._catch_up(scene, length)
+        self._catch_up(turned, length - turn_length)
         self._stage.back_off(approach)
         outcome, detail = self._judged(scene)
         return replace(
@@ -141,8 +161,8 @@ class Slide:
             outcome=outcome,
             detail=detail,
             configuration=index,
-            length_asked=length,
-            length_reached=float(self._stage.moved(scene) @ scene.motion),
+            length_asked=length - turn_length,
+            length_reached=float(self._stage.moved(turned) @ scene.motion),
         )
 
     def _choose(self, scene: Scene, length: float) -> tuple[int, np.ndarray, Approach] | tuple[Outcome, str]:
@@ -224,7 +244,8 @@ class SlideGraspLiftResult:
 class SlideGraspLift:
     """Slides, grasps and lifts the object of one scene, of which `simulation` is the model.
 
-    q are configurations that were sampled for the scene's motion, in the order in which they are to be tried. Grasps are
+    The scene's motion may turn the object first, flat on its support. q are configurations that were sampled for it, in the
+    order in which they are to be tried. Grasps are
     drawn by `sampler`, made for the same hand, `draws` at a time, from `seed` on.
     """
 
@@ -239,6 +260,7 @@ class SlideGraspLift:
         seed: int,
         policy: Policy | None = None,
     ) -> None:
+        check_slides_at_last(scene)
         self._stage = SceneRollout(scene, simulation)
         finder = GraspFinder(simulation.hand, sampler, scene, LiftRehearsal(simulation, scene))
         self._slide = Slide(self._stage, q, policy)
@@ -265,7 +287,7 @@ class SlideGraspLift:
         scene = self._stage.scene_now()
         attempt = Attempt(number, "", Outcome.SUCCESS)
         free = overhang(scene)
-        if isinstance(free, tuple):
+        if scene.turn is not None or isinstance(free, tuple):
             attempt = self._slide(scene, attempt)
             if not attempt.success:
                 return replace(attempt, phase="slide")

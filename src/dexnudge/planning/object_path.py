@@ -10,6 +10,7 @@ from dataclasses import dataclass, replace
 import numpy as np
 from jaxtyping import Float
 
+from dexnudge.errors import InputError
 from dexnudge.jobs.cached import cached_per_instance
 from dexnudge.mechanics.sliding_task import SlidingTask
 from dexnudge.planning.lying_object import LyingObject, lying_object
@@ -94,6 +95,19 @@ def _turned(scene: Scene, motion: Motion, way: float) -> Station:
 def stays_flat(scene: Scene) -> bool:
     """Return whether the object keeps lying on its support as it moves: it slides, or turns about the support's normal."""
     return scene.turn is None or turns_in_place(scene)
+
+
+def check_slides(scene: Scene, what: str) -> None:
+    """Refuse a scene that turns its object; `what` can only slide one.
+
+    Raises:
+        InputError: saying by how much it turns, and what to do instead.
+    """
+    if scene.turn is not None:
+        raise InputError(
+            f"the motion of '{scene.name}' turns the object by {np.degrees(scene.turn.angle):.0f} deg; expected a slide "
+            f"alone: {what} turns or tips no object; play it with the hand alone (execute), or leave out the `turn`"
+        )
 
 
 @cached_per_instance

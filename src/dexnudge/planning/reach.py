@@ -22,7 +22,7 @@ from dexnudge.hands.hand import Hand
 from dexnudge.hands.tree import chain_to
 from dexnudge.jobs.cached import cached_per_instance
 from dexnudge.planning.arm_margin import arm_margins
-from dexnudge.planning.object_path import push_length
+from dexnudge.planning.object_path import check_slides, push_length
 from dexnudge.scenes.placement import surroundings_distance
 from dexnudge.scenes.scene import Scene
 from dexnudge.verification.criteria import CriterionResult
@@ -167,6 +167,7 @@ def flange_ways(
     robot: Robot, hands: HandBatch, scene: Scene
 ) -> tuple[Float[np.ndarray, "hand early 4 4"], Float[np.ndarray, "hand late 4 4"]]:
     """Return the flange's ways, T_world_flange: from contact to 3 cm before it, and on along the push and 3 cm back."""
+    check_slides(scene, "an arm whose reach is judged")
     contact = robot.flange_poses(hands.q.detach().cpu().numpy())
     back = BACK_OFF * _back_off(hands, scene)
     push = push_length(scene) * scene.motion * np.ones((len(contact), 1))

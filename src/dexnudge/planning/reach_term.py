@@ -12,7 +12,7 @@ from torch import Tensor
 from dexnudge.arms.arm import Arm
 from dexnudge.arms.inverse_kinematics import LEVER, InverseKinematics
 from dexnudge.hands.batch import HandBatch
-from dexnudge.planning.object_path import push_length
+from dexnudge.planning.object_path import check_slides, push_length
 from dexnudge.planning.reach import LEAST_MARGIN, Reach
 from dexnudge.scenes.scene import Scene
 
@@ -48,6 +48,7 @@ class ReachTerm:
 
     def __call__(self, hands: HandBatch, scene: Scene) -> Float[Tensor, " batch"]:
         """Return the energy of each hand."""
+        check_slides(scene, "an arm whose reach is sought")
         robot = self._reach.robot(hands.hand)
         own = torch.as_tensor(np.linalg.inv(robot.T_flange_mount), dtype=hands.q.dtype)
         flange = hands.T_world_link[:, hands.hand.link_names.index(robot.mount)] @ own

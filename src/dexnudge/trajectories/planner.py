@@ -15,7 +15,7 @@ from dexnudge.arms.robot import Robot
 from dexnudge.arms.standing import check_base
 from dexnudge.errors import InputError, PlanningError, check_integer, check_kind
 from dexnudge.planning.arm_approach import NoWay
-from dexnudge.planning.object_path import push_length
+from dexnudge.planning.object_path import check_slides, push_length
 from dexnudge.planning.outcomes import Outcome
 from dexnudge.planning.push_way import PushWay, PushWayPlanner
 from dexnudge.results.samples import Sample, Samples
@@ -89,7 +89,7 @@ def plan(
         on_failure: called with every configuration that has no plan.
 
     Raises:
-        InputError: something else than samples, none of which is verified, or a number out of range.
+        InputError: something else than samples, none of which is verified, a number out of range, or a motion that turns.
         ArmError: an arm that cannot stand there, a mount that cannot be, an object out of its reach, or a floor above base
             or object.
         PlanningError: no configuration has a plan; `failures` says why.
@@ -163,6 +163,7 @@ class Planner:
     def __init__(
         self, scene: Scene, robot: Robot, *, length: float | None = None, speed: float = 1.0, seed: int = 0
     ) -> None:
+        check_slides(scene, "a plan for an arm")
         check_base(robot, scene)
         self.scene, self.robot = scene, robot
         length = push_length(scene) if length is None else length
