@@ -38,7 +38,7 @@ class SceneCommand(SceneOptions):
         from dexnudge.scenes.files import SCENE_FILES
         from dexnudge.scenes.free_way import free_way
         from dexnudge.viewer.picture import write_png
-        from dexnudge.viewer.scene_view import scene_picture, scene_view, write_scene_page
+        from dexnudge.viewer.scene_view import along_motion, scene_picture, scene_view, write_scene_page
 
         default = RUNS / f"{self.label}-{self.place}-understood"
         out = out_folder(self.out, default, overwrite=self.overwrite)
@@ -50,7 +50,7 @@ class SceneCommand(SceneOptions):
             _write(findings, folder / FINDINGS)
             view = scene_view(scene, None if scene.misplaced else free_way(scene))
             write_png(scene_picture(view), folder / PICTURE)
-            write_scene_page(view, folder / PAGE, title=f"{name}, {scene.name}", findings=findings)
+            write_scene_page(along_motion(scene, view), folder / PAGE, title=f"{name}, {scene.name}", findings=findings)
         say_findings(findings, SceneCommand)
         say(f"written: {out}")
         stop_at_errors(findings)

@@ -7,6 +7,7 @@ several sizes of one error differ by nothing else.
 
 from collections.abc import Sequence
 from dataclasses import dataclass, replace
+from typing import Any
 
 import numpy as np
 import trimesh
@@ -17,6 +18,8 @@ from dexnudge.experiments.config import ScanErrors
 from dexnudge.perception.depth_view import DepthView
 from dexnudge.scenes.scene import Scene
 from dexnudge.simulation.depth_camera import depth_views
+
+LEVEL_AXIS = 0.5  # z of an axis below which a turn about it is a tip
 
 
 @dataclass(frozen=True, eq=False)
@@ -42,7 +45,12 @@ class ScannedWorld:
         truth = self.truth
         physics = {name: getattr(truth, name) for name in ("motion_length", "mass", "max_normal_force")}
         physics |= {"friction_hand": truth.friction_hand, "friction_environment": truth.friction_environment}
-        given = {"object_pose": self.object_pose, "motion": self.motion, **physics}
+        given: dict[str, Any] = {"object_pose": self.object_pose, "motion": self.motion, **physics}
+        if truth.turn is not None and abs(truth.turn.axis[2]) < LEVEL_AXIS:
+            given |= {"tip_deg": float(np.degrees(truth.turn.angle))}
+        elif truth.turn is not None:
+            degrees = float(np.degrees(truth.turn.angle) * np.sign(truth.turn.axis[2]))
+            given |= {"turn_deg": degrees, "about": truth.turn.point}
         if self.surroundings is None:
             return Scene.from_depth(self.views, object=truth.object_mesh, **given)
         return Scene.from_files(truth.object_mesh, environment=self.surroundings, **given)
@@ -72,6 +80,7 @@ def tilted(scene: Scene, degrees: float, generator: np.random.Generator) -> Scen
         environment_mesh=environment,
         T_world_object=turn @ scene.T_world_object,
         motion=turn[:3, :3] @ scene.motion,
+        turn=scene.turn.moved(turn) if scene.turn else None,
     )
 
 

@@ -14,7 +14,7 @@ from dexnudge.errors import SceneError, quote
 from dexnudge.finding import vector_text
 from dexnudge.scenes.boxes import rectangle
 from dexnudge.scenes.free_way import free_way
-from dexnudge.scenes.motion import Turn
+from dexnudge.scenes.motion import Turn, three_numbers
 from dexnudge.scenes.resting import long_side_along_x
 from dexnudge.scenes.scene import Scene
 from dexnudge.scenes.support_contacts import UPWARD, carrying_normal, touching_contacts
@@ -40,7 +40,7 @@ def check_asked(*, turn_deg: Any, tip_deg: Any, about: Any) -> bool:
             expected = "above 0 and at most 180" if least == 0 else "from -180 to 180, and not 0"
             raise SceneError(f"`{name}` is {quote(degrees)}; expected degrees {expected}")
     if about is not None:
-        Turn(1.0, UP, about)
+        three_numbers("the point of a turn", about)
     return turn_deg is not None or tip_deg is not None
 
 
@@ -87,7 +87,7 @@ def _turned(scene: Scene, angle: float, about: Any, motion_length: float) -> Sce
     below = [support for support in scene.supports if support.side == "below"]
     axis = np.sign(angle) * (below[0].normal if below else UP)
     best, farthest = scene, (-1.0, 0.0)
-    for point in _pivots(scene) if about is None else [np.asarray(about)]:
+    for point in _pivots(scene) if about is None else [three_numbers("the point of a turn", about)]:
         made = replace(scene, turn=Turn(abs(angle), axis, point), motion_length=motion_length)
         if about is not None or scene.misplaced or (way := free_way(made)).whole:
             return made

@@ -3,7 +3,7 @@
 from __future__ import annotations
 
 import numpy as np
-from jaxtyping import Float
+from jaxtyping import Bool, Float
 from scipy.spatial.transform import Rotation
 
 from dexnudge.geometry.exact_distance import ExactDistance
@@ -13,6 +13,7 @@ from dexnudge.scenes.placement import INITIAL_PENETRATION_LIMIT, surroundings_di
 from dexnudge.scenes.scene import Scene
 from dexnudge.scenes.sweep import INSET, LIFT_OF_NOISE, SPACING, Obstacle, sweep_of, triangles_in_box
 
+FLAT = 1e-6  # [m] along an axis, below which a triangle is flat across it
 APART = 1e-3  # [m] points of the object that are nearer to each other are looked at once
 
 
@@ -39,8 +40,12 @@ def _met_in_turn(scene: Scene, turn: Turn, motion: Motion, reach: float) -> Obst
     own = own[distinct_rows(np.round(own / APART))[0]]
     low, high = scene.way_bounds()
     box = Boxes((low + high)[None] / 2, np.eye(3)[None], (high - low)[None] / 2)
-    theirs = lattice_in_boxes(triangles_in_box(scene.environment_mesh, low, high), box, spacing=SPACING)[0]
+    triangles = triangles_in_box(scene.environment_mesh, low, high)
+    theirs = lattice_in_boxes(triangles, box, spacing=SPACING)[0]
     depth = max(INITIAL_PENETRATION_LIMIT, LIFT_OF_NOISE * scene.surface_noise)
+    height = theirs @ turn.axis  # which a turn does not change
+    theirs = theirs[(height > (own @ turn.axis).min() + depth) & (height < (own @ turn.axis).max() - depth)]
+    own = own[_may_cross(triangles @ turn.axis, own @ turn.axis, depth)]
     found: list[Obstacle] = []
     for points, other, sign in ((own, surroundings, 1.0), (theirs, ExactDistance(sweep.mesh), -1.0)):
         way = np.zeros(len(points))
@@ -60,3 +65,16 @@ def _met_in_turn(scene: Scene, turn: Turn, motion: Motion, reach: float) -> Obst
             way[left] += np.maximum(distance, 0.0) + depth
             left = left[~met & (way[left] < reach)]
     return min(found, key=lambda each: each.way, default=None)
+
+
+def _may_cross(
+    triangles: Float[np.ndarray, "face 3"], points: Float[np.ndarray, " n"], depth: float
+) -> Bool[np.ndarray, " n"]:
+    """Return which points may come to be in something, by heights along the axis of a turn, corners' and points' [m].
+
+    What is flat across the axis is only grazed.
+    """
+    low, high = triangles.min(axis=1), triangles.max(axis=1)
+    steep = high - low > FLAT
+    begun = np.searchsorted(np.sort(low[steep] - depth), points, side="right")
+    return begun > np.searchsorted(np.sort(high[steep] + depth), points, side="left")

@@ -11,6 +11,7 @@ from dexnudge.finding import Finding, length_text, vector_text
 from dexnudge.geometry.near_faces import faces_near
 from dexnudge.hands.hand import Hand
 from dexnudge.scenes.free_way import TIPPING, carried_way, free_way, outside_of
+from dexnudge.scenes.motion import Turn
 from dexnudge.scenes.plane_fit import EXACT
 from dexnudge.scenes.room import room_findings
 from dexnudge.scenes.scene import Scene
@@ -50,7 +51,7 @@ def scene_findings(scene: Scene, hand: Hand | None = None) -> list[Finding]:
         normal = carrying_normal(touching)
         found += [*_settled(scene), *_supports(scene)]
         found += _carried(scene, touching)
-        found += _way(scene, touching, normal) if normal.any() else []
+        found += _way(scene, normal) if normal.any() else []
         found += room_findings(scene, hand, normal if normal.any() else UP)
     found += _seen(scene)
     found += [Finding("note", "repaired", note) for note in scene.notes if not any(said in note for said in SAID)]
@@ -126,11 +127,13 @@ def _carried(scene: Scene, touching: SupportContacts) -> Iterator[Finding]:
         )
 
 
-def _way(scene: Scene, touching: SupportContacts, normal: Float[np.ndarray, "3"]) -> Iterator[Finding]:
+def _way(scene: Scene, normal: Float[np.ndarray, "3"]) -> Iterator[Finding]:
     """Yield how far the object can go, and where it could go instead."""
-    along, way = vector_text(scene.motion, digits=2), free_way(scene)
+    way, asked = free_way(scene), _motion_text(scene)
     if way.whole:
-        yield Finding("note", "free_way", f"the way along {along} is {way}")
+        yield Finding("note", "free_way", f"the way {asked} is {way}")
+        if scene.turn is not None and abs(scene.turn.axis @ normal) < UPWARD:
+            yield Finding("note", "free_way", _tipping(scene, scene.turn))
         if (carried := carried_way(scene)) < scene.motion_length:
             yield Finding(
                 "note",
@@ -143,21 +146,30 @@ def _way(scene: Scene, touching: SupportContacts, normal: Float[np.ndarray, "3"]
             yield Finding(
                 "warning",
                 "motion",
-                f"the motion {along} leaves what carries the object at {_degrees(rise)}: it lifts, not slides",
+                f"the motion {vector_text(scene.motion, digits=2)} leaves what carries the object at {_degrees(rise)}: it "
+                "lifts, not slides",
                 "give a `motion` along the support",
             )
         return
-    others = _other_ways(scene, touching, normal)
-    dip = float(np.arcsin(np.clip(-scene.motion @ normal, -1.0, 1.0)))
+    turned = scene.object_motion.turn_length
+    if scene.turn is not None and way.length < turned:
+        yield Finding("error", "free_way", f"the way {asked} is {way}", _other_turns(scene.turn, normal, way.angle))
+        return
+    there = scene.carried(turned) if turned else scene
+    touching = touching_contacts(there)
+    normal = carrying_normal(touching)
+    others = _other_ways(there, touching, normal)
+    dip = float(np.arcsin(np.clip(-there.motion @ normal, -1.0, 1.0)))
     if dip > (MOTION_TOLERANCE if way.touching else STEEP):
         yield Finding(
             "error",
             "motion",
-            f"the motion {along} leads {_degrees(dip)} into what carries the object; expected one along it",
+            f"the motion {vector_text(scene.motion, digits=2)} leads {_degrees(dip)} into what carries the object; expected "
+            "one along it",
             f"choose another `motion`: {others}",
         )
         return
-    shorter = 1e-3 * np.floor(1e3 * way.length)
+    shorter = 1e-3 * np.floor(1e3 * way.slid)
     remedy = (
         f"shorten `motion_length` to {shorter:g}, or choose another `motion`: "
         if shorter >= SHORTEST_WAY
@@ -166,9 +178,40 @@ def _way(scene: Scene, touching: SupportContacts, normal: Float[np.ndarray, "3"]
     yield Finding(
         "error",
         "free_way",
-        f"the way along {along} is {way}; expected {1e3 * scene.motion_length:.0f} mm",
+        f"the way {asked} is {way}; expected {1e3 * scene.motion_length:.0f} mm",
         remedy + others,
     )
+
+
+def _motion_text(scene: Scene) -> str:
+    """Return the motion in words, to stand after "the way"."""
+    slide = f"along {vector_text(scene.motion, digits=2)}"
+    if scene.turn is None:
+        return slide
+    axis = f"{vector_text(scene.turn.axis, digits=2)} through {vector_text(scene.turn.point, digits=3)} m"
+    turn = f"of a turn by {np.degrees(scene.turn.angle):.0f} deg about {axis}"
+    return f"{turn}, then {slide}," if scene.motion_length else turn
+
+
+def _tipping(scene: Scene, turn: Turn) -> str:
+    """Return from where on the object would fall over by itself, its centre of mass beyond the edge that it tips over."""
+    arm = scene.centre_of_mass - turn.point
+    moment, growth = (float(np.cross(each, -UP) @ turn.axis) for each in (arm, np.cross(turn.axis, arm)))
+    over = float(np.arctan2(-moment, growth))
+    if 0 <= over < turn.angle:
+        return (
+            f"from {np.degrees(over):.0f} deg on the object's centre of mass is beyond the edge that it tips over: it would "
+            "fall over by itself if the hand let it"
+        )
+    return "its centre of mass stays behind the edge that it tips over: it falls back where the hand lets it"
+
+
+def _other_turns(turn: Turn, normal: Float[np.ndarray, "3"], free: float) -> str:
+    """Return what to do about a turn that is free for an angle [rad] alone."""
+    least = f"by at most {np.floor(np.degrees(free)):.0f} deg, " if np.degrees(free) >= 1.0 else ""
+    if abs(turn.axis @ normal) < UPWARD:
+        return f"tip it {least}over another edge by another `motion`, or make room where it sinks"
+    return f"turn it {least}the other way round, or about another point by `about`"
 
 
 def _degrees(angle: float) -> str:

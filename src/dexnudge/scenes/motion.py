@@ -58,7 +58,7 @@ class Turn:
 
     def __post_init__(self) -> None:
         for name in ("axis", "point"):
-            object.__setattr__(self, name, _vector(f"the {name} of a turn", getattr(self, name)))
+            object.__setattr__(self, name, three_numbers(f"the {name} of a turn", getattr(self, name)))
         length = float(np.linalg.norm(self.axis))
         if length == 0:
             raise SceneError("the axis of a turn is zero; expected a direction, such as (0, 0, 1)")
@@ -96,7 +96,7 @@ class Turn:
         angle = value["angle"]
         if isinstance(angle, bool) or not isinstance(angle, int | float):
             raise SceneError(f"the angle of a turn is {quote(angle)}; expected a number [rad]")
-        axis, point = (_vector(f"the {name} of a turn", value[name]) for name in ("axis", "point"))
+        axis, point = (three_numbers(f"the {name} of a turn", value[name]) for name in ("axis", "point"))
         return cls(float(angle) if abs(angle) <= LARGEST_TURN else np.inf, axis, point)
 
 
@@ -178,7 +178,8 @@ class Motion:
         return Twist(self.direction, np.zeros(3))
 
 
-def _vector(name: str, value: Any) -> Float[np.ndarray, "3"]:
+def three_numbers(name: str, value: Any) -> Float[np.ndarray, "3"]:
+    """Return a value as three finite numbers; SceneError with its name where it is none."""
     try:
         vector = real_numbers(value)
     except (TypeError, ValueError, OverflowError) as error:

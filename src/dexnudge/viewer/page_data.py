@@ -56,7 +56,7 @@ def page_data(scenes: Sequence[VisualScene], *, camera: Camera | None = None) ->
                 "role": part.role,
                 "colour": part.colour,
                 "moves": part.role in MOVING,
-                "surrounds": part.role in SURROUNDINGS,
+                "surrounds": part.role in (*SURROUNDINGS, "ghost"),
             }
             for part in first.parts
         ],

@@ -71,7 +71,7 @@ def linear_colour(srgb: Colour) -> Float[np.ndarray, "3"]:
 def ray_scene(
     scene: VisualScene, camera: Camera, *, aspect: float, hiding: Sequence[Bool[np.ndarray, " face"]] | None = None
 ) -> tuple[WarpStruct, list[wp.Mesh]]:
-    """Pack everything solid, what of the environment hides the subject as glass, and contacts as markers that show through.
+    """Pack everything solid, ghosts and what hides the subject as glass, and contacts as markers that show through.
 
     Markers are contacts, supports, obstacles and arrows that are parts. Returns the kernels' `Geometry`, and the trees that
     it refers to by number, which must outlive it.
@@ -83,7 +83,7 @@ def ray_scene(
         _triangles(part) for part in (*scene.with_role("object", "base", "arm", "link", "fingertip"), scene.arrow())
     ]
     casting = np.concatenate(solid)
-    glass, blocking = [np.zeros(0, TRIANGLE)], [casting]
+    glass, blocking = [np.zeros(0, TRIANGLE), *(_triangles(part) for part in scene.with_role("ghost"))], [casting]
     for place, part in enumerate(scene.with_role(*SURROUNDINGS)):
         placed, mesh = _triangles(part), part.mesh_in_world()
         if part.role == "unseen":

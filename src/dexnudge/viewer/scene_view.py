@@ -3,21 +3,25 @@
 from __future__ import annotations
 
 from collections.abc import Sequence
+from dataclasses import replace
 from html import escape
+from itertools import pairwise
 from pathlib import Path
 
 import numpy as np
 import trimesh
 from jaxtyping import Float, UInt8
+from scipy.spatial.transform import Rotation
 
 from dexnudge.finding import Finding
+from dexnudge.scenes.boxes import joined
 from dexnudge.scenes.free_way import FreeWay
 from dexnudge.scenes.scene import Scene
 from dexnudge.viewer.camera import Camera, choose_camera, framing_camera
 from dexnudge.viewer.page import write_template
 from dexnudge.viewer.page_data import ASPECT, page_data
 from dexnudge.viewer.picture import SIZE, render_array
-from dexnudge.viewer.visual_scene import PALETTE, SURROUNDINGS, Part, Role, VisualScene, surrounding_parts
+from dexnudge.viewer.visual_scene import PALETTE, SURROUNDINGS, Part, Role, VisualScene, motion_arrow, surrounding_parts
 
 AROUND = 0.10  # [m] of the surroundings that the picture shows beside object and motion
 RING_WIDTH = 0.005  # [m] of the outline of what carries the object
@@ -25,9 +29,13 @@ SHARPEST = 0.2  # of a corner's mitre: sharper ones are blunted
 RING_RAISED = 0.0004  # [m] above the support, so that both are told apart
 OBSTACLE_RADIUS = 0.006  # [m] of the ball that marks where the way ends
 SHORTEST_ARROW = 0.004  # [m]
+ARC_RADIUS, ARC_GAP = 0.002, 0.008  # [m] of the round arrow of a turn, and from the object's farthest point
+ARC_PIECES = 24  # straight ones, of which it consists
+STATIONS = 61  # of the motion, between which the page's slider leads
 SCENE_LEGEND: dict[Role, str] = {"object": "object", "support": "carries it", "arrow": "free way"}
 WHERE_THERE: dict[Role, str] = {
     "obstacle": "obstacle",
+    "ghost": "after it",
     "environment": "surroundings",
     "assumed": "assumed",
     "unseen": "not seen",
@@ -45,14 +53,59 @@ def scene_view(scene: Scene, way: FreeWay | None = None) -> VisualScene:
     for index, support in enumerate(scene.supports):
         ring = _ring(np.asarray(support.corners), np.asarray(support.normal))
         parts.append(Part(f"support {index}", "support", ring, np.eye(4)))
-    length = 0.0 if way is None else way.length
+    parts += _turning(scene, way) if way is not None and scene.turn is not None else []
     if way is not None and way.place is not None and not way.whole:
         ball = trimesh.creation.icosphere(subdivisions=3, radius=OBSTACLE_RADIUS)
         parts.append(Part("obstacle", "obstacle", ball, trimesh.transformations.translation_matrix(way.place)))
     kept = tuple(part for part in parts if len(part.mesh.faces))
-    arrow = max(length, SHORTEST_ARROW)
     motion = np.zeros(3) if way is None else np.asarray(scene.motion)
+    arrow = 0.0 if way is None or scene.turn is not None else max(way.length, SHORTEST_ARROW)
     return VisualScene(kept, np.zeros((0, 3)), motion, scene.motion_length, arrow_length=arrow)
+
+
+def _turning(scene: Scene, way: FreeWay) -> list[Part]:
+    """Return the free way of an object that turns: an arc, an arrow, and where the object is at the end of each."""
+    motion, turn = scene.object_motion, scene.turn
+    assert turn is not None
+    points = trimesh.transform_points(scene.object_mesh.vertices, scene.T_world_object)
+    arm = points[int(turn.distance(points).argmax())] - turn.point
+    height = (points - turn.point) @ turn.axis
+    centre = turn.point + height.mean() * turn.axis
+    spoke = arm - (arm @ turn.axis) * turn.axis
+    spoke *= 1 + ARC_GAP / np.linalg.norm(spoke)
+    angles = np.linspace(0.0, way.angle, ARC_PIECES + 1)
+    path = centre + Rotation.from_rotvec(angles[:, None] * turn.axis).apply(spoke)
+    parts = [Part("turn", "arrow", _curved_arrow(path), np.eye(4))]
+    ends = [min(way.length, motion.turn_length), way.length] if way.slid else [way.length]
+    for index, end in enumerate(ends):
+        pose = motion.displacement(end) @ scene.T_world_object
+        parts.append(Part(f"after {index}", "ghost", scene.object_mesh, pose))
+    if way.slid:
+        turned = trimesh.transform_points(points, motion.displacement(ends[0]))
+        parts.append(Part("slide", "arrow", motion_arrow(turned, scene.motion, length=way.slid), np.eye(4)))
+    return parts
+
+
+def _curved_arrow(path: Float[np.ndarray, "n 3"]) -> trimesh.Trimesh:
+    """Return a round arrow along a path [m]."""
+    pieces = [trimesh.creation.cylinder(ARC_RADIUS, segment=ends, sections=12) for ends in pairwise(path)]
+    ahead = path[-1] - path[-2]
+    head = trimesh.creation.cone(2.5 * ARC_RADIUS, 6 * ARC_RADIUS, sections=24)
+    head.apply_transform(trimesh.geometry.align_vectors([0, 0, 1], ahead))
+    return joined([*pieces, head.apply_translation(path[-1])])
+
+
+def along_motion(scene: Scene, view: VisualScene) -> list[tuple[str, VisualScene]]:
+    """Return what is to be seen while the object makes its motion, and how far it is: from where it lies to the end."""
+    motion, found = scene.object_motion, []
+    body = next(part for part in view.parts if part.role == "object")
+    for way in np.linspace(0.0, motion.length, STATIONS):
+        turned = [f"{np.degrees(motion.angle(way)):.0f} deg"] if scene.turn else []
+        slid = [f"{1e3 * motion.slid(way):.0f} mm"] if scene.motion_length else []
+        pose = motion.displacement(way) @ scene.T_world_object
+        parts = tuple(replace(part, T_world_part=pose) if part is body else part for part in view.parts)
+        found.append((", ".join([*turned, *slid]), replace(view, parts=parts)))
+    return found
 
 
 def scene_picture(view: VisualScene, *, size: tuple[int, int] = SIZE) -> UInt8[np.ndarray, "height width 3"]:
@@ -60,11 +113,13 @@ def scene_picture(view: VisualScene, *, size: tuple[int, int] = SIZE) -> UInt8[n
     return render_array(view, size=size, camera=_camera(view, size[0] / size[1]))
 
 
-def write_scene_page(view: VisualScene, path: Path | str, *, title: str, findings: Sequence[Finding]) -> Path:
+def write_scene_page(
+    views: Sequence[tuple[str, VisualScene]], path: Path | str, *, title: str, findings: Sequence[Finding]
+) -> Path:
     """Write the page: a 3-D view, and the findings.
 
     Args:
-        view: as `scene_view` returns it.
+        views: as `along_motion` returns them.
         path: of the HTML file.
         title: plain text; whatever stands in it is shown, never interpreted.
         findings: listed beside the view.
@@ -72,10 +127,13 @@ def write_scene_page(view: VisualScene, path: Path | str, *, title: str, finding
     Raises:
         OutputError: the file cannot be written.
     """
+    view = views[0][1]
     names = SCENE_LEGEND | {role: name for role, name in WHERE_THERE.items() if view.with_role(role)}
     legend = {name: PALETTE[role] for role, name in names.items()}
     rows = "\n".join(_row(finding) for finding in findings)
-    data = page_data([view], camera=_camera(view, ASPECT))
+    data = page_data([each for _, each in views], camera=_camera(view, ASPECT))
+    data["labels"] = [label for label, _ in views]
+    data["motion"] = data["motion"] if len(view.arrow().mesh.faces) else [0.0, 0.0, 0.0]
     return write_template(path, "scene", data, legend, title=escape(title), rows=rows)
 
 
@@ -91,7 +149,7 @@ def _row(finding: Finding) -> str:
 def _camera(view: VisualScene, aspect: float) -> Camera:
     """Return the best view of object and motion, from so far away that what is around them is seen too."""
     best = choose_camera(view, aspect=aspect)
-    seen, around = view.vertices("object", "obstacle"), view.vertices(*SURROUNDINGS)
+    seen, around = view.vertices("object", "obstacle", "ghost", "arrow"), view.vertices(*SURROUNDINGS)
     seen = np.concatenate([seen, seen + view.motion * view.motion_length])
     if not view.motion.any():  # a misplaced object: where are they?
         seen = np.concatenate([seen, around])

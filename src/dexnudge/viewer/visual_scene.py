@@ -53,6 +53,7 @@ Role = Literal[
     "arrow",
     "support",
     "obstacle",
+    "ghost",
 ]
 SHOWN = 1.0  # [m] of a large scan beside object and motion that picture and page show
 LARGE = 100_000  # triangles from which only the neighbourhood is shown, thinned
@@ -73,6 +74,7 @@ PALETTE: dict[Role, Colour] = {
     "arrow": (0.10, 0.60, 0.38),
     "support": (0.16, 0.38, 0.86),
     "obstacle": (0.85, 0.10, 0.16),
+    "ghost": (0.94, 0.46, 0.20),
 }
 CONTACT_RADIUS = 0.0035  # [m] of the ball that stands for a contact
 CREASE_ANGLE = 35.0  # [deg] two triangles that bend more than this keep their own normals
@@ -118,7 +120,8 @@ class VisualScene:
         contacts: points where hand and object touch [m], world frame.
         motion: unit direction in which the object shall move, world frame; zero where it shall not, as in a grasp.
         motion_length: how far [m].
-        arrow_length: of the arrow that shows the motion [m]; of a length that reads well unless given.
+        arrow_length: of the arrow that shows the motion [m]; of a length that reads well unless given,
+            none where it is 0.
 
     Raises:
         InputError: no part is an object or belongs to a hand.
@@ -151,7 +154,7 @@ class VisualScene:
 
     def arrow(self) -> Part:
         """Return the motion as a solid arrow that starts at the object's leading edge, world frame; empty without one."""
-        moves = bool(np.any(self.motion))
+        moves = bool(np.any(self.motion)) and self.arrow_length != 0
         mesh = trimesh.Trimesh()
         if moves:
             mesh = motion_arrow(self.vertices("object"), self.motion, length=self.arrow_length)

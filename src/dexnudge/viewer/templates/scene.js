@@ -2,17 +2,18 @@
 (() => {
   const data = JSON.parse(document.getElementById("data").textContent);
   const [opacity, motion] = ["opacity", "motion"].map((id) => document.getElementById(id));
-  const poses = new Float32Array(bytes(data.configurations[0].poses));
+  const poses = data.configurations.map((each) => new Float32Array(bytes(each.poses)));
+  const place = () => Math.round(motion.value / 100 * (poses.length - 1));
 
   const redraw = createStage(data, () => {
-    const move = data.motion.map((v) => v * data.motion_length * motion.value / 100);
-    return { poses, contacts: [], move, arrow: data.motion.some((v) => v) ? [0, 0, 0] : null, opacity: opacity.value / 100 };
+    const still = [0, 0, 0];
+    return { poses: poses[place()], contacts: [], move: still, arrow: data.motion.some((v) => v) ? still : null, opacity: opacity.value / 100 };
   });
   if (!redraw) return;
 
   const show = () => {
     opacity.nextElementSibling.value = `${opacity.value} %`;
-    motion.nextElementSibling.value = `${Math.round(data.motion_length * 10 * motion.value)} mm`;
+    motion.nextElementSibling.value = data.labels[place()];
     redraw();
   };
   opacity.addEventListener("input", show);
