@@ -170,7 +170,7 @@ def test_where_no_press_moves_it_nothing_is_broken(simulation):
 
 def test_without_the_objects_pose_a_greater_pull_is_felt(simulation):
     world, forces = changed_physics(simulation, friction_environment=1.4), pressing(simulation, 3.0)
-    assert pushed(world, forces, OpenLoop())[0] < 0.1 * LENGTH
+    assert pushed(world, forces, OpenLoop())[0] < 0.2 * LENGTH
     moved, witness = pushed(world, forces, Feedback(), sees=False)
     assert all(seen.T_world_object is None for seen in witness.seen)
     assert moved > 0.7 * LENGTH

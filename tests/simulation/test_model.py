@@ -176,5 +176,5 @@ def test_more_contacts_than_memory_holds_are_refused_and_end_a_rollout(pad_hand,
     with pytest.raises(SceneError, match="MuJoCo cannot place hand and object"):
         short.place(q)
     rollout.simulation = short
-    rollout.carry_on(np.tile(q, (5, 1)), "wait")
+    rollout.follow(np.tile(q, (5, 1)), "wait")
     assert rollout.divergence is not None

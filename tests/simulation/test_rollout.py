@@ -56,18 +56,6 @@ def test_a_second_push_goes_on_where_the_first_ended(simulation, pad_grasp, idle
     assert rollout.q[0] == pytest.approx(both.qpos[-1, simulation.palm_position])
 
 
-def test_carrying_on_keeps_what_the_motors_are_told(simulation, pad_grasp, idle):
-    q, _ = pad_grasp
-    rollout = Rollout(simulation, q)
-    rollout.push(push_path(np.zeros(1), q[None], motion=Motion(None, X, 0.02), length=0.01), idle)
-    told = simulation.data.ctrl.copy()
-    rollout.carry_on(along_line(rollout.commanded, 0.01 * X, speed=0.05), "push")
-    fingers = np.setdiff1d(np.arange(simulation.model.nu), simulation.base_motor)
-    np.testing.assert_array_equal(simulation.data.ctrl[fingers], told[fingers])
-    np.testing.assert_allclose(rollout.commanded[:3], q[:3] + 0.02 * X, atol=1e-6)
-    assert rollout.trace.phase[-1] == "push"
-
-
 def test_a_simulation_out_of_hand_is_seen_and_stops(simulation, pad_grasp):
     q, _ = pad_grasp
     rollout = Rollout(simulation, q)

@@ -25,7 +25,7 @@ from dexnudge.planning.outcomes import Outcome
 from dexnudge.sampling.sampler import Sampler
 from dexnudge.scenes.scene import Scene
 from dexnudge.simulation.feedback import Feedback
-from dexnudge.simulation.hand_path import SPEED, along_line, push_path
+from dexnudge.simulation.hand_path import push_path
 from dexnudge.simulation.hold import LiftRehearsal
 from dexnudge.simulation.model import SimulationModel
 from dexnudge.simulation.policy import Policy
@@ -37,9 +37,6 @@ from dexnudge.verification.verdicts import contacts_of, verify
 GRASP_DRAWS = 32  # of grasps at a time, unless told otherwise
 AIM = GraspableLimits(overhang=(0.40, 0.45), balance=0.008)  # of the slide, which may fall short or go too far
 REACHED = GraspableLimits(overhang=(0.20, 0.90))  # after it: far enough to look for grasps, and not tipping
-MOST_CORRECTIONS = 3  # of a push whose object stays behind
-CLOSE_BEHIND = 0.003  # [m] that an object may stay behind
-MOST_BEHIND, MOST_SHARE_BEHIND = 0.03, 0.3  # [m] + share of the way; an object that is farther behind has been lost
 MOST_PLANNED = 6  # configurations that are planned for until one has a way
 
 
@@ -153,7 +150,6 @@ class Slide:
         with rollout.elsewhere():
             forces = push_forces(self._stage.model_at(scene), q, contacts, stations(scene, length), task)
         rollout.push(push_path(*approach.last_stretch, motion=scene.object_motion, length=length), forces, self._policy)
-        self._catch_up(turned, length - turn_length)
         self._stage.back_off(approach)
         outcome, detail = self._judged(scene)
         return replace(
@@ -201,16 +197,6 @@ class Slide:
             for end in (way[0], way[-1])
         ]
         return np.min(found, axis=0)
-
-    def _catch_up(self, scene: Scene, length: float) -> None:
-        """Carry on by as much as the object has stayed behind, as a hand that sees the object would."""
-        rollout = self._stage.rollout
-        for _ in range(MOST_CORRECTIONS):
-            behind = length - float(self._stage.moved(scene) @ scene.motion)
-            touching = rollout.trace.hand_object_force[-1, 0] > 0
-            if not touching or not CLOSE_BEHIND < behind < MOST_BEHIND + MOST_SHARE_BEHIND * length:
-                return
-            rollout.carry_on(along_line(rollout.commanded, behind * scene.motion, speed=SPEED), "push")
 
     def _judged(self, before: Scene) -> tuple[Outcome, str]:
         over = self._stage.why_over()

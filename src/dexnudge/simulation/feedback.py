@@ -29,7 +29,8 @@ class FeedbackLimits:
     """How far, and how fast, feedback may go away from the plan.
 
     Attributes:
-        room: share of a link's greatest force that is asked of it; the rest is left to control.
+        room: share of a link's greatest force that is asked of it; the rest is left to control. most: share above
+            which the whole hand presses less.
         press: least and greatest press, times the planned one. press_rate, relax_rate: of its rise and fall [1/s].
         slip: way by which the object may stay behind the palm [m]; so far fingers give way.
         pull: times the planned ratio of pull to press above which the hand presses harder.
@@ -46,6 +47,7 @@ class FeedbackLimits:
     """
 
     room: float = 0.8
+    most: float = 0.88
     press: tuple[float, float] = (0.4, 2.5)
     press_rate: float = 4.0
     relax_rate: float = 0.3
@@ -104,7 +106,7 @@ class Feedback:
         self._start: Float[np.ndarray, "4 4"] | None = None  # pose of the object before the push
         self._press, self._slip, self._slipping, self._pull = 1.0, 0.0, 0.0, 0.0
         self._lead, self._further = 0.0, 0.0  # of the base's target [m of way]: for its springs, and at the end
-        self._way, self._moving, self._off = 0.0, 1.0, 0.0
+        self._way, self._moving, self._off, self._over = 0.0, 1.0, 0.0, False
         self._aim, self._wrench = np.zeros((2, 6))
         self._force, self._extra = np.zeros((2, forces.link_force.shape[1]))
 
@@ -172,6 +174,8 @@ class Feedback:
             more = max(more, 4.0 * (self._pull / (limits.pull * planned) - 1.0))
         rate = limits.press_rate * min(more, 1.0) if more > 0 else -limits.relax_rate
         least = 1.0 if self._press >= 1.0 else limits.press[0]
+        if self._over:
+            rate, least = 0.0, limits.press[0]
         if tilt > limits.tilt:
             rate, least = -2.0 * limits.press_rate, limits.press[0]
         self._press = float(np.clip(self._press + TIMESTEP * rate, least, self._most_press[step]))
@@ -211,6 +215,9 @@ class Feedback:
         """Bring what the links press with to what they should, by the torques of their fingers and by the base's wrench."""
         limits, forces = self.limits, self._plan.forces
         most = limits.room * forces.limit
+        self._over = bool(self._force.max() > limits.most * forces.limit)
+        if self._over:
+            self._press = max(limits.press[0], self._press - TIMESTEP * limits.press_rate)
         wanted = self._loop.loaded(step) * np.minimum(self._press * self._share[step], most)
         off = wanted - self._force
         off = np.sign(off) * np.maximum(np.abs(off) - limits.band * np.maximum(wanted, 1.0), 0.0)

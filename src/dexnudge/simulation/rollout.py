@@ -151,13 +151,6 @@ class Rollout:
             motors = np.tile(self._grip, (len(path), 1))
         self.play(self._path_commands(path, motors, phase))
 
-    def carry_on(self, path: Path, phase: str) -> None:
-        """Move the base along `path` with fingers and base pressing as they are told to now."""
-        data = self.simulation.data
-        motors = np.tile(np.array(data.ctrl), (len(path), 1))
-        pressing = np.array(data.ctrl[self.simulation.base_motor])
-        self.play(self._path_commands(path, motors, phase, pressing=pressing))
-
     def close(self, motor_torque: Float[np.ndarray, " motor"], phase: str) -> None:
         """Bring the motors to these torques, whatever gaps they close on the way, and let the grip settle.
 
@@ -218,10 +211,8 @@ class Rollout:
         path: Path,
         motors: Float[np.ndarray, "step motor"],
         phase: str,
-        *,
-        pressing: Float[np.ndarray, " 6"] | float = 0.0,
     ) -> Iterator[Command]:
-        """Yield the commands that lead hand and motors along; the base presses with `pressing` besides."""
+        """Yield the commands that lead hand and motors along."""
         if len(path) == 0:
             return
         simulation = self.simulation
@@ -229,7 +220,7 @@ class Rollout:
         quaternions = rotations(path).as_quat(scalar_first=True)
         for step, q in enumerate(path):
             ctrl = np.clip(motors[step], self._drive.lower, self._drive.upper)
-            ctrl[simulation.base_motor] = moving[step] + pressing
+            ctrl[simulation.base_motor] = moving[step]
             yield Command(q, quaternions[step], ctrl, phase)
 
     def _record(self, phase: str) -> None:
