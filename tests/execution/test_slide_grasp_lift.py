@@ -52,7 +52,9 @@ def play(monkeypatch):
 
     def run(acts: Acts, *, attempts: int = 3):
         rollout = SimpleNamespace(attempt=1, divergence=None, trace=None)
-        stage = SimpleNamespace(begun=True, rollout=rollout, scene_now=lambda: None, why_over=acts.why_over)
+        stage = SimpleNamespace(
+            begun=True, rollout=rollout, scene_now=lambda: SimpleNamespace(turn=None), why_over=acts.why_over
+        )
         monkeypatch.setattr(slide_grasp_lift, "overhang", lambda scene: overhang(acts.overhangs.pop(0)))
         monkeypatch.setattr(slide_grasp_lift, "judge_lift", lambda trace, *, attempt, height: acts.verdicts.pop(0))
         runner = SlideGraspLift.__new__(SlideGraspLift)
