@@ -17,7 +17,7 @@ from dexnudge.dataset.shards import write_shard
 from dexnudge.diffusion.checkpoint import STATE_NAME, read_provenance
 from dexnudge.diffusion.config import TrainingConfig
 from dexnudge.diffusion.distributed import has_bfloat16
-from dexnudge.diffusion.prior import DiffusionPrior
+from dexnudge.diffusion.prior import SLIDE, DiffusionPrior
 from dexnudge.diffusion.schedule import ddim_step
 from dexnudge.diffusion.training import TrainingLog, TrainingPlan, plan_training, train
 from dexnudge.diffusion.training_run import TrainingRun
@@ -317,8 +317,8 @@ def test_samples_recover_the_modes_that_belong_to_the_condition(
     prior = DiffusionPrior.from_folder(result.model_folder)
     cloud = torch.from_numpy(toy.toy_cloud(rng)).float()[None]
 
-    def sample(behaviour, *, toward_motion):
-        condition = prior.condition(cloud, behaviour, toward_motion=toward_motion)
+    def sample(behaviour, *, twist):
+        condition = prior.condition(cloud, behaviour, twist=twist)
         generator = torch.Generator().manual_seed(0)
         with torch.inference_mode():
             x = prior.noise(64, generator=generator)
@@ -327,7 +327,7 @@ def test_samples_recover_the_modes_that_belong_to_the_condition(
                 x = ddim_step(prior.schedule, x, prior.predict_clean(x, t, condition), t, t_previous)
             return prior.denormalise(x).numpy()
 
-    pushes = sample("non_prehensile", toward_motion=True)
+    pushes = sample("non_prehensile", twist=SLIDE)
     left = np.linalg.norm(pushes[:, :3] - push_left[:3], axis=1) < 0.04
     right = np.linalg.norm(pushes[:, :3] - push_right[:3], axis=1) < 0.04
     assert (left | right).mean() > 0.9
