@@ -5,6 +5,8 @@ import json
 import pytest
 import trimesh
 
+from dexnudge.experiments.disturbances import EXECUTED_AT
+
 
 @pytest.mark.slow
 def test_an_experiment_is_executed_and_a_second_call_computes_nothing_anew(dexnudge, tmp_path):
@@ -27,7 +29,7 @@ def test_an_experiment_is_executed_and_a_second_call_computes_nothing_anew(dexnu
     assert len(box["executed"]) == min(2, box["verified"]) > 0
     assert [each["force_margin"] for each in box["executed"]] == own["force_margin"][: len(box["executed"])]
     first = box["executed"][0]
-    assert len(first["disturbed"]) == 6
+    assert len(first["disturbed"]) == 2 * len(EXECUTED_AT) + 1  # open loop, also as drawn
     (row,) = json.loads((out / "executed" / "report.json").read_text())["metrics"]
     assert (row["objects"], row["failed"]) == (2, 1)
     assert row["top"]["value"] == 0.5 * (first["outcome"] == "success")

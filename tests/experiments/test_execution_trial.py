@@ -1,10 +1,13 @@
 """Figures of executions, found by hand."""
 
+import numpy as np
 import pytest
 
+from dexnudge.experiments.disturbances import curves_of
 from dexnudge.experiments.execution_trial import (
     GROUPS,
     MARGIN_BINS,
+    WITH_ERRORS,
     ExecutionRecord,
     ExecutionTrial,
     margin_bin,
@@ -84,6 +87,22 @@ def test_errors_are_rated_over_what_was_played_with_them(records):
     }
     assert rates == {"as drawn": (2, 0.5), "mass x 0.5": (2, 1.0), "mass x 1.5": (2, 0.0)}
     assert rates_by("With friction and mass errors", [record("c")])["all"] == {}
+
+
+def test_success_is_drawn_over_each_factor_with_and_without_feedback(records):
+    names = ["as drawn", "as drawn, open loop", "friction_hand x 0.5", "friction_hand x 0.5, open loop", "mass x 2"]
+    curves = curves_of(dict(zip(names, range(5), strict=True)))
+    assert curves["friction_hand"] == {"as executed": {1.0: 0, 0.5: 2}, "open loop": {1.0: 1, 0.5: 3}}
+    assert curves["mass"] == {"as executed": {1.0: 0, 2.0: 4}, "open loop": {1.0: 1}}
+    name, draw = next(each.chart for each in ExecutionTrial().sections(records) if each.title == WITH_ERRORS)
+    panels = draw().axes
+    assert name == "worlds.png"
+    assert [axes.get_xlabel() for axes in panels] == [
+        "friction hand, times planned", "friction environment, times planned", "mass, times planned"
+    ]  # fmt: skip
+    line = panels[2].lines[0]
+    np.testing.assert_allclose(line.get_xdata(), [0.5, 1.0])
+    np.testing.assert_allclose(line.get_ydata(), [100.0, 50.0])
 
 
 def test_the_report_has_a_section_for_each_group(records):

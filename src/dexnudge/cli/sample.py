@@ -209,5 +209,7 @@ def _print(summary: dict[str, Any]) -> None:
     say(f"{summary['object']}, {summary['scene']}, {summary['hand']}; weights: {summary['weights']}")
     stdout().print(counts)
     say(with_flags(nothing_verified(summary), Sample) if best is None else f"best force margin: {best:.2f}")
+    if (probability := summary["best_foresight"].get("probability")) is not None:
+        say(f"probability that the best holds in physics: {probability:.0%}")
     say(*([with_flags(summary["uncertain"], Sample)] if "uncertain" in summary else []))
     say(f"seconds: {stages}; total {summary['seconds_total']:.1f}; memory {summary['peak_memory_mb']:.0f} MB")

@@ -1,5 +1,6 @@
 """One configuration in physics: its way to contact, its forces, the push, the verdict."""
 
+import copy
 import time
 from dataclasses import dataclass
 
@@ -8,7 +9,7 @@ from jaxtyping import Float
 
 from dexnudge.execution.scene_rollout import SceneRollout
 from dexnudge.execution.slide_grasp_lift import Attempt, Slide
-from dexnudge.mechanics.sliding_task import sliding_task
+from dexnudge.mechanics.sliding_task import hardest_task, sliding_task
 from dexnudge.planning.approach import Approach, ApproachPlanner
 from dexnudge.planning.hand_clearance import Blocked
 from dexnudge.planning.object_path import push_length, stations
@@ -67,11 +68,17 @@ class Executor:
         approach = self._planner.plan(q)
         seconds["approach"], clock = time.perf_counter() - clock, time.perf_counter()
         (contacts,) = contacts_of(self._scene, self._hand, q[None])
-        forces = push_forces(self._simulation, q, contacts, self._stations, self._task)
+        forces = push_forces(self._simulation, q, contacts, self._stations, hardest_task(self._scene))
         seconds["forces"], clock = time.perf_counter() - clock, time.perf_counter()
         rollout = self._play(self._simulation, q, approach, forces, alternatives)
         seconds["simulation"] = time.perf_counter() - clock
         return Execution(self._judge(rollout), rollout.trace, rollout.divergence, forces, approach, seconds)
+
+    def with_policy(self, policy: Policy) -> "Executor":
+        """Return an executor that differs in its policy alone."""
+        other = copy.copy(self)
+        other._policy = policy  # noqa: SLF001 - of our own class
+        return other
 
     def again(
         self,

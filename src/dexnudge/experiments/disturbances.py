@@ -1,11 +1,14 @@
 """Frictions and masses other than they were thought to be, one quantity at a time, and draws verified again there."""
 
+from collections.abc import Mapping
 from dataclasses import replace
+from typing import TypeVar
 
 from dexnudge.results.worlds import balanced_in
 from dexnudge.scenes.scene import Scene
 from dexnudge.verification.verdicts import Verdicts
 
+Rate = TypeVar("Rate")
 VERIFIED_AT = (
     ("friction_environment", 0.5),
     ("friction_environment", 1.5),
@@ -29,6 +32,23 @@ AS_DRAWN = "as drawn"  # the setting for which draws were made, ranked and plann
 def setting_name(quantity: str, factor: float) -> str:
     """Return what records and reports call a setting, such as "mass x 2"."""
     return f"{quantity} x {factor:g}"
+
+
+def curves_of(rates: Mapping[str, Rate]) -> dict[str, dict[str, dict[float, Rate]]]:
+    """Return rates by the name of their setting as quantity -> way to act -> factor -> rate, as far as there are such.
+
+    A setting of another way to act than the planned one has that way's name behind it, such as "mass x 2, open loop".
+    """
+    found: dict[str, dict[str, dict[float, Rate]]] = {}
+    for quantity in dict.fromkeys(quantity for quantity, _ in EXECUTED_AT):
+        factors = {AS_DRAWN: 1.0} | {
+            setting_name(quantity, factor): factor for each, factor in EXECUTED_AT if each == quantity
+        }
+        for name, rate in rates.items():
+            setting, _, way = name.partition(", ")
+            if setting in factors:
+                found.setdefault(quantity, {}).setdefault(way or "as executed", {})[factors[setting]] = rate
+    return found
 
 
 def disturbed_scene(scene: Scene, quantity: str, factor: float) -> Scene:

@@ -8,9 +8,10 @@ from itertools import pairwise
 from typing import Any, ClassVar
 
 import numpy as np
+from jaxtyping import Float
 
-from dexnudge.execution.executor import Alternatives, Executor
-from dexnudge.experiments.disturbances import AS_DRAWN, EXECUTED_AT, setting_name
+from dexnudge.execution.executor import Alternatives, Execution, Executor
+from dexnudge.experiments.disturbances import AS_DRAWN, EXECUTED_AT, curves_of, setting_name
 from dexnudge.experiments.drawn_trial import DrawnTrial, TrialSampler
 from dexnudge.experiments.metrics import (
     FAILED,
@@ -25,7 +26,7 @@ from dexnudge.experiments.metrics import (
 )
 from dexnudge.experiments.records import TrialRecord
 from dexnudge.experiments.statistics import Estimate, estimate_of_sums, ratio
-from dexnudge.experiments.tables import group_table, interval_chart
+from dexnudge.experiments.tables import factor_chart, group_table, interval_chart
 from dexnudge.experiments.trial import Section
 from dexnudge.planning.approach import Approach
 from dexnudge.planning.outcomes import Outcome
@@ -35,12 +36,13 @@ from dexnudge.simulation.model import SimulationModel, changed_physics, scene_mo
 from dexnudge.simulation.open_loop import OpenLoop
 from dexnudge.synthesis.acceptance import behaviour_along
 
+WITH_ERRORS, OPEN_LOOP = "With friction and mass errors", "open loop"
 MARGIN_EDGES = (1.0, 1.25, 1.5, 2.0, 2.5, 3.0)  # of the bins of force margins
 MARGIN_BINS = [*(f"{low:g} to {high:g}" for low, high in pairwise(MARGIN_EDGES)), "3 (cap)"]
 ABOUT_GROUPS = {
     "By force margin": "The largest factor, at most 3, on the surroundings' friction at which the forces balance.",
-    "With friction and mass errors": "The top-ranked draws once more, with one quantity of the physics multiplied, while "
-    "approach and forces were planned for its nominal value; n is how many were played so.",
+    WITH_ERRORS: "The top-ranked draws once more, with one quantity of the physics multiplied, while approach and forces "
+    "were planned for its nominal value; with feedback also without it (open loop). n is how many were played so.",
 }
 
 
@@ -116,7 +118,7 @@ GROUPS: dict[str, Callable[[ExecutedDraw], list[tuple[str, bool]]]] = {  # title
     "By behaviour": lambda each: [(each.behaviour, each.success)],
     "By links in contact": lambda each: [(f"{each.links:2d}", each.success)],
     "By approach": lambda each: [("found" if each.approach else "none, starts at contact", each.success)],
-    "With friction and mass errors": _with_errors,
+    WITH_ERRORS: _with_errors,
 }
 
 
@@ -202,6 +204,9 @@ class ExecutionTrial(DrawnTrial[ExecutionRecord]):
                     if len(rates) > 2 or scene != "all"  # which is the only scene then
                 }
                 chart = ("calibration.png", partial(interval_chart, title, bars))
+            if title == WITH_ERRORS and rates["all"]:
+                panels = curves_of({name: group.rate for name, group in rates["all"].items()})
+                chart = ("worlds.png", partial(factor_chart, "Executed in other worlds than planned", panels))
             if rates["all"]:
                 table = group_table(title.partition(" ")[2], rates)
                 found.append(Section(title, ABOUT_GROUPS.get(title, ""), table, chart, numbers=rates))
@@ -227,10 +232,22 @@ class ExecutionTrial(DrawnTrial[ExecutionRecord]):
             link_force=round(verdict.link_force, 3),
             cone_share=float(execution.forces.cone_share[0]),
             approach=execution.approach.planner if isinstance(execution.approach, Approach) else "",
-            disturbed={
-                setting_name(name, factor): executor.again(
-                    q, execution, changed_physics(simulation, **{name: factor}), others
-                ).success
-                for name, factor in (EXECUTED_AT if self.errors and rank == 0 else [])
-            },
+            disturbed=self._disturbed(q, executor, execution, simulation, others) if self.errors and rank == 0 else {},
         )
+
+    def _disturbed(
+        self,
+        q: Float[np.ndarray, " coordinates"],
+        executor: Executor,
+        execution: Execution,
+        simulation: SimulationModel,
+        others: Alternatives,
+    ) -> dict[str, bool]:
+        """Return success in other worlds; of feedback also without it, in the planned world, too."""
+        worlds = {setting_name(*each): changed_physics(simulation, **dict([each])) for each in EXECUTED_AT}
+        found = {name: executor.again(q, execution, world, others).success for name, world in worlds.items()}
+        if self.feedback:
+            alone = executor.with_policy(OpenLoop())
+            for name, world in {AS_DRAWN: simulation, **worlds}.items():
+                found[f"{name}, {OPEN_LOOP}"] = alone.again(q, execution, world).success
+        return found

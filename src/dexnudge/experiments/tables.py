@@ -98,6 +98,7 @@ MISSING = "Charts need matplotlib: `pip install 'dexnudge[plots]'`."
 WIDTH = 8.0  # [inch]
 ROW = 0.3  # [inch] of height for each bar
 DPI = 120
+SHIFT = 0.02  # of a point for each further line
 INK = "#222222"
 
 
@@ -126,6 +127,38 @@ def interval_chart(title: str, groups: Mapping[str, Mapping[str, Estimate]]) -> 
     axes.set_axisbelow(True)
     axes.spines[["top", "right"]].set_visible(False)
     axes.grid(axis="x", color="#dddddd")
+    return figure
+
+
+def factor_chart(title: str, panels: Mapping[str, Mapping[str, Mapping[float, Estimate]]]) -> "Figure":
+    """Return a figure of rates of success over a factor: a panel for each quantity, a line for each way to act.
+
+    panels: quantity -> way -> factor -> rate, with its 95 % interval as a vertical line.
+    """
+    from matplotlib.figure import Figure
+
+    figure = Figure(figsize=(WIDTH, 3.2))
+    for place, (quantity, ways) in enumerate(panels.items()):
+        axes = figure.add_subplot(1, len(panels), place + 1)
+        for colour, (way, rates) in enumerate(ways.items()):
+            factors = sorted(rates)
+            shown = [rates[factor] for factor in factors]
+            at = [factor * (1.0 + SHIFT * colour) for factor in factors]  # so that no interval hides another
+            axes.plot(at, [100.0 * each.value for each in shown], "o-", color=f"C{colour}", label=way, markersize=4)
+            axes.vlines(
+                at, [100.0 * e.low for e in shown], [100.0 * e.high for e in shown], color=f"C{colour}", alpha=0.6
+            )
+        axes.set(xscale="log", ylim=(0.0, 103.0), xlabel=f"{quantity.replace('_', ' ')}, times planned")
+        every = sorted({factor for rates in ways.values() for factor in rates})
+        axes.set_xticks(every, [f"{factor:g}" for factor in every])
+        axes.minorticks_off()
+        axes.spines[["top", "right"]].set_visible(False)
+        axes.grid(axis="y", color="#dddddd")
+        if place == 0:
+            axes.set_ylabel("success [%]")
+            axes.legend(fontsize=8, frameon=False, loc="lower right")
+    figure.suptitle(title, x=0.02, ha="left", fontsize=11, weight="bold")
+    figure.tight_layout()
     return figure
 
 

@@ -9,6 +9,7 @@ configurations.npz holds every draw, verified ones first, best first; read it wi
     contact_links  (n,) names of the hand links that touch the object, joined by ","; a backslash stands before a comma or
                    a backslash that is part of a name
     NAME           (n,) what the criterion of that name measured
+    probability      (n,) that a verified draw holds in physics; NaN for others
     share_of_worlds  (n,) see `Samples.foresight`; only where something is uncertain
 
 summary.json counts them, and tells what failing each criterion means and what the run took. criteria/NAME holds what a

@@ -8,6 +8,8 @@ from jaxtyping import Float, Int
 from dexnudge.hands.hand import Hand
 from dexnudge.mechanics.balance import MAX_FACTOR
 from dexnudge.results.path_margins import forward_offset, mean_help, pressing_margins
+from dexnudge.results.probability import AGREEMENT as PROBABILITY_AGREEMENT
+from dexnudge.results.probability import probabilities
 from dexnudge.results.worlds import share_of_worlds, uncertainty_of
 from dexnudge.scenes.scene import Scene
 from dexnudge.verification.criteria import MARGIN_AGREEMENT, ROBUST_MARGIN, SUCCESS_MARGIN
@@ -55,6 +57,10 @@ def ranking(scene: Scene, verdicts: Verdicts, hand: Hand, q: Float[np.ndarray, "
     """
     keys = _keys(scene, verdicts)
     foresight, tolerance = {}, {}
+    verified = np.flatnonzero(verdicts.success)
+    if (found := probabilities(scene, [verdicts.contacts[row] for row in verified])) is not None:
+        foresight["probability"], tolerance["probability"] = np.full(len(q), np.nan), PROBABILITY_AGREEMENT
+        foresight["probability"][verified] = found
     agreement = [0.0, MARGIN_AGREEMENT, MARGIN_AGREEMENT, 1e-6, 1e-6, 1e-6]
     if (uncertainty := uncertainty_of(scene)) is not None:
         share = share_of_worlds(scene, hand, q, verdicts, np.lexsort(keys[::-1]))

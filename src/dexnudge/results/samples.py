@@ -55,6 +55,11 @@ class Sample:
     foresight: dict[str, float] = field(default_factory=dict)
 
     @property
+    def probability(self) -> float:
+        """Probability that it holds in physics, foretold without playing it; NaN where it is not verified."""
+        return self.foresight.get("probability", np.nan)
+
+    @property
     def share_of_worlds(self) -> float:
         """Share in which it is verified of the worlds in which the scene may be found; NaN: not tried, or all is certain."""
         return self.foresight.get("share_of_worlds", np.nan)
@@ -77,6 +82,7 @@ class Sample:
 
     def __repr__(self) -> str:
         verdict = "verified" if self.success else f"rejected ({self.reason})"
+        verdict += "" if np.isnan(self.probability) else f", holds in physics with {self.probability:.0%}"
         verdict += "" if np.isnan(self.share_of_worlds) else f" in {self.share_of_worlds:.0%} of the worlds"
         touching = ", ".join(self.contact_links) or "nothing"
         return (
@@ -124,6 +130,7 @@ class Samples:
     def foresight(self) -> dict[str, Float[np.ndarray, " n"]]:
         """What draws are ranked by beside what the criteria measure, by name.
 
+        probability: that a verified draw holds in physics, see `results.probability`; NaN for others.
         share_of_worlds: where something is uncertain (`Scene.uncertainty`), the share of the worlds in which each draw is
         verified; NaN for one that was not tried.
         """

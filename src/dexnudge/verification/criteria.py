@@ -32,7 +32,7 @@ ROTATION_TOLERANCE = 1e-4
 """Deviation of the 6D rotation's columns from unit length and right angle that single precision explains [-]."""
 RESERVED = ("q", "joint_names", "success", "reasons", "contact_links")
 """Arrays of configurations.npz that belong to no criterion."""
-FORESIGHT = ("share_of_worlds",)
+FORESIGHT = ("probability", "share_of_worlds")
 """The same that need not be there."""
 NUMPY_NAMES = ("file", "allow_pickle")
 """Names that numpy.savez cannot give to an array."""

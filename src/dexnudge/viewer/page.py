@@ -125,12 +125,15 @@ LEGEND: dict[str, Colour] = {
     "motion": PALETTE["arrow"],
     "surroundings": PALETTE["environment"],
 }
+PERCENT = 100.0
 MILLIMETRES = 1e3  # depths are measured in metres and shown in millimetres
 HEADINGS = {  # of values that are shown under another name or in another unit than they have: heading, factor
     "penetration_object": ("object<br>mm", MILLIMETRES),
     "penetration_environment": ("surr.<br>mm", MILLIMETRES),
     "penetration_self": ("self<br>mm", MILLIMETRES),
     "force_margin": ("force<br>margin", 1.0),
+    "probability": ("holds<br>%", PERCENT),
+    "share_of_worlds": ("worlds<br>%", PERCENT),
 }
 
 

@@ -1,0 +1,100 @@
+"""The probability that a verified configuration holds in physics, from what is known when it is sampled.
+
+A logistic regression of executed pushes on figures of the contacts and of the balance along the way,
+
+    p = 1 / (1 + exp(-(b + sum_k w_k (x_k - mean_k) / scale_k))),
+
+x clipped to the range that it was fitted on. `benchmarks/execution_probability.py` fits it and measures how well it holds on
+objects that did not help to fit it, and writes `execution_probability.json`, which says on what. Without that file nothing
+is foretold.
+"""
+
+from __future__ import annotations
+
+import json
+from collections.abc import Sequence
+from functools import cache
+from pathlib import Path
+from typing import Any
+
+import numpy as np
+from jaxtyping import Float
+
+from dexnudge.mechanics.contacts import HandContacts
+from dexnudge.mechanics.friction_cone import helping, pressing, some_contacts
+from dexnudge.mechanics.sliding_task import sliding_task
+from dexnudge.planning.object_path import push_length, station
+from dexnudge.results.path_margins import path_margins
+from dexnudge.scenes.scene import Scene
+from dexnudge.scenes.support_contacts import carrying_normal, touching_contacts
+
+MODEL = Path(__file__).with_name("execution_probability.json")
+AGREEMENT = 1e-2  # by which rounding may change a probability: margins are found to 1e-3
+
+
+def features(scene: Scene, contacts: Sequence[HandContacts]) -> dict[str, Float[np.ndarray, " configuration"]]:
+    """Return what execution may depend on, by name, for the contacts of each configuration, of which there are some.
+
+    Lengths over half the object's longest side. "ahead" is along the motion from the centre of mass, "aside" across it.
+    """
+    task, length = sliding_task(scene), push_length(scene)
+    normal = carrying_normal(touching_contacts(scene))
+    across = np.cross(normal, scene.motion)
+    alone = [some_contacts(each, pressing(each, task.twist)) for each in contacts]
+    along, pressed = path_margins(scene, contacts, length=length), path_margins(scene, alone, length=length)
+    supports = station(scene, length).supports.points
+    carried = (supports - task.centre) @ scene.motion / task.half_length if len(supports) else np.zeros(1)
+    found: dict[str, list[Any]] = {name: [] for name in ("links", "pressing_links", "help", "least_help", "on_top")}
+    found |= {name: [] for name in ("ahead", "aside", "spread_ahead", "spread_aside", "height")}
+    for each, press in zip(contacts, alone, strict=True):
+        arm, help_of_each = (each.points - task.centre) / task.half_length, helping(each, task.twist)
+        ahead, aside, height = arm @ scene.motion, arm @ across, arm @ normal
+        found["links"].append(len(np.unique(each.link)))
+        found["pressing_links"].append(len(np.unique(press.link)))
+        found["help"].append(help_of_each.mean())
+        found["least_help"].append(help_of_each.min())
+        found["on_top"].append((each.normals @ normal).mean())
+        found["ahead"].append(ahead.mean())
+        found["aside"].append(abs(aside.mean()))
+        found["spread_ahead"].append(np.ptp(ahead))
+        found["spread_aside"].append(np.ptp(aside))
+        found["height"].append(height.mean())
+    extents = np.sort(scene.object_mesh.extents)
+    same = {
+        "push_length": length / task.half_length,
+        "thickness": extents[0] / task.half_length,
+        "width": extents[1] / task.half_length,
+        "half_length": task.half_length,
+        "carried_ahead_at_end": carried.max(),
+        "press_slack": task.friction_hand - task.friction_environment,
+        "weight": task.weight / task.max_normal_force,
+    }
+    return {
+        **{name: np.array(values, dtype=np.float64) for name, values in found.items()},
+        "margin": along[:, 0],
+        "margin_at_end": along[:, -1],
+        "least_margin": along.min(axis=1),
+        "pressing_margin": pressed[:, 0],
+        "pressing_margin_at_end": pressed[:, -1],
+        "least_pressing_margin": pressed.min(axis=1),
+        **{name: np.full(len(contacts), float(value)) for name, value in same.items()},
+    }
+
+
+@cache
+def fitted_model(path: Path) -> dict[str, Any] | None:
+    """Return bias, and mean, scale, weight, least and greatest value of each feature; None without a file."""
+    return json.loads(path.read_text(encoding="utf-8")) if path.exists() else None
+
+
+def probabilities(scene: Scene, contacts: Sequence[HandContacts]) -> Float[np.ndarray, " configuration"] | None:
+    """Return the probability that each verified configuration holds in physics, from its contacts; None without a model."""
+    fitted = fitted_model(MODEL)
+    if fitted is None or not len(contacts):
+        return None if fitted is None else np.zeros(0)
+    found = features(scene, contacts)
+    score = np.full(len(contacts), float(fitted["bias"]))
+    for name, of in fitted["features"].items():
+        value = np.clip(found[name], of["least"], of["greatest"])
+        score += of["weight"] * (value - of["mean"]) / of["scale"]
+    return np.asarray(1.0 / (1.0 + np.exp(-score)))
