@@ -9,6 +9,7 @@ from hypothesis import strategies as st
 from dexnudge.geometry.exact_distance import ExactDistance
 from dexnudge.geometry.surface_lattice import surface_lattice
 from dexnudge.mechanics.contacts import HandContacts, hand_contacts
+from dexnudge.scenes.motion import Turn
 from dexnudge.scenes.scene import Scene
 from dexnudge.scenes.support_contacts import support_contacts, support_mask
 
@@ -78,6 +79,14 @@ def test_a_block_rests_on_its_four_corners(lift: float) -> None:
     found = support_contacts(scene(FLOOR, lift=lift))
     np.testing.assert_allclose(sorted(found.points.tolist()), CORNERS, atol=1e-6)
     np.testing.assert_allclose(found.normals, [[0, 0, 1]] * 4, atol=1e-6)
+
+
+def test_a_block_that_turns_rests_on_nothing_beside_it() -> None:
+    """The table's own points lie 2 mm apart, some of them less than 1 mm off the block."""
+    for x in np.arange(5) * 0.0004:
+        turning = replace(scene(FLOOR, x=x), turn=Turn(1.0, np.array([0.0, 0.0, 1.0]), np.zeros(3)))
+        found = support_contacts(turning).points
+        np.testing.assert_allclose(sorted((found - [x, 0, 0]).round(6).tolist()), CORNERS, atol=1e-6)
 
 
 def test_a_block_in_the_air_rests_on_nothing() -> None:

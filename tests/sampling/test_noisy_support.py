@@ -27,4 +27,4 @@ def test_guidance_balances_on_the_supports_that_verification_sees():
     assert balance is not None
     supports = support_contacts(scan)
     assert len(balance.support_wrenches) == len(supports.points) >= 4
-    np.testing.assert_allclose(supports.normals @ sliding_task(scan).motion, 0.0, atol=1e-9)
+    np.testing.assert_allclose(supports.normals @ sliding_task(scan).twist.linear, 0.0, atol=1e-9)

@@ -158,7 +158,7 @@ def test_without_a_dataset(hand, tmp_path):
         "the method starts from stored poses; expected a dataset folder, got none; pass one as `poses` "
         "(on the command line as `data`)"
     )
-    with pytest.raises(DatasetError, match=r"manifest\.json does not exist; expected a dataset folder"):
+    with pytest.raises(DatasetError, match=r"manifest\.json: no such file; expected a dataset folder"):
         Sampler(hand, poses=tmp_path).load("nearest_pose")
 
 

@@ -11,7 +11,8 @@ from scipy.optimize import OptimizeResult, linprog
 from dexnudge.mechanics.contacts import HandContacts
 from dexnudge.mechanics.friction_cone import EDGE_COUNT, friction_cone_edges, wrenches
 from dexnudge.mechanics.sliding_task import SlidingTask
-from dexnudge.scenes.support_contacts import MOTION_TOLERANCE, PIVOT_SPEED, SupportContacts
+from dexnudge.mechanics.support_forces import support_forces
+from dexnudge.scenes.support_contacts import SupportContacts
 
 MAX_FACTOR = 3.0
 """Largest factor on friction_environment that is tried [-]."""
@@ -77,31 +78,6 @@ def balance_problem(contacts: HandContacts, supports: SupportContacts, task: Sli
         cap=task.max_normal_force / task.weight,
         blocked=blocked,
     )
-
-
-def support_forces(
-    supports: SupportContacts, task: SlidingTask
-) -> tuple[Float[np.ndarray, "column 3"], Float[np.ndarray, "column 3"], Int[np.ndarray, "column"], bool]:
-    """Return unit normal forces, the friction at them, whose they are, and whether a support blocks the motion."""
-    velocity = task.twist.velocity(supports.points)
-    approach = (supports.normals * velocity).sum(axis=1)
-    stands = np.linalg.norm(velocity, axis=1) <= PIVOT_SPEED
-    axis = task.twist.angular / max(float(np.linalg.norm(task.twist.angular)), np.finfo(float).tiny)
-    carries = np.flatnonzero(stands | (np.abs(approach) <= MOTION_TOLERANCE))
-    normals, friction, support = [], [], []
-    for index in carries:
-        normal = supports.normals[index]
-        if stands[index]:
-            cone = friction_cone_edges(-normal[None], axis, friction=task.friction_environment)[0]
-            friction.extend(cone - normal)
-        else:
-            slip = velocity[index] - approach[index] * normal
-            friction.append(-task.friction_environment * slip / np.linalg.norm(slip))
-        repeated = EDGE_COUNT if stands[index] else 1
-        normals += [normal] * repeated
-        support += [index] * repeated
-    blocked = bool(np.any((approach < -MOTION_TOLERANCE) & ~stands))
-    return np.reshape(normals, (-1, 3)), np.reshape(friction, (-1, 3)), np.array(support, dtype=np.int64), blocked
 
 
 def solve_balance(problem: BalanceProblem, *, factor: float) -> Float[np.ndarray, "variable"] | None:

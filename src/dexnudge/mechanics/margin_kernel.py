@@ -14,7 +14,7 @@ wp.set_module_options({"enable_backward": False, "max_unroll": 1})
 
 FAILED_MARGIN = -1.0
 """Margin written where the simplex method gave up."""
-PIVOT_SPEED = wp.constant(wp.float64(balance.PIVOT_SPEED))
+PIVOT_SPEED = wp.constant(wp.float64(support_contacts.PIVOT_SPEED))
 MOTION_TOLERANCE = wp.constant(wp.float64(support_contacts.MOTION_TOLERANCE))
 ALIGNMENT_LIMIT = wp.constant(wp.float64(friction_cone.ALIGNMENT_LIMIT))
 EDGE_COUNT = wp.constant(friction_cone.EDGE_COUNT)

@@ -19,8 +19,8 @@ from dexnudge.geometry.surface_points import object_cloud
 from dexnudge.geometry.transforms import canonical_frame, transform_configurations
 from dexnudge.geometry.warp_runtime import WarpStruct
 from dexnudge.hands.hand import Hand
-from dexnudge.mechanics.balance import support_forces
 from dexnudge.mechanics.sliding_task import hardest_task
+from dexnudge.mechanics.support_forces import support_forces
 from dexnudge.sampling.helpful_places import HelpfulPlaces, helpful_places
 from dexnudge.scenes.motion import Twist
 from dexnudge.scenes.scene import Scene

@@ -90,7 +90,7 @@ def touching_contacts(scene: Scene) -> SupportContacts:
     found = SupportContacts(
         points=np.asarray(hit.closest, dtype=np.float64)[place][kept], normals=environment_normals[kept]
     )
-    return found if scene.turn is None else _with_own_points(found, mesh, scene)
+    return found if scene.turn is None else _with_own_points(found, mesh, scene, environment)
 
 
 @cached_per_instance
@@ -121,8 +121,10 @@ def carrying_normal(contacts: SupportContacts) -> Float[np.ndarray, "3"]:
     return normals.mean(axis=0) / np.linalg.norm(normals.mean(axis=0)) if len(normals) else np.zeros(3)
 
 
-def _with_own_points(found: SupportContacts, body: trimesh.Trimesh, scene: Scene) -> SupportContacts:
-    """Return contacts and the points of the surroundings that touch the body [m, world], such as those of a table's rim."""
+def _with_own_points(
+    found: SupportContacts, body: trimesh.Trimesh, scene: Scene, environment: ExactDistance
+) -> SupportContacts:
+    """Return contacts and those at the surroundings' own points near the body [m, world], such as those of a table's rim."""
     low, high = body.bounds + np.array([[-SUPPORT_DISTANCE], [SUPPORT_DISTANCE]])
     triangles = triangles_in_box(scene.environment_mesh, low, high)
     box = Boxes((low + high)[None] / 2, np.eye(3)[None], (high - low)[None] / 2)
@@ -134,8 +136,11 @@ def _with_own_points(found: SupportContacts, body: trimesh.Trimesh, scene: Scene
     normals /= np.maximum(np.linalg.norm(normals, axis=1, keepdims=True), np.finfo(float).tiny)
     hit = ExactDistance(body).to_surface(points, reach=SUPPORT_REACH)
     kept = support_mask(np.asarray(hit.normal, dtype=np.float64), distance=hit.distance, environment_normals=normals)
+    met = environment.to_surface(
+        hit.closest[kept], reach=SUPPORT_REACH
+    ).closest  # a point beside the body carries nothing
     return SupportContacts(
-        points=np.concatenate([found.points, points[kept]]), normals=np.concatenate([found.normals, normals[kept]])
+        points=np.concatenate([found.points, met]), normals=np.concatenate([found.normals, normals[kept]])
     )
 
 
