@@ -4,6 +4,7 @@ As an object comes over an edge, less and less of it is carried, and a finger th
 """
 
 from collections.abc import Sequence
+from dataclasses import replace
 
 import numpy as np
 from jaxtyping import Float
@@ -17,6 +18,7 @@ from dexnudge.scenes.scene import Scene
 from dexnudge.scenes.support_contacts import SupportContacts
 
 STATIONS = 3  # places along the way beside its beginning; the last one is its end
+CAREFUL = 0.75  # of the hand's friction, with which a hand that turns an object should do
 SAME_PLACE = 1e-5  # [m] by which two places of supports differ for no other reason than rounding
 
 
@@ -46,6 +48,22 @@ def pressing_margins(scene: Scene, contacts: Sequence[HandContacts]) -> Float[np
     length = 0.0 if _carried_alike(scene) else push_length(scene)
     alone = [some_contacts(each, pressing(each, scene.object_motion.twist())) for each in contacts]
     return path_margins(scene, alone, length=length).min(axis=1)
+
+
+def careful_margins(scene: Scene, contacts: Sequence[HandContacts]) -> Float[np.ndarray, " configuration"]:
+    """The least force margin with three quarters of the hand's friction where the turn and the slide begin, and at the end.
+
+    What tips and pulls an object pinches it, and a pinch that just balances slips over a rounded edge.
+    """
+    slippery = replace(scene, friction_hand=CAREFUL * scene.friction_hand)
+    motion, task = slippery.object_motion, sliding_task(slippery)
+    here = [station(scene, way) for way in (*motion.beginnings, motion.length)]
+    there = [[moved_contacts(each, place.T) for each in contacts] for place in here]
+    margins = [
+        force_margins(moved, place.supports, place.task(task)).factor[:, 0]
+        for moved, place in zip(there, here, strict=True)
+    ]
+    return np.min(margins, axis=0)
 
 
 def mean_help(scene: Scene, contacts: Sequence[HandContacts]) -> Float[np.ndarray, " configuration"]:

@@ -7,7 +7,7 @@ from jaxtyping import Float, Int
 
 from dexnudge.hands.hand import Hand
 from dexnudge.mechanics.balance import MAX_FACTOR
-from dexnudge.results.path_margins import forward_offset, mean_help, pressing_margins
+from dexnudge.results.path_margins import careful_margins, forward_offset, mean_help, pressing_margins
 from dexnudge.results.probability import AGREEMENT as PROBABILITY_AGREEMENT
 from dexnudge.results.probability import probabilities
 from dexnudge.results.worlds import share_of_worlds, uncertainty_of
@@ -52,8 +52,9 @@ def ranking(scene: Scene, verdicts: Verdicts, hand: Hand, q: Float[np.ndarray, "
     That is: where something is uncertain, by the share of the worlds in which they hold (`share_of_worlds`); by the margin
     where the path begins, up to 1.5 (robust); by the least one on the path of those contacts alone that press or push, up to
     1; by how near to the object's centre of mass or behind it they are on average; by how far they press or push; by the
-    least penetration. Larger margins are those of hands that squeeze, and slip. Where the object turns, the margin counts as
-    far as it goes: nothing but fingers that press apart from one another, or from two sides, turns it.
+    least penetration. Larger margins are those of hands that squeeze, and slip. Where the object turns, nothing but fingers
+    that press apart from one another, or from two sides, turns it: the margin with three quarters of the hand's friction
+    comes first, then that with all of it, both as far as they go.
     """
     keys = _keys(scene, verdicts)
     foresight, tolerance = {}, {}
@@ -76,11 +77,15 @@ def _keys(scene: Scene, verdicts: Verdicts) -> Float[np.ndarray, "key draw"]:
     pressing, ahead, helping = np.zeros((3, len(margin)))
     if len(verified) > 1:
         contacts = [verdicts.contacts[row] for row in verified]
-        pressing[verified] = pressing_margins(scene, contacts)
         helping[verified] = mean_help(scene, contacts)
         if scene.turn is None:
+            pressing[verified] = pressing_margins(scene, contacts)
             ahead[verified] = forward_offset(scene, contacts)
+        else:
+            pressing[verified] = careful_margins(scene, contacts)
     deepest = verdicts.deepest_penetration
-    most = ROBUST_MARGIN if scene.turn is None else MAX_FACTOR
-    margins = -np.minimum(margin, most), -np.minimum(pressing, SUCCESS_MARGIN)
+    if scene.turn is None:
+        margins = -np.minimum(margin, ROBUST_MARGIN), -np.minimum(pressing, SUCCESS_MARGIN)
+    else:
+        margins = -np.minimum(pressing, MAX_FACTOR), -np.minimum(margin, MAX_FACTOR)
     return np.stack([~verdicts.success, *margins, ahead, -helping, deepest]).astype(np.float64)

@@ -21,6 +21,8 @@ STILL_TIME = 0.3  # [s] the same for whether the object moves at all
 LEVER = 0.06  # [m] that makes an angle a length where errors are split: half of a phone
 LEAST = 0.3  # [N] below which a link or a hand does not press
 ROTATION_GAIN = 4.0  # of the base's torques over its forces: a palm's turn moves stiff fingers little
+UPRIGHT = 0.999  # cosine of the tilt from which on an object that slides is tipped: it is pinched and pulled
+LEAST_TURNING = 1e-3  # [rad/m]
 SLIPPING = 0.3  # of the hand's speed at which press rises as fast as it may
 
 
@@ -34,7 +36,7 @@ class FeedbackLimits:
         press: least and greatest press, times the planned one. press_rate, relax_rate: of its rise and fall [1/s].
         slip: way by which the object may stay behind the palm [m]; so far fingers give way.
         pull: times the planned ratio of pull to press above which the hand presses harder.
-        tilt: of the object against the plan above which the hand presses less [rad].
+        tilt: of the object against the plan above which the hand presses less, or more where it pinches it [rad].
         slowest: share of the speed at which the hand waits for the object, longest_wait: in all [s].
         close: lag at the end that is left [m]. most_ahead: way that the hand pushes on, [m] and share of the length.
         lost: slip of an object that stands still, above which the push ends [m]. most_off: turn of the object away from the
@@ -78,7 +80,8 @@ class Feedback:
     """Follows the plan, corrected by what is felt and seen.
 
     - **Press**: torques of the fingers and wrench of the base are scaled up while the object slips behind the palm, or while
-      the base pulls more per newton of press than planned; down while the object tilts.
+      the base pulls more per newton of press than planned; down while the object tilts. A tipped object that is pulled is
+      pinched: it is pressed harder where it tilts, and the base lifts as planned.
     - **Links**: what each presses with is brought to its share, below its limit, by its fingers' torques and by the base.
     - **Way**: the target of the base leads by what its springs give way; it slows down for an object that stays behind, and
       pushes on at the end. The push ends early where the object stands still, or has turned too far.
@@ -98,6 +101,10 @@ class Feedback:
         self._plan, self._loop = plan, OpenLoop()
         self._loop.start(plan)
         self._twist = twists(path)
+        slides = np.linalg.norm(self._twist[-1, 3:]) < LEAST_TURNING
+        self._pinches = slides and path.displacement[-1, 2, 2] < UPRIGHT
+        # What pinches harder must not lift more: the fingers would slip off.
+        self._lifts = self._pinches & (self._loop.wrench[:, 2] > 0)
         self._share = interpolated(path.done, forces.done, forces.link_force)  # planned force of each link [N]
         room = self.limits.room * forces.limit / np.maximum(self._share.max(axis=1), LEAST)
         self._most_press = np.clip(room, 1.0, self.limits.press[1])
@@ -172,11 +179,13 @@ class Feedback:
         more = self._slipping / SLIPPING if self._slip > limits.slip else 0.0
         if planned > 0:
             more = max(more, 4.0 * (self._pull / (limits.pull * planned) - 1.0))
+        if self._pinches and tilt > limits.tilt:  # out of its grip
+            more = 1.0
         rate = limits.press_rate * min(more, 1.0) if more > 0 else -limits.relax_rate
         least = 1.0 if self._press >= 1.0 else limits.press[0]
         if self._over:
             rate, least = 0.0, limits.press[0]
-        if tilt > limits.tilt:
+        if not self._pinches and tilt > limits.tilt:
             rate, least = -2.0 * limits.press_rate, limits.press[0]
         self._press = float(np.clip(self._press + TIMESTEP * rate, least, self._most_press[step]))
 
@@ -225,6 +234,8 @@ class Feedback:
         off = np.where(self._force > most, limits.over, 1.0) * off
         self._extra += TIMESTEP * (off / limits.link_time - self._extra / limits.leak)
         self._extra = np.clip(self._extra, -wanted, most)
+        if self._pinches:  # a base that presses for fingers that pinch drives the object into what carries it
+            return
         change = self._carried(step, off @ forces.link_wrench) * np.repeat([1.0, ROTATION_GAIN], 3)
         self._wrench += TIMESTEP * (change / limits.base_time - self._wrench / limits.leak)
         bound = np.repeat([limits.base_force, limits.base_torque], 3)
@@ -240,7 +251,8 @@ class Feedback:
         torque = more * self._loop.torque[step] + self._extra @ forces.link_torque
         ctrl = np.clip(told.ctrl + torque / drive.motor_gain, drive.lower, drive.upper)
         target = Rotation.from_quat(told.quaternion, scalar_first=True)
-        wrench = in_base(target.inv(), (more * self._loop.wrench[step] + self._wrench)[None])[0]
+        scaled = 0.0 if self._lifts[step] else more
+        wrench = in_base(target.inv(), (scaled * self._loop.wrench[step] + self._wrench)[None])[0]
         ctrl[drive.base_motor] = told.ctrl[drive.base_motor] + wrench / drive.base_stiffness
         pivot = told.q[:3] if self._start is None else (self._plan.path.displacement[step] @ self._start)[:3, 3]
         ahead, twist = self._lead + self._further, self._twist[step]

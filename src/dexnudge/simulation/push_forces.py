@@ -13,6 +13,7 @@ import mujoco
 import numpy as np
 import torch
 from jaxtyping import Float
+from scipy.linalg import block_diag
 from scipy.optimize import nnls
 
 from dexnudge.hands.hand import ROOT_COORDINATES, Hand
@@ -79,10 +80,13 @@ def _gap(simulation: SimulationModel, link: int) -> tuple[float, Float[np.ndarra
 
 CONE_SHARES = (0.5, 0.7, 0.85, 1.0)  # of the hand's friction that the forces use; the first that balances is taken
 SURPLUS = 1.4  # times the forces that balance: an object then follows even where its support is rougher than planned
+UPRIGHT = 0.999  # cosine of the tilt from which on an object is tipped; more than the force that lifts one throws it
 PRELOAD = 1.0  # [N] with which every link that touches should press: a finger that rests keeps the object from turning
+PINCH = 3.0  # [N] the same of what pulls a tipped object: nothing but friction on its sides keeps it from tipping on
 BALANCE = 100.0  # weight of the net wrench against the size of the forces: balance comes first
 TENDON = 3.0  # weight of torques that a shared tendon cannot make
 PRESSING = 0.5  # weight of the preload
+LIKENESS = 1.0  # weight of each contact's difference from forces to be near to
 EVENNESS = 0.1  # weight of each edge's own size: forces spread over contacts
 ROOM = 0.7  # of the limit of a link that is planned for where that balances: the rest is left to control
 LEVER = 0.05  # [m] that makes a torque a force in these weights: a finger's segment
@@ -122,13 +126,20 @@ class PushForces:
 
 @dataclass(frozen=True)
 class _Pushed:
-    """What hand and object bring to every place; jacobians: of the contacts' points [m/rad], [m/m] of sliding joints."""
+    """What hand and object bring to every place; jacobians: of the contacts' points [m/rad], [m/m] of sliding joints.
+
+    preload: with which every link that touches should press [N].
+    """
 
     simulation: SimulationModel
     q: Float[np.ndarray, " coordinates"]
     contacts: HandContacts
     task: SlidingTask
     jacobians: Float[np.ndarray, "contact 3 angle"]
+    preload: float
+
+
+_Found = tuple[Float[np.ndarray, "contact 3"], float]
 
 
 def push_forces(
@@ -149,13 +160,18 @@ def push_forces(
     limit: what it pulls too much its base holds back.
     """
     simulation.place(q)
-    pushed = _Pushed(simulation, q, contacts, task, simulation.contact_jacobians(contacts))
-    found: list[tuple[np.ndarray, float]] = [(np.zeros((len(contacts.points), 3)), 0.0)]
-    for station in stations:
-        found.append(_chosen(_carried(pushed, station), station) or found[-1])
-    share = np.array([share for _, share in found[1:]])
-    surplus = np.array([_surplus(each, contacts, task) for each, _ in found[1:]])
-    force = surplus[:, None, None] * np.stack([each for each, _ in found[1:]])
+    pinches = stations[-1].T[2, 2] < UPRIGHT and not stations[-1].twist.angular.any()
+    preload = PINCH if pinches else PRELOAD
+    pushed = _Pushed(simulation, q, contacts, task, simulation.contact_jacobians(contacts), preload)
+    found = _along(pushed, stations)
+    share = np.array([share for _, share in found])
+    surplus = np.array(
+        [
+            1.0 if pinches and (station.T[:3, :3] @ each.sum(axis=0))[2] > 0 else _surplus(each, contacts, task)
+            for station, (each, _) in zip(stations, found, strict=True)
+        ]
+    )
+    force = surplus[:, None, None] * np.stack([each for each, _ in found])
     load = np.linalg.norm(force, axis=2).max(axis=0)
     pressing = np.flatnonzero(np.bincount(contacts.link, weights=load, minlength=1) > LEAST_FORCE)
     closed = closed_configuration(simulation, q, pressing.tolist())
@@ -174,6 +190,27 @@ def push_forces(
         link_wrench=_base_wrench(pushed, unit),
         limit=task.max_normal_force,
     )
+
+
+def _along(pushed: _Pushed, stations: Sequence[Station]) -> list[_Found]:
+    """Return forces at every station, and the share of the cone; those before where nothing balances, zero at the beginning.
+
+    A tip before a slide is made with forces as near as may be to those with which the slide begins: what pulls a tipped
+    object pinches it, and fingers that first press and then pinch let go in between.
+    """
+    nothing = (np.zeros_like(pushed.contacts.points), 0.0)
+
+    def along(stretch: Sequence[Station], like: _Found = nothing) -> list[_Found]:
+        found = [like]
+        for station in stretch:
+            found.append(_chosen(_carried(pushed, station), station, like[0]) or found[-1])
+        return found[1:]
+
+    if pushed.preload == PRELOAD:
+        return along(stations)
+    turns = next(k for k, station in enumerate(stations) if not station.twist.angular.any())
+    slide = along(stations[turns:])
+    return along(stations[:turns], slide[0]) + slide
 
 
 def _carried(pushed: _Pushed, station: Station) -> _Pushed:
@@ -204,14 +241,14 @@ def _surplus(force: Float[np.ndarray, "contact 3"], contacts: HandContacts, task
     return max(1.0, min(SURPLUS, ROOM * task.max_normal_force / hardest)) if hardest > 0 else 1.0
 
 
-def _chosen(pushed: _Pushed, station: Station) -> tuple[Float[np.ndarray, "contact 3"], float] | None:
+def _chosen(pushed: _Pushed, station: Station, like: Float[np.ndarray, "contact 3"]) -> _Found | None:
     """Return forces at a station in the axes of the start, and the share of the cone; None if nothing balances.
 
     Of the contacts that press or push alone, if they can do it well inside their cones: a squeeze that is a little off
-    turns the object.
+    turns the object. like: forces to be near to, of whatever contacts, in the axes of the start; zero where there are none.
     """
     contacts, task, rotation = pushed.contacts, pushed.task, station.T[:3, :3]
-    kept = pressing(contacts, task.twist)
+    kept = pressing(contacts, task.twist) | like.any()
     tries = [(kept, share) for share in CONE_SHARES[:-1]] + [(np.ones_like(kept), share) for share in CONE_SHARES]
     for used, share in tries:
         narrowed = replace(
@@ -219,7 +256,9 @@ def _chosen(pushed: _Pushed, station: Station) -> tuple[Float[np.ndarray, "conta
         )
         some = some_contacts(contacts, used)
         found = _balanced(
-            replace(pushed, contacts=some, task=narrowed, jacobians=pushed.jacobians[used]), station.supports
+            replace(pushed, contacts=some, task=narrowed, jacobians=pushed.jacobians[used]),
+            station.supports,
+            like[used] @ rotation.T,
         )
         if found is not None:
             force = np.zeros_like(contacts.points)
@@ -229,7 +268,9 @@ def _chosen(pushed: _Pushed, station: Station) -> tuple[Float[np.ndarray, "conta
     return None if solved is None else (solved.hand @ rotation, 1.0)
 
 
-def _balanced(pushed: _Pushed, supports: SupportContacts) -> Float[np.ndarray, "contact 3"] | None:
+def _balanced(
+    pushed: _Pushed, supports: SupportContacts, like: Float[np.ndarray, "contact 3"]
+) -> Float[np.ndarray, "contact 3"] | None:
     contacts, task = pushed.contacts, pushed.task
     problem = balance_problem(contacts, supports, task)
     if problem.blocked or len(contacts.points) == 0:
@@ -240,16 +281,19 @@ def _balanced(pushed: _Pushed, supports: SupportContacts) -> Float[np.ndarray, "
     count, others = len(hand), len(support) + slack.shape[1]
     links = np.repeat(problem.link, EDGE_COUNT)
     of_link = (links == np.arange(problem.link.max() + 1)[:, None]).astype(float)
+    if like.any():
+        near, size = LIKENESS * block_diag(*edges.transpose(0, 2, 1)), LIKENESS / task.weight * like.ravel()
+    else:
+        near, size = PRESSING * of_link, np.full(len(of_link), PRESSING * pushed.preload / task.weight)
     rows = np.concatenate(
         [
             BALANCE * np.concatenate([hand.T, support.T, np.zeros((6, slack.shape[1]))], axis=1),
             TENDON / LEVER * np.concatenate([mismatch, np.zeros((len(mismatch), len(support))), slack], axis=1),
             EVENNESS * np.eye(count, count + others),
-            PRESSING * np.pad(of_link, ((0, 0), (0, others))),
+            np.pad(near, ((0, 0), (0, others))),
         ]
     )
-    preload = np.full(len(of_link), PRESSING * PRELOAD / task.weight)
-    wanted = np.concatenate([-BALANCE * problem.load, np.zeros(len(rows) - 6 - len(preload)), preload])
+    wanted = np.concatenate([-BALANCE * problem.load, np.zeros(len(rows) - 6 - len(size)), size])
     capped: set[int] = set()
     while True:
         size, _ = nnls(rows, wanted)
