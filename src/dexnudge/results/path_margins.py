@@ -18,7 +18,7 @@ from dexnudge.scenes.scene import Scene
 from dexnudge.scenes.support_contacts import SupportContacts
 
 STATIONS = 3  # places along the way beside its beginning; the last one is its end
-CAREFUL = 0.75  # of the hand's friction, with which a hand that turns an object should do
+CAREFUL = (0.75, 0.5)  # of the hand's friction, with which a hand that turns an object should do
 SAME_PLACE = 1e-5  # [m] by which two places of supports differ for no other reason than rounding
 
 
@@ -51,19 +51,29 @@ def pressing_margins(scene: Scene, contacts: Sequence[HandContacts]) -> Float[np
 
 
 def careful_margins(scene: Scene, contacts: Sequence[HandContacts]) -> Float[np.ndarray, " configuration"]:
-    """The least force margin with three quarters of the hand's friction where the turn and the slide begin, and at the end.
+    """The margin of a hand that nothing goes quite right for: the mean of those at 75 and 50 % of the hand's friction.
 
-    What tips and pulls an object pinches it, and a pinch that just balances slips over a rounded edge.
+    Each is the least where the turn and the slide begin, and at the end, of contacts with one normal a link, the mean of its
+    own: a hand that needs one point at a rounded edge to push another way than its neighbours does not hold in physics.
     """
-    slippery = replace(scene, friction_hand=CAREFUL * scene.friction_hand)
-    motion, task = slippery.object_motion, sliding_task(slippery)
-    here = [station(scene, way) for way in (*motion.beginnings, motion.length)]
-    there = [[moved_contacts(each, place.T) for each in contacts] for place in here]
-    margins = [
-        force_margins(moved, place.supports, place.task(task)).factor[:, 0]
-        for moved, place in zip(there, here, strict=True)
-    ]
-    return np.min(margins, axis=0)
+    blunt = [_one_normal_a_link(each) for each in contacts]
+    return np.mean(
+        [_least_on_way(replace(scene, friction_hand=share * scene.friction_hand), blunt) for share in CAREFUL], axis=0
+    )
+
+
+def _least_on_way(scene: Scene, contacts: Sequence[HandContacts]) -> Float[np.ndarray, " configuration"]:
+    motion, task, margins = scene.object_motion, sliding_task(scene), []
+    for here in (station(scene, way) for way in (*motion.beginnings, motion.length)):
+        there = [moved_contacts(each, here.T) for each in contacts]
+        margins.append(force_margins(there, here.supports, here.task(task)).factor[:, 0])
+    return np.asarray(np.min(margins, axis=0))
+
+
+def _one_normal_a_link(contacts: HandContacts) -> HandContacts:
+    mine = contacts.link == contacts.link[:, None]
+    sums = mine @ contacts.normals
+    return replace(contacts, normals=sums / np.maximum(np.linalg.norm(sums, axis=1, keepdims=True), 1e-9))
 
 
 def mean_help(scene: Scene, contacts: Sequence[HandContacts]) -> Float[np.ndarray, " configuration"]:

@@ -53,8 +53,8 @@ def ranking(scene: Scene, verdicts: Verdicts, hand: Hand, q: Float[np.ndarray, "
     where the path begins, up to 1.5 (robust); by the least one on the path of those contacts alone that press or push, up to
     1; by how near to the object's centre of mass or behind it they are on average; by how far they press or push; by the
     least penetration. Larger margins are those of hands that squeeze, and slip. Where the object turns, nothing but fingers
-    that press apart from one another, or from two sides, turns it: the margin with three quarters of the hand's friction
-    comes first, then that with all of it, both as far as they go.
+    that press apart from one another, or from two sides, turns it: what holds with less friction and blunter
+    contacts comes first (`careful_margins`), then the margin as far as it goes.
     """
     keys = _keys(scene, verdicts)
     foresight, tolerance = {}, {}
