@@ -91,7 +91,7 @@ EVENNESS = 0.1  # weight of each edge's own size: forces spread over contacts
 ROOM = 0.7  # of the limit of a link that is planned for where that balances: the rest is left to control
 LEVER = 0.05  # [m] that makes a torque a force in these weights: a finger's segment
 UNBALANCED = 0.02  # net wrench over weight up to which forces count as balanced
-LEAST_FORCE = 0.05  # [N] below which a link need not touch
+LEAST_FORCE = 0.2  # [N] below which a link need not touch: a segment beside one that presses would curl its finger
 AT_STOP = 0.02  # [rad of `Hand.joint_scales`] from an end stop at which it carries load
 
 
