@@ -128,9 +128,10 @@ def test_bad_numbers_are_refused(sample):
         execute(sample, then_grasp=True, attempts=0)
 
 
-def test_every_outcome_has_its_sentence():
+def test_every_outcome_has_its_sentence_and_its_name_in_lower_case():
     assert len({outcome.sentence for outcome in Outcome}) == len(Outcome)
     assert all(Outcome(outcome.value) is outcome for outcome in Outcome)
+    assert all(outcome.value == name.lower() for name, outcome in Outcome.__members__.items())
 
 
 def test_a_rejected_configuration_is_executed_with_a_warning(sample, tmp_path):

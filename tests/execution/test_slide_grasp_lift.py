@@ -3,11 +3,12 @@
 from dataclasses import dataclass, field, replace
 from types import SimpleNamespace
 
+import numpy as np
 import pytest
 
 from dexnudge.execution import slide_grasp_lift
 from dexnudge.execution.grasp_and_lift import NoGrasp
-from dexnudge.execution.slide_grasp_lift import Attempt, SlideGraspLift
+from dexnudge.execution.slide_grasp_lift import Attempt, Slide, SlideGraspLift
 from dexnudge.planning.outcomes import Outcome
 from dexnudge.simulation.success import LiftVerdict
 
@@ -118,3 +119,29 @@ def test_attempts_are_counted(play):
     result = play(acts, attempts=2)
     assert [(one.phase, one.outcome) for one in result.attempts] == [("grasp search", Outcome.NO_GRASP)] * 2
     assert result.ended is None
+
+
+@pytest.mark.parametrize(
+    ("force", "seconds", "outcome", "lasting"),
+    [
+        (5.05, 0.2, Outcome.SUCCESS, 5.05),
+        (5.2, 0.2, Outcome.PRESSED_TOO_HARD, 5.2),
+        (9.0, 0.06, Outcome.PRESSED_TOO_HARD, 5.8),  # 9 N for 60 ms and 1 N for 40 ms
+        (9.0, 0.04, Outcome.SUCCESS, 4.2),
+    ],
+)
+def test_a_slide_is_judged_by_what_its_links_press_with_for_a_tenth_of_a_second(
+    block_scene, force, seconds, outcome, lasting
+):
+    time = np.arange(100) * 0.02
+    attempt = np.where(time < 1.0, 1, 2)
+    link_force = np.ones((100, 2))
+    link_force[time < 0.5] = 20.0  # of the attempt before
+    link_force[(time > 1.5) & (time < 1.5 + seconds + 1e-9), 1] = force
+    trace = SimpleNamespace(time=time, attempt=attempt, link_force=link_force, hand_environment_depth=np.zeros(100))
+    rollout = SimpleNamespace(trace=trace, attempt=2, T_world_object=block_scene.T_world_object)
+    slide = Slide.__new__(Slide)
+    slide._stage = SimpleNamespace(rollout=rollout, why_over=lambda: None)
+    found = slide._judged(replace(block_scene, max_normal_force=5.0))
+    assert found[0] is outcome
+    assert found[2] == pytest.approx(lasting)

@@ -5,7 +5,7 @@ import pytest
 
 from dexnudge.scenes.motion import Motion
 from dexnudge.simulation.hand_path import PHASES, along_line, push_path
-from dexnudge.simulation.model import SimulationModel, scene_model
+from dexnudge.simulation.model import SimulationModel, changed_physics, scene_model
 from dexnudge.simulation.push_forces import PushForces
 from dexnudge.simulation.rollout import Rollout
 
@@ -35,6 +35,21 @@ def idle(simulation) -> PushForces:
         link_wrench=np.zeros((3, 6)),
         limit=5.0,
     )
+
+
+def test_finer_steps_are_given_the_same_commands(simulation, pad_grasp):
+    """Half the step: twice the steps, the same time and way, forces that differ by as little as integration does."""
+    q, _ = pad_grasp
+    finer, traces = changed_physics(simulation), []
+    finer.model.opt.timestep /= 2
+    for model in (simulation, finer):
+        rollout = Rollout(model, q)
+        rollout.follow(along_line(q, 0.02 * X, speed=0.1), "away")
+        traces.append(rollout.trace)
+    coarse, fine = traces
+    np.testing.assert_allclose(fine.time, coarse.time, atol=1e-9)
+    np.testing.assert_array_equal(fine.mocap, coarse.mocap)
+    np.testing.assert_allclose(fine.qpos, coarse.qpos, atol=5e-4)  # the pads swing by 0.5 mrad as they set off
 
 
 def test_a_second_push_goes_on_where_the_first_ended(simulation, pad_grasp, idle):

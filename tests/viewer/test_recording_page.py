@@ -10,6 +10,7 @@ import pytest
 
 from dexnudge.errors import InputError, OutputError
 from dexnudge.viewer.page import NAME_WIDTH, recording_charts, write_recording_page
+from dexnudge.viewer.recording import Curve
 
 HOSTILE = "</script><script>alert(1)</script><img src=x onerror=alert(2)> & \"q\" 'r' $title"
 
@@ -103,3 +104,23 @@ def test_short_phases_are_named_too_and_names_do_not_meet(recording):
     for row in {y for _, y, _ in found}:
         placed = [(float(x), NAME_WIDTH * len(name) / 2) for x, y, name in found if y == row]
         assert all(x + half <= other - its + 0.1 for (x, half), (other, its) in pairwise(placed))
+
+
+def test_every_curve_of_a_crowded_chart_has_its_line_its_name_and_its_reading(recording):
+    """As many curves as a hand has links: each in a colour of its own, the names inside the chart and apart."""
+    fingers = tuple(Curve(f"{finger}distal", "N", recording.time) for finger in ("ff", "mf", "rf", "lf", "th", "palm"))
+    curves = (*fingers, Curve("limit", "N", np.full(len(recording.time), 5.0), limit=True))
+    (chart,) = recording_charts(replace(recording, charts={"links on object": curves}))
+    lines = re.findall(r'<polyline [^>]*stroke="([^"]+)" class="curve"( stroke-dasharray)?', chart)
+    names = re.findall(r'<text x="(\d+)" y="([\d.]+)" fill="([^"]+)">(\w+) <tspan data-value=""></tspan>', chart)
+    assert [name for *_, name in names] == [curve.name for curve in curves]
+    assert [colour for _, _, colour, _ in names] == [colour for colour, _ in lines]
+    assert len({colour for colour, _ in lines}) == len(curves)
+    assert [bool(dashed) for _, dashed in lines] == [curve.limit for curve in curves]
+    width, height = map(float, re.findall(r'viewBox="0 0 ([\d.]+) ([\d.]+)"', chart)[0])
+    for (x, y, _, name), following in zip(names, [*names[1:], None], strict=True):
+        end = float(x) + 6 * len(name) + 40  # a reading such as "12.3 N"
+        assert end <= width
+        assert following is None or following[1] != y or end <= float(following[0])
+    top = float(re.findall(r'<rect x="[\d.]+" y="([\d.]+)"', chart)[0])
+    assert all(float(y) < top < height for _, y, _, _ in names)

@@ -10,7 +10,7 @@ from xml.etree import ElementTree
 import numpy as np
 
 from dexnudge.errors import InputError, check_kind
-from dexnudge.execution.episode_files import ARRAYS, forces_used, write_arrays, write_figures
+from dexnudge.execution.episode_files import ARRAYS, forces_of_acts, forces_used, write_arrays, write_figures
 from dexnudge.execution.executor import Execution, Executor
 from dexnudge.execution.film import film_of_trace, save_film, write_film
 from dexnudge.execution.slide_grasp_lift import GRASP_DRAWS, Attempt, SlideGraspLift, SlideGraspLiftResult
@@ -208,6 +208,7 @@ class Episode:
         }
         if isinstance(result, SlideGraspLiftResult):
             return shared | {
+                **({} if trace is None else forces_of_acts(self.simulation, trace)),
                 "success_first_attempt": result.attempts[0].success,
                 "ended": None if result.ended is None else result.ended.value,
                 "attempts": [{"success": one.success, **asdict(one)} for one in result.attempts],

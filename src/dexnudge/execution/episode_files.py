@@ -7,6 +7,7 @@ from typing import Any
 import numpy as np
 from jaxtyping import Float
 
+from dexnudge.execution.grasp_and_lift import LIFT_PHASES
 from dexnudge.hands.hand import ROOT_COORDINATES
 from dexnudge.planning.outcomes import Outcome
 from dexnudge.scenes.scene import Scene
@@ -51,7 +52,6 @@ def forces_used(scene: Scene, simulation: SimulationModel, trace: Trace) -> dict
     limits: on the former [N], and of the base's force [N] and torque [N m] along each axis. limits_used: greatest share of
     them; of motor_torque that of any motor at any step.
     """
-    names = simulation.hand.link_names
     lasting, peak = lasting_forces(trace.time, trace.link_force), trace.link_force.max(axis=0)
     share = trace.torque_share.max(axis=0)
     base = share[simulation.base_motor]
@@ -61,11 +61,23 @@ def forces_used(scene: Scene, simulation: SimulationModel, trace: Trace) -> dict
         used |= {"base_force": base[:3].max(), "base_torque": base[3:].max()}
     used["motor_torque"] = np.delete(share, simulation.base_motor).max(initial=0.0)
     return {
-        "link_force": {names[link]: round(float(lasting[link]), 4) for link in np.flatnonzero(peak)},
-        "link_force_peak": {names[link]: round(float(peak[link]), 4) for link in np.flatnonzero(peak)},
+        "link_force": by_link(simulation, lasting),
+        "link_force_peak": by_link(simulation, peak),
         "limits": limits,
         "limits_used": {name: round(float(value), 4) for name, value in used.items()},
     }
+
+
+def forces_of_acts(simulation: SimulationModel, trace: Trace) -> dict[str, Any]:
+    """Return slide_force and lift_force, those parts of `link_force` that belong to the slides and to the lifts [N]."""
+    lifting = np.isin(trace.phase, LIFT_PHASES)[:, None]
+    slid, lifted = (lasting_forces(trace.time, np.where(mine, trace.link_force, 0.0)) for mine in (~lifting, lifting))
+    return {"slide_force": by_link(simulation, slid), "lift_force": by_link(simulation, lifted)}
+
+
+def by_link(simulation: SimulationModel, force: Float[np.ndarray, " link"]) -> dict[str, float]:
+    """Return the force of each link that has one [N], by its name."""
+    return {simulation.hand.link_names[link]: round(float(force[link]), 4) for link in np.flatnonzero(force)}
 
 
 def write_figures(folder: Path, outcome: Outcome, summary: dict[str, Any]) -> None:

@@ -47,6 +47,8 @@ def film_of_trace(
     centre = np.append(centre_of_mass(scene.object_mesh), 1.0)
     moved = 1e3 * ((poses - poses[start]) @ centre)[:, :3]
     turned = Rotation.from_matrix(poses[:, :3, :3]) * Rotation.from_matrix(poses[start, :3, :3]).inv()
+    strongest = trace.link_force.max(axis=0)
+    links = [link for link in np.argsort(-strongest, kind="stable") if strongest[link] > LEAST_SHOWN]
     charts = {
         "object's way": (Curve("along the motion", "mm", moved @ scene.motion), Curve("upwards", "mm", moved[:, 2])),
         "object's turn": (Curve("since the start", "deg", np.degrees(turned.magnitude())),),
@@ -55,11 +57,8 @@ def film_of_trace(
             Curve("tangential", "N", trace.hand_object_force[:, 1]),
         ),
         "links on object": (
-            Curve("limit", "N", np.full(len(trace.time), scene.max_normal_force)),
-            *(
-                Curve(simulation.hand.link_names[link], "N", trace.link_force[:, link])
-                for link in np.flatnonzero(trace.link_force.max(axis=0) > LEAST_SHOWN)
-            ),
+            *(Curve(simulation.hand.link_names[link], "N", trace.link_force[:, link]) for link in links),
+            Curve("limit", "N", np.full(len(trace.time), scene.max_normal_force), limit=True),
         ),
         "hand to surroundings": (Curve("clearance", "mm", 1e3 * trace.hand_environment_clearance),),
     }

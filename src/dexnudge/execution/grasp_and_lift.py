@@ -62,6 +62,7 @@ class LiftWay:
         return all(distance >= least for distance in distances)
 
 
+LIFT_PHASES = ("reach", "close", "lift", "hold", "lower")
 LIFT = 0.10  # [m]
 LIFT_SPEED = 0.10  # [m/s] in the middle of the lift
 HOLD_TIME = 2.0  # [s]

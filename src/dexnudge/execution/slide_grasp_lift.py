@@ -31,7 +31,13 @@ from dexnudge.simulation.model import SimulationModel
 from dexnudge.simulation.policy import Policy
 from dexnudge.simulation.push_forces import push_forces
 from dexnudge.simulation.rollout import Divergence, Trace
-from dexnudge.simulation.success import MOST_PENETRATION, MOST_TURNED, judge_lift
+from dexnudge.simulation.success import (
+    FORCE_TOLERANCE,
+    MOST_PENETRATION,
+    MOST_TURNED,
+    judge_lift,
+    lasting_forces,
+)
 from dexnudge.verification.verdicts import contacts_of, verify
 
 GRASP_DRAWS = 32  # of grasps at a time, unless told otherwise
@@ -48,6 +54,7 @@ class Attempt:
     held. outcome: how it ended. detail: what `outcome` leaves open, for people. configuration: place of the one that slid
     the object among those given; -1 where it lay graspable already. overhang: free share of the object's length after the
     slide. grasps: found, of `drawn` draws so far. drift: of the grasp taken. length_asked, length_reached [m]: of the slide.
+    slide_force: greatest normal force of a link on the object in the slide [N], mean over 0.1 s.
     raised, least_held [m], turned_deg, hand_environment [m], link_force [N]: see `LiftVerdict`.
     """
 
@@ -59,6 +66,7 @@ class Attempt:
     overhang: float | None = None
     length_asked: float | None = None
     length_reached: float | None = None
+    slide_force: float | None = None
     grasps: int = -1
     drawn: int = -1
     drift: float | None = None
@@ -151,7 +159,7 @@ class Slide:
             forces = push_forces(self._stage.model_at(scene), q, contacts, stations(scene, length), task)
         rollout.push(push_path(*approach.last_stretch, motion=scene.object_motion, length=length), forces, self._policy)
         self._stage.back_off(approach)
-        outcome, detail = self._judged(scene)
+        outcome, detail, force = self._judged(scene)
         return replace(
             attempt,
             outcome=outcome,
@@ -159,6 +167,7 @@ class Slide:
             configuration=index,
             length_asked=length - turn_length,
             length_reached=float(self._stage.moved(turned) @ scene.motion),
+            slide_force=force,
         )
 
     def _choose(self, scene: Scene, length: float) -> tuple[int, np.ndarray, Approach] | tuple[Outcome, str]:
@@ -198,20 +207,24 @@ class Slide:
         ]
         return np.min(found, axis=0)
 
-    def _judged(self, before: Scene) -> tuple[Outcome, str]:
+    def _judged(self, before: Scene) -> tuple[Outcome, str, float]:
+        """Return how the slide ended, in detail, and the greatest lasting force of a link [N]."""
+        rollout = self._stage.rollout
+        trace, turned = rollout.trace, rollout.T_world_object @ np.linalg.inv(before.T_world_object)
+        mine = trace.attempt == rollout.attempt
+        force = float(lasting_forces(trace.time[mine], trace.link_force[mine]).max())
+        depth = trace.hand_environment_depth[mine].max()
+        tilt = np.degrees(np.arccos(np.clip(turned[2, 2], -1.0, 1.0)))
         over = self._stage.why_over()
         if over:
-            return over, ""
-        rollout = self._stage.rollout
-        trace = rollout.trace
-        depth = trace.hand_environment_depth[trace.attempt == rollout.attempt].max()
-        turned = rollout.T_world_object @ np.linalg.inv(before.T_world_object)
-        tilt = np.degrees(np.arccos(np.clip(turned[2, 2], -1.0, 1.0)))
+            return over, "", force
         if tilt > MOST_TURNED:
-            return Outcome.TIPPED, f"by {tilt:.0f} deg"
+            return Outcome.TIPPED, f"by {tilt:.0f} deg", force
         if depth > MOST_PENETRATION:
-            return Outcome.HAND_IN_ENVIRONMENT, f"{1e3 * depth:.1f} mm"
-        return Outcome.SUCCESS, ""
+            return Outcome.HAND_IN_ENVIRONMENT, f"{1e3 * depth:.1f} mm", force
+        if force > FORCE_TOLERANCE * before.max_normal_force:
+            return Outcome.PRESSED_TOO_HARD, f"{force:.1f} N", force
+        return Outcome.SUCCESS, "", force
 
 
 @dataclass(frozen=True)

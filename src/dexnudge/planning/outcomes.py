@@ -4,7 +4,10 @@ from enum import Enum
 
 
 class Outcome(str, Enum):
-    """The end of an execution or of one attempt; its value is written into files, its `sentence` is for people."""
+    """The end of an execution or of one attempt; its value, the name in lower case, is written into files.
+
+    episode.json has the name; `sentence` is for people.
+    """
 
     sentence: str
 

@@ -96,7 +96,7 @@ class Rollout:
         self.commanded = np.array(q_start, dtype=np.float64)
         self.attempt = 1
         self.divergence: Divergence | None = None
-        self._steps = 0
+        self._steps, self._steps_each = 0, round(TIMESTEP / simulation.model.opt.timestep)  # of a command
         self._columns: dict[str, list] = {field.name: [] for field in fields(Trace)}
         self._grip: np.ndarray | None = None
         self._measured = _Measured(simulation)
@@ -173,7 +173,7 @@ class Rollout:
         self._grip = None
 
     def play(self, commands: Iterable[Command]) -> None:
-        """Give the commands one after another, each for one step; each is asked for when the step before is done."""
+        """Give the commands one after another, each for 2 ms; each is asked for when the one before is done."""
         if self.divergence is not None:
             return
         model, data = self.simulation.model, self.simulation.data
@@ -182,20 +182,21 @@ class Rollout:
             if model.nmocap:
                 data.mocap_pos[0], data.mocap_quat[0] = command.q[:3], command.quaternion
             data.ctrl[:] = command.ctrl
-            try:
-                mujoco.mj_step(model, data)
-                sound = np.abs(data.qvel).max() < FASTEST  # NaN is not below anything
-            except mujoco.FatalError:  # more contacts than there is memory for
-                sound = False
-            if not sound:
-                self.divergence = Divergence(self._steps, self._last_state, self._last_step)
-                return
-            self._steps += 1
+            for _ in range(self._steps_each):
+                try:
+                    mujoco.mj_step(model, data)
+                    sound = np.abs(data.qvel).max() < FASTEST  # NaN is not below anything
+                except mujoco.FatalError:  # more contacts than there is memory for
+                    sound = False
+                if not sound:
+                    self.divergence = Divergence(self._steps, self._last_state, self._last_step)
+                    return
+                self._steps += 1
+                if self._recorded:
+                    self._measured.add()
             done += 1
-            if self._recorded:
-                self._measured.add()
-                if done % RECORD_STEPS == 0:
-                    self._record(command.phase)
+            if self._recorded and done % RECORD_STEPS == 0:
+                self._record(command.phase)
         if command is not None:
             if self._recorded and done % RECORD_STEPS:
                 self._record(command.phase)

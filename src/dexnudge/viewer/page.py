@@ -6,6 +6,7 @@ from collections.abc import Callable, Mapping, Sequence
 from dataclasses import dataclass
 from html import escape
 from importlib.resources import files
+from itertools import cycle
 from pathlib import Path
 from string import Template
 from typing import Any
@@ -18,12 +19,15 @@ from dexnudge.viewer.page_data import ASPECT, page_data
 from dexnudge.viewer.recording import Curve, Recording, recording_camera
 from dexnudge.viewer.visual_scene import PALETTE, Colour, VisualScene
 
-COLOURS = ("#3b6fb6", "#e07b39", "#2a8f6a", "#8e5ea2")  # of a chart's curves, in turn
+COLOURS = ("#3b6fb6", "#e07b39", "#2a8f6a", "#8e5ea2", "#c0392b", "#2aa5b8", "#a5921b", "#d16ba5", "#7f6d5f", "#5c7a29")
+LIMIT_COLOUR = "#66707d"
 BANDS = ("#f4f6f8", "#e9edf2")  # of phases, alternating
-WIDTH, HEIGHT = 440.0, 122.0  # pixels
-LEFT, RIGHT, TOP, BOTTOM = 44.0, 8.0, 24.0, 28.0  # pixels around the curves
+WIDTH, HEIGHT = 440.0, 70.0  # pixels, of the curves in height
+LEFT, RIGHT, BOTTOM = 44.0, 8.0, 28.0  # pixels around the curves
+LEGEND_ROW = 14.0  # pixels from one row of curves' names to the next
+TITLE_LETTER, LETTER, READING = 7.0, 6.0, 54.0  # pixels of a letter of a chart's title, of a curve's name; of its value
 NAME_WIDTH = 5.5  # pixels of a letter of a phase's name
-NAME_ROWS = (HEIGHT - 17, HEIGHT - 6)  # pixels from the top: names that would meet in one go to the other
+NAME_ROWS = (11.0, 22.0)  # pixels below the curves: names that would meet in one go to the other
 TICKS = 3  # numbers beside the axis, about
 NOISE = 0.03  # of a chart's range: what lies less beyond 0 gets no room of its own
 LEAST_RANGE = 1.0  # in a curve's own unit, so that a quantity that stays does not fill its chart with noise
@@ -45,44 +49,62 @@ def phase_spans(recording: Recording) -> list[tuple[str, float, float]]:
 def _chart(title: str, curves: Sequence[Curve], recording: Recording) -> str:
     low, high, step = _scale(np.concatenate([curve.values for curve in curves]))
     first, last = float(recording.time[0]), float(recording.time[-1])
-    width, height = WIDTH - LEFT - RIGHT, HEIGHT - TOP - BOTTOM
+    legend = _legend(title, curves)
+    top = legend[-1][1] + 10.0
+    bottom, width = top + HEIGHT, WIDTH - LEFT - RIGHT
     across = width / max(last - first, 1e-9)
-    up = height / (high - low)
+    up = HEIGHT / (high - low)
 
     def place(time: float, value: float) -> tuple[float, float]:
-        return LEFT + (time - first) * across, TOP + (high - value) * up
+        return LEFT + (time - first) * across, top + (high - value) * up
 
     parts = []
     taken = dict.fromkeys(NAME_ROWS, 0.0)
     for index, (name, begin, end) in enumerate(phase_spans(recording)):
         x, wide = place(begin, low)[0], (end - begin) * across
-        parts.append(f'<rect x="{x:.1f}" y="{TOP}" width="{wide:.1f}" height="{height}" fill="{BANDS[index % 2]}">')
+        parts.append(f'<rect x="{x:.1f}" y="{top:g}" width="{wide:.1f}" height="{HEIGHT:g}" fill="{BANDS[index % 2]}">')
         parts.append(f"<title>{escape(name)}</title></rect>")
         half = NAME_WIDTH * len(name) / 2
         middle = min(x + wide / 2, WIDTH - half)
         row = next((row for row, end in taken.items() if middle - half >= end), None)
         if row is not None and name:  # where many short phases follow each other, the band's title still says it
             taken[row] = middle + half
-            parts.append(f'<text x="{middle:.1f}" y="{row}" class="phase">{escape(name)}</text>')
+            parts.append(f'<text x="{middle:.1f}" y="{bottom + row:g}" class="phase">{escape(name)}</text>')
     for tick in np.arange(low, high + step / 2, step).tolist():
         y = place(first, tick)[1]
         parts.append(f'<line x1="{LEFT}" y1="{y:.1f}" x2="{WIDTH - RIGHT}" y2="{y:.1f}" class="grid"/>')
         parts.append(f'<text x="{LEFT - 5}" y="{y + 4:.1f}" class="tick">{tick:g}</text>')
-    x = 4.0
-    parts.append(f'<text x="{x}" y="14" class="title">{escape(title)}</text>')
-    x += 7.0 * len(title) + 12
-    for curve, colour in zip(curves, COLOURS, strict=False):
+    parts.append(f'<text x="4" y="{LEGEND_ROW:g}" class="title">{escape(title)}</text>')
+    for curve, colour, (x, y) in zip(curves, _colours(curves), legend, strict=True):
         points = _points(recording.time, curve.values, place)
-        parts += [f'<polyline points="{run}" stroke="{colour}" class="curve"/>' for run in points]
-        parts.append(
-            f'<text x="{x:.0f}" y="14" fill="{colour}">{escape(curve.name)} <tspan data-value=""></tspan></text>'
-        )
-        x += 6.0 * len(curve.name) + 66
-    parts.append(f'<line x1="{LEFT}" y1="{TOP}" x2="{LEFT}" y2="{HEIGHT - BOTTOM}" class="cursor"/>')
+        dashed = ' stroke-dasharray="4 3"' if curve.limit else ""
+        parts += [f'<polyline points="{run}" stroke="{colour}" class="curve"{dashed}/>' for run in points]
+        name = f'{escape(curve.name)} <tspan data-value=""></tspan>'
+        parts.append(f'<text x="{x:.0f}" y="{y:g}" fill="{colour}">{name}</text>')
+    parts.append(f'<line x1="{LEFT}" y1="{top:g}" x2="{LEFT}" y2="{bottom:g}" class="cursor"/>')
     return (
-        f'<svg viewBox="0 0 {WIDTH:g} {HEIGHT:g}" data-left="{LEFT:g}" data-width="{width:g}" role="img">'
+        f'<svg viewBox="0 0 {WIDTH:g} {bottom + BOTTOM:g}" data-left="{LEFT:g}" data-width="{width:g}" role="img">'
         f"{''.join(parts)}</svg>"
     )
+
+
+def _legend(title: str, curves: Sequence[Curve]) -> list[tuple[float, float]]:
+    """Return where the name of each curve stands [pixels]: behind the title, in as many rows as they need."""
+    x, y = TITLE_LETTER * len(title) + 16, LEGEND_ROW
+    places: list[tuple[float, float]] = []
+    for curve in curves:
+        wide = LETTER * len(curve.name) + READING
+        if x + wide > WIDTH and places:
+            x, y = LEFT, y + LEGEND_ROW
+        places.append((x, y))
+        x += wide + 12
+    return places
+
+
+def _colours(curves: Sequence[Curve]) -> list[str]:
+    """Return the colour of each curve."""
+    turns = cycle(COLOURS)
+    return [LIMIT_COLOUR if curve.limit else next(turns) for curve in curves]
 
 
 def _points(

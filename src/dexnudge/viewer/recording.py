@@ -16,11 +16,12 @@ SURROUNDED = 0.25  # [m] from the object's path; of a hand that comes from farth
 
 @dataclass(frozen=True)
 class Curve:
-    """One measured quantity: a number for each moment, NaN where there is none, in `unit`."""
+    """One quantity: a number for each moment, NaN where there is none, in `unit`; measured, or a `limit` on the others."""
 
     name: str
     unit: str
     values: Float[np.ndarray, " frame"]
+    limit: bool = False
 
 
 @dataclass(frozen=True, eq=False)
