@@ -74,7 +74,7 @@ PALETTE: dict[Role, Colour] = {
     "arrow": (0.10, 0.60, 0.38),
     "support": (0.16, 0.38, 0.86),
     "obstacle": (0.85, 0.10, 0.16),
-    "ghost": (0.94, 0.46, 0.20),
+    "ghost": (0.94, 0.42, 0.16),  # the object's own: it is glass
 }
 CONTACT_RADIUS = 0.0035  # [m] of the ball that stands for a contact
 CREASE_ANGLE = 35.0  # [deg] two triangles that bend more than this keep their own normals
