@@ -166,6 +166,9 @@ def test_where_no_press_moves_it_nothing_is_broken(simulation):
     assert mean.max() <= 5.0
     ahead = np.array([command.q[0] for command in witness.commands]).max() - LENGTH
     assert ahead <= limits.most_ahead[0] + limits.most_ahead[1] * LENGTH + limits.tracked[1]
+    targets = np.array([command.q[:3] for command in witness.commands])
+    # Giving up, the hand does not leap to the plan's end [m a step].
+    assert np.abs(np.diff(targets, axis=0)).max() < 1e-3
 
 
 def test_without_the_objects_pose_a_greater_pull_is_felt(simulation):

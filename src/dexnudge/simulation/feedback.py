@@ -110,6 +110,7 @@ class Feedback:
         self._most_press = np.clip(room, 1.0, self.limits.press[1])
         self._end = int(np.flatnonzero(path.phase == PUSH)[-1])
         self._clock, self._rate, self._waited = 0.0, 1.0, 0.0  # step of the plan, its pace, [s]
+        self._last = len(path.phase) - 1  # step of the plan at which the hand stays
         self._start: Float[np.ndarray, "4 4"] | None = None  # pose of the object before the push
         self._press, self._slip, self._slipping, self._pull = 1.0, 0.0, 0.0, 0.0
         self._lead, self._further = 0.0, 0.0  # of the base's target [m of way]: for its springs, and at the end
@@ -125,7 +126,9 @@ class Feedback:
         if path.phase[step] == SETTLE or self._start is None:
             self._start = seen.T_world_object
         self._force += TIMESTEP / FEEL_TIME * (seen.link_force - self._force)
-        told = self._loop.at(step, seen, rate=self._rate)
+        place = min(step, self._last)
+        told = self._loop.at(place, seen, rate=self._rate if place == step else 0.0)
+        told = told._replace(phase=str(path.phase[step]))
         self._rate = 1.0
         if path.phase[step] == PUSH:
             lag, across = self._error(seen, step)
@@ -138,9 +141,9 @@ class Feedback:
             self._pace(step, lag)
         else:
             self._clock += 1
-        if self._loop.loaded(step) > 0:
-            self._share_out(step)
-        return self._corrected(told, step)
+        if self._loop.loaded(place) > 0:
+            self._share_out(place)
+        return self._corrected(told, place)
 
     def _error(self, seen: Observation, step: int) -> tuple[float, Float[np.ndarray, " 6"]]:
         """Return by how much of the way the object lags [m], and what it is off by across the motion [m, rad]."""
@@ -205,8 +208,8 @@ class Feedback:
         """Go on with the plan, slower where the object stays behind; at its end push on until the object is there."""
         limits, length = self.limits, self._plan.path.length
         lost = (self._slip > limits.lost and self._moving < 0.05) or self._off > limits.most_off
-        if lost:
-            self._clock = self._end + 1
+        if lost:  # the end of the plan may be far: a target there would tear at the object
+            self._clock, self._last = self._end + 1, step
         elif step < self._end:
             pressing = self._press < self._most_press[step] or self._slipping > 0.5
             if pressing and self._waited < limits.longest_wait:
