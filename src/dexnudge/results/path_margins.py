@@ -19,6 +19,7 @@ from dexnudge.scenes.support_contacts import SupportContacts
 
 STATIONS = 3  # places along the way beside its beginning; the last one is its end
 CAREFUL = (0.75, 0.5)  # of the hand's friction, with which a hand that turns an object should do
+SPREAD = 0.2  # of a link's contacts that is counted on there
 SAME_PLACE = 1e-5  # [m] by which two places of supports differ for no other reason than rounding
 
 
@@ -53,10 +54,11 @@ def pressing_margins(scene: Scene, contacts: Sequence[HandContacts]) -> Float[np
 def careful_margins(scene: Scene, contacts: Sequence[HandContacts]) -> Float[np.ndarray, " configuration"]:
     """The margin of a hand that nothing goes quite right for: the mean of those at 75 and 50 % of the hand's friction.
 
-    Each is the least where the turn and the slide begin, and at the end, of contacts with one normal a link, the mean of its
-    own: a hand that needs one point at a rounded edge to push another way than its neighbours does not hold in physics.
+    Each is the least where the turn and the slide begin, and at the end, of contacts drawn together on each link, with the
+    mean of its normals: a hand that needs one point at a rounded edge to push another way than its neighbours, or a whole
+    fingertip to hold a moment, does not hold in physics.
     """
-    blunt = [_one_normal_a_link(each) for each in contacts]
+    blunt = [_blunted(each) for each in contacts]
     return np.mean(
         [_least_on_way(replace(scene, friction_hand=share * scene.friction_hand), blunt) for share in CAREFUL], axis=0
     )
@@ -70,10 +72,12 @@ def _least_on_way(scene: Scene, contacts: Sequence[HandContacts]) -> Float[np.nd
     return np.asarray(np.min(margins, axis=0))
 
 
-def _one_normal_a_link(contacts: HandContacts) -> HandContacts:
+def _blunted(contacts: HandContacts) -> HandContacts:
     mine = contacts.link == contacts.link[:, None]
-    sums = mine @ contacts.normals
-    return replace(contacts, normals=sums / np.maximum(np.linalg.norm(sums, axis=1, keepdims=True), 1e-9))
+    middle = mine @ contacts.points / np.maximum(mine.sum(axis=1), 1)[:, None]
+    normals = mine @ contacts.normals
+    normals /= np.maximum(np.linalg.norm(normals, axis=1, keepdims=True), 1e-9)
+    return replace(contacts, points=middle + SPREAD * (contacts.points - middle), normals=normals)
 
 
 def mean_help(scene: Scene, contacts: Sequence[HandContacts]) -> Float[np.ndarray, " configuration"]:
