@@ -184,6 +184,26 @@ def test_a_turn_is_judged_by_its_angle(turning, share, outcome):
     assert abs(verdict.sunk) < 1e-9
 
 
+@pytest.mark.parametrize(("off", "outcome"), [(0.019, Outcome.SUCCESS), (0.021, Outcome.DRIFTED)])
+def test_an_object_that_turns_stays_on_its_path(turning, off, outcome):
+    motion, share = turning.object_motion, np.linspace(0.0, 1.0, 60)
+    trace = motion_of(turning, motion.length * share)
+    drifted = trace.object_pose.copy()
+    drifted[:, :2] += off * np.sin(np.pi * share)[:, None] * np.array([0.6, 0.8])
+    trace = replace(trace, object_pose=drifted)
+    verdict = judge_push(trace, motion=motion, length=motion.length, max_normal_force=5.0, diverged=False)
+    assert verdict.outcome is outcome
+    assert verdict.aside == pytest.approx(off, rel=1e-2)
+
+
+def test_a_force_that_is_no_number_is_no_success(turning):
+    motion = turning.object_motion
+    trace = motion_of(turning, motion.length * np.linspace(0.0, 1.0, 60))
+    trace = replace(trace, link_force=np.full_like(trace.link_force, np.nan))
+    verdict = judge_push(trace, motion=motion, length=motion.length, max_normal_force=5.0, diverged=False)
+    assert verdict.outcome is Outcome.PRESSED_TOO_HARD
+
+
 def test_half_a_turn_does_not_wrap(turning):
     scene = replace(turning, turn=Turn(np.pi, Z, np.zeros(3)))
     length = scene.object_motion.length

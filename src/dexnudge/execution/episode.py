@@ -219,6 +219,7 @@ class Episode:
             **shared,
             "turned_deg": verdict.turned_deg,
             "sunk": verdict.sunk,
+            "aside": verdict.aside,
             "hand_environment": verdict.hand_environment,
             "approach": approach.planner
             if isinstance(approach, Approach)

@@ -22,6 +22,7 @@ class Outcome(str, Enum):
     WORKER_DIED = "worker_died", "the process that simulated it died"
     DROPPED = "dropped", "the object left what carried it"
     TURNED = "turned", "the object turned away from its motion by 15 degrees or more"
+    DRIFTED = "drifted", "the object's centre went more than 20 mm off the path of its turn"
     TURNED_SHORT = "turned_short", "the object turned by less than 80% of the angle asked for"
     FELL_SHORT = "fell_short", "the object moved less than 80% of the length asked for"
     HAND_IN_ENVIRONMENT = "hand_in_environment", "the hand got more than 2 mm into the surroundings"

@@ -15,6 +15,7 @@ LEAST_ADVANCE = 0.8  # of the length and of the angle asked for
 MOST_TURNED = 15.0  # [deg] away from the motion
 MOST_PENETRATION = 0.002  # [m] of the hand in the surroundings
 MOST_SUNK = 0.02  # [m] of the centre of mass below its path: the object has left what carried it
+MOST_ASIDE = 0.02  # [m] of the centre of mass beside its path, of an object that turns
 # The limit on a link's force is what its motor and tendon can hold. An impact, over within milliseconds, loads neither; what
 # is pressed for this long, they hold. The rest is what forces scatter while an object sticks and slides.
 FORCE_WINDOW, FORCE_TOLERANCE = 0.1, 1.02  # [s], [-]
@@ -28,8 +29,9 @@ class PushVerdict:
     length_asked, length_reached: slide of the object's centre of mass [m], from before the hand touched it to the end.
     angle_asked, angle_reached: turn about the motion's axis [rad], as far; 0 where the object only slides. turned_deg:
     largest angle of the object's orientation from those of its motion at any record. sunk: farthest below where the motion
-    has the centre of mass [m]. hand_environment: greatest depth of the hand in its surroundings [m] by MuJoCo's contacts.
-    link_force: greatest normal force of a link on the object [N], mean over 0.1 s.
+    has the centre of mass [m]. aside: farthest beside that, level [m]; 0 where the object only slides. hand_environment:
+    greatest depth of the hand in its surroundings [m] by MuJoCo's contacts. link_force: greatest normal force of a link on
+    the object [N], mean over 0.1 s.
     """
 
     outcome: Outcome
@@ -39,6 +41,7 @@ class PushVerdict:
     angle_reached: float
     turned_deg: float
     sunk: float
+    aside: float
     hand_environment: float
     link_force: float
 
@@ -59,20 +62,23 @@ def judge_push(trace: Trace, *, motion: Motion, length: float, max_normal_force:
     sunk = float((slid @ motion.direction * motion.direction[2] - slid[:, 2]).max())
     angle_asked, length_asked = motion.angle(length), motion.slid(length)
     angle_reached, length_reached = float(turned[-1]), float((slid @ motion.direction)[-1])
+    beside = slid[:, :2] - (slid @ motion.direction)[:, None] * (motion.direction[:2] if length_asked > 0 else 0.0)
+    aside = float(np.linalg.norm(beside, axis=1).max()) if motion.turn is not None else 0.0
     turned_deg, depth = float(np.degrees(off).max()), float(trace.hand_environment_depth.max())
     force = float(lasting_forces(trace.time, trace.link_force).max())
     failures = {
         Outcome.DIVERGED: diverged,
         Outcome.DROPPED: sunk > MOST_SUNK,
         Outcome.TURNED: turned_deg >= MOST_TURNED,
+        Outcome.DRIFTED: aside > MOST_ASIDE,
         Outcome.TURNED_SHORT: angle_reached < LEAST_ADVANCE * angle_asked,
         Outcome.FELL_SHORT: length_asked > 0 and length_reached < LEAST_ADVANCE * length_asked,
         Outcome.HAND_IN_ENVIRONMENT: depth > MOST_PENETRATION,
-        Outcome.PRESSED_TOO_HARD: force > FORCE_TOLERANCE * max_normal_force,
+        Outcome.PRESSED_TOO_HARD: not force <= FORCE_TOLERANCE * max_normal_force,  # so is NaN
     }
     outcome = next((outcome for outcome, failed in failures.items() if failed), Outcome.SUCCESS)
     return PushVerdict(
-        outcome, length_asked, length_reached, angle_asked, angle_reached, turned_deg, sunk, depth, force
+        outcome, length_asked, length_reached, angle_asked, angle_reached, turned_deg, sunk, aside, depth, force
     )
 
 
