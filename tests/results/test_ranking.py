@@ -8,8 +8,8 @@ import trimesh
 
 from dexnudge.mechanics.balance import balance_problem, problem_margin
 from dexnudge.mechanics.contacts import HandContacts
-from dexnudge.mechanics.sliding_task import sliding_task
-from dexnudge.results.path_margins import forward_offset, mean_help, path_margins, pressing_margins
+from dexnudge.mechanics.sliding_task import GRAVITY, sliding_task
+from dexnudge.results.path_margins import careful_margins, forward_offset, mean_help, path_margins, pressing_margins
 from dexnudge.results.ranking import ranking
 from dexnudge.scenes.boxes import box
 from dexnudge.scenes.motion import Turn
@@ -123,6 +123,17 @@ def test_a_margin_along_the_way_is_that_of_a_scene_made_for_that_place(at_the_ed
     np.testing.assert_array_equal(path_margins(at_the_edge, [contacts], length=length)[0], along)
 
 
+def judged(hands: list[HandContacts], margin: np.ndarray, *, success: np.ndarray) -> Verdicts:
+    none = np.zeros(len(hands))
+    return Verdicts(
+        success=success,
+        values={"force_margin": margin, **dict.fromkeys(PENETRATIONS, none)},
+        contacts=hands,
+        contact_links=[["a", "b"]] * len(hands),
+        reasons=["" if ok else "contact" for ok in success],
+    )
+
+
 def test_the_order_of_draws_is_that_of_its_keys(at_the_edge, boxy_hand):
     # What presses at -0.06 or behind stays over the table all along the way; what presses at -0.005 tips the block.
     centre = float(sliding_task(at_the_edge).centre[0])
@@ -140,17 +151,76 @@ def test_the_order_of_draws_is_that_of_its_keys(at_the_edge, boxy_hand):
         pressed_at(centre),
     ]
     margin = np.array([2.0, 1.6, 3.0, 2.0, 1.4, 3.0])
-    success = np.array([True, True, True, True, True, False])
-    none = np.zeros(len(hands))
-    verdicts = Verdicts(
-        success=success,
-        values={"force_margin": margin, **dict.fromkeys(PENETRATIONS, none)},
-        contacts=hands,
-        contact_links=[["a", "b"]] * len(hands),
-        reasons=["" if ok else "contact" for ok in success],
-    )
+    verdicts = judged(hands, margin, success=np.array([True, True, True, True, True, False]))
     # at the centre; in front of it; tips on the way; squeezing, which presses nowhere; not robust; not verified
     assert ranking(at_the_edge, verdicts, boxy_hand, np.zeros((6, 13))).order.tolist() == [1, 0, 3, 2, 4, 5]
     # An object that turns is turned by what has the larger margin, a squeeze above all.
     turning = replace(at_the_edge, turn=Turn(0.5, np.array([0.0, 0.0, 1.0]), sliding_task(at_the_edge).centre))
     assert ranking(turning, verdicts, boxy_hand, np.zeros((6, 13))).order.tolist()[0] == 2
+
+
+DEPTH, HEAVY, LIMIT, SMOOTH = 0.06, 3.0, 1.6, 0.1  # [m], [kg], [N] of a link, friction of the table
+
+
+@pytest.fixture(scope="module")
+def turning(at_the_edge) -> Scene:
+    """The block in the middle of the table, to be turned in place."""
+    pose = np.eye(4)
+    pose[:3, 3] = -0.25, 0.0, HEIGHT / 2
+    return replace(
+        at_the_edge,
+        T_world_object=pose,
+        turn=Turn(0.5, np.array([0.0, 0.0, 1.0]), pose[:3, 3]),
+        motion_length=0.0,
+        mass=HEAVY,
+        friction_environment=SMOOTH,
+        max_normal_force=LIMIT,
+    )
+
+
+def couple(scene: Scene, *contacts: tuple[float, np.ndarray]) -> HandContacts:
+    """A link at the block's right side and one at its left, opposite: contacts so far before and behind the centre."""
+    before = np.array([[place, -DEPTH / 2, 0.0] for place, _ in contacts])
+    normals = np.array([normal for _, normal in contacts])
+    around = np.array([-1.0, -1.0, 1.0])
+    return HandContacts(
+        points=scene.T_world_object[:3, 3] + np.concatenate([before, around * before]),
+        normals=np.concatenate([normals, around * normals]),
+        link=np.repeat([1, 2], len(contacts)),
+    )
+
+
+def couples(scene: Scene) -> list[HandContacts]:
+    """Around two edges of the block, where a link has the longest lever; and on its faces, a little nearer to its centre."""
+    end = LENGTH / 2
+    return [
+        couple(scene, (end, OTHER_SIDE), (end, np.array([1.0, 0.0, 0.0]))),
+        couple(scene, (end - 0.015, OTHER_SIDE), (end - 0.005, OTHER_SIDE)),
+    ]
+
+
+def of_couple(lever: float) -> float:
+    """The margin of two links with so much moment about the centre per newton of press: all corners drag at one radius."""
+    return 2 * LIMIT * lever / (SMOOTH * HEAVY * GRAVITY * np.hypot(LENGTH, DEPTH) / 2)
+
+
+def test_careful_margins_are_those_of_blunt_contacts_with_less_friction(turning):
+    # On a face, the outermost of the contacts presses: at 70 mm, or at 65 + 0.2 x 5 mm; friction's lever is half the depth.
+    # Around an edge, the contact on the side is as good as one on a face; their mean presses along the diagonal.
+    around_edges, on_faces = path_margins(turning, couples(turning), length=0.0)[:, 0]
+    friction, end, side = turning.friction_hand, LENGTH / 2, DEPTH / 2
+    assert around_edges == pytest.approx(of_couple(end + side * friction), abs=4e-3)
+    assert on_faces == pytest.approx(of_couple(end - 0.005 + side * friction), abs=4e-3)
+    less = 0.625 * friction  # the mean of 75 and 50 %
+    found = careful_margins(turning, couples(turning))
+    diagonal = (end - side + (end + side) * less) / np.sqrt(2.0)
+    np.testing.assert_allclose(found, [of_couple(diagonal), of_couple(end - 0.009 + side * less)], atol=4e-3)
+
+
+def test_what_needs_an_edge_ranks_behind_what_presses_on_faces_only_where_the_object_turns(turning, boxy_hand):
+    hands, q = couples(turning), np.zeros((2, 13))
+    margin = path_margins(turning, hands, length=0.0)[:, 0]
+    verdicts = judged(hands, margin, success=np.ones(2, dtype=bool))
+    assert 1.0 < margin[1] < margin[0] < 1.5
+    assert ranking(turning, verdicts, boxy_hand, q).order.tolist() == [1, 0]
+    assert ranking(replace(turning, turn=None, motion_length=0.1), verdicts, boxy_hand, q).order.tolist() == [0, 1]
