@@ -8,14 +8,16 @@ import numpy as np
 import pytest
 from PIL import Image
 
-from dexnudge.errors import CheckpointError, InputError, OutputError
+from dexnudge.errors import CheckpointError, InputError, OutputError, quote
 from dexnudge.execution.episode import Episode, execute, write_model
+from dexnudge.execution.executor import chosen_policy
 from dexnudge.execution.slide_grasp_lift import Attempt, SlideGraspLiftResult
 from dexnudge.hands.motors import POSITION_GAIN
 from dexnudge.planning.outcomes import Outcome
 from dexnudge.results.samples import Sample
 from dexnudge.simulation.hand_path import waiting
 from dexnudge.simulation.model import scene_model
+from dexnudge.simulation.open_loop import OpenLoop
 from dexnudge.simulation.rollout import Rollout
 
 
@@ -46,6 +48,7 @@ def test_what_is_saved_is_what_was_played(episode, tmp_path):
     out = episode.save(tmp_path / "out", pictures=False)
     summary = json.loads((out / "summary.json").read_text(encoding="utf-8"))
     assert summary["outcome"] == "success"
+    assert summary["policy"] == "Feedback"
     assert (summary["length_asked"], summary["length_reached"]) == (episode.length_asked, episode.length_reached)
     with np.load(out / summary["trace"], allow_pickle=False) as trace:
         np.testing.assert_array_equal(trace["qpos"], episode.trace.qpos)
@@ -113,10 +116,44 @@ def test_keys_have_names_of_their_own(sample, tmp_path, steps):
     np.testing.assert_allclose(model.key_qpos[-1], rollout.trace.qpos[-1], atol=1e-8)
 
 
+class Spoilt(OpenLoop):
+    """The plan, at whose first step the base shall go nowhere."""
+
+    def command(self, seen):
+        """Return the command with NaN."""
+        told = super().command(seen)
+        return told._replace(q=np.nan * told.q)
+
+
+def test_a_command_with_nan_ends_the_push(sample):
+    with pytest.raises(
+        InputError, match=r"^the policy Spoilt commanded a `q` with NaN or infinity; expected 11 finite "
+    ):
+        execute(sample, feedback=Spoilt())
+    with pytest.raises(InputError, match=r"`feedback` is <class '.*Spoilt'>; expected True, False or a policy"):
+        execute(sample, feedback=Spoilt)
+
+
+class Halfway:
+    """A policy that cannot begin."""
+
+    def command(self, seen):
+        """Return that the push is over."""
+
+
+@pytest.mark.parametrize("feedback", ["off", 1, None, Halfway(), OpenLoop])
+def test_what_is_no_policy_is_refused(feedback):
+    with pytest.raises(InputError) as refused:
+        chosen_policy(feedback)
+    expected = "expected True, False or a policy with `start` and `command`"
+    call = "; call the class" if feedback is OpenLoop else ""
+    assert str(refused.value) == f"`feedback` is {quote(feedback)}; {expected}{call}"
+
+
 def test_where_nothing_was_played_there_is_no_film(sample):
     attempt = Attempt(1, "slide", Outcome.APPROACH_BLOCKED, "the palm meets the surroundings")
     result = SlideGraspLiftResult([attempt], None, Outcome.NOTHING_PLAYED, None)
-    episode = Episode(sample.scene, scene_model(sample.hand, sample.scene), result)
+    episode = Episode(sample.scene, scene_model(sample.hand, sample.scene), result, "Feedback")
     assert (episode.success, episode.length_asked, episode.length_reached) == (False, 0.0, 0.0)
     assert "the hand has no free way to contact (the palm meets the surroundings)" in repr(episode)
     with pytest.raises(InputError, match="no film where nothing was played"):

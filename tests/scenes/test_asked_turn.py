@@ -10,9 +10,10 @@ import trimesh
 
 import dexnudge as dn
 from dexnudge.errors import SceneError
-from dexnudge.scenes.asked_turn import check_asked, with_turn
+from dexnudge.scenes.asked_turn import with_turn
 from dexnudge.scenes.boxes import box
 from dexnudge.scenes.free_way import free_way
+from dexnudge.scenes.motion import check_asked
 from dexnudge.scenes.support_contacts import support_contacts
 
 BODY = trimesh.creation.box((0.12, 0.06, 0.02))

@@ -7,6 +7,7 @@ import pytest
 import trimesh
 from scipy.spatial.transform import Rotation
 
+from dexnudge.errors import InputError
 from dexnudge.hands.hand import ROOT_COORDINATES
 from dexnudge.mechanics.sliding_task import GRAVITY
 from dexnudge.scenes.boxes import box
@@ -16,7 +17,7 @@ from dexnudge.simulation.feedback import Feedback, FeedbackLimits, twists
 from dexnudge.simulation.hand_path import SQUEEZE, interpolated, push_path
 from dexnudge.simulation.model import TIMESTEP, SimulationModel, changed_physics, scene_model
 from dexnudge.simulation.open_loop import FOLLOW_TIME, LOADED, MOST_FOLLOWED, TOUCHING, OpenLoop
-from dexnudge.simulation.policy import Policy
+from dexnudge.simulation.policy import Command, Policy, check_command
 from dexnudge.simulation.push_forces import PushForces
 from dexnudge.simulation.rollout import Rollout
 
@@ -217,3 +218,32 @@ def test_a_correction_turns_the_hand_about_the_object(simulation):
     assert turned.magnitude() > 0.04
     assert after.q.shape == (ROOT_COORDINATES + 2,)
     assert seen.T_world_object is not None
+
+
+WHOLE = Command(np.zeros(11), np.array([1.0, 0.0, 0.0, 0.0]), np.zeros(8), "push")
+
+
+@pytest.mark.parametrize(
+    ("command", "message"),
+    [
+        ([], "commanded []; expected a Command, or None when the push is over"),
+        (
+            WHOLE._replace(ctrl=np.zeros(7)),
+            "commanded a `ctrl` that is float64 of shape (7,); expected an array of 8 numbers",
+        ),
+        (
+            WHOLE._replace(quaternion="level"),
+            "commanded a `quaternion` that is 'level'; expected an array of 4 numbers",
+        ),
+        (
+            WHOLE._replace(q=np.full(11, np.nan)),
+            "commanded a `q` with NaN or infinity; expected 11 finite numbers",
+        ),
+        (WHOLE._replace(phase=3), "commanded the `phase` 3; expected its name"),
+    ],
+)
+def test_what_is_no_command_is_refused(command, message):
+    check_command(WHOLE, OpenLoop(), coordinates=11, motors=8)
+    with pytest.raises(InputError) as refused:
+        check_command(command, OpenLoop(), coordinates=11, motors=8)
+    assert str(refused.value) == f"the policy OpenLoop {message}"

@@ -31,9 +31,10 @@ class Check:
         shown = table("figure", "written", "found", "largest difference")
         shown.add_row("configurations", str(len(written)), str(len(found)), "")
         shown.add_row("verified", str(int(written.success.sum())), str(int(found.success.sum())), "")
-        for key in found.values:
+        own, again = written.values | written.foresight, found.values | found.foresight
+        for key, value in again.items():
             scale, unit = (1e3, " [mm]") if key.startswith("penetration_") else (1.0, "")
-            one, other = scale * written.values[key], scale * found.values[key]
+            one, other = scale * own.get(key, np.full(len(value), np.nan)), scale * value
             with np.errstate(invalid="ignore"):  # two infinities: their difference is NaN
                 difference = abs(one - other)
             shown.add_row(f"{key}{unit}, largest", *(f"{_largest(x):.3f}" for x in (one, other, difference)))

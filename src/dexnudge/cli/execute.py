@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import math
 from dataclasses import dataclass
 from pathlib import Path
 from typing import TYPE_CHECKING, Any
@@ -29,8 +30,9 @@ if TYPE_CHECKING:
 class Execute:
     """Play the best verified configurations, or a plan, out in MuJoCo: close in, squeeze, push by the motion's length.
 
-    A push succeeds if the object advances 80 % of the way, turns less than 15 degrees and is not dropped, and the hand
-    never enters the surroundings by more than 2 mm. With --then-grasp the object is pushed until it can be grasped,
+    A push succeeds if the object makes 80 % of its turn and of its slide, its orientation stays within 15 degrees of those
+    of its motion, it is not dropped, the hand enters the surroundings by no more than 2 mm, and no link presses harder than
+    allowed. With --then-grasp the object is pushed until it can be grasped,
     grasped, lifted by 10 cm and held for 2 s, in one continuous simulation. Of a plan, arm and hand move by their own
     motors alone, and what holds for the hand holds for the arm;
     with --then-grasp the plan goes on from where the object then lies. Exit code 3: nothing succeeds.
@@ -178,7 +180,8 @@ def _print_phases(summary: dict[str, Any]) -> None:
     stdout().print(shown)
     say(
         f"{summary['sentence']}: moved {1e3 * summary['length_reached']:.1f} of {1e3 * summary['length_asked']:.0f} mm, "
-        f"turned {summary['turned_deg']:.1f} deg, {1e3 * summary['hand_environment']:.2f} mm into the surroundings"
+        f"orientation off by {summary['turned_deg']:.1f} deg, "
+        f"{1e3 * summary['hand_environment']:.2f} mm into the surroundings"
     )
     if "lift" in summary:
         lift = summary["lift"]
@@ -186,12 +189,24 @@ def _print_phases(summary: dict[str, Any]) -> None:
 
 
 def _print_pushes(summary: dict[str, Any]) -> None:
-    shown = table("configuration", "outcome", "moved [mm]", "turned [deg]", "hand in surroundings [mm]")
-    for row in summary["configurations"]:
-        figures = ["", "", ""]
+    rows = summary["configurations"]
+    made = {  # heading: keys of what was asked and reached, factor; a scene's object turns, slides, or does both
+        heading: keys
+        for heading, keys in {
+            "turned [deg]": ("angle_asked", "angle_reached", math.degrees(1.0)),
+            "moved [mm]": ("length_asked", "length_reached", 1e3),
+        }.items()
+        if any(row.get(keys[0]) for row in rows)
+    }
+    shown = table("configuration", "outcome", *made, "orientation off [deg]", "hand in surroundings [mm]")
+    for row in rows:
+        figures = [""] * (len(made) + 2)
         if "length_reached" in row:
             figures = [
-                f"{round(1e3 * row['length_reached'], 1) + 0.0:.1f} of {1e3 * row['length_asked']:.0f}",
+                *(
+                    f"{round(factor * row[reached], 1) + 0.0:.1f} of {factor * row[asked]:.0f}"
+                    for asked, reached, factor in made.values()
+                ),
                 f"{row['turned_deg']:.1f}",
                 f"{1e3 * row['hand_environment']:.2f}",
             ]

@@ -60,7 +60,8 @@ class SceneOptions(MeshOptions):
     unseen: Literal["solid", "free"] = "solid"
     """With --depth: what space is that no view looked into."""
     motion_length: OptionalNumber = None
-    """How far it should slide [m]; 0.1 unless given, 0 after --turn or --tip."""
+    """How far it should slide [m]; unless given 0.1 or as the family has it, in surroundings of your own 0 after --turn or
+    --tip."""
     turning: Turning = field(default_factory=Turning)
     settle: Literal["auto", "off"] = "auto"
     """Move the object by up to 5 mm and 3 degrees onto what carries it, or leave it as it is."""
@@ -108,7 +109,7 @@ class SceneOptions(MeshOptions):
                 f"the scene of the folder {self.object}, which has its own; make another scene",
             )
             return
-        from dexnudge.scenes.asked_turn import check_asked
+        from dexnudge.scenes.motion import check_asked
 
         check_asked(**{"turn_deg": None, "tip_deg": None, "about": None} | turning)
         named = [f"`{name}`" for name, value in given.items() if value is not None]

@@ -11,7 +11,7 @@ import numpy as np
 
 from dexnudge.errors import InputError, check_kind
 from dexnudge.execution.episode_files import ARRAYS, forces_of_acts, forces_used, write_arrays, write_figures
-from dexnudge.execution.executor import Execution, Executor
+from dexnudge.execution.executor import Execution, Executor, chosen_policy
 from dexnudge.execution.film import film_of_trace, save_film, write_film
 from dexnudge.execution.slide_grasp_lift import GRASP_DRAWS, Attempt, SlideGraspLift, SlideGraspLiftResult
 from dexnudge.jobs.folders import new_folder
@@ -22,10 +22,8 @@ from dexnudge.results.folder import SUMMARY, write_summary
 from dexnudge.results.samples import Sample
 from dexnudge.sampling.sampler import Sampler
 from dexnudge.scenes.scene import Scene
-from dexnudge.simulation.feedback import Feedback
 from dexnudge.simulation.hand_path import rotations
 from dexnudge.simulation.model import TIMESTEP, SimulationModel, scene_model
-from dexnudge.simulation.open_loop import OpenLoop
 from dexnudge.simulation.policy import Policy
 from dexnudge.simulation.rollout import Divergence, Trace
 from dexnudge.simulation.success import PushVerdict
@@ -45,12 +43,14 @@ class Episode:
         scene: the scene in which it was played.
         simulation: the model of the scene in MuJoCo.
         result: what the push, or what each attempt to slide, grasp and lift, found in detail.
+        policy: class of what decided step by step; see `Policy`.
         configuration: number, among those given, of the one that pushed.
     """
 
     scene: Scene
     simulation: SimulationModel
     result: Execution | SlideGraspLiftResult
+    policy: str
     configuration: int = 0
 
     @property
@@ -191,13 +191,18 @@ class Episode:
         write_film(self.recording(title), folder, pictures=pictures)
 
     def summary(self) -> dict[str, Any]:
-        """Return outcome and figures as a JSON object; lengths in metres, angles in radians unless they say degrees."""
+        """Return outcome and figures as a JSON object; lengths in metres.
+
+        angle_asked, angle_reached: turn about the motion's axis [rad]. Of a push turned_deg: by how much the object's
+        orientation was off that of its motion, at most [deg]. policy: class of what decided step by step.
+        """
         result, trace = self.result, self.trace
         shared = {
             "success": self.success,
             "outcome": self.outcome.value,
             "sentence": self.outcome.sentence,
             "detail": self.detail,
+            "policy": self.policy,
             "length_asked": self.length_asked,
             "length_reached": self.length_reached,
             "angle_asked": self.angle_asked,
@@ -256,7 +261,8 @@ def execute(
         weights: folder of the model that draws them; None for the one that ships for this hand.
 
     Raises:
-        InputError: `sample` is something else, or `attempts` or `draws` is below 1.
+        InputError: `sample` or `feedback` is something else, `attempts` or `draws` is below 1, or what the policy commands
+            is no `Command` of finite numbers.
         CheckpointError: no weights for this hand, or weights that are broken or made for another.
         MeshError: MuJoCo cannot take the object or the surroundings.
     """
@@ -264,21 +270,21 @@ def execute(
     for name, value in (("attempts", attempts), ("draws", draws)):
         if value < 1:
             raise InputError(f"`{name}` is {value}; expected at least 1")
+    policy = chosen_policy(feedback)
     if not sample.success:
         warnings.warn(
             f"the configuration was rejected for '{sample.reason}'; it is executed all the same", stacklevel=2
         )
     q = np.stack([np.asarray(each.q, dtype=np.float64) for each in (sample, *alternatives)])
-    policy = feedback if isinstance(feedback, Policy) else Feedback() if feedback else OpenLoop()
     if not then_grasp:
         simulation = scene_model(sample.hand, sample.scene)
         execution = Executor(sample.scene, simulation, policy)(q[0], q[1:] if feedback else None)
-        return Episode(sample.scene, simulation, execution)
+        return Episode(sample.scene, simulation, execution, type(policy).__name__)
     sampler = Sampler.from_pretrained(sample.hand, weights=weights)
     simulation = scene_model(sample.hand, sample.scene)
     result = SlideGraspLift(sample.scene, simulation, q, sampler, draws=draws, seed=seed, policy=policy).run(attempts)
     used = next((one.configuration for one in result.attempts if one.configuration >= 0), 0)
-    return Episode(sample.scene, simulation, result, used)
+    return Episode(sample.scene, simulation, result, type(policy).__name__, used)
 
 
 def provenance() -> dict[str, Any]:

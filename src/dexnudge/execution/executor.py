@@ -7,6 +7,7 @@ from dataclasses import dataclass
 import numpy as np
 from jaxtyping import Float
 
+from dexnudge.errors import InputError, quote
 from dexnudge.execution.scene_rollout import SceneRollout
 from dexnudge.execution.slide_grasp_lift import Attempt, Slide
 from dexnudge.mechanics.sliding_task import hardest_task, sliding_task
@@ -18,6 +19,7 @@ from dexnudge.scenes.scene import Scene
 from dexnudge.simulation.feedback import Feedback
 from dexnudge.simulation.hand_path import push_path
 from dexnudge.simulation.model import SimulationModel
+from dexnudge.simulation.open_loop import OpenLoop
 from dexnudge.simulation.policy import Policy
 from dexnudge.simulation.push_forces import PushForces, push_forces
 from dexnudge.simulation.rollout import Divergence, Rollout, Trace
@@ -44,15 +46,34 @@ class Execution:
     seconds: dict[str, float]
 
 
+def chosen_policy(feedback: object) -> Policy:
+    """Return the policy that is asked for: `Feedback`, the plan as it is for False, or one's own.
+
+    Raises:
+        InputError: anything else, such as a class in place of an instance.
+    """
+    if isinstance(feedback, bool):
+        return Feedback() if feedback else OpenLoop()
+    if isinstance(feedback, type) or not isinstance(feedback, Policy):
+        call = "; call the class" if isinstance(feedback, type) else ""
+        raise InputError(
+            f"`feedback` is {quote(feedback)}; expected True, False or a policy with `start` and `command`{call}"
+        )
+    return feedback
+
+
 class Executor:
     """Pushes the object of one scene, of which `simulation` is the model, by `push_length(scene)` with configurations q.
 
     policy: what decides step by step; feedback unless given.
+
+    Raises:
+        InputError: a policy that is none.
     """
 
     def __init__(self, scene: Scene, simulation: SimulationModel, policy: Policy | None = None) -> None:
         self._scene, self._simulation, self._hand = scene, simulation, simulation.hand
-        self._policy = policy or Feedback()
+        self._policy = chosen_policy(True if policy is None else policy)
         self._length = push_length(scene)
         self._planner = ApproachPlanner(self._hand, scene)
         self._stations, self._task = stations(scene, self._length), sliding_task(scene)
@@ -77,7 +98,7 @@ class Executor:
     def with_policy(self, policy: Policy) -> "Executor":
         """Return an executor that differs in its policy alone."""
         other = copy.copy(self)
-        other._policy = policy  # noqa: SLF001 - of our own class
+        other._policy = chosen_policy(policy)  # noqa: SLF001 - of our own class
         return other
 
     def again(

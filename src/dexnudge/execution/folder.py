@@ -11,15 +11,13 @@ from jaxtyping import Float
 from dexnudge.errors import InputError
 from dexnudge.execution.episode import EPISODE_FILES, MODEL_FILE, Episode, execute, provenance, write_model
 from dexnudge.execution.episode_files import ARRAYS
-from dexnudge.execution.executor import Execution, Executor
+from dexnudge.execution.executor import Execution, Executor, chosen_policy
 from dexnudge.jobs.folders import new_folder
 from dexnudge.jobs.processes import WorkerDied, run_tasks
 from dexnudge.planning.outcomes import Outcome
 from dexnudge.results.folder import load_samples, read_inputs, write_summary
 from dexnudge.results.samples import Samples
-from dexnudge.simulation.feedback import Feedback
 from dexnudge.simulation.model import load_scene_model, scene_model
-from dexnudge.simulation.open_loop import OpenLoop
 
 PUSH_FOLDER, LIFT_FOLDER = "execution", "slide_grasp_lift"  # in the result folder, unless told otherwise
 
@@ -75,7 +73,8 @@ def push_folder(
         )
         for (index, _), result in run_tasks(handler, tasks, workers=min(workers, len(tasks))):
             if isinstance(result, Execution):
-                episode = Episode(samples.scene, simulation, result, index)
+                policy = type(chosen_policy(feedback)).__name__
+                episode = Episode(samples.scene, simulation, result, policy, index)
                 title = f"{folder.absolute().name}: configuration {index}"
                 own = f"configuration_{index:03d}"
                 episode.write(written / own, title=title, pictures=index < films)
@@ -103,7 +102,7 @@ def _executor(
     folder: Path, xml: str, q: Float[np.ndarray, "n coordinates"], *, feedback: bool
 ) -> Callable[[tuple[int, np.ndarray]], Execution]:
     scene, hand = read_inputs(folder)
-    executor = Executor(scene, load_scene_model(xml, hand, scene), Feedback() if feedback else OpenLoop())
+    executor = Executor(scene, load_scene_model(xml, hand, scene), chosen_policy(feedback))
     return lambda task: executor(task[1], np.delete(q, task[0], axis=0) if feedback else None)
 
 

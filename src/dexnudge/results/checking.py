@@ -8,7 +8,7 @@ from typing import Any
 import numpy as np
 
 from dexnudge.results.folder import LONGEST_QUOTE, count_draws, read_result
-from dexnudge.results.ranking import ranking
+from dexnudge.results.ranking import Ranking, ranking
 from dexnudge.results.samples import Samples
 from dexnudge.results.worlds import uncertainty_of
 from dexnudge.verification.criteria import AGREEMENT
@@ -21,7 +21,8 @@ class Check:
 
     Attributes:
         written: the folder's verdicts, without contacts.
-        found: those of the criteria that are installed, on the same configurations.
+        found: those of the criteria that are installed, on the same configurations; what these are ranked by, too, where all
+            could be verified again in their order.
         differences: in words; none where the folder tells the truth.
         not_recomputed: criteria of the folder that could not be computed again, and why; what they found is taken as it
             stands.
@@ -62,10 +63,12 @@ def check(folder: Path | str) -> Check:
     ]
     success = np.array([not reason for reason in reasons], dtype=bool)
     found = replace(found, reasons=reasons, success=success)
+    again = _ranked(samples, written, found, measured_again=not not_recomputed)
+    found = replace(found, foresight={} if again is None else again.foresight)
     differences = (
         *_value_differences(written, found),
         *_verdict_differences(written, found),
-        *_rank_differences(samples, written, found, measured_again=not not_recomputed),
+        *_rank_differences(written, again),
         *_summary_differences(summary, samples),
     )
     return Check(written, found, differences, not_recomputed)
@@ -99,15 +102,21 @@ def _verdict_differences(written: Verdicts, found: Verdicts) -> Iterator[str]:
             yield f"configuration {i}: contact_links are {next(shown)} in the file, {next(shown)} found"
 
 
-def _rank_differences(samples: Samples, written: Verdicts, found: Verdicts, *, measured_again: bool) -> Iterator[str]:
-    """What is out of order, and what it is ranked by; where the object may lie elsewhere that needs all criteria again."""
-    scene = samples.scene
-    uncertainty = uncertainty_of(scene)
+def _ranked(samples: Samples, written: Verdicts, found: Verdicts, *, measured_again: bool) -> Ranking | None:
+    """Return how what was found ranks, None where verdicts differ; an object that may lie elsewhere needs all criteria."""
+    uncertainty = uncertainty_of(samples.scene)
+    known = measured_again or not (uncertainty and uncertainty.displaces)
+    if not known or (written.success != found.success).any() or (np.diff(written.success.astype(int)) > 0).any():
+        return None
+    return ranking(samples.scene, found, samples.hand, samples.q)
+
+
+def _rank_differences(written: Verdicts, again: Ranking | None) -> Iterator[str]:
+    """What is out of order, and what it is ranked by."""
     late = np.flatnonzero(np.diff(written.success.astype(int)) > 0) + 1
     if len(late):
         yield f"configuration {late[0]} succeeds but stands after one that does not; expected verified ones first"
-    elif (written.success == found.success).all() and (measured_again or not (uncertainty and uncertainty.displaces)):
-        again = ranking(scene, found, samples.hand, samples.q)
+    elif again is not None:
         for place in again.out_of_order().tolist():
             yield f"configuration {place} is better than the one before it; expected the best first"
         for name, value in again.foresight.items():

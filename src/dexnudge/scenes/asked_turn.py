@@ -4,44 +4,24 @@ from __future__ import annotations
 
 from collections.abc import Iterator, Sequence
 from dataclasses import replace
-from numbers import Real
 from typing import Any
 
 import numpy as np
 from jaxtyping import Float
 
-from dexnudge.errors import SceneError, quote
+from dexnudge.errors import SceneError
 from dexnudge.finding import vector_text
 from dexnudge.scenes.boxes import rectangle
 from dexnudge.scenes.free_way import free_way
-from dexnudge.scenes.motion import Turn, three_numbers
+from dexnudge.scenes.motion import Turn, check_asked, three_numbers
 from dexnudge.scenes.resting import long_side_along_x
 from dexnudge.scenes.scene import Scene
 from dexnudge.scenes.support_contacts import UPWARD, carrying_normal, touching_contacts
 from dexnudge.scenes.support_hull import hull_corners
 
-HALF_TURN = 180.0  # [deg]
 EDGE_TOLERANCE = 5e-4  # [m] to which the outline of what carries the object is kept
 SAID_FROM = 0.1  # [deg] by which a motion must be turned for it to be said
 UP = np.array([0.0, 0.0, 1.0])
-
-
-def check_asked(*, turn_deg: Any, tip_deg: Any, about: Any) -> bool:
-    """Return whether a turn is asked for; SceneError where it is none, or contradicts another option."""
-    if turn_deg is not None and tip_deg is not None:
-        raise SceneError("`turn_deg` and `tip_deg` are both given; expected one of them")
-    if about is not None and turn_deg is None:
-        raise SceneError("`about` is given without `turn_deg`; expected both: a tip is over the edge of the support")
-    for name, degrees, least in (("turn_deg", turn_deg, -HALF_TURN), ("tip_deg", tip_deg, 0.0)):
-        if degrees is None:
-            continue
-        number = isinstance(degrees, Real) and not isinstance(degrees, bool)
-        if not number or not least <= degrees <= HALF_TURN or degrees == 0:
-            expected = "above 0 and at most 180" if least == 0 else "from -180 to 180, and not 0"
-            raise SceneError(f"`{name}` is {quote(degrees)}; expected degrees {expected}")
-    if about is not None:
-        three_numbers("the point of a turn", about)
-    return turn_deg is not None or tip_deg is not None
 
 
 def check_heading(

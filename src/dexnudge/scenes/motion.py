@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 from dataclasses import dataclass, replace
+from numbers import Real
 from typing import Any
 
 import numpy as np
@@ -12,6 +13,7 @@ from scipy.spatial.transform import Rotation
 from dexnudge.errors import SceneError, quote
 from dexnudge.geometry.rigid import real_numbers
 
+HALF_TURN = 180.0  # [deg]
 LARGEST_TURN = np.pi  # [rad] a larger one is a smaller one the other way round
 FARTHEST_AXIS = 2.0  # [m] of a turn's axis from the object: farther off it is a slide, or in another unit
 
@@ -98,6 +100,24 @@ class Turn:
             raise SceneError(f"the angle of a turn is {quote(angle)}; expected a number [rad]")
         axis, point = (three_numbers(f"the {name} of a turn", value[name]) for name in ("axis", "point"))
         return cls(float(angle) if abs(angle) <= LARGEST_TURN else np.inf, axis, point)
+
+
+def check_asked(*, turn_deg: Any, tip_deg: Any, about: Any) -> bool:
+    """Return whether a turn is asked for; SceneError where it is none, or contradicts another option."""
+    if turn_deg is not None and tip_deg is not None:
+        raise SceneError("`turn_deg` and `tip_deg` are both given; expected one of them")
+    if about is not None and turn_deg is None:
+        raise SceneError("`about` is given without `turn_deg`; expected both: a tip is over the edge of the support")
+    for name, degrees, least in (("turn_deg", turn_deg, -HALF_TURN), ("tip_deg", tip_deg, 0.0)):
+        if degrees is None:
+            continue
+        number = isinstance(degrees, Real) and not isinstance(degrees, bool)
+        if not number or not least <= degrees <= HALF_TURN or degrees == 0:
+            expected = "above 0 and at most 180" if least == 0 else "from -180 to 180, and not 0"
+            raise SceneError(f"`{name}` is {quote(degrees)}; expected degrees {expected}")
+    if about is not None:
+        three_numbers("the point of a turn", about)
+    return turn_deg is not None or tip_deg is not None
 
 
 @dataclass(frozen=True, eq=False)

@@ -8,6 +8,7 @@ import numpy as np
 from jaxtyping import Float, Int
 from scipy.spatial.transform import Rotation
 
+from dexnudge.errors import InputError, quote
 from dexnudge.simulation.hand_path import PushPath
 from dexnudge.simulation.model import HAND_SIDE, OBJECT_SIDE, SimulationModel
 from dexnudge.simulation.push_forces import PushForces
@@ -92,6 +93,22 @@ class Policy(Protocol):
 
     def command(self, seen: Observation) -> Command | None:
         """Return what to do in the next step, or None when the push is over."""
+
+
+def check_command(command: object, policy: Policy, *, coordinates: int, motors: int) -> None:
+    """Refuse what is no command of finite numbers to a hand of so many coordinates and motors; InputError."""
+    who = f"the policy {type(policy).__name__}"
+    if not isinstance(command, Command):
+        raise InputError(f"{who} commanded {quote(command)}; expected a Command, or None when the push is over")
+    for name, size in (("q", coordinates), ("quaternion", 4), ("ctrl", motors)):
+        value = getattr(command, name)
+        if not isinstance(value, np.ndarray) or value.shape != (size,) or value.dtype.kind not in "fiu":
+            got = f"{value.dtype} of shape {value.shape}" if isinstance(value, np.ndarray) else quote(value)
+            raise InputError(f"{who} commanded a `{name}` that is {got}; expected an array of {size} numbers")
+        if not np.isfinite(value).all():
+            raise InputError(f"{who} commanded a `{name}` with NaN or infinity; expected {size} finite numbers")
+    if not isinstance(command.phase, str):
+        raise InputError(f"{who} commanded the `phase` {quote(command.phase)}; expected its name")
 
 
 class Senses:

@@ -17,7 +17,7 @@ from dexnudge.hands.hand import ROOT_COORDINATES
 from dexnudge.simulation.hand_path import Path, PushPath, palm_velocity, rotations
 from dexnudge.simulation.model import ENVIRONMENT_SIDE, HAND_SIDE, OBJECT_SIDE, TIMESTEP, SimulationModel
 from dexnudge.simulation.open_loop import OpenLoop
-from dexnudge.simulation.policy import Command, HandDrive, Policy, PushPlan, Senses
+from dexnudge.simulation.policy import Command, HandDrive, Policy, PushPlan, Senses, check_command
 from dexnudge.simulation.push_forces import PushForces
 
 RECORD_STEPS = 10  # between two records: 20 ms
@@ -205,6 +205,7 @@ class Rollout:
     def _policy_commands(self, policy: Policy, senses: Senses) -> Iterator[Command]:
         """Yield what the policy commands, each for what it observes then."""
         while (command := policy.command(senses.observe())) is not None:
+            check_command(command, policy, coordinates=len(self.commanded), motors=self.simulation.model.nu)
             yield command
 
     def _path_commands(

@@ -14,7 +14,7 @@ from jaxtyping import Float
 from dexnudge.errors import UnknownNameError, check_kind, check_seed, did_you_mean
 from dexnudge.objects.sets import object_mesh
 from dexnudge.plugins import call_plugin, plugin_names, usable_plugins
-from dexnudge.scenes.asked_turn import check_asked, with_turn
+from dexnudge.scenes.asked_turn import with_turn
 from dexnudge.scenes.families.book import book
 from dexnudge.scenes.families.clutter import clutter
 from dexnudge.scenes.families.corner import corner
@@ -25,6 +25,7 @@ from dexnudge.scenes.families.shelf import deep, shelf
 from dexnudge.scenes.families.stack import stack
 from dexnudge.scenes.families.table import ramp, table
 from dexnudge.scenes.families.turn import turn
+from dexnudge.scenes.motion import check_asked
 from dexnudge.scenes.scene import Scene, check_physics
 
 SceneFamily = Callable[[trimesh.Trimesh, np.random.Generator], Scene]
