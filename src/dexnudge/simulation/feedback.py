@@ -21,8 +21,8 @@ STILL_TIME = 0.3  # [s] the same for whether the object moves at all
 LEVER = 0.06  # [m] that makes an angle a length where errors are split: half of a phone
 LEAST = 0.3  # [N] below which a link or a hand does not press
 ROTATION_GAIN = 4.0  # of the base's torques over its forces: a palm's turn moves stiff fingers little
-UPRIGHT = 0.999  # cosine of the tilt from which on an object that slides is tipped: it is pinched and pulled
-LEAST_TURNING = 1e-3  # [rad/m]
+UPRIGHT = 0.999  # cosine of the tilt below which an object that slides counts as tipped: it is pinched and pulled
+LEAST_TURNING = 1e-3  # [rad/m] of a twist below which it slides
 SLIPPING = 0.3  # of the hand's speed at which press rises as fast as it may
 
 

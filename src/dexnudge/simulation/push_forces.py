@@ -80,7 +80,7 @@ def _gap(simulation: SimulationModel, link: int) -> tuple[float, Float[np.ndarra
 
 CONE_SHARES = (0.5, 0.7, 0.85, 1.0)  # of the hand's friction that the forces use; the first that balances is taken
 SURPLUS = 1.4  # times the forces that balance: an object then follows even where its support is rougher than planned
-UPRIGHT = 0.999  # cosine of the tilt from which on an object is tipped; more than the force that lifts one throws it
+UPRIGHT = 0.999  # cosine of the tilt below which an object counts as tipped
 PRELOAD = 1.0  # [N] with which every link that touches should press: a finger that rests keeps the object from turning
 PINCH = 3.0  # [N] the same of what pulls a tipped object: nothing but friction on its sides keeps it from tipping on
 BALANCE = 100.0  # weight of the net wrench against the size of the forces: balance comes first
@@ -166,7 +166,7 @@ def push_forces(
     found = _along(pushed, stations)
     share = np.array([share for _, share in found])
     surplus = np.array(
-        [
+        [  # more than the force that lifts a tipped object throws it
             1.0 if pinches and (station.T[:3, :3] @ each.sum(axis=0))[2] > 0 else _surplus(each, contacts, task)
             for station, (each, _) in zip(stations, found, strict=True)
         ]
