@@ -1,3 +1,5 @@
+from dataclasses import replace
+
 import numpy as np
 import pytest
 import torch
@@ -5,7 +7,9 @@ import trimesh
 
 from dexnudge.errors import InputError
 from dexnudge.hands.named.shadow_lite import shadow_lite
+from dexnudge.scenes.motion import Turn
 from dexnudge.scenes.scene import Scene
+from dexnudge.viewer.page_data import page_data
 from dexnudge.viewer.visual_scene import Part, VisualScene, visual_scenes
 
 T_OBJECT = trimesh.transformations.translation_matrix([0.3, -0.2, 0.01])
@@ -80,3 +84,21 @@ def test_contacts_must_be_given_for_each_configuration(hand, scene):
 def test_a_visual_scene_needs_an_object():
     with pytest.raises(InputError, match="needs a part with the role 'object'"):
         VisualScene((), np.zeros((0, 3)), np.array([1.0, 0, 0]))
+
+
+def test_of_what_turns_an_arc_the_slide_after_it_and_both_ends_are_shown(hand, scene):
+    turn = Turn(np.pi / 2, np.array([0.0, 0.0, 1.0]), scene.centre_of_mass)
+    for length, names in ((0.0, ["turn", "after 0"]), (0.05, ["turn", "after 0", "after 1", "slide"])):
+        turning = replace(scene, turn=turn, motion_length=length)
+        shown = visual_scenes(turning, hand, random_q(hand, 1))[0]
+        assert [part.name for part in shown.with_role("arrow", "ghost")] == names
+        assert not shown.has_arrow
+        assert len(shown.arrow().mesh.faces) == 0
+        label, end = shown.stations[-1]
+        assert label == ("90 deg, 50 mm" if length else "90 deg")
+        np.testing.assert_allclose(end[:3, :3], [[0, -1, 0], [1, 0, 0], [0, 0, 1]], atol=1e-12)
+        moved = end[:3, :3] @ scene.centre_of_mass + end[:3, 3] - scene.centre_of_mass
+        np.testing.assert_allclose(moved, length * scene.motion, atol=1e-12)
+        (*_, last) = shown.with_role("ghost")
+        np.testing.assert_allclose(last.T_world_part, end @ scene.T_world_object, atol=1e-12)
+        assert not page_data([shown])["has_arrow"]

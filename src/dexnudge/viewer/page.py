@@ -266,7 +266,7 @@ def _recording_data(recording: Recording) -> dict[str, Any]:
         **page_data(recording.frames, camera=recording_camera(recording, aspect=ASPECT)),
         "time": np.round(recording.time, DECIMALS).tolist(),
         "phase": list(recording.phase),
-        "arrows": [way if np.any(frame.motion) else None for frame, way in zip(recording.frames, moved, strict=True)],
+        "arrows": [way if frame.has_arrow else None for frame, way in zip(recording.frames, moved, strict=True)],
         "curves": [
             {
                 "unit": curve.unit,

@@ -70,6 +70,8 @@ def page_data(scenes: Sequence[VisualScene], *, camera: Camera | None = None) ->
         "palette": {**PALETTE, "edge": EDGE},
         "motion": first.motion.tolist(),
         "motion_length": first.motion_length,
+        "has_arrow": first.has_arrow,
+        "stations": [[label, np.round(T[:3], 6).ravel().tolist()] for label, T in first.stations],
         "camera": _camera(first, camera or choose_camera(first, aspect=ASPECT)),
     }
 

@@ -5,23 +5,29 @@ from __future__ import annotations
 from collections.abc import Sequence
 from dataclasses import replace
 from html import escape
-from itertools import pairwise
 from pathlib import Path
 
 import numpy as np
 import trimesh
 from jaxtyping import Float, UInt8
-from scipy.spatial.transform import Rotation
 
 from dexnudge.finding import Finding
-from dexnudge.scenes.boxes import joined
 from dexnudge.scenes.free_way import FreeWay
 from dexnudge.scenes.scene import Scene
 from dexnudge.viewer.camera import Camera, choose_camera, framing_camera
 from dexnudge.viewer.page import write_template
 from dexnudge.viewer.page_data import ASPECT, page_data
 from dexnudge.viewer.picture import SIZE, render_array
-from dexnudge.viewer.visual_scene import PALETTE, SURROUNDINGS, Part, Role, VisualScene, motion_arrow, surrounding_parts
+from dexnudge.viewer.visual_scene import (
+    PALETTE,
+    SURROUNDINGS,
+    Part,
+    Role,
+    VisualScene,
+    stations,
+    surrounding_parts,
+    turning_parts,
+)
 
 AROUND = 0.10  # [m] of the surroundings that the picture shows beside object and motion
 RING_WIDTH = 0.005  # [m] of the outline of what carries the object
@@ -29,9 +35,6 @@ SHARPEST = 0.2  # of a corner's mitre: sharper ones are blunted
 RING_RAISED = 0.0004  # [m] above the support, so that both are told apart
 OBSTACLE_RADIUS = 0.006  # [m] of the ball that marks where the way ends
 SHORTEST_ARROW = 0.004  # [m]
-ARC_RADIUS, ARC_GAP = 0.002, 0.008  # [m] of the round arrow of a turn, and from the object's farthest point
-ARC_PIECES = 24  # straight ones, of which it consists
-STATIONS = 61  # of the motion, between which the page's slider leads
 SCENE_LEGEND: dict[Role, str] = {"object": "object", "support": "carries it", "arrow": "free way"}
 WHERE_THERE: dict[Role, str] = {
     "obstacle": "obstacle",
@@ -53,7 +56,7 @@ def scene_view(scene: Scene, way: FreeWay | None = None) -> VisualScene:
     for index, support in enumerate(scene.supports):
         ring = _ring(np.asarray(support.corners), np.asarray(support.normal))
         parts.append(Part(f"support {index}", "support", ring, np.eye(4)))
-    parts += _turning(scene, way) if way is not None and scene.turn is not None else []
+    parts += turning_parts(scene, way.length) if way is not None else []
     if way is not None and way.place is not None and not way.whole:
         ball = trimesh.creation.icosphere(subdivisions=3, radius=OBSTACLE_RADIUS)
         parts.append(Part("obstacle", "obstacle", ball, trimesh.transformations.translation_matrix(way.place)))
@@ -63,48 +66,13 @@ def scene_view(scene: Scene, way: FreeWay | None = None) -> VisualScene:
     return VisualScene(kept, np.zeros((0, 3)), motion, scene.motion_length, arrow_length=arrow)
 
 
-def _turning(scene: Scene, way: FreeWay) -> list[Part]:
-    """Return the free way of an object that turns: an arc, an arrow, and where the object is at the end of each."""
-    motion, turn = scene.object_motion, scene.turn
-    assert turn is not None
-    points = trimesh.transform_points(scene.object_mesh.vertices, scene.T_world_object)
-    arm = points[int(turn.distance(points).argmax())] - turn.point
-    height = (points - turn.point) @ turn.axis
-    centre = turn.point + height.mean() * turn.axis
-    spoke = arm - (arm @ turn.axis) * turn.axis
-    spoke *= 1 + ARC_GAP / np.linalg.norm(spoke)
-    angles = np.linspace(0.0, way.angle, ARC_PIECES + 1)
-    path = centre + Rotation.from_rotvec(angles[:, None] * turn.axis).apply(spoke)
-    parts = [Part("turn", "arrow", _curved_arrow(path), np.eye(4))]
-    ends = [min(way.length, motion.turn_length), way.length] if way.slid else [way.length]
-    for index, end in enumerate(ends):
-        pose = motion.displacement(end) @ scene.T_world_object
-        parts.append(Part(f"after {index}", "ghost", scene.object_mesh, pose))
-    if way.slid:
-        turned = trimesh.transform_points(points, motion.displacement(ends[0]))
-        parts.append(Part("slide", "arrow", motion_arrow(turned, scene.motion, length=way.slid), np.eye(4)))
-    return parts
-
-
-def _curved_arrow(path: Float[np.ndarray, "n 3"]) -> trimesh.Trimesh:
-    """Return a round arrow along a path [m]."""
-    pieces = [trimesh.creation.cylinder(ARC_RADIUS, segment=ends, sections=12) for ends in pairwise(path)]
-    ahead = path[-1] - path[-2]
-    head = trimesh.creation.cone(2.5 * ARC_RADIUS, 6 * ARC_RADIUS, sections=24)
-    head.apply_transform(trimesh.geometry.align_vectors([0, 0, 1], ahead))
-    return joined([*pieces, head.apply_translation(path[-1])])
-
-
 def along_motion(scene: Scene, view: VisualScene) -> list[tuple[str, VisualScene]]:
     """Return what is to be seen while the object makes its motion, and how far it is: from where it lies to the end."""
-    motion, found = scene.object_motion, []
-    body = next(part for part in view.parts if part.role == "object")
-    for way in np.linspace(0.0, motion.length, STATIONS):
-        turned = [f"{np.degrees(motion.angle(way)):.0f} deg"] if scene.turn else []
-        slid = [f"{1e3 * motion.slid(way):.0f} mm"] if scene.motion_length else []
-        pose = motion.displacement(way) @ scene.T_world_object
+    found, body = [], next(part for part in view.parts if part.role == "object")
+    for label, T in stations(scene):
+        pose = T @ scene.T_world_object
         parts = tuple(replace(part, T_world_part=pose) if part is body else part for part in view.parts)
-        found.append((", ".join([*turned, *slid]), replace(view, parts=parts)))
+        found.append((label, replace(view, parts=parts)))
     return found
 
 
@@ -133,7 +101,6 @@ def write_scene_page(
     rows = "\n".join(_row(finding) for finding in findings)
     data = page_data([each for _, each in views], camera=_camera(view, ASPECT))
     data["labels"] = [label for label, _ in views]
-    data["motion"] = data["motion"] if len(view.arrow().mesh.faces) else [0.0, 0.0, 0.0]
     return write_template(path, "scene", data, legend, title=escape(title), rows=rows)
 
 

@@ -7,16 +7,19 @@ from __future__ import annotations
 
 from collections.abc import Sequence
 from dataclasses import dataclass
+from itertools import pairwise
 from typing import Literal
 
 import numpy as np
 import torch
 import trimesh
 from jaxtyping import Float
+from scipy.spatial.transform import Rotation
 
 from dexnudge.errors import InputError
 from dexnudge.geometry.near_faces import faces_near
 from dexnudge.hands.hand import Hand
+from dexnudge.scenes.boxes import joined
 from dexnudge.scenes.scene import Scene
 
 LARGEST_MESH = 40_000  # triangles; a finer mesh is thinned, so that a page stays below a few megabytes
@@ -85,6 +88,9 @@ GAP = 0.004  # [m] between the object's leading edge and the arrow
 THICKNESS = 0.005  # [m] thinner than any object that we handle, so that it does not sink into the table
 SHAFT_WIDTH, HEAD_WIDTH, HEAD_LENGTH = 0.16, 0.42, 0.40  # of the arrow's length
 UPRIGHT = 0.99  # |cosine| from which a motion counts as vertical
+ARC_RADIUS, ARC_GAP = 0.002, 0.008  # [m] of the round arrow of a turn, and from the object's farthest point
+ARC_PIECES = 24  # straight ones, of which it consists
+STATIONS = 61  # of the motion, between which a page's slider leads
 
 
 @dataclass(frozen=True, eq=False)
@@ -122,6 +128,7 @@ class VisualScene:
         motion_length: how far [m].
         arrow_length: of the arrow that shows the motion [m]; of a length that reads well unless given,
             none where it is 0.
+        stations: of an object that turns: how far it is, in words, and its displacement (4, 4) then, from beginning to end.
 
     Raises:
         InputError: no part is an object or belongs to a hand.
@@ -132,6 +139,7 @@ class VisualScene:
     motion: Float[np.ndarray, "3"]
     motion_length: float = 0.10
     arrow_length: float | None = None
+    stations: tuple[tuple[str, Float[np.ndarray, "4 4"]], ...] = ()
 
     def __post_init__(self) -> None:
         if not self.with_role("object", "link", "fingertip"):
@@ -152,11 +160,15 @@ class VisualScene:
         corners = (part.vertices_in_world()[part.mesh.faces] for part in self.with_role(*roles))
         return np.concatenate([np.zeros((0, 3, 3)), *corners])
 
+    @property
+    def has_arrow(self) -> bool:
+        """Whether a straight arrow shows the motion."""
+        return bool(np.any(self.motion)) and self.arrow_length != 0
+
     def arrow(self) -> Part:
         """Return the motion as a solid arrow that starts at the object's leading edge, world frame; empty without one."""
-        moves = bool(np.any(self.motion)) and self.arrow_length != 0
         mesh = trimesh.Trimesh()
-        if moves:
+        if self.has_arrow:
             mesh = motion_arrow(self.vertices("object"), self.motion, length=self.arrow_length)
         return Part("motion", "arrow", mesh, np.eye(4))
 
@@ -201,6 +213,53 @@ def motion_arrow(
     return arrow.apply_transform(pose)
 
 
+def turning_parts(scene: Scene, way: float) -> list[Part]:
+    """Return what shows the motion of an object that turns: arc, arrow, and where it is at the end of each; else nothing.
+
+    way: part of the motion that is shown [m].
+    """
+    motion, turn = scene.object_motion, scene.turn
+    if turn is None:
+        return []
+    points = trimesh.transform_points(scene.object_mesh.vertices, scene.T_world_object)
+    arm = points[int(turn.distance(points).argmax())] - turn.point
+    height = (points - turn.point) @ turn.axis
+    centre = turn.point + height.mean() * turn.axis
+    spoke = arm - (arm @ turn.axis) * turn.axis
+    spoke *= 1 + ARC_GAP / np.linalg.norm(spoke)
+    angles = np.linspace(0.0, motion.angle(way), ARC_PIECES + 1)
+    path = centre + Rotation.from_rotvec(angles[:, None] * turn.axis).apply(spoke)
+    parts = [Part("turn", "arrow", _curved_arrow(path), np.eye(4))]
+    slid = motion.slid(way)
+    ends = [min(way, motion.turn_length), way] if slid else [way]
+    for index, end in enumerate(ends):
+        pose = motion.displacement(end) @ scene.T_world_object
+        parts.append(Part(f"after {index}", "ghost", scene.object_mesh, pose))
+    if slid:
+        turned = trimesh.transform_points(points, motion.displacement(ends[0]))
+        parts.append(Part("slide", "arrow", motion_arrow(turned, scene.motion, length=slid), np.eye(4)))
+    return parts
+
+
+def _curved_arrow(path: Float[np.ndarray, "n 3"]) -> trimesh.Trimesh:
+    """Return a round arrow along a path [m]."""
+    pieces = [trimesh.creation.cylinder(ARC_RADIUS, segment=ends, sections=12) for ends in pairwise(path)]
+    ahead = path[-1] - path[-2]
+    head = trimesh.creation.cone(2.5 * ARC_RADIUS, 6 * ARC_RADIUS, sections=24)
+    head.apply_transform(trimesh.geometry.align_vectors([0, 0, 1], ahead))
+    return joined([*pieces, head.apply_translation(path[-1])])
+
+
+def stations(scene: Scene) -> list[tuple[str, Float[np.ndarray, "4 4"]]]:
+    """Return places along a scene's motion: how far the object is, in words, and its displacement."""
+    motion, found = scene.object_motion, []
+    for way in np.linspace(0.0, motion.length, STATIONS):
+        turned = [f"{np.degrees(motion.angle(way)):.0f} deg"] if scene.turn else []
+        slid = [f"{1e3 * motion.slid(way):.0f} mm"] if scene.motion_length else []
+        found.append((", ".join([*turned, *slid]), motion.displacement(way)))
+    return found
+
+
 def surrounding_parts(mesh: trimesh.Trimesh, bounds: Float[np.ndarray, "2 3"]) -> list[Part]:
     """Return the surroundings by origin; of a large mesh what lies near the bounds, thinned."""
     origin = np.asarray(mesh.metadata.get("origin", np.zeros(len(mesh.faces), dtype=np.int8)))
@@ -239,14 +298,18 @@ def visual_scenes(
     surroundings = [Part("environment", "environment", scene.environment_mesh, np.eye(4))]
     if "origin" in scene.environment_mesh.metadata:
         surroundings = surrounding_parts(scene.environment_mesh, scene.object_in_world().bounds)
-    fixed = [Part("object", "object", scene.object_mesh, np.asarray(scene.T_world_object)), *surroundings]
+    body = Part("object", "object", scene.object_mesh, np.asarray(scene.T_world_object))
+    fixed = [body, *surroundings, *turning_parts(scene, scene.object_motion.length)]
+    # What turns has arrows among its parts.
+    arrow, along = (None, ()) if scene.turn is None else (0.0, tuple(stations(scene)))
     poses = hand.forward_kinematics(torch.as_tensor(np.asarray(q), dtype=torch.float64)).detach().cpu().numpy()
     result = []
     for index, T_world_links in enumerate(poses):
         links = map(Part, hand.link_names, roles, hand.link_meshes, T_world_links)
         points = np.zeros((0, 3)) if contacts is None else np.asarray(contacts[index], dtype=np.float64).reshape(-1, 3)
         parts = tuple(part for part in (*fixed, *links) if len(part.mesh.faces))
-        result.append(VisualScene(parts, points, np.asarray(scene.motion), float(scene.motion_length)))
+        shown = VisualScene(parts, points, np.asarray(scene.motion), float(scene.motion_length), arrow, along)
+        result.append(shown)
     return result
 
 

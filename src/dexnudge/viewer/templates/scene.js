@@ -7,7 +7,7 @@
 
   const redraw = createStage(data, () => {
     const still = [0, 0, 0];
-    return { poses: poses[place()], contacts: [], move: still, arrow: data.motion.some((v) => v) ? still : null, opacity: opacity.value / 100 };
+    return { poses: poses[place()], contacts: [], move: still, arrow: data.has_arrow ? still : null, opacity: opacity.value / 100 };
   });
   if (!redraw) return;
 
