@@ -9,6 +9,7 @@ import dexnudge as dn
 
 PREPARE = """
 import sys
+from dataclasses import replace
 from pathlib import Path
 import numpy as np
 import torch
@@ -46,6 +47,15 @@ MISTAKEN = {  # expression -> beginning of the message
     "from_files(None)": "`object` is None; expected the name of a built-in object",
     "from_files(length='0.1')": "`length` is '0.1'; expected the longest side",
     "from_files(motion=np.array([1, 0, 1j]))": "motion is not a vector of numbers; expected three (they are complex)",
+    "from_files(motion=['1', '0', '0'])": "motion is not a vector of numbers; expected three ('1' is none)",
+    "from_files(motion=[True, 0, 0])": "motion is not a vector of numbers; expected three (True is none)",
+    "dn.Turn('1', (0, 0, 1), (0, 0, 0))": "the angle of a turn is '1'; expected a number of radians",
+    "dn.Turn(None, (0, 0, 1), (0, 0, 0))": "the angle of a turn is None; expected a number of radians",
+    "dn.Turn(1j, (0, 0, 1), (0, 0, 0))": "the angle of a turn is 1j; expected a number of radians",
+    "dn.Turn(np.ones(2), (0, 0, 1), (0, 0, 0))": "the angle of a turn is array([1., 1.]); expected a number of radians",
+    "dn.Turn(np.float64(3.2), (0, 0, 1), (0, 0, 0))": "the angle of a turn is 3.2; expected a number of radians",
+    "dn.Turn(1.0, None, (0, 0, 0))": "the axis of a turn is None; expected three finite numbers",
+    "replace(scene, turn=1.0)": "`turn` is a float; expected a Turn, such as dn.Turn(np.pi / 2, axis=(0, 0, 1), point=",
     "dn.load_mesh(None)": "`path` is None; expected the path",
     "dn.load_mesh(mesh, length='0.1')": "`length` is '0.1'; expected the longest side",
     "dn.load_hand(None)": "`name_or_urdf` is None",
@@ -75,6 +85,7 @@ FINE = (  # expressions that hold
     "samples[torch.tensor(1)].q.tolist() == samples[1].q.tolist()",
     "len(samples[[True, False]]) == len(samples[[0]]) == 1 and len(samples[[]]) == 0",
     "from_files(motion=[1e300, 0, 0]).motion.tolist() == [1, 0, 0]",
+    "dn.Turn(1, (0, 0, 2), (0, 0, 0)).axis.tolist() == [0, 0, 1]",
     "from_files(motion=[-1e-300, 0, 0]).motion.tolist() == [-1, 0, 0]",
 )
 

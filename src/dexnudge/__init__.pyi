@@ -42,6 +42,7 @@ from dexnudge.results.samples import Sample as Sample, Samples as Samples
 from dexnudge.sampling.sampler import Sampler as Sampler
 from dexnudge.scenes.families import build_scene as build_scene, scene_families as scene_families
 from dexnudge.finding import Finding as Finding
+from dexnudge.scenes.motion import Turn as Turn
 from dexnudge.scenes.scene import Scene as Scene, load_scene as load_scene
 from dexnudge.scenes.uncertainty import Uncertainty as Uncertainty
 from dexnudge.simulation.depth_camera import DepthCamera as DepthCamera, depth_views as depth_views

@@ -59,6 +59,7 @@ def test_an_unknown_option_comes_with_the_nearest_known_one(dexnudge):
         (["1", "0"], "1 0"),
         (["1", "0", "--num", "3"], "1 0"),
         (["1", "0", "up"], "1 0 up"),
+        (["1", "0", "1_0"], "1 0 1_0"),
         ([], "nothing"),
         (["--num", "3", "4"], "nothing"),
     ],
@@ -67,8 +68,23 @@ def test_a_vector_takes_three_numbers(dexnudge, given, got):
     outcome = dexnudge("sample", "phone", "--environment", "e.obj", "--motion", *given)
     assert (outcome.code, outcome.out) == (2, "")
     assert outcome.err == f"dexnudge: --motion got {got}; expected three numbers: --motion DX DY DZ\n"
+    assert dexnudge("scene", "phone", "--scene", "table", "--turn", "9", "--about", *given).err == (
+        f"dexnudge: --about got {got}; expected three numbers: --about X Y Z\n"
+    )
     assert dexnudge("sample", "phone", "--motion=1,0,0").err == (
         "dexnudge: --motion got 1,0,0; expected three numbers: --motion DX DY DZ\n"
+    )
+
+
+@pytest.mark.parametrize(
+    "command", [["sample", "phone", "--scene", "table"], ["evaluate", "--objects", "builtin:test"]]
+)
+@pytest.mark.parametrize("given", [[], ["--num", "3"]])
+def test_uncertain_takes_a_word(dexnudge, command, given):
+    outcome = dexnudge(*command, "--uncertain", *given)
+    assert (outcome.code, outcome.out) == (2, "")
+    assert outcome.err == (
+        "dexnudge: --uncertain got nothing; expected KEY=VALUE, such as friction=0.5..1 or pose_mm=2\n"
     )
 
 

@@ -116,16 +116,17 @@ def test_in_the_scene_of_a_family_the_slide_stays_unless_another_is_given():
 
 
 NEARER = "expected at most 2 m; give a point nearer to it, in metres, or slide it"
-ANGLE = "expected degrees from -180 to 180, and not 0"
+ANGLE = "expected 0.1 to 180 degrees, either way"
 
 
 @pytest.mark.parametrize(
     ("options", "message"),
     [
         ({"turn_deg": 0.0}, f"`turn_deg` is 0.0; {ANGLE}"),
+        ({"turn_deg": -1e-9}, f"`turn_deg` is -1e-09; {ANGLE}"),
         ({"turn_deg": 181.0}, f"`turn_deg` is 181.0; {ANGLE}"),
         ({"turn_deg": float("nan")}, f"`turn_deg` is nan; {ANGLE}"),
-        ({"tip_deg": -5.0, "motion": (1, 0, 0)}, "`tip_deg` is -5.0; expected degrees above 0 and at most 180"),
+        ({"tip_deg": -5.0, "motion": (1, 0, 0)}, "`tip_deg` is -5.0; expected 0.1 to 180 degrees"),
         ({"tip_deg": 20.0, "turn_deg": 20.0}, "`turn_deg` and `tip_deg` are both given; expected one of them"),
         (
             {"about": (0.0, 0.0, 0.0), "motion": (1, 0, 0)},
@@ -138,6 +139,10 @@ ANGLE = "expected degrees from -180 to 180, and not 0"
         (
             {"turn_deg": 20.0, "about": (0.0, float("nan"), 0.0)},
             "the point of a turn is (0.0, nan, 0.0); expected three finite numbers",
+        ),
+        (
+            {"turn_deg": 20.0, "about": (0.0, 1e200, 0.0)},
+            "the point of a turn is (0.0, 1e+200, 0.0); expected metres, at most 1000 from the origin",
         ),
         ({"tip_deg": 20.0}, "`tip_deg` needs `motion` too: a direction (dx, dy, dz) in the world; add it"),
         ({}, "a slide needs `motion` too: a direction (dx, dy, dz) in the world; add it"),
@@ -190,13 +195,13 @@ def test_a_tip_through_the_support_is_told():
 @pytest.mark.parametrize(
     ("options", "message"),
     [
-        (["--turn", "0"], "dexnudge: --turn is 0.0; expected degrees from -180 to 180, and not 0\n"),
+        (["--turn", "0"], "dexnudge: --turn is 0.0; expected 0.1 to 180 degrees, either way\n"),
         (["--turn", "90", "--tip", "10"], "dexnudge: --turn and --tip are both given; expected one of them\n"),
         (
             ["--about", "0", "0", "0"],
             "dexnudge: --about is given without --turn; expected both: a tip is over the edge of the support\n",
         ),
-        (["--tip", "nan"], "dexnudge: --tip is nan; expected degrees above 0 and at most 180\n"),
+        (["--tip", "nan"], "dexnudge: --tip is nan; expected 0.1 to 180 degrees\n"),
     ],
 )
 def test_the_command_names_its_options(options, message, tmp_path, capsys):

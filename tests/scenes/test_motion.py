@@ -1,5 +1,7 @@
 """Turns and slides of an object, on their own and in a scene."""
 
+import math
+from dataclasses import replace
 from pathlib import Path
 
 import numpy as np
@@ -11,6 +13,10 @@ from dexnudge.scenes.motion import Motion, Turn
 from dexnudge.scenes.scene import Scene
 
 UP = np.array([0.0, 0.0, 1.0])
+ANGLE = (
+    "expected a number of radians from 0.00175 (0.1 deg) to pi; turn the other way round for more, or by the opposite axis "
+    "for less than 0"
+)
 QUARTER = Turn(np.pi / 2, UP, np.zeros(3))
 
 
@@ -76,22 +82,49 @@ def test_a_turn_survives_its_file(scene: Scene, tmp_path: Path) -> None:
 @pytest.mark.parametrize(
     ("angle", "axis", "point", "message"),
     [
-        (0.0, UP, np.zeros(3), "the angle of a turn is 0 rad; expected one above 0 and at most pi"),
-        (float("nan"), UP, np.zeros(3), "the angle of a turn is nan rad"),
-        (90.0, UP, np.zeros(3), "the angle of a turn is 90 rad"),
-        (1.0, np.zeros(3), np.zeros(3), "the axis of a turn is zero"),
-        (1.0, UP, np.array([0.0, np.inf, 0.0]), "the point of a turn is .* expected three finite numbers"),
+        (0.0, UP, np.zeros(3), f"the angle of a turn is 0.0; {ANGLE}"),
+        (1e-320, UP, np.zeros(3), f"the angle of a turn is 1e-320; {ANGLE}"),
+        (float("nan"), UP, np.zeros(3), f"the angle of a turn is nan; {ANGLE}"),
+        (3.2, UP, np.zeros(3), f"the angle of a turn is 3.2; {ANGLE}"),
+        (np.float64(90.0), UP, np.zeros(3), f"the angle of a turn is 90.0; {ANGLE}"),
+        (10**399, UP, np.zeros(3), f"the angle of a turn is an integer of 400 digits; {ANGLE}"),
+        (True, UP, np.zeros(3), f"the angle of a turn is True; {ANGLE}"),
+        ("1", UP, np.zeros(3), f"the angle of a turn is '1'; {ANGLE}"),
+        (None, UP, np.zeros(3), f"the angle of a turn is None; {ANGLE}"),
+        (1j, UP, np.zeros(3), f"the angle of a turn is 1j; {ANGLE}"),
+        (np.ones(2), UP, np.zeros(3), f"the angle of a turn is array([1., 1.]); {ANGLE}"),
+        (1.0, [0, 0, 0], np.zeros(3), "the axis of a turn is zero; expected a direction, such as (0, 0, 1)"),
+        (1.0, ["0", "0", "1"], np.zeros(3), "the axis of a turn is ['0', '0', '1']; expected three numbers"),
+        (1.0, [0, 0, True], np.zeros(3), "the axis of a turn is [0, 0, True]; expected three numbers"),
+        (1.0, UP, [0, math.inf, 0], "the point of a turn is [0, inf, 0]; expected three finite numbers"),
+        (1.0, UP, [0, 1e4, 0], "the point of a turn is [0, 10000.0, 0]; expected metres, at most 1000 from the origin"),
     ],
 )
-def test_a_turn_that_is_none_is_refused(angle: float, axis: np.ndarray, point: np.ndarray, message: str) -> None:
-    with pytest.raises(SceneError, match=message):
-        Turn(angle, axis, point)
+def test_a_turn_that_is_none_is_refused(angle, axis, point, message):
+    with pytest.raises(SceneError) as refused:
+        Turn.from_json({"angle": angle, "axis": axis, "point": point})
+    assert str(refused.value) == message
 
 
-@pytest.mark.parametrize("content", [5, {"angle": 1.0}, {"angle": True, "axis": [0, 0, 1], "point": [0, 0, 0]}])
+@pytest.mark.parametrize("size", [5e-324, 1e-170, 1e160, 1e200, 1e308])
+def test_an_axis_of_any_length_is_the_same_direction(size):
+    np.testing.assert_array_equal(Turn(1.0, np.array([0, size, 0]), np.zeros(3)).axis, [0, 1, 0])
+    np.testing.assert_allclose(
+        Turn(1.0, np.array([0, size, size]), np.zeros(3)).axis, [0, np.sqrt(0.5), np.sqrt(0.5)], rtol=1e-15
+    )
+
+
+@pytest.mark.parametrize("content", [5, {"angle": 1.0}])
 def test_a_file_without_a_proper_turn_is_refused(content: object) -> None:
     with pytest.raises(SceneError, match=r"turn"):
         Turn.from_json(content)
+
+
+def test_next_to_nothing_of_a_turn_is_none(scene: Scene) -> None:
+    motion = scene.object_motion
+    almost = motion.turn_length - 1e-4 * motion.radius
+    assert scene.carried(almost).turn is None
+    assert replace(scene, motion_length=0.0).carried(almost).turn is scene.turn
 
 
 def test_an_axis_out_of_reach_is_refused(scene: Scene) -> None:
@@ -108,6 +141,13 @@ def test_an_axis_out_of_reach_is_refused(scene: Scene) -> None:
 def test_a_motion_of_no_length_needs_a_turn(scene: Scene) -> None:
     with pytest.raises(SceneError, match=r"`motion_length` is 0\.0; expected a finite number > 0"):
         Scene(scene.object_mesh, scene.environment_mesh, scene.T_world_object, scene.motion, motion_length=0.0)
+
+
+@pytest.mark.parametrize("turn", [None, QUARTER])
+def test_a_slide_too_short_to_see_is_refused(scene: Scene, turn: Turn | None) -> None:
+    with pytest.raises(SceneError) as refused:
+        replace(scene, motion_length=1e-300, turn=turn)
+    assert str(refused.value) == "`motion_length` is 1e-300 m; expected at least 0.001 m"
 
 
 def test_a_motion_seen_from_another_frame_moves_the_same_points_alike():

@@ -226,7 +226,7 @@ def is_number(text: str) -> bool:
         float(text)
     except ValueError:
         return False
-    return True
+    return "_" not in text  # Python's own way to group digits
 
 
 def named_folders(argument: str, entries: Sequence[str]) -> dict[str, str]:

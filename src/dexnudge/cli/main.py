@@ -38,7 +38,8 @@ COMMANDS = {
     "arm": ("arm", "ArmCommand", "an arm's joints, limits, reach and flange, and a picture of it with a hand"),
 }
 WHAT = "Hand configurations that push, press or hook thin objects that a robot hand cannot grasp."
-VECTORS = {"--motion": "DX DY DZ"}
+VECTORS = {"--motion": "DX DY DZ", "--about": "X Y Z"}
+UNCERTAIN = "--uncertain"
 
 
 def main(argv: Sequence[str] | None = None) -> int:
@@ -114,13 +115,14 @@ def parse(name: str, kind: Any, options: Sequence[str]) -> Any:
     """Return the command with its options.
 
     Raises:
-        InputError: a vector without its three numbers, or values that a configuration of the library refuses.
+        InputError: a vector without its three numbers, --uncertain without a word, or values that a configuration of the
+            library refuses.
         SystemExit: 2 on other options that do not parse, 0 after --help.
     """
     import tyro
 
     config = (tyro.conf.OmitArgPrefixes, tyro.conf.FlagCreatePairsOff)
-    _check_vectors(options)
+    _check_values(options)
     try:
         with redirect_stderr(StringIO()) as said:
             return tyro.cli(kind, args=options, prog=f"dexnudge {name}", config=config)
@@ -134,11 +136,15 @@ def parse(name: str, kind: Any, options: Sequence[str]) -> Any:
         raise
 
 
-def _check_vectors(options: Sequence[str]) -> None:
+def _check_values(options: Sequence[str]) -> None:
     from dexnudge.cli.arguments import is_number
 
     for place, option in enumerate(options):
         flag, _, value = option.partition("=")
+        if option == UNCERTAIN and (place + 1 == len(options) or options[place + 1].startswith("--")):
+            from dexnudge.scenes.uncertainty import EXPECTED
+
+            raise InputError(f"{UNCERTAIN} got nothing; {EXPECTED}")
         if flag in VECTORS:
             given = [value] if value else list(options[place + 1 : place + 4])
             if len(given) < 3 or not all(map(is_number, given)):

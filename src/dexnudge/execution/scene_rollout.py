@@ -13,7 +13,7 @@ from dexnudge.planning.approach import OPENING_ALLOWANCE, Approach
 from dexnudge.planning.hand_clearance import CLEARANCE, HandClearance
 from dexnudge.planning.hand_motion import JOINT_SPEED, palm_pose, state_space
 from dexnudge.planning.outcomes import Outcome
-from dexnudge.scenes.motion import Turn
+from dexnudge.scenes.motion import SMALLEST_TURN, Turn
 from dexnudge.scenes.scene import Scene
 from dexnudge.simulation.hand_path import along_line, along_way, bending, waiting
 from dexnudge.simulation.model import SimulationModel
@@ -68,7 +68,7 @@ class SceneRollout:
             left = min(turn.angle, turn.angle - made)
             turn = (
                 Turn(left, turn.axis, (moved @ np.append(turn.point, 1.0))[:3])
-                if left > MOST_LEFT * turn.angle
+                if left > max(MOST_LEFT * turn.angle, SMALLEST_TURN)
                 else None
             )
         return replace(first, T_world_object=here, turn=turn)

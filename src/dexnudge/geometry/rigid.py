@@ -12,6 +12,7 @@ from dexnudge.errors import SceneError
 RIGID_TOLERANCE = 1e-5  # on R^T R - I; poses typed by hand carry six digits
 ROUNDED_TOLERANCE = 1e-3  # on R^T R - I; up to here the nearest rotation is taken: it carries three or four decimals
 LAST_ROW = "; add the last row [0, 0, 0, 1]"
+SMALLEST_SQUARED = 1e-100  # components below it or above its inverse are scaled before they are squared
 FARTHEST = 1e3  # [m] a pose farther from the origin than this is no pose of an object in a room
 
 
@@ -56,7 +57,18 @@ def rigid_transform(
 
 
 def real_numbers(value: Any) -> np.ndarray:
-    """Return a float64 array; TypeError for complex numbers, whose imaginary part NumPy would drop."""
+    """Return a float64 array; TypeError for texts, truth values, and complex numbers, whose imaginary part would be lost."""
     if np.iscomplexobj(np.asarray(value)):
         raise TypeError("they are complex")
+    for each in np.asarray(value, dtype=object).flat:
+        if isinstance(each, str | bytes | bool | np.bool_):
+            raise TypeError(f"{each!r} is none")
     return np.array(value, dtype=np.float64)
+
+
+def unit_vector(vector: Float[np.ndarray, "3"]) -> Float[np.ndarray, "3"]:
+    """Return a finite vector that is not zero at unit length, however long or short it is."""
+    largest = float(np.abs(vector).max())
+    if not SMALLEST_SQUARED < largest < 1 / SMALLEST_SQUARED:
+        vector = vector / largest
+    return vector / float(np.linalg.norm(vector))

@@ -13,7 +13,7 @@ from dexnudge.errors import SceneError
 from dexnudge.finding import vector_text
 from dexnudge.scenes.boxes import rectangle
 from dexnudge.scenes.free_way import free_way
-from dexnudge.scenes.motion import Turn, check_asked, three_numbers
+from dexnudge.scenes.motion import Turn, check_asked, turn_point
 from dexnudge.scenes.resting import long_side_along_x
 from dexnudge.scenes.scene import Scene
 from dexnudge.scenes.support_contacts import UPWARD, carrying_normal, touching_contacts
@@ -57,9 +57,9 @@ def with_turn(
         return scene
     length = scene.motion_length if motion_length is None else motion_length
     if tip_deg is not None:
-        return _tipped(scene, np.radians(tip_deg), length)
+        return _tipped(scene, np.radians(float(tip_deg)), length)
     assert turn_deg is not None
-    return _turned(scene, np.radians(turn_deg), about, length)
+    return _turned(scene, np.radians(float(turn_deg)), about, length)
 
 
 def _turned(scene: Scene, angle: float, about: Any, motion_length: float) -> Scene:
@@ -67,7 +67,7 @@ def _turned(scene: Scene, angle: float, about: Any, motion_length: float) -> Sce
     below = [support for support in scene.supports if support.side == "below"]
     axis = np.sign(angle) * (below[0].normal if below else UP)
     best, farthest = scene, (-1.0, 0.0)
-    for point in _pivots(scene) if about is None else [three_numbers("the point of a turn", about)]:
+    for point in _pivots(scene) if about is None else [turn_point(about)]:
         made = replace(scene, turn=Turn(abs(angle), axis, point), motion_length=motion_length)
         if about is not None or scene.misplaced or (way := free_way(made)).whole:
             return made

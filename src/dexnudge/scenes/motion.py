@@ -11,10 +11,11 @@ from jaxtyping import Float
 from scipy.spatial.transform import Rotation
 
 from dexnudge.errors import SceneError, quote
-from dexnudge.geometry.rigid import real_numbers
+from dexnudge.geometry.rigid import FARTHEST, real_numbers, unit_vector
 
-HALF_TURN = 180.0  # [deg]
-LARGEST_TURN = np.pi  # [rad] a larger one is a smaller one the other way round
+LEAST_TURN = 0.1  # [deg] a smaller one is lost in the tolerances of 1 mm
+HALF_TURN = 180.0  # [deg] a larger one is a smaller one the other way round
+SMALLEST_TURN, LARGEST_TURN = float(np.radians(LEAST_TURN)), np.pi  # [rad]
 FARTHEST_AXIS = 2.0  # [m] of a turn's axis from the object: farther off it is a slide, or in another unit
 
 
@@ -48,7 +49,7 @@ class Twist:
 
 @dataclass(frozen=True, eq=False)
 class Turn:
-    """A turn of the object by `angle` [rad, above 0, at most pi] about `axis` (unit) through `point` [m]; world.
+    """A turn of the object by `angle` [rad, from 0.1 deg to pi] about `axis` (unit) through `point` [m]; world.
 
     Raises:
         SceneError: on construction, when a number is out of its domain. An axis that is not of unit length is normalised.
@@ -59,17 +60,8 @@ class Turn:
     point: Float[np.ndarray, "3"]
 
     def __post_init__(self) -> None:
-        for name in ("axis", "point"):
-            object.__setattr__(self, name, three_numbers(f"the {name} of a turn", getattr(self, name)))
-        length = float(np.linalg.norm(self.axis))
-        if length == 0:
-            raise SceneError("the axis of a turn is zero; expected a direction, such as (0, 0, 1)")
-        object.__setattr__(self, "axis", self.axis / length)
-        if not 0 < self.angle <= LARGEST_TURN:
-            raise SceneError(
-                f"the angle of a turn is {self.angle:g} rad; expected one above 0 and at most pi; turn the other way "
-                "round for more, or by the opposite axis for less than 0"
-            )
+        for name, value in _checked(self.angle, self.axis, self.point).items():
+            object.__setattr__(self, name, value)
 
     def transform(self, angle: float) -> Float[np.ndarray, "4 4"]:
         """Return the rigid transform of a turn by `angle` [rad] about this axis."""
@@ -95,11 +87,7 @@ class Turn:
         """Read what `to_json` wrote, trusting nothing in it; SceneError."""
         if not isinstance(value, dict) or set(value) != {"angle", "axis", "point"}:
             raise SceneError(f"turn is {quote(value)}; expected null or an object with angle [rad], axis and point [m]")
-        angle = value["angle"]
-        if isinstance(angle, bool) or not isinstance(angle, int | float):
-            raise SceneError(f"the angle of a turn is {quote(angle)}; expected a number [rad]")
-        axis, point = (three_numbers(f"the {name} of a turn", value[name]) for name in ("axis", "point"))
-        return cls(float(angle) if abs(angle) <= LARGEST_TURN else np.inf, axis, point)
+        return cls(**_checked(**value))
 
 
 def check_asked(*, turn_deg: Any, tip_deg: Any, about: Any) -> bool:
@@ -108,15 +96,14 @@ def check_asked(*, turn_deg: Any, tip_deg: Any, about: Any) -> bool:
         raise SceneError("`turn_deg` and `tip_deg` are both given; expected one of them")
     if about is not None and turn_deg is None:
         raise SceneError("`about` is given without `turn_deg`; expected both: a tip is over the edge of the support")
-    for name, degrees, least in (("turn_deg", turn_deg, -HALF_TURN), ("tip_deg", tip_deg, 0.0)):
+    for name, degrees, either in (("turn_deg", turn_deg, ", either way"), ("tip_deg", tip_deg, "")):
         if degrees is None:
             continue
         number = isinstance(degrees, Real) and not isinstance(degrees, bool)
-        if not number or not least <= degrees <= HALF_TURN or degrees == 0:
-            expected = "above 0 and at most 180" if least == 0 else "from -180 to 180, and not 0"
-            raise SceneError(f"`{name}` is {quote(degrees)}; expected degrees {expected}")
+        if not number or not LEAST_TURN <= (abs(degrees) if either else degrees) <= HALF_TURN:
+            raise SceneError(f"`{name}` is {quote(degrees)}; expected {LEAST_TURN:g} to {HALF_TURN:g} degrees{either}")
     if about is not None:
-        three_numbers("the point of a turn", about)
+        turn_point(about)
     return turn_deg is not None or tip_deg is not None
 
 
@@ -202,8 +189,33 @@ def three_numbers(name: str, value: Any) -> Float[np.ndarray, "3"]:
     """Return a value as three finite numbers; SceneError with its name where it is none."""
     try:
         vector = real_numbers(value)
-    except (TypeError, ValueError, OverflowError) as error:
+    except (TypeError, ValueError, OverflowError, RuntimeError) as error:
         raise SceneError(f"{name} is {quote(value)}; expected three numbers") from error
     if vector.shape != (3,) or not np.isfinite(vector).all():
         raise SceneError(f"{name} is {quote(value)}; expected three finite numbers")
     return vector
+
+
+def _checked(angle: Any, axis: Any, point: Any) -> dict[str, Any]:
+    """Return what a `Turn` consists of, by name; SceneError where it makes none."""
+    given = angle.item() if isinstance(angle, np.generic) else angle
+    number = isinstance(given, Real) and not isinstance(given, bool)
+    if not number or not SMALLEST_TURN <= given <= LARGEST_TURN:
+        raise SceneError(
+            f"the angle of a turn is {quote(given)}; expected a number of radians from {SMALLEST_TURN:.3g} (0.1 deg) to pi; "
+            "turn the other way round for more, or by the opposite axis for less than 0"
+        )
+    direction = three_numbers("the axis of a turn", axis)
+    if not direction.any():
+        raise SceneError("the axis of a turn is zero; expected a direction, such as (0, 0, 1)")
+    return {"angle": float(given), "axis": unit_vector(direction), "point": turn_point(point)}
+
+
+def turn_point(value: Any) -> Float[np.ndarray, "3"]:
+    """Return a point of a turn's axis [m, world]; SceneError where it is none, or in no room."""
+    point = three_numbers("the point of a turn", value)
+    if np.abs(point).max() > FARTHEST:
+        raise SceneError(
+            f"the point of a turn is {quote(value)}; expected metres, at most {FARTHEST:g} from the origin"
+        )
+    return point

@@ -10,12 +10,11 @@ import trimesh
 from jaxtyping import Float
 
 from dexnudge.errors import LONGEST_QUOTE, SceneError, check_path
-from dexnudge.geometry.rigid import real_numbers, rigid_transform
+from dexnudge.geometry.rigid import real_numbers, rigid_transform, unit_vector
 from dexnudge.jobs.json_files import read_json
 
 POSE_KEY, POSITION_KEY, QUATERNION_KEY = "T_world_object", "position", "quaternion_wxyz"
 QUATERNION_TOLERANCE = 1e-3  # on the norm; three decimals are what people type
-SMALLEST_SQUARED = 1e-100  # components below it or above its inverse are scaled before they are squared
 
 
 def unit_motion(value: Any) -> Float[np.ndarray, "3"]:
@@ -32,9 +31,7 @@ def unit_motion(value: Any) -> Float[np.ndarray, "3"]:
             f"motion is ({motion[0]:g}, {motion[1]:g}, {motion[2]:g}); expected a finite direction that is not zero, "
             "such as (1, 0, 0)"
         )
-    if not SMALLEST_SQUARED < largest < 1 / SMALLEST_SQUARED:
-        motion = motion / largest
-    return motion / float(np.linalg.norm(motion))
+    return unit_vector(motion)
 
 
 def load_pose(path: str | Path, key: str = POSE_KEY, argument: str = "object_pose") -> Float[np.ndarray, "4 4"]:
@@ -77,7 +74,7 @@ def load_pose(path: str | Path, key: str = POSE_KEY, argument: str = "object_pos
 
 def _vector(value: Any, size: int, key: str, path: Path) -> np.ndarray:
     try:
-        vector = np.array(value, dtype=np.float64)
+        vector = real_numbers(value)
     except (TypeError, ValueError, OverflowError) as error:
         raise SceneError(f"{path}: {key} is {repr(value)[:LONGEST_QUOTE]}; expected {size} numbers") from error
     if vector.shape != (size,) or not np.isfinite(vector).all():

@@ -13,7 +13,7 @@ import numpy as np
 import trimesh
 from jaxtyping import Float
 
-from dexnudge.errors import SceneError, check_path, quote
+from dexnudge.errors import SceneError, check_kind, check_path, quote
 from dexnudge.finding import Finding
 from dexnudge.geometry.far_surroundings import coarsened_far
 from dexnudge.geometry.mesh_repair import turned_toward
@@ -23,7 +23,7 @@ from dexnudge.objects.sets import object_mesh
 from dexnudge.perception.depth_view import DepthView
 from dexnudge.scenes.files import LARGEST_NUMBER, MARGINS, NUMBERS, read_scene, write_scene
 from dexnudge.scenes.hole_below import without_hole_below
-from dexnudge.scenes.motion import FARTHEST_AXIS, Motion, Turn
+from dexnudge.scenes.motion import FARTHEST_AXIS, SMALLEST_TURN, Motion, Turn
 from dexnudge.scenes.own_surroundings import check_margins, understood
 from dexnudge.scenes.placement import placement_findings
 from dexnudge.scenes.poses import load_pose, unit_motion
@@ -39,6 +39,7 @@ MAX_NORMAL_FORCE = 5.0  # [N] per digit link; what a tendon-driven finger holds 
 MOTION_LENGTH = 0.10  # [m]
 ABOVE_MIDDLE = 0.75  # of an object's height
 TURN_PLACES = 19  # between which a turn's bounds are taken: 10 degrees apart for the largest one
+SHORTEST_MOTION = 1e-3  # [m] a shorter one is lost in the tolerances
 LONGEST_MOTION = 2.0  # [m] farther than an arm reaches; a greater number is in another unit
 
 
@@ -93,6 +94,8 @@ class Scene:
                 raise SceneError(f"the {label} mesh of the scene is empty; expected at least one triangle")
         object.__setattr__(self, "T_world_object", rigid_transform(self.T_world_object))
         object.__setattr__(self, "motion", unit_motion(self.motion))
+        if self.turn is not None:
+            check_kind("turn", self.turn, Turn, "dn.Turn(np.pi / 2, axis=(0, 0, 1), point=(0, 0, 0))")
         for label in ("motion_length", "mass", "max_normal_force"):
             zero = label == "motion_length" and self.turn is not None
             _check_number(label, getattr(self, label), minimum_excluded=not zero)
@@ -139,7 +142,7 @@ class Scene:
         motion, turn = self.object_motion, self.turn
         if turn is not None:
             left = turn.angle - motion.angle(way)
-            turn = replace(turn, angle=left) if left > 0 else None if motion.slide_length else turn
+            turn = replace(turn, angle=left) if left >= SMALLEST_TURN else None if motion.slide_length else turn
         return replace(self, T_world_object=motion.displacement(way) @ self.T_world_object, turn=turn)
 
     def way_bounds(self) -> Float[np.ndarray, "2 3"]:
@@ -441,6 +444,8 @@ def _check_number(label: str, value: object, *, minimum_excluded: bool) -> None:
     shown = quote(value)
     if not np.isfinite(number) or number < 0 or (minimum_excluded and number == 0):
         raise SceneError(f"`{label}` is {shown}; expected a finite number {'> 0' if minimum_excluded else '>= 0'}")
+    if label == "motion_length" and 0 < number < SHORTEST_MOTION:
+        raise SceneError(f"`motion_length` is {shown} m; expected at least {SHORTEST_MOTION:g} m")
     if label == "motion_length" and number > LONGEST_MOTION:
         meant = f"is it in millimetres? give {number / 1000:g}" if number <= 1000 * LONGEST_MOTION else "give metres"
         raise SceneError(f"`motion_length` is {number:g} m; expected at most {LONGEST_MOTION:g} m; {meant}")

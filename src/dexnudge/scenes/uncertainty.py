@@ -23,6 +23,7 @@ LARGEST_POSE = {"pose_mm": 50.0, "pose_deg": 45.0, "height_mm": 10.0}  # farther
 MOST_WORLDS = 1024
 LARGEST_INTEGER = 1e18  # no value is this large, and one of hundreds of digits is no float
 CERTAIN = (1.0, 1.0)
+EXPECTED = "expected KEY=VALUE, such as friction=0.5..1 or pose_mm=2"
 
 
 @dataclass(frozen=True, kw_only=True)
@@ -67,14 +68,13 @@ class Uncertainty:
         for word in words:
             name, equals, value = word.partition("=")
             if not equals:
-                raise InputError(
-                    f"`uncertain` got {quote(word)}; expected KEY=VALUE, such as friction=0.5..1 or pose_mm=2"
-                )
+                raise InputError(f"`uncertain` got {quote(word)}; {EXPECTED}")
             _check_keys([name])
             if name in given:
                 raise InputError(f"`uncertain` names {name} twice; expected each key once")
-            numbers = [_number(part) for part in value.split("..")]
-            given[name] = _checked(name, numbers if name in FACTORS or len(numbers) > 1 else numbers[0])
+            numbers: Any = [_number(part) for part in value.split("..")]
+            numbers = numbers if name in FACTORS or len(numbers) > 1 else numbers[0]
+            given[name] = _checked(name, numbers, shown=value if name in FACTORS else None)
         return cls(**given)
 
     def to_json(self) -> dict[str, Any]:
@@ -139,8 +139,8 @@ def _check_keys(names: Iterable[str]) -> None:
             )
 
 
-def _checked(name: str, value: Any) -> Any:
-    """Return the value of a key, of the right type; InputError where it is out of its domain."""
+def _checked(name: str, value: Any, *, shown: str | None = None) -> Any:
+    """Return the value of a key, of the right type; InputError, quoting `shown` or it, where it is out of its domain."""
     if name == "worlds":
         check_integer(name, value, least=1, most=MOST_WORLDS)
         return int(value)
@@ -152,10 +152,10 @@ def _checked(name: str, value: Any) -> Any:
             raise InputError(f"the {name} of `uncertain` is {quote(value)}; expected a number from 0 to {most:g}")
         return float(value)
     ends = tuple(value) if isinstance(value, list | tuple) else ()
+    given = value if shown is None else shown
     if len(ends) != 2 or not all(map(_is_number, ends)) or not 0 < ends[0] <= ends[1] <= LARGEST_FACTOR:
-        shown = "..".join(map(str, ends)) if ends else value
         raise InputError(
-            f"the {name} of `uncertain` is {quote(shown)}; expected LEAST..MOST, factors on the scene's own above 0 and at "
+            f"the {name} of `uncertain` is {quote(given)}; expected LEAST..MOST, factors on the scene's own above 0 and at "
             f"most {LARGEST_FACTOR:g}, the least first, such as 0.5..1"
         )
     return float(ends[0]), float(ends[1])
@@ -163,7 +163,7 @@ def _checked(name: str, value: Any) -> Any:
 
 def _number(text: str) -> int | float | str:
     """Return the number that a text is, or the text."""
-    for kind in (int, float):
+    for kind in () if "_" in text else (int, float):  # Python's own way to group digits
         try:
             return kind(text)
         except ValueError:
