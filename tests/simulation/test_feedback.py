@@ -194,6 +194,19 @@ def test_a_policy_of_ones_own_decides(simulation):
     assert moved == pytest.approx(LENGTH / 2, abs=1e-3)
 
 
+def test_a_policy_that_never_ends_is_stopped(simulation):
+    class Endless(OpenLoop):
+        def command(self, seen):
+            return self.at(0, seen)
+
+    with pytest.raises(InputError) as refused:
+        Rollout(simulation, Q, recorded=False).push(PATH, pressing(simulation, 4.0), Endless())
+    assert str(refused.value) == (
+        f"the policy Endless has given {10 * len(PATH.phase)} commands, 10 times the steps of its plan; expected None when "
+        "the push is over"
+    )
+
+
 def test_twists_are_those_of_the_motion():
     motion = Motion(Turn(0.5, np.array([0.0, 0.0, 1.0]), np.array([0.2, 0.1, 0.0])), X, 0.03, radius=0.1)
     path = push_path(np.zeros(1), Q[None], motion=motion, length=motion.length)

@@ -12,6 +12,7 @@ from dexnudge.errors import InputError, SceneError
 from dexnudge.hands.motors import POSITION_GAIN
 from dexnudge.scenes.boxes import box
 from dexnudge.scenes.scene import Scene
+from dexnudge.simulation.contact_forces import normal_forces
 from dexnudge.simulation.hand_path import push_path
 from dexnudge.simulation.model import (
     HAND_SIDE,
@@ -25,7 +26,7 @@ from dexnudge.simulation.model import (
     scene_model,
 )
 from dexnudge.simulation.push_forces import PushForces
-from dexnudge.simulation.rollout import Rollout, normal_forces
+from dexnudge.simulation.rollout import Rollout
 
 LEVER, HALF_WIDTH = 0.5, 0.02  # [m] of the hand of two pads
 DECIDED = ("geom_friction", "body_mass", "body_inertia", "body_subtreemass", "body_invweight0", "dof_invweight0")

@@ -12,11 +12,12 @@ from dexnudge.planning.outcomes import Outcome
 from dexnudge.scenes.boxes import box
 from dexnudge.scenes.motion import Motion
 from dexnudge.scenes.scene import Scene
+from dexnudge.simulation.contact_forces import normal_forces
 from dexnudge.simulation.convex_pieces import link_pieces
 from dexnudge.simulation.hand_path import PUSH, SETTLE, PushPath, push_path
 from dexnudge.simulation.model import BASE_FORCE_LIMIT, SimulationModel, changed_physics, scene_model
 from dexnudge.simulation.push_forces import PushForces
-from dexnudge.simulation.rollout import Rollout, Trace, normal_forces
+from dexnudge.simulation.rollout import Rollout, Trace
 from dexnudge.simulation.success import judge_push, lasting_forces
 
 HEIGHT = 0.02  # [m] of the block

@@ -31,9 +31,14 @@ def path_margins(
     Hand and object are carried `length` [m] along the motion, keeping their contacts; what the surroundings carry is found
     anew at each place. A way of no length has one place.
     """
-    places = np.linspace(0.0, length, STATIONS + 1) if length > 0 else np.zeros(1)
+    return _margins_at(scene, contacts, np.linspace(0.0, length, STATIONS + 1).tolist() if length > 0 else [0.0])
+
+
+def _margins_at(
+    scene: Scene, contacts: Sequence[HandContacts], ways: Sequence[float]
+) -> Float[np.ndarray, "configuration place"]:
     task, margins = sliding_task(scene), []
-    for here in (station(scene, float(way)) for way in places):
+    for here in (station(scene, way) for way in ways):
         there = [moved_contacts(each, here.T) for each in contacts]
         margins.append(force_margins(there, here.supports, here.task(task)).factor[:, 0])
     return np.stack(margins, axis=1)
@@ -58,18 +63,10 @@ def careful_margins(scene: Scene, contacts: Sequence[HandContacts]) -> Float[np.
     mean of its normals: a hand that needs one point at a rounded edge to push another way than its neighbours, or a whole
     fingertip to hold a moment, does not hold in physics.
     """
-    blunt = [_blunted(each) for each in contacts]
-    return np.mean(
-        [_least_on_way(replace(scene, friction_hand=share * scene.friction_hand), blunt) for share in CAREFUL], axis=0
-    )
-
-
-def _least_on_way(scene: Scene, contacts: Sequence[HandContacts]) -> Float[np.ndarray, " configuration"]:
-    motion, task, margins = scene.object_motion, sliding_task(scene), []
-    for here in (station(scene, way) for way in (*motion.beginnings, motion.length)):
-        there = [moved_contacts(each, here.T) for each in contacts]
-        margins.append(force_margins(there, here.supports, here.task(task)).factor[:, 0])
-    return np.asarray(np.min(margins, axis=0))
+    blunt, motion = [_blunted(each) for each in contacts], scene.object_motion
+    slippery = (replace(scene, friction_hand=share * scene.friction_hand) for share in CAREFUL)
+    ways = [*motion.beginnings, motion.length]
+    return np.mean([_margins_at(each, blunt, ways).min(axis=1) for each in slippery], axis=0)
 
 
 def _blunted(contacts: HandContacts) -> HandContacts:

@@ -21,8 +21,6 @@ STILL_TIME = 0.3  # [s] the same for whether the object moves at all
 LEVER = 0.06  # [m] that makes an angle a length where errors are split: half of a phone
 LEAST = 0.3  # [N] below which a link or a hand does not press
 ROTATION_GAIN = 4.0  # of the base's torques over its forces: a palm's turn moves stiff fingers little
-UPRIGHT = 0.999  # cosine of the tilt below which an object that slides counts as tipped: it is pinched and pulled
-LEAST_TURNING = 1e-3  # [rad/m] of a twist below which it slides
 SLIPPING = 0.3  # of the hand's speed at which press rises as fast as it may
 
 
@@ -101,10 +99,8 @@ class Feedback:
         self._plan, self._loop = plan, OpenLoop()
         self._loop.start(plan)
         self._twist = twists(path)
-        slides = np.linalg.norm(self._twist[-1, 3:]) < LEAST_TURNING
-        self._pinches = slides and path.displacement[-1, 2, 2] < UPRIGHT
         # What pinches harder must not lift more: the fingers would slip off.
-        self._lifts = self._pinches & (self._loop.wrench[:, 2] > 0)
+        self._lifts = forces.pinches & (self._loop.wrench[:, 2] > 0)
         self._share = interpolated(path.done, forces.done, forces.link_force)  # planned force of each link [N]
         room = self.limits.room * forces.limit / np.maximum(self._share.max(axis=1), LEAST)
         self._most_press = np.clip(room, 1.0, self.limits.press[1])
@@ -182,13 +178,13 @@ class Feedback:
         more = self._slipping / SLIPPING if self._slip > limits.slip else 0.0
         if planned > 0:
             more = max(more, 4.0 * (self._pull / (limits.pull * planned) - 1.0))
-        if self._pinches and tilt > limits.tilt:  # out of its grip
+        if self._plan.forces.pinches and tilt > limits.tilt:  # out of its grip
             more = 1.0
         rate = limits.press_rate * min(more, 1.0) if more > 0 else -limits.relax_rate
         least = 1.0 if self._press >= 1.0 else limits.press[0]
         if self._over:
             rate, least = 0.0, limits.press[0]
-        if not self._pinches and tilt > limits.tilt:
+        if not self._plan.forces.pinches and tilt > limits.tilt:
             rate, least = -2.0 * limits.press_rate, limits.press[0]
         self._press = float(np.clip(self._press + TIMESTEP * rate, least, self._most_press[step]))
 
@@ -237,7 +233,9 @@ class Feedback:
         off = np.where(self._force > most, limits.over, 1.0) * off
         self._extra += TIMESTEP * (off / limits.link_time - self._extra / limits.leak)
         self._extra = np.clip(self._extra, -wanted, most)
-        if self._pinches:  # a base that presses for fingers that pinch drives the object into what carries it
+        if (
+            self._plan.forces.pinches
+        ):  # a base that presses for fingers that pinch drives the object into what carries it
             return
         change = self._carried(step, off @ forces.link_wrench) * np.repeat([1.0, ROTATION_GAIN], 3)
         self._wrench += TIMESTEP * (change / limits.base_time - self._wrench / limits.leak)

@@ -3,14 +3,14 @@
 from dataclasses import dataclass
 from typing import NamedTuple, Protocol, runtime_checkable
 
-import mujoco
 import numpy as np
 from jaxtyping import Float, Int
 from scipy.spatial.transform import Rotation
 
 from dexnudge.errors import InputError, quote
+from dexnudge.simulation.contact_forces import link_forces
 from dexnudge.simulation.hand_path import PushPath
-from dexnudge.simulation.model import HAND_SIDE, OBJECT_SIDE, SimulationModel
+from dexnudge.simulation.model import SimulationModel
 from dexnudge.simulation.push_forces import PushForces
 
 
@@ -116,11 +116,7 @@ class Senses:
 
     def __init__(self, simulation: SimulationModel, *, sees: bool = True) -> None:
         self._simulation, self._sees = simulation, sees
-        bodies = np.asarray(simulation.model.geom_bodyid)
         self._angle = [int(simulation.model.joint(name).qposadr[0]) for name in simulation.hand.joint_names]
-        self._link = np.full(len(bodies), -1)
-        for link, body in enumerate(simulation.link_body):
-            self._link[bodies == body] = link
 
     def observe(self) -> Observation:
         """Return what is sensed now."""
@@ -137,17 +133,6 @@ class Senses:
             motor_torque=torque,
             T_world_palm=pose,
             base_wrench=np.concatenate([target @ force[:3], target @ force[3:]]),
-            link_force=self._link_force(),
+            link_force=link_forces(simulation),
             T_world_object=simulation.object_poses(data.qpos[None])[0] if self._sees else None,
         )
-
-    def _link_force(self) -> Float[np.ndarray, " link"]:
-        simulation, force = self._simulation, np.zeros(6)
-        found = np.zeros(len(simulation.link_body))
-        if simulation.data.ncon:
-            geoms = np.asarray(simulation.data.contact.geom)
-            sides = simulation.side[geoms]
-            for index in np.flatnonzero(sides.sum(axis=1) == HAND_SIDE + OBJECT_SIDE):
-                mujoco.mj_contactForce(simulation.model, simulation.data, int(index), force)
-                found[self._link[geoms[index, int(sides[index, 1] == HAND_SIDE)]]] += force[0]
-        return found

@@ -107,7 +107,7 @@ class PushForces:
     hand only holds its place. surplus: by which those that balance were multiplied.
     closing: of each motor until the pressing links touch [rad], sliding ones [m], and base_closing of the base [m].
     link_force: normal force per link [N]. link_torque, link_wrench: torques and wrench that add one newton to it, at the
-    beginning; zero for links without contacts. limit: of each link [N].
+    beginning; zero for links without contacts. limit: of each link [N]. pinches: whether a tipped object is pulled by them.
     """
 
     done: Float[np.ndarray, " place"]
@@ -122,21 +122,19 @@ class PushForces:
     link_torque: Float[np.ndarray, "link motor"]
     link_wrench: Float[np.ndarray, "link 6"]
     limit: float
+    pinches: bool = False
 
 
 @dataclass(frozen=True)
 class _Pushed:
-    """What hand and object bring to every place; jacobians: of the contacts' points [m/rad], [m/m] of sliding joints.
-
-    preload: with which every link that touches should press [N].
-    """
+    """What hand and object bring to every place; jacobians: of the contacts' points [m/rad], [m/m] of sliding joints."""
 
     simulation: SimulationModel
     q: Float[np.ndarray, " coordinates"]
     contacts: HandContacts
     task: SlidingTask
     jacobians: Float[np.ndarray, "contact 3 angle"]
-    preload: float
+    pinches: bool
 
 
 _Found = tuple[Float[np.ndarray, "contact 3"], float]
@@ -161,8 +159,7 @@ def push_forces(
     """
     simulation.place(q)
     pinches = stations[-1].T[2, 2] < UPRIGHT and not stations[-1].twist.angular.any()
-    preload = PINCH if pinches else PRELOAD
-    pushed = _Pushed(simulation, q, contacts, task, simulation.contact_jacobians(contacts), preload)
+    pushed = _Pushed(simulation, q, contacts, task, simulation.contact_jacobians(contacts), bool(pinches))
     found = _along(pushed, stations)
     share = np.array([share for _, share in found])
     surplus = np.array(
@@ -189,6 +186,7 @@ def push_forces(
         link_torque=np.stack([_motor_torque(pushed, each) for each in unit]),
         link_wrench=_base_wrench(pushed, unit),
         limit=task.max_normal_force,
+        pinches=pushed.pinches,
     )
 
 
@@ -206,7 +204,7 @@ def _along(pushed: _Pushed, stations: Sequence[Station]) -> list[_Found]:
             found.append(_chosen(_carried(pushed, station), station, like[0]) or found[-1])
         return found[1:]
 
-    if pushed.preload == PRELOAD:
+    if not pushed.pinches:
         return along(stations)
     turns = next(k for k, station in enumerate(stations) if not station.twist.angular.any())
     slide = along(stations[turns:])
@@ -284,7 +282,8 @@ def _balanced(
     if like.any():
         near, size = LIKENESS * block_diag(*edges.transpose(0, 2, 1)), LIKENESS / task.weight * like.ravel()
     else:
-        near, size = PRESSING * of_link, np.full(len(of_link), PRESSING * pushed.preload / task.weight)
+        preload = PINCH if pushed.pinches else PRELOAD
+        near, size = PRESSING * of_link, np.full(len(of_link), PRESSING * preload / task.weight)
     rows = np.concatenate(
         [
             BALANCE * np.concatenate([hand.T, support.T, np.zeros((6, slack.shape[1]))], axis=1),

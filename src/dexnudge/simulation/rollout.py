@@ -13,7 +13,9 @@ import numpy as np
 from jaxtyping import Float, Int
 from scipy.spatial.transform import Rotation
 
+from dexnudge.errors import InputError
 from dexnudge.hands.hand import ROOT_COORDINATES
+from dexnudge.simulation.contact_forces import contact_force_sums, link_forces, pair_sides
 from dexnudge.simulation.hand_path import Path, PushPath, palm_velocity, rotations
 from dexnudge.simulation.model import ENVIRONMENT_SIDE, HAND_SIDE, OBJECT_SIDE, TIMESTEP, SimulationModel
 from dexnudge.simulation.open_loop import OpenLoop
@@ -25,6 +27,7 @@ FASTEST = 100.0  # [m/s, rad/s] anything faster has diverged
 FAR = 0.05  # [m] clearances above this are not told apart
 CLOSING_STEPS = 10  # between two updates of the squeeze: 20 ms
 CLOSE_RAMP, CLOSE_TIME, GRIP_SETTLE_TIME = 0.1, 0.2, 0.1  # [s] of a grasp that closes, as in the hold test
+MOST_STEPS = 10  # of a policy, times those of its plan: one that never ends a push would run for ever
 STATE = mujoco.mjtState.mjSTATE_INTEGRATION
 
 
@@ -141,7 +144,8 @@ class Rollout:
             self.simulation.place(np.concatenate([self.commanded[:ROOT_COORDINATES], path.angles[-1]]))
         policy = policy or OpenLoop()
         policy.start(PushPlan(path, forces, self._drive))
-        self.play(self._policy_commands(policy, Senses(self.simulation, sees=sees)))
+        most = MOST_STEPS * len(path.phase)
+        self.play(self._policy_commands(policy, Senses(self.simulation, sees=sees), most=most))
 
     def follow(self, path: Path, phase: str) -> None:
         """Move the hand along `path`; the fingers keep their grip where there is one."""
@@ -202,11 +206,17 @@ class Rollout:
                 self._record(command.phase)
             self.commanded = np.array(command.q)
 
-    def _policy_commands(self, policy: Policy, senses: Senses) -> Iterator[Command]:
-        """Yield what the policy commands, each for what it observes then."""
-        while (command := policy.command(senses.observe())) is not None:
+    def _policy_commands(self, policy: Policy, senses: Senses, *, most: int) -> Iterator[Command]:
+        """Yield what the policy commands, each for what it observes then; InputError after `most` of them."""
+        for _ in range(most):
+            if (command := policy.command(senses.observe())) is None:
+                return
             check_command(command, policy, coordinates=len(self.commanded), motors=self.simulation.model.nu)
             yield command
+        raise InputError(
+            f"the policy {type(policy).__name__} has given {most} commands, {MOST_STEPS} times the steps of its plan; "
+            "expected None when the push is over"
+        )
 
     def _path_commands(
         self,
@@ -280,37 +290,9 @@ class _Measured:
         np.maximum(self.greatest, np.abs(data.actuator_force), out=self.greatest)
         if data.ncon == 0:
             return
-        contact = data.contact
-        geoms = np.asarray(contact.geom).reshape(-1, 2)
-        sides = simulation.side[geoms].sum(axis=1)
-        depth = -np.asarray(contact.dist)[sides == HAND_SIDE + ENVIRONMENT_SIDE]
+        depth = -np.asarray(data.contact.dist)[pair_sides(simulation) == HAND_SIDE + ENVIRONMENT_SIDE]
         self.deepest = max(self.deepest, float(depth.max(initial=0.0)))
-        on_object = sides == HAND_SIDE + OBJECT_SIDE
-        links = simulation.link_of_geom[geoms[on_object]].max(axis=1)
-        force = normal_forces(simulation)[on_object]
-        self.link_force += np.bincount(links, weights=force, minlength=len(self.link_force))
-
-
-def normal_forces(simulation: SimulationModel) -> Float[np.ndarray, " contact"]:
-    """Return the normal force of each current contact [N], as `mj_contactForce` does.
-
-    Elliptic cones have it in the first row of their constraint; pyramidal ones as the sum over their edges.
-    """
-    contact, pyramids = simulation.data.contact, simulation.model.opt.cone == mujoco.mjtCone.mjCONE_PYRAMIDAL
-    first, dimensions = np.asarray(contact.efc_address), np.asarray(contact.dim)
-    rows = np.where((dimensions > 1) & pyramids, 2 * (dimensions - 1), 1)
-    until = np.concatenate([[0.0], np.cumsum(simulation.data.efc_force)])
-    return np.where(first >= 0, until[first + rows] - until[first], 0.0)
-
-
-def contact_force_sums(simulation: SimulationModel, one: int, other: int) -> Float[np.ndarray, " 2"]:
-    """Return the sums over the contacts between two sides of (normal force, size of the tangential force) [N]."""
-    sums, force = np.zeros(2), np.zeros(6)
-    if simulation.data.ncon:
-        for index in np.flatnonzero(_pair_sides(simulation) == one + other):
-            mujoco.mj_contactForce(simulation.model, simulation.data, int(index), force)
-            sums += force[0], np.hypot(force[1], force[2])
-    return sums
+        self.link_force += link_forces(simulation)
 
 
 def hand_clearance(simulation: SimulationModel) -> float:
@@ -325,9 +307,3 @@ def hand_clearance(simulation: SimulationModel) -> float:
             distance = mujoco.mj_geomDistance(model, data, int(hands[hand]), int(others[other]), least, None)
             least = min(least, distance)
     return float(least)
-
-
-def _pair_sides(simulation: SimulationModel) -> Int[np.ndarray, " contact"]:
-    """Return the two sides of each current contact, as the sum of their bits."""
-    geoms = np.asarray(simulation.data.contact.geom).reshape(-1, 2)
-    return np.asarray(simulation.side[geoms].sum(axis=1))
