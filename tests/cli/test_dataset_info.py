@@ -18,7 +18,7 @@ def test_card_and_page_of_a_generated_dataset(dexnudge, tmp_path):
 
     card = (data / "README.md").read_text(encoding="utf-8")
     assert f"- {len(rows)} configurations: " in card
-    assert "--non-prehensile 64 --grasps 32 --seed 0" in card
+    assert "--non-prehensile 64 --grasps 32 --upright 0.0 --seed 0" in card
 
     outcome = dexnudge("dataset", "info", data, "--objects", objects, "--out", out)
     assert outcome.out.startswith(f"hand shadow_lite: {len(rows)} configurations of 1 objects")

@@ -194,8 +194,9 @@ def test_where_forces_turn_the_object_nothing_remains_and_elsewhere_something_do
     rotation, translation = T_canonical_world[:3, :3], T_canonical_world[:3, 3]
     found = solved(points @ rotation.T + translation, normals @ rotation.T, *prepare(scene).balances).residual.numpy()
     assert 4 <= feasible.sum() <= len(points) - 4
-    assert found[feasible].max() < 0.02
-    assert found[~feasible].min() > 0.02
+    # Forces found leave 2e-5; of those that do not exist, the nearest one, 10 % of friction short, leaves 9e-3.
+    assert found[feasible].max() < 1e-3
+    assert found[~feasible].min() > 1e-3
 
 
 def test_the_gradient_of_a_turn_and_a_slide_equals_finite_differences_of_both():

@@ -43,14 +43,14 @@ def pushes(hand, phone):
 @pytest.fixture(scope="module")
 def kept(generated):
     """q of the kept rows that push, press or hook, and their stored margins."""
-    rows = [row for row in generated[0] if row.behaviour != "grasp"]
+    rows = [row for row in generated.rows if row.behaviour != "grasp"]
     return np.stack([row.q for row in rows]).astype(np.float64), np.stack([row.direction_margin for row in rows])
 
 
 @pytest.fixture(scope="module")
 def grasped(generated):
     """The kept grasps."""
-    return [row for row in generated[0] if row.behaviour == "grasp"]
+    return [row for row in generated.rows if row.behaviour == "grasp"]
 
 
 def patches(*places: tuple[list[float], list[float]], size: float = 0.006) -> HandContacts:

@@ -34,7 +34,7 @@ pytestmark = pytest.mark.slow  # a whole object is generated several times
 
 
 def test_every_attempt_is_counted_once(generated):
-    rows, _, counts = generated
+    rows, counts = generated.rows, generated.counts
     for behaviour, count in counts.items():
         count.validate(behaviour)
         assert count.kept == sum(row.behaviour == behaviour for row in rows)
@@ -46,7 +46,7 @@ def test_every_attempt_is_counted_once(generated):
 
 
 def test_configurations_lie_on_the_steps_of_the_file(generated):
-    for row in generated[0]:
+    for row in generated.rows:
         np.testing.assert_array_equal(round_configuration(row.q), row.q)
         np.testing.assert_array_equal(row.q.astype(np.float32), row.q)
         steps = np.concatenate([np.full(3, TRANSLATION_STEP), np.full(6, ROTATION_STEP), np.full(16, JOINT_STEP)])
@@ -54,7 +54,7 @@ def test_configurations_lie_on_the_steps_of_the_file(generated):
 
 
 def test_rows_are_within_what_success_allows(hand, generated):
-    for row in generated[0]:
+    for row in generated.rows:
         assert max(row.penetration_object, row.penetration_environment, row.penetration_self) <= 1e-3
         assert row.q.shape == (9 + hand.num_joints,)
         assert set(row.contact_links) <= set(hand.link_names)
@@ -76,7 +76,7 @@ def test_rows_say_what_a_verification_of_their_q_finds(hand, generated):
     mesh = builtin_object("phone")
     mesh.apply_transform(trimesh.transformations.euler_matrix(np.pi, 0.0, 0.3))
     mesh.apply_translation((1.0, -2.0, 0.5))
-    rows = [row for row in generated[0] if row.behaviour != "grasp"]
+    rows = [row for row in generated.rows if row.behaviour != "grasp"]
     found = NonPrehensileVerifier(hand, resting_scene(at_rest(mesh)))(np.stack([row.q for row in rows]))
     for index, row in enumerate(rows):
         assert not found.reason[index]
@@ -98,7 +98,7 @@ def test_rows_say_what_a_verification_of_their_q_finds(hand, generated):
 
 
 def test_the_cloud_lies_on_the_object_at_rest(generated, phone):
-    cloud = generated[1]
+    cloud = generated.cloud
     assert cloud.shape == (1024, 6)
     _, distance, _ = trimesh.proximity.closest_point(phone, cloud[:200, :3])
     assert distance.max() < 0.002  # the phone came in upside down: its two faces differ by a camera
@@ -126,6 +126,6 @@ def test_the_same_generator_gives_the_same_rows(hand):
         )
         for seed in (1, 1, 2)
     ]
-    first, again, other = (np.asarray([row.q for row in rows]) for rows, _, _ in runs)
+    first, again, other = (np.asarray([row.q for row in run.rows]) for run in runs)
     np.testing.assert_array_equal(first, again)
     assert first.shape != other.shape or not np.array_equal(first, other)
