@@ -15,6 +15,9 @@ from dexnudge.scenes.scene import Scene
 from dexnudge.simulation.contact_forces import normal_forces
 from dexnudge.simulation.hand_path import push_path
 from dexnudge.simulation.model import (
+    ARM,
+    ARM_INERTIA,
+    ARM_MASS,
     HAND_SIDE,
     MANY_PIECES,
     MEMORY,
@@ -86,6 +89,17 @@ def test_links_touch_each_other_exactly_where_self_collision_is_judged(hand, sce
     body = [model.geom_bodyid[geoms] for geoms in (model.pair_geom1, model.pair_geom2)]
     names = {frozenset(model.body(int(one)).name for one in pair) for pair in zip(*body, strict=True)}
     assert names == {frozenset(hand.link_names[link] for link in pair) for pair in hand.self_collision_pairs}
+
+
+@pytest.mark.parametrize("hand", ["shadow_hand", "pad_hand"])
+def test_the_base_is_as_heavy_as_hand_and_flange(hand, scene, request):
+    hand = request.getfixturevalue(hand)
+    model = scene_model(hand, scene).model
+    flange, palm = model.body(ARM), model.body(hand.link_names[0])
+    assert flange.mass == pytest.approx(ARM_MASS)
+    np.testing.assert_allclose(flange.inertia, ARM_INERTIA)
+    links = sum(model.body(name).mass[0] for name in hand.link_names)
+    assert model.body_subtreemass[palm.id] == pytest.approx(ARM_MASS + links)
 
 
 def closing(simulation, q, target):

@@ -36,8 +36,9 @@ PAD_RADIUS = 0.005  # [m] of a rubber fingertip's patch, whose torque about the 
 ROLLING_FRICTION = 1.0e-4  # [m] MuJoCo's default; without effect at four contact dimensions
 CONTACT_TIME = 2 * TIMESTEP  # [s] time constant of contacts, the shortest stable one: a softer one swallows the press
 # MuJoCo's friction lifts a sliding body off its support by friction * speed * damping / stiffness of the contact: 0.16 mm at
-# the time constant above. On contacts stiffer than that a body hops every few steps, and walks sideways. Those with the
-# surroundings are as stiff, but have a quarter of the damping, and begin soft, so that they stay closed 0.1 mm deep.
+# the time constant above. So a body on stiff contacts hops every few steps, and what hops under a sliding hand creeps along.
+# Contacts of hand and surroundings are as stiff, but have a quarter of the damping, and begin soft, so that they stay closed
+# 0.1 mm deep.
 SLIDING_CONTACT = (2 * CONTACT_TIME, 0.5)  # [s], [-] MuJoCo's solref: time constant, damping ratio
 SLIDING_IMPEDANCE = (0.1, 0.95, 0.0002, 0.5, 2.0)  # MuJoCo's solimp: from 0.1 at touch to 0.95 at a depth of 0.2 mm
 BASE_STIFFNESS = 1000.0  # [N/m] of an arm under impedance control: what contacts give way by costs little of the force
@@ -256,6 +257,8 @@ def link_surface(scene: Scene) -> ContactSurface:
         friction=(scene.friction_hand, torsion),
         dimensions=4,
         priority=1,
+        solref=SLIDING_CONTACT,
+        solimp=SLIDING_IMPEDANCE,
         colour=(0.75, 0.75, 0.80, 1.0),
     )
 
@@ -399,7 +402,9 @@ def _drive_base(spec: Any, hand: Hand) -> None:
     palm.add_freejoint(name=DRIVER)
     palm.add_site(name="palm")
     spec.worldbody.add_body(name=DRIVER, mocap=True).add_site(name=DRIVER)
-    palm.add_body(name=ARM, mass=ARM_MASS, inertia=(ARM_INERTIA,) * 3, explicitinertial=True, gravcomp=1.0)
+    flange = palm.add_body(name=ARM, explicitinertial=True, gravcomp=1.0)
+    # MuJoCo's XML leaves out an inertia without a place.
+    flange.mass, flange.ipos, flange.inertia = ARM_MASS, (0.0, 0.0, 0.0), (ARM_INERTIA,) * 3
     hand_mass = sum(body_inertia(mesh).mass for mesh in hand.link_meshes)
     mass = ARM_MASS + hand_mass
     inertia = ARM_INERTIA + hand_mass * (hand.finger_length / 2) ** 2
