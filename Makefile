@@ -6,7 +6,7 @@ PIP := $(BIN)/python -m pip install -q -c constraints.txt
 # One file stays on one worker, so that what a file prepares is prepared once.
 PYTEST := $(BIN)/python -m pytest -n 2 --dist loadfile
 
-.PHONY: help demo test test-fast check docs bench results scans clean
+.PHONY: help demo test test-fast fuzz check docs bench results scans clean
 .DEFAULT_GOAL := help
 
 help:  ## list the targets
@@ -32,6 +32,9 @@ test: $(VENV)/.dev.stamp  ## all tests
 
 test-fast: $(VENV)/.dev.stamp  ## the tests that take seconds
 	$(PYTEST) -m "not slow" $(PYTEST_ARGS)
+
+fuzz: $(VENV)/.dev.stamp  ## 10,000 hostile inputs for every reader, in runs/fuzz; goes on where it was stopped
+	PYTHONPATH=tests $(BIN)/python -m hostile.campaign --count 10000 --out runs/fuzz
 
 check: $(VENV)/.dev.stamp  ## style, types, import layers
 	$(BIN)/ruff check .

@@ -1,0 +1,119 @@
+"""Many hostile inputs, one after the other; a table of what came of them.
+
+    PYTHONPATH=tests python -m hostile.campaign --count 10000 --seed 0 --out runs/fuzz
+
+Goes on where it was stopped. An input that something is wrong with is kept in OUT/wrong, with its command.
+"""
+
+from __future__ import annotations
+
+import argparse
+import csv
+import itertools
+import json
+import random
+import shlex
+import shutil
+import tempfile
+from collections import Counter, defaultdict
+from collections.abc import Iterator, Sequence
+from importlib import import_module
+from pathlib import Path
+
+from hostile.case import Draw, Hostile
+from hostile.judge import Outcome, run, warm_up
+
+MODULES = ("meshes", "hands", "scenes", "depth")  # each has DRAWS, by reader, and HANDMADE
+REAL = 200  # one input in so many is run by a Python of its own
+COLUMNS = ("number", "reader", "name", "verdict", "code", "seconds", "megabytes")
+
+
+def hostile_inputs(seed: int, count: int, readers: Sequence[str] = ()) -> Iterator[Hostile]:
+    """Yield `count` inputs, the same for the same seed: all made by hand, then drawn ones, the readers in turn."""
+    modules = [import_module(f"hostile.{name}") for name in MODULES]
+    handmade = [case for module in modules for case in module.HANDMADE if not readers or case.reader in readers]
+    draws: dict[str, Draw] = {
+        reader: draw for module in modules for reader, draw in module.DRAWS.items() if not readers or reader in readers
+    }
+    turns = itertools.cycle(draws.items())
+    drawn = (draw(random.Random(f"{seed} {reader} {number}")) for number, (reader, draw) in enumerate(turns))
+    yield from itertools.islice(itertools.chain(handmade, drawn), count)
+
+
+def campaign(
+    out: Path, *, seed: int, count: int, readers: Sequence[str] = (), real: int = REAL
+) -> list[dict[str, str]]:
+    """Run the inputs that `out` has no row of yet; return all rows."""
+    from dexnudge.jobs.progress import progress
+
+    out.mkdir(parents=True, exist_ok=True)
+    table = out / "outcomes.csv"
+    done = _rows(table)
+    warm_up()
+    with table.open("a", newline="", encoding="utf-8") as file, progress() as bars:
+        writer = csv.DictWriter(file, COLUMNS)
+        if not done:
+            writer.writeheader()
+        bar = bars.add_task("hostile inputs", total=count, completed=len(done))
+        for number, case in enumerate(hostile_inputs(seed, count, readers)):
+            if number < len(done):
+                continue
+            with tempfile.TemporaryDirectory() as scratch:
+                outcome = run(case, Path(scratch) / "case", real=number % real == real - 1)
+            if not outcome.fine:
+                _keep(out / "wrong", number, case, outcome)
+            numbers = {
+                "seconds": f"{outcome.seconds:.2f}",
+                "megabytes": f"{outcome.megabytes:.0f}",
+                "code": outcome.code,
+            }
+            row = {"number": number, "reader": case.reader, "name": ascii(case.name)[1:-1][:120]}
+            writer.writerow({**row, "verdict": outcome.verdict, **numbers})
+            file.flush()
+            bars.advance(bar)
+    rows = _rows(table)
+    (out / "summary.json").write_text(json.dumps(summary(rows), indent=2) + "\n", encoding="utf-8")
+    return rows
+
+
+def summary(rows: Sequence[dict[str, str]]) -> dict[str, dict[str, int]]:
+    """Return how often each verdict was given, by reader."""
+    counts: dict[str, Counter[str]] = defaultdict(Counter)
+    for row in rows:
+        counts[row["reader"]].update(["tried", row["verdict"]])
+    return {reader: dict(found) for reader, found in sorted(counts.items())}
+
+
+def _rows(table: Path) -> list[dict[str, str]]:
+    if not table.is_file():
+        return []
+    with table.open(newline="", encoding="utf-8") as file:
+        return list(csv.DictReader(file))
+
+
+def _keep(wrong: Path, number: int, case: Hostile, outcome: Outcome) -> None:
+    folder = wrong / f"{case.reader}-{number}"
+    shutil.rmtree(folder, ignore_errors=True)
+    folder.mkdir(parents=True)
+    case.write(folder)
+    said = f"{case.name!a}\n{outcome.verdict}\ndexnudge {shlex.join(case.arguments)}\n{outcome.said}"
+    (folder / "WRONG.txt").write_text(said, encoding="utf-8", errors="backslashreplace")
+
+
+def main() -> int:
+    """Run a campaign, and print its table."""
+    parser = argparse.ArgumentParser(prog="hostile.campaign", description="many hostile inputs, judged")
+    parser.add_argument("--count", type=int, default=10_000, help="inputs")
+    parser.add_argument("--seed", type=int, default=0)
+    parser.add_argument("--readers", nargs="*", default=[], help="some readers only, such as obj urdf")
+    parser.add_argument("--real", type=int, default=REAL, help="one input in so many in a Python of its own")
+    parser.add_argument("--out", type=Path, default=Path("runs/fuzz"), help="folder of outcomes.csv and summary.json")
+    options = parser.parse_args()
+    rows = campaign(options.out, seed=options.seed, count=options.count, readers=options.readers, real=options.real)
+    for reader, counts in summary(rows).items():
+        print(f"{reader:<14}" + ", ".join(f"{number} {verdict}" for verdict, number in counts.items()))
+    return int(any(row["verdict"] not in ("refused", "accepted") for row in rows))
+
+
+if __name__ == "__main__":
+    raise SystemExit(main())
