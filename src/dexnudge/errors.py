@@ -14,6 +14,8 @@ from pathlib import Path
 from typing import Any
 
 LONGEST_QUOTE = 80  # characters of a wrong value in a message
+LONGEST_NAME = 200  # characters of what a file calls a link, a joint or a digit
+LONGEST_MESSAGE = 4000  # characters; of a longer one, beginning and end are shown
 LARGEST_SEED = 2**63 - 1
 
 
@@ -37,6 +39,22 @@ def quote(value: object) -> str:
         return f"an integer of {digits + (abs(value) >= 10**digits)} digits"
     text = repr(value)
     return text if len(text) <= LONGEST_QUOTE else f"{text[:LONGEST_QUOTE]}..."
+
+
+def printable(text: str) -> str:
+    """Return a text of which terminals show every character: others than line ends are escaped as Python does."""
+    return "".join(each if each.isprintable() or each == "\n" else ascii(each)[1:-1] for each in text)
+
+
+def is_name(value: object) -> bool:
+    """Whether a value that a file holds can be a name: a text that is not empty, not endless, and printable."""
+    return isinstance(value, str) and 0 < len(value) <= LONGEST_NAME and value.isprintable()
+
+
+def shortened(message: str) -> str:
+    """Return a message as a person reads it: of a long one, its beginning, and how to mend it at its end."""
+    half = LONGEST_MESSAGE // 2
+    return message if len(message) <= LONGEST_MESSAGE else f"{message[:half]} [...] {message[-half:]}"
 
 
 def check_integer(argument: str, value: object, *, least: int, most: int | None = None) -> None:

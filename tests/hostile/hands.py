@@ -201,7 +201,7 @@ URDF = {  # what was done: the description, what is expected, and what the messa
     "an axis of length 0": (U.replace('<axis xyz="1 0 0"/>', '<axis xyz="0 0 0"/>', 1), "refused", ""),
     "an axis of NaN": (U.replace('<axis xyz="1 0 0"/>', '<axis xyz="nan 0 0"/>', 1), "refused", ""),
     "an axis of two numbers": (U.replace('<axis xyz="1 0 0"/>', '<axis xyz="1 0"/>', 1), "refused", ""),
-    "limits of infinity": (U.replace('upper="1.3"', 'upper="inf"', 1), "refused", ""),
+    "limits of infinity": (U.replace('upper="1.3"', 'upper="inf"', 1), "accepted", ""),
     "limits the wrong way round": (U.replace('upper="1.3"', 'upper="-1.3"', 1), "refused", ""),
     "limits in degrees": (U.replace('upper="1.3"', 'upper="90"'), "refused", "degrees"),
     "a limit of text": (U.replace('upper="1.3"', 'upper="wide"', 1), "refused", ""),

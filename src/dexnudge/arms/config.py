@@ -8,7 +8,7 @@ from typing import Any
 import numpy as np
 from jaxtyping import Float
 
-from dexnudge.errors import ArmError, did_you_mean, quote
+from dexnudge.errors import ArmError, did_you_mean, is_name, quote
 from dexnudge.hands.config import GEOMETRIES
 from dexnudge.hands.yaml_text import read_yaml
 
@@ -52,7 +52,7 @@ def read_arm_config(path: Path) -> ArmConfig:
     """
     raw = read_yaml(path, [each.name for each in fields(ArmConfig)], robot="arm", needed=(), error=ArmError)
     for key in ("flange", "base", "name"):
-        if raw.get(key) is not None and (not isinstance(raw[key], str) or not raw[key]):
+        if raw.get(key) is not None and not is_name(raw[key]):
             raise ArmError(f"{path}: key '{key}': expected a name, got {quote(raw[key])}; mend it")
     limits = raw.get("limits") or {}
     if not isinstance(limits, dict):

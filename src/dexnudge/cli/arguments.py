@@ -10,7 +10,7 @@ from typing import TYPE_CHECKING, Annotated, Any, Literal, TypeVar
 
 import tyro
 
-from dexnudge.errors import LARGEST_SEED, InputError, check_integer
+from dexnudge.errors import LARGEST_SEED, InputError, check_integer, printable
 
 if TYPE_CHECKING:
     from rich.console import Console
@@ -250,11 +250,16 @@ def named_folders(argument: str, entries: Sequence[str]) -> dict[str, str]:
 
 
 def stdout() -> Console:
-    """Return the console for results."""
+    """Return the console for results; names that it prints, also in tables, may hold brackets and control characters."""
     from rich.console import Console
+    from rich.text import Text as Styled
 
-    console = Console(highlight=False, markup=False)  # names of files and objects may hold brackets
-    return console if console.is_terminal else Console(highlight=False, markup=False, width=TABLE_WIDTH)
+    class Plain(Console):
+        def render_str(self, text: str, **options: Any) -> Styled:
+            return super().render_str(printable(text), **options)
+
+    console = Plain(highlight=False, markup=False)
+    return console if console.is_terminal else Plain(highlight=False, markup=False, width=TABLE_WIDTH)
 
 
 def say(*texts: str) -> None:

@@ -3,13 +3,14 @@
 import itertools
 import signal
 import sys
+import warnings
 from collections.abc import Sequence
 from contextlib import redirect_stderr
 from importlib import import_module
 from io import StringIO
 from typing import Any
 
-from dexnudge.errors import DexnudgeError, InputError, UnknownNameError, did_you_mean
+from dexnudge.errors import DexnudgeError, InputError, UnknownNameError, did_you_mean, printable, shortened
 from dexnudge.jobs.processes import limit_threads
 from dexnudge.version import __version__
 
@@ -69,7 +70,7 @@ def main(argv: Sequence[str] | None = None) -> int:
             from dexnudge.cli.arguments import with_flags
 
             message = with_flags(message, kind)
-        print(f"dexnudge: {message}", file=sys.stderr)
+        print(f"dexnudge: {shortened(printable(message))}", file=sys.stderr)
         return BAD_INPUT
     except KeyboardInterrupt:
         print("dexnudge: interrupted", file=sys.stderr)
@@ -153,7 +154,11 @@ def _check_values(options: Sequence[str]) -> None:
 
 
 def run() -> None:
-    """Console script: `main` with the process's arguments, clean-up on SIGTERM as on Ctrl-C."""
+    """Console script: `main` with the process's arguments, clean-up on SIGTERM as on Ctrl-C.
+
+    What numpy warns of on the way, as of an overflow by a coordinate of 1e300, ends in a message of ours.
+    """
+    warnings.simplefilter("ignore", RuntimeWarning)
     signal.signal(signal.SIGTERM, lambda *_: sys.exit(TERMINATED))
     limit_threads()
     sys.exit(main())

@@ -15,7 +15,7 @@ from typing import Any
 
 import numpy as np
 
-from dexnudge.errors import MeshError
+from dexnudge.errors import MeshError, quote
 
 MAX_FACES = 200_000  # of an object or a link: a BVH over so many is built in under a second
 MAX_SURROUNDINGS_FACES = 2_000_000  # of a scanned room: read, repaired and prepared in some ten seconds
@@ -87,17 +87,22 @@ def _obj(data: bytes, name: str) -> Announced:
         if match := re.search(line, text, re.MULTILINE):
             raise damaged(name, "obj", f"the line '{match[0].decode().strip()[:60]}' has {fault}")
     if re.search(rb"^f[ \t][^\n]*-", text, re.MULTILINE):
-        text = _absolute_indices(text)
+        text = _absolute_indices(text, name)
     return Announced(text, text.count(b"\nf ") + text.startswith(b"f "))
 
 
-def _absolute_indices(text: bytes) -> bytes:
+def _absolute_indices(text: bytes, name: str) -> bytes:
     """Return an OBJ whose faces count vertices from the first one, where some counted backwards from the last."""
     counts, lines = {b"v": 0, b"vt": 0, b"vn": 0}, []
 
     def absolute(corner: bytes) -> bytes:
         parts = zip(corner.split(b"/"), counts.values(), strict=False)
-        return b"/".join(b"%d" % (count + 1 + int(part)) if part[:1] == b"-" else part for part, count in parts)
+        return b"/".join(b"%d" % first(part, count) if part[:1] == b"-" else part for part, count in parts)
+
+    def first(part: bytes, count: int) -> int:
+        if count + int(part) < 0:
+            raise damaged(name, "obj", f"a face names vertex {quote(int(part))}, but {count} stand before it")
+        return count + 1 + int(part)
 
     for line in text.split(b"\n"):
         words = line.split()
@@ -143,6 +148,10 @@ def _glb(data: bytes, name: str) -> Announced:
         if max(counts, default=0) > len(data):
             raise damaged(
                 name, "glb", f"an accessor announces {max(counts):,} values, the file has {len(data):,} bytes"
+            )
+        if any("sparse" in accessor for accessor in content.get("accessors", ())):
+            raise MeshError(
+                f"{name}: the file has sparse accessors; expected plain ones; export it without morph targets"
             )
         children: dict[Any, Any] = {}
         for number, node in enumerate(content.get("nodes", ())):

@@ -8,7 +8,7 @@ import numpy as np
 import yaml
 from jaxtyping import Float
 
-from dexnudge.errors import HandError
+from dexnudge.errors import HandError, is_name
 from dexnudge.hands.yaml_text import read_yaml
 
 LONGEST_QUOTE = 200  # characters of a wrong value in a message
@@ -83,9 +83,9 @@ def _wrong(path: Path, key: str, expected: str, got: Any) -> HandError:
 
 
 def _text(value: Any, key: str, path: Path) -> str:
-    if not isinstance(value, str) or not value:
+    if not is_name(value):
         raise _wrong(path, key, "a name", value)
-    return value
+    return str(value)
 
 
 def _optional_text(value: Any, key: str, path: Path) -> str | None:
@@ -93,7 +93,7 @@ def _optional_text(value: Any, key: str, path: Path) -> str | None:
 
 
 def _fingertips(value: Any, path: Path) -> dict[str, str]:
-    valid = isinstance(value, dict) and value and all(isinstance(v, str) for pair in value.items() for v in pair)
+    valid = isinstance(value, dict) and value and all(is_name(v) for pair in value.items() for v in pair)
     if not valid:
         numbered = isinstance(value, dict) and value and not any(isinstance(v, list | dict) for v in value.values())
         hint = ", names that look like numbers in quotes" if numbered else ""
@@ -126,7 +126,7 @@ def _couplings(value: Any, path: Path) -> tuple[tuple[str, str], ...]:
     if not isinstance(value, list):
         raise _wrong(path, "couplings", "pairs of joints [follower, leader]", value)
     for pair in value:
-        if not isinstance(pair, list) or len(pair) != 2 or not all(isinstance(name, str) for name in pair):
+        if not isinstance(pair, list) or len(pair) != 2 or not all(is_name(name) for name in pair):
             raise _wrong(path, "couplings", "pairs of joints [follower, leader]", pair)
     return tuple((pair[0], pair[1]) for pair in value)
 

@@ -23,7 +23,7 @@ from dexnudge.hands.config import HandConfig, read_hand_config
 from dexnudge.hands.hand import Hand
 from dexnudge.hands.loops.couplings import coupled
 from dexnudge.hands.mjcf_files import compiled_model
-from dexnudge.hands.tree import Mimic, Tree, TreeJoint
+from dexnudge.hands.tree import Mimic, Tree, TreeJoint, check_tree
 from dexnudge.hands.urdf import CONTINUOUS_LIMIT, config_path
 
 
@@ -97,7 +97,9 @@ def _body_tree(model: mujoco.MjModel, name: str, root: int, select: Callable[[in
             _geom_mesh(model, geom) for geom in range(model.ngeom) if model.geom_bodyid[geom] == body and select(geom)
         ]
         links[link] = trimesh.util.concatenate(pieces) if pieces else trimesh.Trimesh()
-    return Tree(name, links, tuple(joints))
+    tree = Tree(name, links, tuple(joints))
+    check_tree(tree)
+    return tree
 
 
 def _root(model: mujoco.MjModel, palm: str | None) -> int:

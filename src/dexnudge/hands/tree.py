@@ -8,7 +8,7 @@ import trimesh
 from jaxtyping import Float
 from scipy.spatial import ConvexHull, QhullError
 
-from dexnudge.errors import HandError
+from dexnudge.errors import LONGEST_NAME, HandError, is_name, quote
 from dexnudge.hands.config import HandConfig
 
 MAX_LINKS = 1000  # of a hand, or an arm and a hand
@@ -95,6 +95,9 @@ def locked(joint: TreeJoint, value: float) -> TreeJoint:
 
 def check_tree(tree: Tree) -> None:
     """Raise HandError unless every link but one has exactly one parent and hangs below that one."""
+    for name in (tree.name, *tree.links, *(joint.name for joint in tree.joints)):
+        if not is_name(name):
+            raise HandError(f"the name {quote(name)}: expected at most {LONGEST_NAME} printable characters; rename it")
     parent_joint: dict[str, TreeJoint] = {}
     for joint in tree.joints:
         for role, link in (("parent", joint.parent), ("child", joint.child)):

@@ -6,9 +6,22 @@ from typing import Any
 
 import yaml
 
-from dexnudge.errors import InputError
+from dexnudge.errors import InputError, quote
 
 MAX_CONFIG_BYTES = 100_000
+MAX_DEPTH = 10  # of lists and mappings; three are in use
+
+
+class _Loader(yaml.SafeLoader):
+    """Refuses a key that stands twice, of which YAML would keep the last."""
+
+    def construct_mapping(self, node: yaml.MappingNode, deep: bool = False) -> dict[Any, Any]:  # noqa: FBT001, FBT002
+        found = super().construct_mapping(node, deep=deep)
+        if len(found) < len(node.value):
+            keys = [key.value for key, _ in node.value]
+            twice = next((key for key in keys if keys.count(key) > 1), keys[0])
+            raise yaml.YAMLError(f"the key {quote(twice)} twice")
+        return found
 
 
 def read_yaml(
@@ -35,9 +48,14 @@ def read_yaml(
         )
     try:
         text = path.read_text(encoding="utf-8")
-        if any(isinstance(event, yaml.AliasEvent) for event in yaml.parse(text)):  # they can stand for gigabytes
-            raise error(f"{path}: YAML aliases are not read: expected plain values, got '*'; write them out")
-        raw = yaml.safe_load(text)
+        depth = 0
+        for event in yaml.parse(text):  # before anything is made of it: aliases can stand for gigabytes
+            if isinstance(event, yaml.AliasEvent):
+                raise error(f"{path}: YAML aliases are not read: expected plain values, got '*'; write them out")
+            depth += isinstance(event, yaml.CollectionStartEvent) - isinstance(event, yaml.CollectionEndEvent)
+            if depth > MAX_DEPTH:
+                raise error(f"{path}: expected lists in lists {MAX_DEPTH} deep at most, got more; write plain values")
+        raw = yaml.load(text, _Loader)  # noqa: S506 - a SafeLoader
     except (yaml.YAMLError, UnicodeDecodeError, RecursionError, ValueError) as fault:
         if isinstance(fault, InputError):
             raise
@@ -49,7 +67,7 @@ def read_yaml(
         )
     unknown = [key for key in raw if key not in known]
     if unknown:
-        raise error(f"{path}: unknown keys {unknown}; expected some of {list(known)}; remove or rename them")
+        raise error(f"{path}: unknown keys {quote(unknown)}; expected some of {list(known)}; remove or rename them")
     missing = [key for key in needed if key not in raw]
     if missing:
         wanted = f"{', '.join(needed[:-1])} and {needed[-1]}" if len(needed) > 1 else needed[0]

@@ -3,10 +3,13 @@
 from __future__ import annotations
 
 import json
+import stat
 from pathlib import Path
 from typing import Any
 
 from dexnudge.errors import InputError, SceneError, quote
+
+MAX_BYTES = 100_000_000  # of a JSON file; read, it is some ten times as large
 
 
 def read_json(
@@ -21,12 +24,17 @@ def read_json(
     expected, again: what messages say of a missing file, and of how a damaged one is mended.
     """
     try:
+        found = path.stat()
+        if not stat.S_ISDIR(found.st_mode) and (not stat.S_ISREG(found.st_mode) or found.st_size > MAX_BYTES):
+            raise error(f"{path}: is no file, or larger than {MAX_BYTES / 1e6:.0f} MB; expected {expected}")
         return json.loads(
             path.read_text(encoding="utf-8"), parse_constant=_refuse_constant, object_pairs_hook=unique_keys
         )
     except (FileNotFoundError, IsADirectoryError) as cause:
         raise error(f"{path}: no such file; expected {expected}") from cause
     except (ValueError, OSError, RecursionError) as cause:
+        if isinstance(cause, InputError):
+            raise
         raise error(f"{path}: cannot be read as JSON ({cause}); {again}") from cause
 
 

@@ -109,7 +109,9 @@ def _read_view(path: Path, index: int, entry: Any, masks: str | None) -> DepthVi
             raise SceneError(f"{name}: {key} is {quote(entry[key])}; expected a whole number of pixels, at least 1")
     width, height = int(entry["width"]), int(entry["height"])
     if width * height > MAX_PIXELS:
-        raise SceneError(f"{name}: has {width} x {height} pixels; expected at most {MAX_PIXELS:,}; scale it down")
+        raise SceneError(
+            f"{name}: has {quote(width)} x {quote(height)} pixels; expected at most {MAX_PIXELS:,}; scale it down"
+        )
     fx, fy, cx, cy, unit = (finite_number(entry[key], f"{name}: {key}") for key in NUMBERS)
     if not 0 < unit <= LARGEST_UNIT:
         raise SceneError(

@@ -9,7 +9,7 @@ import numpy as np
 import trimesh
 from jaxtyping import Float
 
-from dexnudge.errors import LONGEST_QUOTE, SceneError, check_path
+from dexnudge.errors import LONGEST_QUOTE, SceneError, check_path, quote
 from dexnudge.geometry.rigid import real_numbers, rigid_transform, unit_vector
 from dexnudge.jobs.json_files import read_json
 
@@ -58,7 +58,7 @@ def load_pose(path: str | Path, key: str = POSE_KEY, argument: str = "object_pos
         return rigid_transform(content[key], f"{path}: {key}")
     if POSITION_KEY not in content or QUATERNION_KEY not in content:
         raise SceneError(
-            f"{path}: holds {', '.join(map(repr, content)) or 'nothing'}; expected {key!r} (4 x 4), or "
+            f"{path}: holds {quote(list(content))[1:-1] or 'nothing'}; expected {key!r} (4 x 4), or "
             f"{POSITION_KEY!r} (x, y, z in metres) and {QUATERNION_KEY!r}"
         )
     position = _vector(content[POSITION_KEY], 3, POSITION_KEY, path)
