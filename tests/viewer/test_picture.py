@@ -3,13 +3,15 @@ import pytest
 import trimesh
 from PIL import Image
 
+import dexnudge as dn
 from dexnudge.errors import InputError, OutputError
 from dexnudge.viewer import trace_kernel as parallel_launch
 from dexnudge.viewer.camera import Camera, choose_camera
 from dexnudge.viewer.picture import render_array, render_png
-from dexnudge.viewer.visual_scene import PALETTE, Part, VisualScene
+from dexnudge.viewer.visual_scene import PALETTE, Part, VisualScene, visual_scenes
 
 SIZE = (200, 150)
+LEAST_SEEN = 0.6  # of the object's pixels
 UP = np.array([0.0, 0.0, 1.0])
 
 
@@ -95,6 +97,35 @@ def test_a_wall_in_front_becomes_glass_and_one_behind_stays_solid():
     assert np.abs(covered[middle].astype(int) - free[middle]).max() > 5
     corner = linear(free[20, 20] / 255.0) / linear(PALETTE["environment"])
     assert corner.max() / corner.min() < 1.2
+
+
+@pytest.mark.parametrize("role", ["base", "arm"])
+def test_a_base_in_front_becomes_glass_and_one_aside_stays_solid(role):
+    cube, away = box("object", (0.05, 0.05, 0.05), 0, 0, 0), np.array([0, 1.0, 0])
+    for aside in (0.0, 0.12):
+        hand = box(role, (0.08, 0.05, 0.08), aside, -0.1, 0)
+        shown = VisualScene((cube, hand), np.zeros((0, 3)), away)
+        picture = render_array(shown, size=SIZE, camera=looking_along_y(0.5))
+        assert is_role(picture, "object")[SIZE[1] // 2, SIZE[0] // 2]
+        there = SIZE[1] // 2, round(SIZE[0] / 2 + 0.12 * SIZE[1] / 2 / 0.25 / 0.375)
+        light = picture[there].astype(int) - render_array(
+            VisualScene((cube,), np.zeros((0, 3)), away), size=SIZE, camera=looking_along_y(0.5)
+        )[there].astype(int)
+        assert (np.abs(light).max() > 5) == (aside > 0)
+
+
+@pytest.mark.slow
+@pytest.mark.parametrize("name", ["shadow_lite", "allegro"])
+@pytest.mark.parametrize("family", ["table", "layers", "shelf"])
+def test_most_of_the_object_is_seen(name, family):
+    """Pixels of the object's hue in the picture, against those in a picture of the object alone from there."""
+    hand, scene = dn.load_hand(name), dn.build_scene(family, "phone", seed=0)
+    samples = dn.Sampler(hand).sample(scene, num=4, seed=0)
+    for shown in visual_scenes(scene, hand, samples.q[:2].astype(float)):
+        camera = choose_camera(shown, aspect=SIZE[0] / SIZE[1])
+        alone = VisualScene(shown.with_role("object"), np.zeros((0, 3)), np.zeros(3))
+        seen, whole = (is_role(render_array(each, size=SIZE, camera=camera), "object").sum() for each in (shown, alone))
+        assert seen > LEAST_SEEN * whole > 300
 
 
 def test_open_surroundings_show_both_sides():

@@ -33,10 +33,12 @@ def test_phases_follow_each_other_without_a_gap(recording):
     assert phase_spans(recording) == [("wait", 0.0, pytest.approx(1.0)), ("push", pytest.approx(1.0), 2.0)]
 
 
-def test_the_camera_sees_object_and_fingertip_at_every_moment(recording):
-    camera = recording_camera(recording, aspect=4 / 3)
+@pytest.mark.parametrize("near", [False, True])
+def test_the_camera_sees_object_fingertip_and_goal_at_every_moment(recording, near):
+    camera = recording_camera(recording, aspect=4 / 3, near=near)
+    goal = recording.frames[0].vertices("object") + np.array([0.1, 0.0, 0.0])
     for frame in recording.frames:
-        points = np.concatenate([part.vertices_in_world() for part in frame.with_role("object", "fingertip")])
+        points = np.concatenate([goal, *(part.vertices_in_world() for part in frame.with_role("object", "fingertip"))])
         local = (points - camera.position) @ np.stack([camera.right, camera.up, camera.forward]).T
         assert (np.abs(local[:, 0]) <= camera.tan_width * local[:, 2]).all()
         assert (np.abs(local[:, 1]) <= camera.tan_height * local[:, 2]).all()

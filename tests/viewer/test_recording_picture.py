@@ -3,7 +3,7 @@ import pytest
 from PIL import Image
 
 from dexnudge.errors import InputError, OutputError
-from dexnudge.viewer.recording_picture import write_recording_pictures
+from dexnudge.viewer.recording import write_recording_pictures
 
 TILE = (120, 90)
 
@@ -45,8 +45,8 @@ def test_the_object_moves_in_the_animation_when_it_moves_in_the_recording(writte
 def test_the_strip_shows_six_moments_side_by_side(written):
     with Image.open(written / "film.png") as picture:
         strip = np.asarray(picture).astype(int)
-    width, gap = TILE[0], 6
-    assert strip.shape == (90, 5 * (width + gap) + width, 3)
+    width, gap = TILE[0] // 2, 6
+    assert strip.shape == (45, 5 * (width + gap) + width, 3)
     tiles = [strip[:, index * (width + gap) :][:, :width] for index in range(6)]
     places = [np.argwhere(orange(tile)).mean(axis=0) for tile in tiles]
     assert np.linalg.norm(np.diff(places, axis=0), axis=1).min() > 0.5
@@ -57,4 +57,14 @@ def test_what_cannot_be_shown_or_written_is_refused(recording, tmp_path):
         write_recording_pictures(recording, tmp_path / "film.png", tmp_path / "film.gif", pictures=1)
     short = recording.part(np.array([0, 40]))
     with pytest.raises(OutputError, match=r"cannot write the animation"):
-        write_recording_pictures(short, tmp_path / "film.png", tmp_path / "missing" / "film.gif", tile=(16, 12))
+        write_recording_pictures(short, tmp_path / "film.png", tmp_path / "missing" / "film.gif", tile=(64, 48))
+
+
+def test_an_animation_is_960_pixels_wide_and_gets_fewer_colours_rather_than_too_large(recording, tmp_path, monkeypatch):
+    sizes = []
+    for limit in (8_000_000, 40_000):
+        monkeypatch.setattr("dexnudge.viewer.recording.LARGEST_FILE", limit)
+        write_recording_pictures(recording, tmp_path / "film.png", tmp_path / "film.gif", pictures=2)
+        sizes.append((tmp_path / "film.gif").stat().st_size)
+        assert [picture.shape for picture, _ in frames_of(tmp_path / "film.gif")] == [(640, 960, 3)] * 2
+    assert sizes[0] > 40_000 > sizes[1]

@@ -53,4 +53,4 @@ def test_a_large_scan_is_shown_near_the_object_alone(monkeypatch):
     far = TABLE.copy().apply_translation((5.0, 0.0, 0.0))
     view = scene_view(scene_of(trimesh.util.concatenate([TABLE, far])), None)
     assert view.vertices("environment")[:, 0].max() < 2.0
-    assert len(view.triangles("environment")) == 12
+    assert len(view.mesh("environment").faces) == 12

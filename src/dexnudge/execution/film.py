@@ -17,8 +17,7 @@ from dexnudge.simulation.hand_path import PHASES, SETTLE
 from dexnudge.simulation.model import SimulationModel
 from dexnudge.simulation.rollout import Trace
 from dexnudge.viewer.page import write_recording_page
-from dexnudge.viewer.recording import Curve, Recording
-from dexnudge.viewer.recording_picture import STRIP_PICTURES, write_recording_pictures
+from dexnudge.viewer.recording import STRIP_PICTURES, Curve, Recording, write_recording_pictures
 from dexnudge.viewer.visual_scene import VisualScene, visual_scenes
 
 PAGE_FILE = "film.html"

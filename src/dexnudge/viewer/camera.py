@@ -1,14 +1,16 @@
-"""A pinhole camera: where it stands so that object, hand and contacts are seen, and which walls become glass for it."""
+"""A pinhole camera: where it stands so that object, hand and contacts are seen, and what becomes glass for it."""
 
+from collections.abc import Sequence
 from dataclasses import dataclass
 
 import numpy as np
 import trimesh
-from jaxtyping import Bool, Float
+from jaxtyping import Bool, Float, Int
 
+from dexnudge.geometry.exact_distance import Rays
 from dexnudge.jobs.cached import cached_per_instance
-from dexnudge.viewer.trace_kernel import first_hits, warp_mesh
-from dexnudge.viewer.visual_scene import VisualScene
+from dexnudge.scenes.boxes import joined
+from dexnudge.viewer.visual_scene import SEE_THROUGH, Part, VisualScene
 
 TAN_HALF_HEIGHT = 0.26  # tangent of half the vertical angle of view (29 deg in all): little perspective distortion
 FILLED = 0.76  # of the picture's width or height that the framed points take; the rest shows the surroundings
@@ -37,18 +39,6 @@ class Camera:
     def elevation(self) -> float:
         """The same above the horizon [rad]."""
         return float(np.arcsin(-self.forward[2]))
-
-    def rays(self, size: tuple[int, int]) -> Float[np.ndarray, "pixel 3"]:
-        """Return unit directions through the centres of all pixels of a picture (width, height), row by row from the top."""
-        width, height = size
-        x = (np.arange(width) + 0.5) / width * 2 - 1
-        y = 1 - (np.arange(height) + 0.5) / height * 2
-        rays = (
-            self.forward
-            + (self.tan_width * x)[None, :, None] * self.right
-            + (self.tan_height * y)[:, None, None] * self.up
-        ).reshape(-1, 3)
-        return rays / np.linalg.norm(rays, axis=1, keepdims=True)
 
 
 def framing_camera(
@@ -85,96 +75,149 @@ def framing_camera(
     return Camera(position @ axes, right, axes[1], -backward, float(tangents[0]), float(tangents[1]))
 
 
-AZIMUTHS = 12  # candidate directions around the object
-ELEVATIONS = (20.0, 38.0, 58.0)  # [deg] above the horizon
-COARSE_HEIGHT = 48  # pixels of the trial pictures
-GLASS_HEIGHT = 120  # pixels of the picture that finds what stands in front
-GLASS_SHARE = {"object": 0.01, "hand": 0.06}  # of its pixels: a wall that hides less of both stays solid
+AZIMUTHS = 16  # candidate directions around what is seen
+ELEVATIONS = (18.0, 32.0, 46.0, 62.0)  # [deg] above the horizon
+SURFACE_POINTS = 400  # on object, hand and base each, by which it is found how much of them is seen
+GLASS_POINTS = 3000  # on object and hand each, by which it is found what stands in front
+GLASS_SHARE = {"object": 0.005, "hand": 0.03}  # of them: a wall that hides less of both stays solid
+ON_SURFACE = 0.0005  # [m] a point this much behind what a ray meets is what it meets
 CONTACT_ROOM = 0.006  # [m] a contact lies between two surfaces; this much in front of it does not hide it
-MAX_WALLS = 8  # surfaces of the environment that are looked through
-FARTHER = (
-    4.0  # times as far away are trial cameras where an arm is to be seen: it takes that much more room than a hand
-)
-WEIGHTS = {"contacts": 1.0, "object": 1.0, "hand": 0.5, "base": -0.6, "sideways": 0.4, "height": -0.25}
-BEHIND_GLASS = 0.4  # worth of what is seen through the environment, against what is seen freely
+MAX_WALLS = 8  # surfaces that are looked through, one behind the other
+FAR = 100.0  # [m] beyond every scene
+WEIGHTS = {"object": 4.0, "contacts": 1.0, "hand": 0.2, "area": 0.6, "base": -0.3, "sideways": 0.4, "height": -0.25}
+BEHIND_GLASS = 0.5  # worth of what is seen through surroundings or base, against what is seen freely
 PREFERRED_ELEVATION = 32.0  # [deg] where both the top and the side of a flat object show
 
 
 @cached_per_instance
 def choose_camera(scene: VisualScene, *, aspect: float) -> Camera:
-    """Return the best of 36 views: contacts and object in free sight, much of the hand, the motion across the picture.
+    """Return the best view of one scene, from as near as shows object, hand and motion; see `best_camera`.
 
-    aspect: width of the picture over its height. Chosen once for each scene and aspect.
+    Base and arm may leave the picture: they are large, and nothing happens there. aspect: width over height.
     """
-    # Base and arm may leave the picture: they are large, and nothing happens there.
-    framed = [scene.vertices("object", "link", "fingertip"), scene.arrow().mesh.vertices.reshape(-1, 3), scene.contacts]
-    first_azimuth = np.arctan2(scene.motion[1], scene.motion[0]) + np.pi / AZIMUTHS
-    directions = [
-        (first_azimuth + turn * 2 * np.pi / AZIMUTHS, np.radians(elevation))
-        for elevation in ELEVATIONS
-        for turn in range(AZIMUTHS)
-    ]
-    points = np.concatenate(framed)
-    tangent = TAN_HALF_HEIGHT / (FARTHER if scene.with_role("arm") else 1.0)
-    cameras = [
-        framing_camera(points, azimuth=azimuth, elevation=elevation, aspect=aspect, tangent=tangent)
-        for azimuth, elevation in directions
-    ]
-    scores = _scores(scene, cameras, aspect)
+    shown = scene.vertices("object", "link", "fingertip", "ghost", "arrow")
+    framed = np.concatenate([shown, scene.arrow().mesh.vertices.reshape(-1, 3), scene.contacts])
+    return best_camera([scene], framed, aspect=aspect)
+
+
+def best_camera(scenes: Sequence[VisualScene], framed: Float[np.ndarray, "n 3"], *, aspect: float) -> Camera:
+    """Return the best of 64 views: much of the object, the contacts and the hand in sight, the motion across the picture.
+
+    Args:
+        scenes: moments that one camera shows, at least one.
+        framed: points that must be in the picture [m].
+        aspect: width of the picture over its height.
+    """
+    motion = scenes[0].motion
+    turns = np.arctan2(motion[1], motion[0]) + (np.arange(AZIMUTHS) + 0.5) * 2 * np.pi / AZIMUTHS
+    places = [(azimuth, np.radians(elevation)) for elevation in ELEVATIONS for azimuth in turns]
+    cameras = [framing_camera(framed, azimuth=each, elevation=rise, aspect=aspect) for each, rise in places]
+    scores = np.sum([_scores(scene, cameras) for scene in scenes], axis=0) / len(scenes)
     scores += WEIGHTS["height"] * np.repeat(np.abs(np.array(ELEVATIONS) / PREFERRED_ELEVATION - 1), AZIMUTHS)
     return cameras[int(scores.argmax())]
 
 
-def _scores(scene: VisualScene, cameras: list[Camera], aspect: float) -> Float[np.ndarray, " camera"]:
-    """Return how well each camera sees what matters, by small pictures of all of them in one go."""
-    solid, hand, base = scene.triangles("object"), scene.triangles("link", "fingertip"), scene.triangles("base", "arm")
-    walls = scene.triangles("environment", "assumed")  # what was never seen is looked through
-    everything, environment = warp_mesh(np.concatenate([solid, hand, base])), warp_mesh(walls) if len(walls) else None
+def _scores(scene: VisualScene, cameras: Sequence[Camera]) -> Float[np.ndarray, " camera"]:
+    """Return how well each camera sees what matters."""
+    body, hand, base = scene.mesh("object"), scene.mesh("link", "fingertip"), scene.mesh("base", "arm")
+    # What hides, with how much what lies behind it is worth; what was never seen is looked through.
+    walls = scene.mesh("environment", "assumed")
+    blockers = (joined([body, hand]), 0.0), (walls, BEHIND_GLASS), (base, BEHIND_GLASS)
+    rays = [(Rays(mesh), value) for mesh, value in blockers if len(mesh.faces)]
     positions = np.stack([camera.position for camera in cameras])
-    rays = np.stack([camera.rays((round(COARSE_HEIGHT * aspect), COARSE_HEIGHT)) for camera in cameras])
-    depth, face = first_hits(everything, positions[:, None], rays)
-    alone = first_hits(warp_mesh(solid), positions[:, None], rays)[1] >= 0
-    to_contacts = scene.contacts - positions[:, None]
-    far = np.linalg.norm(to_contacts, axis=2)
-    to_contacts /= far[:, :, None]
-    contact_seen = first_hits(everything, positions[:, None], to_contacts)[0] > far - CONTACT_ROOM
-    worth, contact_worth = np.ones(face.shape), np.ones(far.shape)
-    if environment is not None:
-        worth[first_hits(environment, positions[:, None], rays)[0] < depth] = BEHIND_GLASS
-        hidden = first_hits(environment, positions[:, None], to_contacts)[0] < far - CONTACT_ROOM
-        contact_worth[hidden] = BEHIND_GLASS
-    of_object, of_base = (face >= 0) & (face < len(solid)), face >= len(solid) + len(hand)
-    seen = {
-        "contacts": (contact_seen * contact_worth).sum(axis=1) / max(1, len(scene.contacts)),
-        "object": (worth * of_object).sum(axis=1) / np.maximum(1, alone.sum(axis=1)),
-        "hand": (worth * ((face >= len(solid)) & ~of_base)).mean(axis=1),
-        "base": of_base.mean(axis=1),
-        "sideways": np.array([np.linalg.norm(np.cross(scene.motion, camera.forward)) for camera in cameras]),
-    }
-    return np.sum([WEIGHTS[name] * value for name, value in seen.items()], axis=0)
+
+    def worth(points: Float[np.ndarray, "n 3"], room: float) -> Float[np.ndarray, "camera n"]:
+        hidden = [np.where(_hidden(each, positions, points, room), value, 1.0) for each, value in rays]
+        return np.prod(hidden, axis=0)
+
+    scores = np.array([np.linalg.norm(np.cross(scene.motion, camera.forward)) for camera in cameras])
+    scores *= WEIGHTS["sideways"]
+    if len(scene.contacts):
+        scores += WEIGHTS["contacts"] * worth(scene.contacts, CONTACT_ROOM).mean(axis=1)
+    for name, mesh in (("object", body), ("hand", hand)):
+        if len(mesh.faces):
+            points, facing = _surface(mesh, positions, SURFACE_POINTS)
+            seen = (facing * worth(points, ON_SURFACE)).sum(axis=1)
+            alone = (facing * ~_hidden(Rays(mesh), positions, points, ON_SURFACE)).sum(axis=1)
+            # Of what could be seen from there, and of the most that could be seen: a flat object shows little from aside.
+            scores += WEIGHTS[name] * seen / alone + WEIGHTS["area"] * seen / alone.max()
+    if len(base.faces):
+        points, _ = _surface(base, positions, SURFACE_POINTS)
+        middle = scene.middle()
+        scores += WEIGHTS["base"] * np.array([_in_front(camera, points, middle) for camera in cameras])
+    return scores
 
 
-def hiding_faces(
-    environment: trimesh.Trimesh, scene: VisualScene, camera: Camera, *, aspect: float
+def _surface(
+    mesh: trimesh.Trimesh, positions: Float[np.ndarray, "camera 3"], count: int
+) -> tuple[Float[np.ndarray, "n 3"], Float[np.ndarray, "camera n"]]:
+    """Return points spread evenly on a mesh, and how much of it each stands for as seen from each place: a cosine, or 0."""
+    points, face = trimesh.sample.sample_surface(mesh, count, seed=0)
+    towards = positions[:, None] - points
+    towards /= np.linalg.norm(towards, axis=2, keepdims=True)
+    return np.asarray(points), np.einsum("cni,ni->cn", towards, mesh.face_normals[face]).clip(min=0.0)
+
+
+def _hidden(
+    rays: Rays, positions: Float[np.ndarray, "camera 3"], points: Float[np.ndarray, "n 3"], room: float
+) -> Bool[np.ndarray, "camera n"]:
+    """Return whether something stands more than `room` [m] in front of points, seen from each place."""
+    lines = points - positions[:, None]
+    far = np.linalg.norm(lines, axis=2)
+    starts = np.broadcast_to(positions[:, None], lines.shape).reshape(-1, 3)
+    met = rays.first_hits(starts, (lines / far[:, :, None]).reshape(-1, 3), reach=FAR)[0]
+    return met.reshape(far.shape) < far - room
+
+
+def _in_front(camera: Camera, points: Float[np.ndarray, "n 3"], middle: Float[np.ndarray, "3"]) -> float:
+    """Return the share of points that lie in the picture, before its middle."""
+    lines = points - camera.position
+    depth = lines @ camera.forward
+    inside = (np.abs(lines @ camera.right) < camera.tan_width * depth) & (
+        np.abs(lines @ camera.up) < camera.tan_height * depth
+    )
+    return float((inside & (depth < (middle - camera.position) @ camera.forward)).mean())
+
+
+def hiding_faces(scene: VisualScene, camera: Camera) -> list[Bool[np.ndarray, " face"]]:
+    """Return which triangles hide object or hand, of each part that may be looked through, in the order of `scene.parts`.
+
+    Of surroundings whole flat faces and whole convex bodies; base and links of an arm as a whole.
+    """
+    bodies = {"object": scene.mesh("object"), "hand": scene.mesh("link", "fingertip")}
+    own, place = Rays(joined(list(bodies.values()))), camera.position[None]
+    goals, needed = [], []
+    for name, mesh in bodies.items():
+        if len(mesh.faces):
+            points, facing = _surface(mesh, place, GLASS_POINTS)
+            seen = points[(facing[0] > 0) & ~_hidden(own, place, points, ON_SURFACE)[0]]
+            goals.append(seen)
+            needed.append(np.full(len(seen), max(2.0, GLASS_SHARE[name] * len(seen))))
+    lines = np.concatenate(goals) - camera.position
+    far = np.linalg.norm(lines, axis=1) - ON_SURFACE
+    return [
+        _hiding(
+            part, camera.position, lines / np.linalg.norm(lines, axis=1, keepdims=True), far, np.concatenate(needed)
+        )
+        for part in scene.with_role(*SEE_THROUGH)
+    ]
+
+
+def _hiding(
+    part: Part,
+    origin: Float[np.ndarray, "3"],
+    rays: Float[np.ndarray, "n 3"],
+    goal: Float[np.ndarray, " n"],
+    needed: Float[np.ndarray, " n"],
 ) -> Bool[np.ndarray, " face"]:
-    """Return which triangles of `environment` (world frame) hide object or hand: whole flat faces, whole convex bodies."""
-    rays = camera.rays((round(GLASS_HEIGHT * aspect), GLASS_HEIGHT))
-    origins = np.broadcast_to(camera.position, rays.shape).copy()
-    bodies = [scene.triangles("object"), scene.triangles("link", "fingertip")]
-    goal, met = first_hits(warp_mesh(np.concatenate(bodies)), origins, rays)
-    seen = met >= 0
-    rays, origins, goal, of_object = rays[seen], origins[seen], goal[seen], met[seen] < len(bodies[0])
-    needed = np.where(
-        of_object, GLASS_SHARE["object"] * of_object.sum(), GLASS_SHARE["hand"] * (~of_object).sum()
-    ).clip(min=2)
-
-    flat = np.arange(len(environment.faces))
-    for index, facet in enumerate(environment.facets):
-        flat[facet] = len(environment.faces) + index
-    hidden = np.zeros(flat.max(initial=0) + 1)
-    walls = warp_mesh(environment.triangles)
+    """Return which triangles of a part hide enough of what lies `goal` [m] away along rays: as many rays as `needed`."""
+    flat, body = _patches(part.mesh)
+    if part.role in ("base", "arm"):
+        flat = body = np.zeros_like(flat)
+    hidden, caster = np.zeros(flat.max(initial=0) + 1), _rays(part)
+    origins = np.tile(origin, (len(rays), 1))
     for _ in range(MAX_WALLS):
-        depth, face = first_hits(walls, origins, rays)
+        depth, face = caster.first_hits(origins, rays, reach=FAR)
         in_front = depth < goal
         if not in_front.any():
             break
@@ -183,7 +226,22 @@ def hiding_faces(
         rays, needed = rays[in_front], needed[in_front]
         origins, goal = origins[in_front] + rays * step[:, None], goal[in_front] - step
     hiding = hidden[flat] >= 1
-    for body in trimesh.graph.connected_components(environment.face_adjacency, nodes=np.arange(len(flat)), min_len=2):
-        if hiding[body].any() and environment.submesh([body], append=True).is_convex:
-            hiding[body] = True
-    return hiding
+    return hiding | (np.isin(body, body[hiding]) & (body >= 0))
+
+
+@cached_per_instance
+def _rays(part: Part) -> Rays:
+    return Rays(part.mesh_in_world())
+
+
+@cached_per_instance
+def _patches(mesh: trimesh.Trimesh) -> tuple[Int[np.ndarray, " face"], Int[np.ndarray, " face"]]:
+    """Return of each triangle the flat face that it belongs to, and the convex body, -1 for none."""
+    flat, body = np.arange(len(mesh.faces)), np.full(len(mesh.faces), -1)
+    for index, facet in enumerate(mesh.facets):
+        flat[facet] = len(mesh.faces) + index
+    pieces = trimesh.graph.connected_components(mesh.face_adjacency, nodes=np.arange(len(flat)), min_len=2)
+    for index, piece in enumerate(pieces):
+        if mesh.submesh([piece], append=True).is_convex:
+            body[piece] = index
+    return flat, body

@@ -9,13 +9,13 @@ import numpy as np
 import trimesh
 from jaxtyping import Float
 
+from dexnudge.geometry.exact_distance import Rays
 from dexnudge.hands.closing import closing
 from dexnudge.hands.hand import Hand
 from dexnudge.jobs.cached import cached_per_instance
 from dexnudge.viewer.camera import framing_camera
 from dexnudge.viewer.page import write_template
 from dexnudge.viewer.page_data import ASPECT, page_data
-from dexnudge.viewer.trace_kernel import first_hits, warp_mesh
 from dexnudge.viewer.visual_scene import Colour, Part, Role, VisualScene
 
 DIGIT_COLOURS: tuple[Colour, ...] = (  # told apart by the colour-blind too; none is the arrow's red
@@ -177,8 +177,9 @@ def _palm_face(hand: Hand) -> Float[np.ndarray, "3"]:
     grid = np.stack(np.meshgrid(*(low + share[:, None] * (high - low)).T), axis=-1).reshape(-1, 2)
     size = np.ptp(points, axis=0).max()
     starts = grid @ across.T + (float((points @ normal).max()) + size) * normal
-    depth, face = first_hits(warp_mesh(seen / size), starts / size, np.broadcast_to(-normal, starts.shape))
-    hits = (starts - size * depth[:, None] * normal)[face >= 0]
+    solid = trimesh.Trimesh(points, np.arange(len(points)).reshape(-1, 3), process=False)
+    depth, face = Rays(solid).first_hits(starts, -normal[None], reach=float(3 * size))
+    hits = (starts - depth[:, None] * normal)[face >= 0]
     if not len(hits):
         return points.mean(axis=0)
     return hits[np.linalg.norm((hits - hits.mean(axis=0)) @ across, axis=1).argmin()]

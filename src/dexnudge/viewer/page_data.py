@@ -78,9 +78,7 @@ def page_data(scenes: Sequence[VisualScene], *, camera: Camera | None = None) ->
 
 def _camera(scene: VisualScene, camera: Camera) -> dict[str, Any]:
     """Return the camera as the page turns it: about a point near the object, or near a hand that is alone."""
-    seen = scene.vertices("object") if scene.with_role("object") else scene.vertices("link", "fingertip")
-    middle = seen.mean(axis=0)
-    distance = float((middle - camera.position) @ camera.forward)
+    distance = float((scene.middle() - camera.position) @ camera.forward)
     return {
         "target": (camera.position + distance * camera.forward).tolist(),
         "distance": distance,

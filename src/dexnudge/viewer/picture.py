@@ -29,6 +29,7 @@ def render_array(
     size: tuple[int, int] = SIZE,
     camera: Camera | None = None,
     glass: Sequence[Bool[np.ndarray, " face"]] | None = None,
+    light_every: int = 2,
 ) -> UInt8[np.ndarray, "height width 3"]:
     """Return the picture as sRGB bytes. The same scene gives the same bytes on every run and number of cores.
 
@@ -36,7 +37,8 @@ def render_array(
         scene: what to show.
         size: width and height in pixels.
         camera: where to look from; None looks for the best of many directions.
-        glass: of each part of the surroundings, the triangles to look through; None for what hides object or hand.
+        glass: the triangles to look through, as `hiding_faces` returns them; None for what hides object or hand.
+        light_every: pixels between those whose light is measured; more is faster, and shadows are softer.
 
     Raises:
         InputError: a size below one pixel.
@@ -44,10 +46,9 @@ def render_array(
     width, height = size
     if width < 1 or height < 1:
         raise InputError(f"a picture of {width} x {height} pixels was asked for; expected at least 1 x 1")
-    aspect = width / height
-    camera = camera or choose_camera(scene, aspect=aspect)
-    geometry, _trees = ray_scene(scene, camera, aspect=aspect, hiding=glass)
-    view, pixels = _view(camera, size), Pixels()
+    camera = camera or choose_camera(scene, aspect=width / height)
+    geometry, _trees = ray_scene(scene, camera, hiding=glass)
+    view, pixels = _view(camera, size, light_every), Pixels()
     pixels.surface, pixels.light, colour = (
         wp.empty(width * height, dtype=kind, device="cpu") for kind in (Surface, wp.vec2, wp.vec3)
     )
@@ -88,7 +89,7 @@ def check_png(path: Path | str) -> None:
         raise InputError(f"`path` is {quote(str(path))}; expected a name that ends in .png; pictures are PNG files")
 
 
-def _view(camera: Camera, size: tuple[int, int]) -> WarpStruct:
+def _view(camera: Camera, size: tuple[int, int], grid: int) -> WarpStruct:
     azimuth = camera.azimuth + np.radians(LIGHT_TURN)
     level, rise = np.cos(np.radians(LIGHT_ELEVATION)), np.sin(np.radians(LIGHT_ELEVATION))
     view = View()
@@ -97,7 +98,7 @@ def _view(camera: Camera, size: tuple[int, int]) -> WarpStruct:
     view.up = wp.vec3(*(camera.up * camera.tan_height))
     view.forward = wp.vec3(*camera.forward)
     view.light = wp.vec3(level * np.cos(azimuth), level * np.sin(azimuth), rise)
-    view.width, view.height = size
+    view.width, view.height, view.grid = *size, grid
     return view
 
 

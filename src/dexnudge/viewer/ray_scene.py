@@ -14,7 +14,7 @@ from dexnudge.viewer.visual_scene import (
     CONTACT_RADIUS,
     CREASE_ANGLE,
     PALETTE,
-    SURROUNDINGS,
+    SEE_THROUGH,
     Colour,
     Part,
     Role,
@@ -53,7 +53,7 @@ def corner_normals(mesh: trimesh.Trimesh) -> Float[np.ndarray, "face 3 3"]:
 
 
 GLOSS: dict[Role, float] = {"object": 0.10, "link": 0.06, "fingertip": 0.08}  # strength of the highlight
-GLASS_OPACITY = 0.18  # of a wall that hides object or hand
+GLASS_OPACITY = 0.18  # of a wall or base that hides object or hand
 EDGE_OPACITY = 0.75  # of the lines along the edges of such a wall
 EDGE_WIDTH = 0.0011  # of the distance to the camera: about two pixels of a picture 960 high
 EDGE_COLOUR = (0.45, 0.50, 0.57)  # sRGB
@@ -69,31 +69,27 @@ def linear_colour(srgb: Colour) -> Float[np.ndarray, "3"]:
 
 
 def ray_scene(
-    scene: VisualScene, camera: Camera, *, aspect: float, hiding: Sequence[Bool[np.ndarray, " face"]] | None = None
+    scene: VisualScene, camera: Camera, *, hiding: Sequence[Bool[np.ndarray, " face"]] | None = None
 ) -> tuple[WarpStruct, list[wp.Mesh]]:
     """Pack everything solid, ghosts and what hides the subject as glass, and contacts as markers that show through.
 
     Markers are contacts, supports, obstacles and arrows that are parts. Returns the kernels' `Geometry`, and the trees that
     it refers to by number, which must outlive it.
 
-    hiding: of each part of the environment, the triangles that are glass; `hiding_faces` unless given. What was never seen
-        is glass in any case.
+    hiding: triangles that are glass, as `hiding_faces` returns them, which is asked unless they are given. What was never
+        seen is glass in any case.
     """
-    solid = [
-        _triangles(part) for part in (*scene.with_role("object", "base", "arm", "link", "fingertip"), scene.arrow())
-    ]
-    casting = np.concatenate(solid)
-    glass, blocking = [np.zeros(0, TRIANGLE), *(_triangles(part) for part in scene.with_role("ghost"))], [casting]
-    for place, part in enumerate(scene.with_role(*SURROUNDINGS)):
+    casting = [_triangles(part) for part in (*scene.with_role("object", "link", "fingertip"), scene.arrow())]
+    solid, blocking = list(casting), list[Triangles]()
+    glass = [np.zeros(0, TRIANGLE), *(_triangles(part) for part in scene.with_role("ghost"))]
+    found = hiding_faces(scene, camera) if hiding is None else hiding
+    for part, hides in zip(scene.with_role(*SEE_THROUGH), found, strict=True):
         placed, mesh = _triangles(part), part.mesh_in_world()
-        if part.role == "unseen":
-            see_through = np.ones(len(mesh.faces), dtype=bool)
-        else:
-            see_through = hiding_faces(mesh, scene, camera, aspect=aspect) if hiding is None else hiding[place]
-        blocking.append(placed[~see_through])
+        see_through = hides | (part.role == "unseen")
+        (casting if part.role in ("base", "arm") else blocking).append(placed[~see_through])
         # The back of a closed body cannot be seen, and shows as soon as its front is glass; an open one has two sides.
         towards = np.einsum("ij,ij->i", mesh.face_normals, camera.position - mesh.triangles_center) > 0
-        facing = towards if mesh.is_watertight else np.ones_like(towards)
+        facing = towards if part.mesh.is_watertight else np.ones_like(towards)
         solid.append(placed[facing & ~see_through])
         pane = placed[facing & see_through]
         pane["colour"] = linear_colour(PALETTE["unseen" if part.role == "unseen" else "glass"])
@@ -105,7 +101,8 @@ def ray_scene(
     seen = {"solid": solid, "glass": glass, "markers": [np.zeros(0, TRIANGLE), *markers]}
     table = {name: np.concatenate(group) for name, group in seen.items()}
     geometry, trees = Geometry(), []
-    for name, group in {**table, "blocking": np.concatenate(blocking), "casting": casting}.items():
+    shadows = {"blocking": np.concatenate([*casting, *blocking]), "casting": np.concatenate(casting)}
+    for name, group in {**table, **shadows}.items():
         if len(group):
             trees.append(warp_mesh(group["corners"]))
             setattr(geometry, name, trees[-1].id)

@@ -1,17 +1,23 @@
-"""A run moment by moment: where its bodies were, and what was measured."""
+"""A run moment by moment: where its bodies were, what was measured, and its pictures: a strip and an animation."""
 
+import io
 from collections.abc import Sequence
 from dataclasses import dataclass, replace
+from pathlib import Path
 
 import numpy as np
-from jaxtyping import Float, Int
+import trimesh
+from jaxtyping import Float, Int, UInt8
+from PIL import Image
 
-from dexnudge.errors import InputError
-from dexnudge.viewer.camera import Camera, choose_camera, framing_camera
-from dexnudge.viewer.visual_scene import VisualScene, check_same_bodies
+from dexnudge.errors import InputError, writing
+from dexnudge.viewer.camera import Camera, best_camera, hiding_faces
+from dexnudge.viewer.picture import arrange, render_array, write_png
+from dexnudge.viewer.visual_scene import Role, VisualScene, check_same_bodies
 
-SAMPLES = 6  # moments that the camera is chosen for
-SURROUNDED = 0.25  # [m] from the object's path; of a hand that comes from farther away the rest may leave the picture
+JUDGED = 4  # moments by which the camera is chosen
+LOOKED_THROUGH = 12  # moments of which all that hides object or hand is glass the whole time, so that nothing flickers
+SURROUNDED = 0.25  # [m] from the object's path; in pictures from near the hand may be farther away
 
 
 @dataclass(frozen=True)
@@ -98,22 +104,123 @@ class Recording:
 
 
 def recording_camera(recording: Recording, *, aspect: float, near: bool = False) -> Camera:
-    """Return one camera for all moments: the best direction for the middle, as near as shows object and robot throughout.
+    """Return one camera for all moments, as near as shows object, robot and goal throughout.
 
     Args:
         recording: what is seen.
         aspect: width of the picture over its height.
-        near: an arm, and a hand that is farther away than 0.25 m, may leave the picture. So may a hand without an arm.
+        near: an arm, and a hand that is farther away than 0.25 m, may leave the picture.
     """
-    sampled = recording.part(recording.eventful(SAMPLES)).frames
-    best = choose_camera(sampled[len(sampled) // 2], aspect=aspect)
-    objects, hands = (
-        np.concatenate([frame.vertices(*roles) for frame in sampled]) for roles in (("object",), ("link", "fingertip"))
-    )
-    low, high = objects.min(axis=0) - SURROUNDED, objects.max(axis=0) + SURROUNDED
-    arms = np.concatenate([frame.vertices("arm") for frame in sampled])
-    if near or not len(arms):
-        arms, hands = arms[:0], hands[((hands >= low) & (hands <= high)).all(axis=1)]
-    arrows = [frame.arrow().mesh.vertices.reshape(-1, 3) for frame in sampled]
-    framed = np.concatenate([objects, hands, arms, *arrows])
-    return framing_camera(framed, azimuth=best.azimuth, elevation=best.elevation, aspect=aspect)
+    objects = np.concatenate([_corners(frame, "object") for frame in recording.frames])
+    robots = np.concatenate([_corners(frame, "link", "fingertip", "arm") for frame in recording.frames])
+    if near:
+        hands = np.concatenate([_corners(frame, "link", "fingertip") for frame in recording.frames])
+        low, high = objects.min(axis=0) - SURROUNDED, objects.max(axis=0) + SURROUNDED
+        robots = hands[((hands >= low) & (hands <= high)).all(axis=1)]
+    first = recording.frames[0]
+    goal = _corners(first, "object") + first.motion * first.motion_length
+    arrows = [frame.arrow().mesh.vertices.reshape(-1, 3) for frame in recording.part(recording.eventful(JUDGED)).frames]
+    framed = np.concatenate([objects, robots, goal, _corners(first, "ghost", "arrow"), *arrows])
+    return best_camera(recording.part(recording.eventful(JUDGED)).frames, framed, aspect=aspect)
+
+
+def _corners(frame: VisualScene, *roles: Role) -> Float[np.ndarray, "n 3"]:
+    """Return the corners of the boxes around parts, each along the axes of its part [m], world frame."""
+    boxes = [
+        trimesh.transform_points(trimesh.bounds.corners(part.mesh.bounds), part.T_world_part)
+        for part in frame.with_role(*roles)
+    ]
+    return np.concatenate([np.zeros((0, 3)), *boxes])
+
+
+TILE = (960, 640)  # pixels of each picture of the animation, width and height
+STRIP_SCALE = 2  # by which those of the strip are smaller
+STRIP_PICTURES = 6
+PICTURES_PER_SECOND = 10.0  # of the animation, as far as that makes no more than
+MOST_PICTURES = 40
+LIGHT_EVERY = 4  # pixels: shadows of an animation need no more
+PICTURE_TIME = (0.06, 0.2)  # [s] that the animation shows each picture: a long recording runs faster than it was
+LAST_PICTURE_TIME = 1.5  # [s] that it shows the last one, before it begins again
+COLOURS = 255  # of an animation's pictures together; one more is left for what did not change
+LARGEST_FILE = 8_000_000  # bytes of an animation; a larger one gets fewer colours
+PALETTE_PICTURES = 4  # of which the colours are taken
+COARSE = 8  # levels of a channel that count as one kind of colour
+
+Picture = UInt8[np.ndarray, "height width 3"]
+
+
+def write_recording_pictures(
+    recording: Recording,
+    strip: Path | str,
+    animation: Path | str,
+    *,
+    pictures: int | None = None,
+    moments: Int[np.ndarray, " chosen"] | None = None,
+    tile: tuple[int, int] = TILE,
+) -> None:
+    """Write the strip (PNG) and the animation (GIF); every picture says its time and phase.
+
+    Args:
+        recording: what is shown.
+        strip: up to six of the animation's moments, between which about equally much moves, unless `moments` are given.
+            Where there is an arm, a second row shows hand and object from near. Its pictures are half as large.
+        animation: evenly spaced moments, in real time where the recording is not too long for that; at most 8 MB.
+        pictures: of the animation, at most as many as the recording has moments; ten a second, up to 40, unless given.
+        moments: of the recording, which the strip shows.
+        tile: width and height of a picture of the animation in pixels.
+
+    Raises:
+        InputError: fewer than two pictures.
+        OutputError: a file cannot be written.
+    """
+    if pictures is not None and pictures < 2:
+        raise InputError(f"an animation of {pictures} pictures was asked for; expected at least 2")
+    length = float(recording.time[-1] - recording.time[0])
+    animated = recording.evenly(pictures or int(np.clip(round(PICTURES_PER_SECOND * length), 2, MOST_PICTURES)))
+    if moments is None:
+        wanted = recording.time[recording.eventful(STRIP_PICTURES)]
+        moments = animated[np.unique(np.abs(recording.time[animated][:, None] - wanted).argmin(axis=0))]
+    drawn = _draw(recording, np.union1d(animated, moments), tile)
+    captions = {index: recording.caption(index) for index in drawn}
+    small = (tile[0] // STRIP_SCALE, tile[1] // STRIP_SCALE)
+    rows, titles = [drawn[index] for index in moments.tolist()], [captions[index] for index in moments.tolist()]
+    if recording.frames[0].with_role("arm"):
+        rows += _draw(recording, moments, tile, near=True).values()
+        titles += [""] * len(moments)
+    rows = [np.asarray(Image.fromarray(picture).resize(small, Image.Resampling.LANCZOS)) for picture in rows]
+    write_png(arrange(rows, titles, columns=len(moments)), strip)
+    shown_for = float(np.clip(length / max(len(animated) - 1, 1), *PICTURE_TIME))
+    titled = [arrange([drawn[index]], [captions[index]], columns=1) for index in animated.tolist()]
+    with writing(f"the animation {animation}"):
+        Path(animation).write_bytes(_gif(titled, shown_for))
+
+
+def _draw(
+    recording: Recording, moments: Int[np.ndarray, " chosen"], tile: tuple[int, int], *, near: bool = False
+) -> dict[int, Picture]:
+    """Return pictures of some moments by one camera."""
+    camera = recording_camera(recording, aspect=tile[0] / tile[1], near=near)
+    looked_at = recording.part(recording.eventful(LOOKED_THROUGH)).frames
+    hiding = [hiding_faces(frame, camera) for frame in looked_at]
+    glass = [np.any(part, axis=0) for part in zip(*hiding, strict=True)]
+    return {
+        index: render_array(recording.frames[index], size=tile, camera=camera, glass=glass, light_every=LIGHT_EVERY)
+        for index in moments.tolist()
+    }
+
+
+def _gif(pictures: list[Picture], shown_for: float) -> bytes:
+    """Return an animation that shows each picture for so long [s], the last one longer."""
+    some = [pictures[index] for index in np.linspace(0, len(pictures) - 1, PALETTE_PICTURES).astype(int)]
+    pixels = np.concatenate(some).reshape(-1, 3)
+    # Half by area and half by kind, so that an arrow far away keeps its green.
+    kinds = np.unique(pixels[np.unique(pixels // COARSE, axis=0, return_index=True)[1]], axis=0)
+    shared = Image.fromarray(np.concatenate([pixels, np.resize(kinds, pixels.shape)])[None])
+    durations = [round(1e3 * shown_for)] * (len(pictures) - 1) + [round(1e3 * LAST_PICTURE_TIME)]
+    colours, written = COLOURS, io.BytesIO()
+    while colours == COLOURS or (written.tell() > LARGEST_FILE and colours > 1):
+        palette, written = shared.quantize(colours, method=Image.Quantize.MEDIANCUT), io.BytesIO()
+        frames = [Image.fromarray(picture).quantize(palette=palette, dither=Image.Dither.NONE) for picture in pictures]
+        frames[0].save(written, format="GIF", save_all=True, append_images=frames[1:], duration=durations, loop=0)
+        colours //= 2
+    return written.getvalue()

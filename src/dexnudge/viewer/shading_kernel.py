@@ -5,7 +5,6 @@
 from dexnudge.geometry.warp_runtime import wp
 from dexnudge.viewer.trace_kernel import FAR, STEP_ON, Geometry, Surface, View, ray_direction, trace
 
-GRID = wp.constant(2)  # pixels between those whose light is measured; the others share it
 PATTERN = wp.constant(4)  # each block of 4 x 4 measured pixels has 16 sets of directions; windows of 4 x 4 average them
 SHADOW_RAYS = wp.constant(5)  # for each measured pixel
 AMBIENT_RAYS = wp.constant(8)  # for each measured pixel
@@ -94,10 +93,10 @@ def trace_picture(first: int, g: Geometry, view: View, pixels: Pixels):
     s = trace(g, view.position, direction)
     pixels.surface[i] = s
     pixels.light[i] = wp.vec2(1.0, 1.0)
-    if s.face < 0 or s.face >= g.first_marker or x % GRID != 0 or y % GRID != 0:
+    if s.face < 0 or s.face >= g.first_marker or x % view.grid != 0 or y % view.grid != 0:
         return
     point = view.position + direction * s.depth - direction * STEP_ON + s.normal * (2.0 * STEP_ON)
-    pattern = (x // GRID % PATTERN) * PATTERN + (y // GRID % PATTERN)
+    pattern = (x // view.grid % PATTERN) * PATTERN + (y // view.grid % PATTERN)
     key = float(0.0)
     if wp.dot(s.normal, view.light) > 0.0:
         for k in range(SHADOW_RAYS):
@@ -123,12 +122,12 @@ def gather_light(view: View, pixels: Pixels, s: Surface, point: wp.vec3, x: int,
     """
     total = wp.vec2(0.0, 0.0)
     weight = float(0.0)
-    middle_row = (y + GRID // 2) // GRID
-    middle_column = (x + GRID // 2) // GRID
+    middle_row = (y + view.grid // 2) // view.grid
+    middle_column = (x + view.grid // 2) // view.grid
     for grid_row in range(middle_row - reach, middle_row + reach):
         for grid_column in range(middle_column - reach, middle_column + reach):
-            row = grid_row * GRID
-            column = grid_column * GRID
+            row = grid_row * view.grid
+            column = grid_column * view.grid
             if row >= 0 and row < view.height and column >= 0 and column < view.width:
                 j = row * view.width + column
                 other = pixels.surface[j]

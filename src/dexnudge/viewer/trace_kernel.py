@@ -5,7 +5,7 @@ from concurrent.futures import ThreadPoolExecutor
 from typing import Any
 
 import numpy as np
-from jaxtyping import Float, Int
+from jaxtyping import Float
 
 from dexnudge.geometry.warp_runtime import wp
 from dexnudge.jobs.processes import available_cores
@@ -54,7 +54,10 @@ class Geometry:
 
 @wp.struct
 class View:
-    """Camera (right and up already scaled by the angle of view), picture size, and the direction to the key light."""
+    """Camera (right and up already scaled by the angle of view), picture size, and the direction to the key light.
+
+    `grid`: pixels between those whose light is measured; the others share it.
+    """
 
     position: wp.vec3
     right: wp.vec3
@@ -63,6 +66,7 @@ class View:
     light: wp.vec3
     width: int
     height: int
+    grid: int
 
 
 @wp.struct
@@ -136,25 +140,6 @@ def trace(g: Geometry, origin: wp.vec3, direction: wp.vec3):
     return s
 
 
-@wp.kernel(enable_backward=False)
-def first_hits_kernel(
-    first: int,
-    mesh: wp.uint64,
-    origins: wp.array(dtype=wp.vec3),
-    directions: wp.array(dtype=wp.vec3),
-    distance: wp.array(dtype=float),
-    face: wp.array(dtype=int),
-):
-    """Distance to the first triangle on each ray, and its index, -1 where there is none."""
-    i = wp.tid() + first
-    hit = wp.mesh_query_ray(mesh, origins[i], directions[i], FAR)
-    face[i] = -1
-    distance[i] = FAR
-    if hit.result:
-        face[i] = hit.face
-        distance[i] = hit.t
-
-
 BANDS_PER_WORKER = 8  # so that workers that drew cheap rows help with the costly ones
 SMALLEST_BAND = 4096  # below this the threads cost more than they bring
 
@@ -183,22 +168,3 @@ def warp_mesh(triangles: Float[np.ndarray, "face 3 3"]) -> wp.Mesh:
         points=wp.array(points, dtype=wp.vec3, device="cpu"),
         indices=wp.array(np.arange(len(points), dtype=np.int32), dtype=wp.int32, device="cpu"),
     )
-
-
-def first_hits(
-    mesh: wp.Mesh, origins: Float[np.ndarray, "*_origins 3"], directions: Float[np.ndarray, "*rays 3"]
-) -> tuple[Float[np.ndarray, "*rays"], Int[np.ndarray, "*rays"]]:
-    """Return the distance along each ray [m] to the first triangle, and that triangle; 100 m and -1 where there is none.
-
-    Args:
-        mesh: as `warp_mesh` makes it.
-        origins: where the rays start [m]; of the shape of `directions`, or one that NumPy broadcasts to it.
-        directions: unit vectors.
-    """
-    shape, count = directions.shape[:-1], directions.size // 3
-    distance, face = wp.empty(count, dtype=float, device="cpu"), wp.empty(count, dtype=int, device="cpu")
-    if count:
-        single = [np.broadcast_to(np.asarray(each, np.float32), directions.shape) for each in (origins, directions)]
-        arrays = [wp.array(np.ascontiguousarray(each).reshape(-1, 3), dtype=wp.vec3, device="cpu") for each in single]
-        parallel_launch(first_hits_kernel, count, [mesh.id, *arrays, distance, face])
-    return distance.numpy().reshape(shape), face.numpy().reshape(shape)

@@ -62,6 +62,8 @@ SHOWN = 1.0  # [m] of a large scan beside object and motion that picture and pag
 LARGE = 100_000  # triangles from which only the neighbourhood is shown, thinned
 SURROUNDINGS: tuple[Role, ...] = ("environment", "assumed", "unseen")  # measured or given, completed, never seen
 
+SEE_THROUGH: tuple[Role, ...] = (*SURROUNDINGS, "base", "arm")  # glass where they hide object or hand
+
 Colour = tuple[float, float, float]  # sRGB, 0..1
 PALETTE: dict[Role, Colour] = {
     "object": (0.94, 0.42, 0.16),
@@ -155,10 +157,15 @@ class VisualScene:
         """Return the vertices of the parts that have one of these roles [m], world frame."""
         return np.concatenate([np.zeros((0, 3)), *(part.vertices_in_world() for part in self.with_role(*roles))])
 
-    def triangles(self, *roles: Role) -> Float[np.ndarray, "face 3 3"]:
-        """Return the corners of their triangles [m], world frame."""
-        corners = (part.vertices_in_world()[part.mesh.faces] for part in self.with_role(*roles))
-        return np.concatenate([np.zeros((0, 3, 3)), *corners])
+    def mesh(self, *roles: Role) -> trimesh.Trimesh:
+        """Return them as one mesh [m], world frame; empty where there is none."""
+        return joined([trimesh.Trimesh(), *(part.mesh_in_world() for part in self.with_role(*roles))])
+
+    def middle(self) -> Float[np.ndarray, "3"]:
+        """Return where the object is, or else the hand [m], world frame: the mean of its vertices."""
+        return (self.vertices("object") if self.with_role("object") else self.vertices("link", "fingertip")).mean(
+            axis=0
+        )
 
     @property
     def has_arrow(self) -> bool:
