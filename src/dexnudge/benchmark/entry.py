@@ -1,0 +1,134 @@
+"""An entry: the folder that a method fills, read without trust.
+
+    ENTRY/entry.json            who and what: see `Entry`
+    ENTRY/answers/TASK.json     or TASK.npz: ranked draws for the task, the best first
+
+An answer holds joint_names (d,), T_world_palm (n, 4, 4) [m] and joint_angles (n, d) [rad], [m] of joints that slide.
+"""
+
+import hashlib
+import zipfile
+from dataclasses import dataclass, field
+from pathlib import Path
+from typing import Any
+
+import numpy as np
+from jaxtyping import Float
+
+from dexnudge.benchmark.suite import NAME
+from dexnudge.benchmark.tasks import TaskSet
+from dexnudge.errors import InputError, did_you_mean, quote
+from dexnudge.formats.hand_poses import configurations
+from dexnudge.hands.hand import Hand
+from dexnudge.jobs.json_files import path_inside, read_json_object
+from dexnudge.results.folder import DAMAGE
+
+ENTRY, ANSWERS = "entry.json", "answers"
+KEYS = ("T_world_palm", "joint_angles", "joint_names")
+SUFFIXES = (".json", ".npz")
+LARGEST_ANSWER = 2**24  # [bytes] a hundred draws are some 100 kB
+
+
+@dataclass(frozen=True)
+class Answer:
+    """The draws for a task. q: (n, 9 + d), world; NaN where `wrong` says what is wrong with a draw."""
+
+    q: Float[np.ndarray, "n coordinates"]
+    wrong: dict[int, str]
+
+
+@dataclass(frozen=True, kw_only=True)
+class Entry:
+    """What entry.json says.
+
+    Attributes:
+        folder: of the entry.
+        name: of the method, in tables.
+        authors: who made the entry.
+        used: data, weights and knowledge of the scene that the method used.
+        machine: on which the answers were made.
+        seconds: that each task took, by its name; may be left out.
+    """
+
+    folder: Path
+    name: str
+    authors: str
+    used: str
+    machine: str
+    seconds: dict[str, float] = field(default_factory=dict)
+
+    @property
+    def hash(self) -> str:
+        """SHA-256 of entry.json and of all answers."""
+        digest = hashlib.sha256((self.folder / ENTRY).read_bytes())
+        for path in sorted((self.folder / ANSWERS).glob("*")):
+            digest.update(path.name.encode() + (path.read_bytes() if path.is_file() else b""))
+        return digest.hexdigest()
+
+
+def load_entry(folder: Path | str, tasks: TaskSet) -> Entry:
+    """Return an entry for these tasks; its answers are read one by one, see `read_answer`.
+
+    Raises:
+        InputError: entry.json is missing or malformed, answers of tasks that there are not, or no answers at all.
+    """
+    folder = Path(folder)
+    path, again = folder / ENTRY, "see docs/benchmark.md"
+    content = read_json_object(path, error=InputError, expected="an entry of a benchmark", again=again)
+    texts = ("name", "authors", "used", "machine")
+    for key in texts:
+        if not isinstance(content.get(key), str) or not content[key].strip():
+            raise InputError(f"{path}: {key} is {quote(content.get(key))}; expected a text; {again}")
+    if not NAME.fullmatch(content["name"]):
+        raise InputError(f"{path}: name is {quote(content['name'])}; expected letters, digits, _, - and .")
+    names = [task.name for task in tasks.tasks]
+    seconds = content.get("seconds", {})
+    valid = isinstance(seconds, dict) and all(
+        type(value) in (int, float) and 0 <= value < 1e9 and name in names for name, value in seconds.items()
+    )
+    if not valid:
+        raise InputError(f"{path}: seconds is {quote(seconds)}; expected seconds of each task, by its name")
+    answers = sorted(file for file in (folder / ANSWERS).glob("*") if not file.name.startswith("."))
+    for file in answers:
+        if file.stem not in names or file.suffix not in SUFFIXES:
+            raise InputError(
+                f"{file} is an answer to no task{did_you_mean(file.stem, names)}; expected TASK.json or TASK.npz with the "
+                f"names of the folders in {tasks.folder / 'tasks'}"
+            )
+    if not answers:
+        raise InputError(f"{folder / ANSWERS} holds no answers; expected {names[0]}.json and the others; {again}")
+    return Entry(folder=folder, seconds=seconds, **{key: content[key] for key in texts})
+
+
+def read_answer(entry: Entry, name: str, hand: Hand, *, most: int) -> Answer:
+    """Return the entry's draws for a task.
+
+    Raises:
+        InputError: it is missing, there twice, a link out of the folder, damaged, of other joints, or holds more draws
+            than `most`.
+    """
+    there = [file for file in (f"{name}{suffix}" for suffix in SUFFIXES) if (entry.folder / ANSWERS / file).is_file()]
+    if len(there) != 1:
+        raise InputError("there is no answer" if not there else "there are two answers; expected one")
+    path = path_inside(entry.folder, f"{ANSWERS}/{there[0]}", "an answer", file=ENTRY, what="answer")
+    if path.stat().st_size > LARGEST_ANSWER:
+        raise InputError(f"the answer has {path.stat().st_size >> 20} MiB; expected at most {LARGEST_ANSWER >> 20} MiB")
+    content = read_json_object(path, error=InputError) if path.suffix == ".json" else _read_npz(path)
+    missing = [key for key in KEYS if key not in content]
+    if missing:
+        raise InputError(f"{there[0]} lacks {', '.join(missing)}; expected {', '.join(KEYS)}")
+    q, wrong = configurations(hand, *(content[key] for key in KEYS), where=there[0])
+    if not 0 < len(q) <= most:
+        raise InputError(f"{there[0]} holds {len(q)} draws; expected 1 to {most}")
+    return Answer(q, wrong)
+
+
+def _read_npz(path: Path) -> dict[str, Any]:
+    """Return the arrays of an archive that are an answer's."""
+    try:
+        with zipfile.ZipFile(path) as archive:
+            size = sum(each.file_size for each in archive.infolist())
+        with np.load(path, allow_pickle=False) as arrays:
+            return {key: arrays[key] for key in KEYS if key in arrays.files and size <= LARGEST_ANSWER}
+    except DAMAGE as error:
+        raise InputError(f"{path.name} is damaged ({error}); expected an npz archive without pickles") from error

@@ -1,0 +1,95 @@
+"""Hand poses as others write them, a palm pose and joint angles by name, as configurations of a hand."""
+
+from collections import Counter
+from typing import Any
+
+import numpy as np
+from jaxtyping import Float
+
+from dexnudge.errors import InputError, SceneError, quote
+from dexnudge.geometry.rigid import real_numbers, rigid_transform
+from dexnudge.hands.hand import Hand
+
+
+def configurations(
+    hand: Hand, T_frame_palm: Any, joint_angles: Any, joint_names: Any, *, where: str
+) -> tuple[Float[np.ndarray, "n coordinates"], dict[int, str]]:
+    """Return q (n, 9 + d) in the frame of the poses, and what is wrong with those that are none; their rows are NaN.
+
+    T_frame_palm: (n, 4, 4) poses of the palm link [m]. joint_angles: (n, d) [rad], [m] of joints that slide.
+    joint_names: (d,) in the order of joint_angles, the hand's joints in any order. where: begins the messages.
+
+    Raises:
+        InputError: arrays that do not fit together, or joints that are not the hand's.
+    """
+    columns = _columns(hand, joint_names, where)
+    poses = _numbers(T_frame_palm, "T_world_palm", ("n", 4, 4), where)
+    angles = _numbers(joint_angles, "joint_angles", ("n", len(columns)), where)
+    if len(poses) != len(angles):
+        raise InputError(f"{where}: {len(poses)} palm poses and {len(angles)} rows of joint angles; expected as many")
+    q, wrong = np.full((len(poses), 9 + len(columns)), np.nan), {}
+    for row, (given, joints) in enumerate(zip(poses, angles, strict=True)):
+        try:
+            pose = rigid_transform(given, "the palm's pose", unscaled="normalise the rotation")
+        except SceneError as error:
+            wrong[row] = str(error)
+            continue
+        if not np.isfinite(joints).all():
+            wrong[row] = "a joint angle is NaN or infinite; expected finite numbers"
+            continue
+        q[row] = np.concatenate([pose[:3, 3], pose[:3, 0], pose[:3, 1], joints[columns]])
+    return q, wrong
+
+
+def checked_configurations(
+    hand: Hand, T_frame_palm: Any, joint_angles: Any, joint_names: Any, *, where: str
+) -> Float[np.ndarray, "n coordinates"]:
+    """Return `configurations`; InputError also where one of them is none, or where there are none."""
+    q, wrong = configurations(hand, T_frame_palm, joint_angles, joint_names, where=where)
+    for row, what in wrong.items():
+        raise InputError(f"{where}, pose {row}: {what}")
+    if not len(q):
+        raise InputError(f"{where} holds no poses; expected at least one")
+    return q
+
+
+def palm_poses(q: Float[np.ndarray, "n coordinates"]) -> Float[np.ndarray, "n 4 4"]:
+    """Return the poses of the palm in the frame of q [m]."""
+    poses = np.tile(np.eye(4), (len(q), 1, 1))
+    first, second = q[:, 3:6].astype(np.float64), q[:, 6:9].astype(np.float64)
+    first /= np.linalg.norm(first, axis=1, keepdims=True)
+    second = second - (first * second).sum(axis=1, keepdims=True) * first
+    second /= np.linalg.norm(second, axis=1, keepdims=True)
+    poses[:, :3, :3] = np.stack([first, second, np.cross(first, second)], axis=2)
+    poses[:, :3, 3] = q[:, :3]
+    return poses
+
+
+def _columns(hand: Hand, names: Any, where: str) -> list[int]:
+    """Return the place of each of the hand's joints among the names."""
+    given = names.tolist() if isinstance(names, np.ndarray) else names
+    if not isinstance(given, list | tuple) or not all(isinstance(name, str) for name in given):
+        raise InputError(f"{where}: joint_names is {quote(given)}; expected a list of names")
+    doubles = [name for name, count in Counter(given).items() if count > 1]
+    missing = [name for name in hand.joint_names if name not in given]
+    unknown = [name for name in given if name not in hand.joint_names]
+    for kind, which in (("twice", doubles), ("not", missing), ("but", unknown)):
+        if which:
+            raise InputError(
+                f"{where}: joint_names has {kind} {', '.join(map(str, which))}; expected each joint of hand '{hand.name}' "
+                f"once: {', '.join(hand.joint_names)}"
+            )
+    return [list(given).index(name) for name in hand.joint_names]
+
+
+def _numbers(value: Any, name: str, shape: tuple[Any, ...], where: str) -> np.ndarray:
+    expected = f"({', '.join(map(str, shape))})"
+    try:
+        array = real_numbers(value)
+    except (TypeError, ValueError, OverflowError) as error:
+        raise InputError(f"{where}: {name} is no array of numbers ({error}); expected shape {expected}") from error
+    if array.size == 0:
+        array = array.reshape(0, *shape[1:])
+    if array.ndim != len(shape) or array.shape[1:] != shape[1:]:
+        raise InputError(f"{where}: {name} has shape {array.shape}; expected {expected}")
+    return array

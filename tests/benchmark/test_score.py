@@ -1,0 +1,185 @@
+"""Entries are read without trust, and nothing that is missing or wrong leaves a denominator."""
+
+import csv
+import json
+
+import numpy as np
+import pytest
+
+from dexnudge.benchmark import score as scoring
+from dexnudge.benchmark.entry import load_entry, read_answer
+from dexnudge.benchmark.score import METRICS, ScoreRecord, TaskScore, _merged, score
+from dexnudge.errors import InputError
+from dexnudge.experiments.metrics import measure
+from dexnudge.experiments.records import read_records
+from dexnudge.formats.hand_poses import palm_poses
+from dexnudge.sampling.sampler import Sampler
+
+
+def write(folder, task, answer):
+    (folder / "answers" / f"{task}.json").write_text(json.dumps(answer))
+
+
+def rows(path):
+    with path.open() as file:
+        return list(csv.DictReader(file))
+
+
+def test_missing_and_malformed_answers_are_counted_as_failures(entry_folder, tasks, inside, tmp_path):
+    names = [task.name for task in tasks.tasks]
+    (entry_folder / "answers" / f"{names[0]}.json").unlink()
+    write(entry_folder, names[1], {**inside, "joint_names": [*inside["joint_names"][:-1], "LFJ5"]})
+    write(entry_folder, names[2], {key: value * 2 if key != "joint_names" else value for key, value in inside.items()})
+    unnormalised = np.array(inside["T_world_palm"])
+    unnormalised[0, :3, :3] *= 1.01
+    write(entry_folder, names[3], {**inside, "T_world_palm": unnormalised.tolist()})
+    (entry_folder / "answers" / f"{names[4]}.json").unlink()
+    poses = np.array(inside["T_world_palm"])
+    poses[0, 0, 3] = np.nan
+    np.savez(entry_folder / "answers" / f"{names[4]}.npz", **{**inside, "T_world_palm": poses})
+    text = score([entry_folder], tasks.folder, tmp_path / "out", workers=1)
+    found = {task.task: task for each in read_records(tmp_path / "out/mine", ScoreRecord) for task in each.tasks}
+    assert list(found) == names
+    assert "there is no answer" in found[names[0]].problem
+    assert "has not THJ1" in found[names[1]].problem
+    assert "4 draws; expected 1 to 2" in found[names[2]].problem
+    assert [found[name].drawn for name in names] == [0, 0, 0, 2, 2, 2]
+    assert "not a rigid transform" in found[names[3]].problem
+    assert found[names[3]].reasons["valid_pose"] == found[names[4]].reasons["valid_pose"] == 1
+    assert "NaN" in found[names[4]].problem
+    assert found[names[5]].problem == ""
+    assert {task.feedback for task in found.values()} == {"not played"}
+    everything, *families = rows(tmp_path / "out/report.csv")
+    assert (everything["scene"], everything["tasks"], everything["answered"]) == ("all", "6", "3")
+    assert float(everything["share"]) == float(everything["feedback"]) == 0.0
+    assert sum(int(row["tasks"]) for row in families) == 6
+    assert everything["failures.missing"] == "6"  # of 12 draws
+    assert all(name in text for name in ("there is no answer", "A. Author", tasks.fingerprint[:16]))
+
+
+def test_what_was_judged_is_not_judged_again_and_changed_entries_are_refused(
+    entry_folder, tasks, tmp_path, monkeypatch
+):
+    text = score([entry_folder], tasks.folder, tmp_path / "out", workers=1)
+    monkeypatch.setattr(scoring, "judge", lambda *_: pytest.fail("judged again"))
+    assert score([entry_folder], tasks.folder, tmp_path / "out", workers=1) == text
+    path = tmp_path / "out/mine/results.jsonl"
+    path.write_text("".join(path.read_text().splitlines(keepends=True)[:2]))
+    monkeypatch.undo()
+    assert score([entry_folder], tasks.folder, tmp_path / "out", workers=1) == text
+    answer = next((entry_folder / "answers").iterdir())
+    answer.write_text(answer.read_text() + "\n")
+    with pytest.raises(InputError, match="holds another experiment: entry is"):
+        score([entry_folder], tasks.folder, tmp_path / "out", workers=1)
+
+
+def test_claims_of_success_are_not_read(entry_folder, tasks, inside, tmp_path):
+    for task in tasks.tasks:
+        write(entry_folder, task.name, {**inside, "success": [True, True], "force_margin": [3.0, 3.0]})
+    score([entry_folder], tasks.folder, tmp_path / "out", workers=1)
+    assert float(rows(tmp_path / "out/report.csv")[0]["share"]) == 0.0
+
+
+@pytest.mark.parametrize(
+    ("change", "message"),
+    [
+        ({"name": "../x"}, "name is"),
+        ({"authors": ""}, "authors is"),
+        ({"used": 3}, "used is 3"),
+        ({"seconds": {"phone-200_table_0": -1}}, "seconds is"),
+        ({"seconds": {"nothing": 1}}, "seconds is"),
+    ],
+)
+def test_a_malformed_entry_is_refused(change, message, entry_folder, tasks):
+    path = entry_folder / "entry.json"
+    path.write_text(json.dumps(json.loads(path.read_text()) | change))
+    with pytest.raises(InputError, match=message):
+        load_entry(entry_folder, tasks)
+
+
+def test_answers_to_no_task_and_no_answers_are_refused(entry_folder, tasks, inside):
+    write(entry_folder, "phone-200_tabel_0", inside)
+    with pytest.raises(InputError, match=r"an answer to no task .did you mean 'phone-200_table_0'"):
+        load_entry(entry_folder, tasks)
+    for path in (entry_folder / "answers").iterdir():
+        path.unlink()
+    with pytest.raises(InputError, match="holds no answers"):
+        load_entry(entry_folder, tasks)
+
+
+@pytest.mark.parametrize(
+    ("text", "message"),
+    [
+        ('{"joint_names"', "cannot be read as JSON"),
+        ("[]", "holds a JSON list"),
+        ('{"joint_names": [], "joint_angles": []}', "lacks T_world_palm"),
+        ('{"T_world_palm": NaN}', "NaN is not a JSON number"),
+    ],
+)
+def test_damaged_answers_are_told(text, message, entry_folder, tasks):
+    entry = load_entry(entry_folder, tasks)
+    (entry_folder / "answers/phone-200_table_0.json").write_text(text)
+    with pytest.raises(InputError, match=message):
+        read_answer(entry, "phone-200_table_0", tasks.hand, most=2)
+
+
+def test_links_out_of_the_folder_and_pickles_are_refused(entry_folder, tasks, inside, tmp_path):
+    entry, path = load_entry(entry_folder, tasks), entry_folder / "answers/phone-200_table_0.json"
+    (tmp_path / "outside.json").write_text(path.read_text())
+    path.unlink()
+    path.symlink_to(tmp_path / "outside.json")
+    with pytest.raises(InputError, match="outside the folder"):
+        read_answer(entry, "phone-200_table_0", tasks.hand, most=2)
+    path.unlink()
+    objects = np.array(inside["joint_names"], dtype=object)
+    np.savez(path.with_suffix(".npz"), **{**inside, "joint_names": objects})
+    with pytest.raises(InputError, match="damaged"):
+        read_answer(entry, "phone-200_table_0", tasks.hand, most=2)
+    write(entry_folder, "phone-200_table_0", inside)
+    with pytest.raises(InputError, match="two answers"):
+        read_answer(entry, "phone-200_table_0", tasks.hand, most=2)
+
+
+def test_joint_angles_are_taken_by_name(entry_folder, tasks, inside):
+    entry, order = load_entry(entry_folder, tasks), np.arange(16)[::-1]
+    angles = np.linspace(0.0, 0.3, 16)
+    swapped = {**inside, "joint_names": [inside["joint_names"][place] for place in order]}
+    write(entry_folder, "phone-200_table_0", {**swapped, "joint_angles": [angles[order].tolist()] * 2})
+    answer = read_answer(entry, "phone-200_table_0", tasks.hand, most=2)
+    assert np.allclose(answer.q[:, 9:], angles)
+
+
+def test_rates_are_over_all_tasks_and_intervals_over_objects():
+    def record(name, family, *scores):
+        verified = sum(each.verified for each in scores)
+        return ScoreRecord(
+            object=name, scene=family, method="m", seed=0, num=4 * len(scores), verified=verified, tasks=list(scores)
+        )
+
+    good = TaskScore("a", drawn=4, verified=4, first=True, open_loop="fell_short", feedback="success")
+    half = TaskScore("b", drawn=2, verified=1, reasons={"contact": 1}, open_loop="success", feedback="success")
+    none = TaskScore("c", problem="there is no answer")
+    records = [record("one", "table", good, half), record("one", "shelf", none), record("two", "table", none, none)]
+    (row,) = measure(_merged(records), METRICS)
+    assert (row["objects"], row["tasks"], row["answered"]) == (2, 5, 2)
+    assert row["first"].value == pytest.approx(np.mean([1 / 3, 0]))
+    assert row["share"].value == pytest.approx(np.mean([5 / 12, 0]))
+    assert row["open_loop"].value == pytest.approx(np.mean([1 / 3, 0]))
+    assert row["feedback"].value == pytest.approx(np.mean([2 / 3, 0]))
+    assert row["failures"] == {"missing": 14, "contact": 1}
+    assert row["outcomes"] == {"success": 2, "not played": 3}
+    assert (row["first"].low, row["first"].high) == (0.0, pytest.approx(1 / 3))
+
+
+@pytest.mark.slow
+def test_what_the_sampler_draws_succeeds_and_is_pushed(entry_folder, tasks, tmp_path):
+    task = tasks.tasks[0]
+    samples = Sampler(tasks.hand).sample(tasks.scene(task), num=8, seed=0)
+    assert samples.num_verified >= 2
+    best = samples.q[:2].astype(np.float64)
+    answer = {"joint_names": list(tasks.hand.joint_names), "T_world_palm": palm_poses(best).tolist()}
+    write(entry_folder, task.name, answer | {"joint_angles": best[:, 9:].tolist()})
+    entry = load_entry(entry_folder, tasks)
+    found = scoring.judge(tasks.scene(task), tasks.hand, read_answer(entry, task.name, tasks.hand, most=2), task.name)
+    assert (found.drawn, found.verified, found.first) == (2, 2, True)
+    assert found.feedback == "success"
