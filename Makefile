@@ -6,7 +6,7 @@ PIP := $(BIN)/python -m pip install -q -c constraints.txt
 # One file stays on one worker, so that what a file prepares is prepared once.
 PYTEST := $(BIN)/python -m pytest -n 2 --dist loadfile
 
-.PHONY: help demo test test-fast fuzz check docs bench results scans clean
+.PHONY: help demo test test-fast fuzz kills check docs bench results scans clean
 .DEFAULT_GOAL := help
 
 help:  ## list the targets
@@ -35,6 +35,9 @@ test-fast: $(VENV)/.dev.stamp  ## the tests that take seconds
 
 fuzz: $(VENV)/.dev.stamp  ## 10,000 hostile inputs for every reader, in runs/fuzz; goes on where it was stopped
 	PYTHONPATH=tests $(BIN)/python -m hostile.campaign --count 10000 --out runs/fuzz
+
+kills: $(VENV)/.dev.stamp  ## kill long jobs at random moments until they are done, and compare with a run undisturbed
+	$(BIN)/python benchmarks/kills.py
 
 check: $(VENV)/.dev.stamp  ## style, types, import layers
 	$(BIN)/ruff check .

@@ -21,7 +21,8 @@ def test_a_deliberate_error_is_one_line_on_stderr_and_exit_2(dexnudge, monkeypat
 def test_ctrl_c_exits_130_without_a_traceback(dexnudge, monkeypatch):
     monkeypatch.setattr(HandCommand, "run", _raise(KeyboardInterrupt()))
     outcome = dexnudge("hand", "shadow_lite")
-    assert (outcome.code, outcome.err) == (130, "dexnudge: interrupted\n")
+    message = "dexnudge: interrupted; `dexnudge hand shadow_lite` goes on from where it stopped\n"
+    assert (outcome.code, outcome.err) == (130, message)
 
 
 def test_a_bug_passes_through_with_its_traceback(dexnudge, monkeypatch):

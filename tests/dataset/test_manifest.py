@@ -21,7 +21,14 @@ def test_round_trip(toy, tmp_path):
     [
         ({"format_version": 99}, r"has format version 99, expected 2; generate the dataset again"),
         ({"units": {"length": "mm", "angle": "rad"}}, r"has units .*'mm'.*, expected .*'m'"),
-        ({"surprise": 1}, r"has missing or unexpected fields: .*surprise"),
+        (
+            {"surprise": 1},
+            r"has the unknown field 'surprise'; expected hand, joint_groups, .*; generate the dataset again",
+        ),
+        ({"objects": ["phone"]}, r"objects is \['phone'\]; expected dict\[str, str \| None\]"),
+        ({"objects": {"../phone": None}}, r"object name '../phone' cannot be part of a file name"),
+        ({"seed": True}, r"seed is True; expected int"),
+        ({"digit_joints": {"FF": [0, 99]}}, r"name a joint twice, or one that there is not"),
     ],
 )
 def test_foreign_content(toy, tmp_path, change, message):

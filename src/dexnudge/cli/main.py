@@ -1,6 +1,7 @@
 """Entry point: reads the arguments, runs one subcommand, turns its outcome into an exit code."""
 
 import itertools
+import shlex
 import signal
 import sys
 import warnings
@@ -41,6 +42,7 @@ COMMANDS = {
     "hand": ("hand", "HandCommand", "understand, prepare and learn a hand"),
     "arm": ("arm", "ArmCommand", "an arm's joints, limits, reach and flange, and a picture of it with a hand"),
 }
+RESUMABLE = ("evaluate", "reproduce", "dataset generate", "dataset turns", "train", "hand")
 WHAT = "Hand configurations that push, press or hook thin objects that a robot hand cannot grasp."
 VECTORS = {"--motion": "DX DY DZ", "--about": "X Y Z"}
 UNCERTAIN = "--uncertain"
@@ -56,7 +58,7 @@ def main(argv: Sequence[str] | None = None) -> int:
         SystemExit: 2 on arguments that do not parse, 0 after the --help of a command.
     """
     arguments = list(sys.argv[1:] if argv is None else argv)
-    kind = None
+    name, kind = "", None
     try:
         if arguments[:1] == ["--version"]:
             print(f"dexnudge {__version__}")
@@ -76,7 +78,10 @@ def main(argv: Sequence[str] | None = None) -> int:
         print(f"dexnudge: {shortened(printable(message))}", file=sys.stderr)
         return BAD_INPUT
     except KeyboardInterrupt:
-        print("dexnudge: interrupted", file=sys.stderr)
+        going_on = (
+            "goes on from where it stopped" if name in RESUMABLE else "starts again; what stood before is as it was"
+        )
+        print(f"dexnudge: interrupted; `{shlex.join(['dexnudge', *arguments])}` {going_on}", file=sys.stderr)
         return INTERRUPTED
 
 

@@ -50,6 +50,5 @@ class Train:
             console.print(f"{name}: {value:.4g}")
         console.print(f"{result.step} steps in {result.minutes:.1f} min; model: {result.model_folder}", soft_wrap=True)
         if not result.finished:
-            console.print("stopped before the end; the same command goes on from here")
-            return INTERRUPTED
+            raise KeyboardInterrupt
         return 0

@@ -14,7 +14,7 @@ from dexnudge.errors import DatasetError
 from dexnudge.hands.hand import Hand
 from dexnudge.hands.registry import load_hand
 from dexnudge.jobs.folders import replace_atomically
-from dexnudge.jobs.json_files import read_json_object
+from dexnudge.jobs.json_files import from_fields, read_json_object
 
 MANIFEST_NAME = "manifest.json"
 UNITS = {"length": "m", "angle": "rad"}
@@ -105,14 +105,21 @@ def read_manifest(folder: Path | str) -> Manifest:
         )
     if content.get("units") != UNITS:
         raise DatasetError(f"{path} has units {content.get('units')!r}, expected {UNITS}; convert the dataset.")
-    fields = {key: value for key, value in content.items() if key not in ("format_version", "units")}
-    try:
-        fields["joint_names"] = tuple(fields["joint_names"])
-        fields["sliding_joints"] = tuple(fields.get("sliding_joints", ()))
-        fields["joint_groups"] = {name: tuple(joints) for name, joints in fields.pop(JOINT_GROUPS_KEY).items()}
-        return Manifest(**fields)
-    except (AttributeError, KeyError, TypeError) as error:
-        raise DatasetError(f"{path} has missing or unexpected fields: {error}; generate the dataset again.") from error
+    given = {key: value for key, value in content.items() if key not in ("format_version", "units")}
+    if JOINT_GROUPS_KEY in given:
+        given["joint_groups"] = given.pop(JOINT_GROUPS_KEY)
+    again = "generate the dataset again"
+    manifest = from_fields(given, Manifest, str(path), error=DatasetError, again=again)
+    for name in (*manifest.objects, *manifest.failed_objects):
+        check_object_name(name)
+    owned = [joint for group in manifest.joint_groups.values() for joint in group]
+    names = manifest.joint_names
+    if len({*names}) < len(names) or len({*owned}) < len(owned) or not {*owned} <= {*range(len(names))}:
+        raise DatasetError(
+            f"{path}: joint_names or {JOINT_GROUPS_KEY} name a joint twice, or one that there is not; expected each joint "
+            f"in one digit at most; {again}"
+        )
+    return manifest
 
 
 def joint_groups(hand: Hand) -> dict[str, tuple[int, ...]]:

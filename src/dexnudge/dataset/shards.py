@@ -1,9 +1,11 @@
 """Reading and writing the two Parquet files of one object: its configurations and its surface points."""
 
 import json
+from collections import Counter
 from collections.abc import Collection, Iterator, Sequence
 from dataclasses import asdict, dataclass, replace
 from pathlib import Path
+from typing import Any
 
 import numpy as np
 import pyarrow as pa
@@ -30,14 +32,36 @@ from dexnudge.dataset.schema import (
     round_cloud,
     round_to,
 )
-from dexnudge.errors import DatasetError
+from dexnudge.errors import DatasetError, quote
 from dexnudge.jobs.folders import replace_atomically
+from dexnudge.jobs.json_files import from_fields, unique_keys
 
 _METADATA_KEY = b"dexnudge"
 _PROVENANCE = ("hand", "joint_names", "config", "seed", "versions")  # of the manifest; a shard must agree on each
 
 
 Turns = Float[np.ndarray, "turn 6"]
+AGAIN = "generate the object again"
+LARGEST_FILE = 2**28  # bytes, unpacked: some 100,000 rows of one object
+SKEW = 0.01  # of the rotation's columns, which are rounded
+MOST_VALUES = 2**26  # of a column, lists within lists counted through: repeated values take no bytes
+
+
+@dataclass(frozen=True, kw_only=True)
+class _ShardHeader:
+    """What stands in a file beside what it shares with the manifest."""
+
+    format_version: int
+    units: dict[str, str]
+    hand: str
+    joint_names: tuple[str, ...]
+    config: dict[str, Any]
+    seed: int
+    versions: dict[str, str]
+    object: str
+    mesh_sha256: str
+    counts: dict[str, dict[str, Any]]
+    turns: tuple[tuple[float, ...] | None, ...] | None = None
 
 
 class DamagedShardError(DatasetError):
@@ -83,7 +107,7 @@ def complete_objects(folder: Path | str, manifest: Manifest) -> list[str]:
 
 def is_complete(folder: Path | str, object_name: str) -> bool:
     """Return whether the object's data has been written; the shard is written last, so its presence is enough."""
-    return shard_path(folder, object_name).is_file()
+    return shard_path(folder, object_name).exists()
 
 
 def write_shard(
@@ -158,11 +182,36 @@ def read_shard(
     path = shard_path(folder, object_name)
     table, header = _read_table(path, manifest, object_name, configuration_schema(len(manifest.joint_names)))
     check_rows(table, manifest, str(path), links=links)
-    counts = {behaviour: BehaviourCounts(**count) for behaviour, count in header["counts"].items()}
+    found = from_fields(header, _ShardHeader, f"{path}: its header", error=DamagedShardError, again=AGAIN)
+    counts = {
+        behaviour: from_fields(
+            count, BehaviourCounts, f"{path}: counts of {behaviour!r}", error=DamagedShardError, again=AGAIN
+        )
+        for behaviour, count in found.counts.items()
+    }
+    rotation = column_matrix(table, "q")[:, 3:POSE_DIMENSIONS].reshape(-1, 2, 3)
+    sizes = [pc.list_value_length(table.column(name)).to_numpy() for name in ("contact_links", "contact_points")]
+    for what, wrong in (
+        ("of another object", ~np.array(pc.equal(table.column("object"), object_name), dtype=bool)),
+        ("with other numbers of contact_links and contact_points", sizes[0] != sizes[1]),
+        (
+            "whose q holds no rotation",
+            np.abs(rotation @ rotation.swapaxes(1, 2) - np.eye(2)).max((1, 2), initial=0) > SKEW,
+        ),
+    ):
+        if wrong.any():
+            raise DamagedShardError(f"{path}, row {np.argmax(wrong)} is a row {what}; {AGAIN}")
+    kept = Counter(table.column("behaviour").to_pylist())
+    if kept != {behaviour: count.kept for behaviour, count in counts.items() if count.kept}:
+        raise DamagedShardError(f"{path} has other rows than its counts say were kept: {dict(kept)}; {AGAIN}")
+    for behaviour, count in counts.items():
+        count.validate(behaviour)
     turns = None
-    if "turns" in header and "turn_margin" in table.schema.names:
-        turns = np.array([twist or [np.nan] * 6 for twist in header["turns"]], dtype=np.float64).reshape(len(TURNS), 6)
-    return Shard(object_name=object_name, table=table, counts=counts, mesh_hash=header["mesh_sha256"], turns=turns)
+    if found.turns is not None and "turn_margin" in table.schema.names:
+        if len(found.turns) != len(TURNS) or any(twist is not None and len(twist) != 6 for twist in found.turns):
+            raise DamagedShardError(f"{path}: turns of its header are no {len(TURNS)} twists of 6 numbers; {AGAIN}")
+        turns = np.array([twist or [np.nan] * 6 for twist in found.turns], dtype=np.float64)
+    return Shard(object_name=object_name, table=table, counts=counts, mesh_hash=found.mesh_sha256, turns=turns)
 
 
 def read_whole(
@@ -207,7 +256,7 @@ def check_rows(table: pa.Table, manifest: Manifest, where: str, *, links: Collec
             first = int(np.argmax(bad))
             expected = f"one of {', '.join(known[field.name])}" if field.name in known else "a finite number"
             raise DamagedShardError(
-                f"{where}, row {row[first]}: {field.name} holds {values[first].as_py()!r}; expected {expected}; "
+                f"{where}, row {row[first]}: {field.name} holds {quote(values[first].as_py())}; expected {expected}; "
                 "generate the object again."
             )
 
@@ -311,19 +360,38 @@ def _leaf(field: pa.Field) -> tuple[str, pa.DataType]:
     return path, kind
 
 
+def _check_size(announced: pq.FileMetaData, path: Path) -> None:
+    """Refuse a file before it takes memory: what it announces is what a reader makes room for."""
+    chunks = [
+        announced.row_group(k).column(n) for k in range(announced.num_row_groups) for n in range(announced.num_columns)
+    ]
+    values = max((chunk.num_values for chunk in chunks), default=0)
+    if sum(chunk.total_uncompressed_size for chunk in chunks) > LARGEST_FILE or values > MOST_VALUES:
+        raise DamagedShardError(
+            f"{path} announces {announced.num_rows} rows of up to {values} values in a column; expected at most "
+            f"{MOST_VALUES} values and {LARGEST_FILE >> 20} MiB; {AGAIN}"
+        )
+
+
 def _read_table(path: Path, manifest: Manifest, object_name: str, schema: pa.Schema) -> tuple[pa.Table, dict]:
     if not path.is_file():
-        raise DamagedShardError(f"{path} does not exist; resume `dexnudge dataset generate` to write it.")
+        what = "is no file" if path.exists() else "does not exist"
+        raise DamagedShardError(f"{path} {what}; resume `dexnudge dataset generate` to write it.")
     try:
-        table = pq.read_table(path, page_checksum_verification=True, partitioning=None)
-    except (pa.ArrowException, OSError) as error:
+        with pq.ParquetFile(path, page_checksum_verification=True) as file:
+            _check_size(file.metadata, path)
+            table = file.read()
+    except DamagedShardError:
+        raise
+    except (pa.ArrowException, OSError, ValueError, MemoryError) as error:
         raise DamagedShardError(
             f"{path} cannot be read as Parquet: truncated or not a shard ({error}); "
             "resume `dexnudge dataset generate` to make it again."
         ) from error
     try:
-        header = json.loads((table.schema.metadata or {})[_METADATA_KEY])
-    except (KeyError, json.JSONDecodeError) as error:
+        header = json.loads((table.schema.metadata or {})[_METADATA_KEY], object_pairs_hook=unique_keys)
+        header = dict(header.items())
+    except (AttributeError, KeyError, ValueError, RecursionError) as error:
         raise DatasetError(f"{path} was not written by dexnudge: it has no header; delete it.") from error
     provenance = {key: getattr(manifest, key) for key in _PROVENANCE}
     expected = {"format_version": FORMAT_VERSION, **provenance, "object": object_name}

@@ -14,7 +14,6 @@ import torch
 from safetensors import SafetensorError, safe_open
 from safetensors.torch import load as parse_tensors
 from safetensors.torch import save as serialise_tensors
-from safetensors.torch import save_file
 from torch import Tensor
 
 from dexnudge.diffusion.config import SLIDES_ONLY, ModelConfig
@@ -56,7 +55,7 @@ def save_model(
     for name, tensor in tensors.items():
         if not torch.isfinite(tensor).all():
             raise CheckpointError(f"weight {name} is not finite as {dtype}; store it as float32 or train again.")
-    data = serialise_tensors(tensors)  # save_file would make the file private to its owner
+    data = serialise_tensors(tensors)  # save_file makes the file private, and raises an error of its own on a full disk
     with replace_atomically(folder / WEIGHTS_NAME) as temporary:
         temporary.write_bytes(data)
     digest = hashlib.sha256(data).hexdigest()
@@ -167,10 +166,11 @@ STATE_VERSION = 1  # raised whenever the optimiser or the order of random draws 
 
 
 def save_state(folder: Path, tensors: dict[str, Tensor], header: dict[str, Any]) -> None:
-    """Write a run's tensors and its header: step, minutes, validation, and what names the run (`TrainingRun.identity`)."""
+    """Write a run's tensors and its header: step, minutes, validation, loss, and what names it (`TrainingRun.identity`)."""
     on_cpu = {name: tensor.detach().cpu().contiguous() for name, tensor in tensors.items()}
+    data = serialise_tensors(on_cpu, {"training": json.dumps({"version": STATE_VERSION, **header})})
     with replace_atomically(folder / STATE_NAME) as temporary:
-        save_file(on_cpu, temporary, metadata={"training": json.dumps({"version": STATE_VERSION, **header})})
+        temporary.write_bytes(data)
 
 
 def load_state(folder: Path, identity: dict[str, Any]) -> tuple[dict[str, Tensor], dict[str, Any]] | None:

@@ -32,11 +32,14 @@ from dexnudge.diffusion.config import TrainingConfig
 from dexnudge.diffusion.distributed import Processes, joined_processes
 from dexnudge.diffusion.model_card import write_model_card
 from dexnudge.diffusion.training_run import TrainingRun
+from dexnudge.errors import writing
+from dexnudge.jobs.folders import remove_leftovers
 from dexnudge.jobs.progress import progress
 
 LOSS_SMOOTHING = 0.98  # of the loss that is shown
 WARM_UP_STEPS, MEASURED_STEPS = 3, 20  # of a plan: the first steps allocate memory and are slower
 MEASURED_SHARE = 0.05  # of the time limit that measuring may take
+TO_GO_ON = "expected a folder with free space; make room, and the same command goes on from the last saved state"
 RESERVE = 0.03  # share of the time limit that a plan leaves for saving, and for a machine that slows down
 
 
@@ -92,12 +95,13 @@ class TrainingLog:
     """
 
     def __init__(self, folder: Path, *, step: int) -> None:
-        path = folder / LOG_NAME
-        if path.is_file():
-            with path.open("rb") as file:
-                kept = sum(map(len, takewhile(lambda line: _is_of_step_until(line, step), file)))
-            os.truncate(path, kept)
-        self._file = path.open("a", encoding="utf-8")
+        self._path = folder / LOG_NAME
+        with writing(self._path, TO_GO_ON):
+            if self._path.is_file():
+                with self._path.open("rb") as file:
+                    kept = sum(map(len, takewhile(lambda line: _is_of_step_until(line, step), file)))
+                os.truncate(self._path, kept)
+            self._file = self._path.open("a", encoding="utf-8")
         self._writer = None
         if importlib.util.find_spec("tensorboard") is not None:
             from torch.utils.tensorboard import SummaryWriter
@@ -106,17 +110,20 @@ class TrainingLog:
 
     def write(self, step: int, values: dict[str, float]) -> None:
         """Append one event; the file is flushed so that it can be followed."""
-        self._file.write(json.dumps({"step": step, **{name: round(value, 6) for name, value in values.items()}}) + "\n")
-        self._file.flush()
-        if self._writer is not None:
-            for name, value in values.items():
-                self._writer.add_scalar(name, value, step)
+        line = json.dumps({"step": step, **{name: round(value, 6) for name, value in values.items()}}) + "\n"
+        with writing(self._path, TO_GO_ON):
+            self._file.write(line)
+            self._file.flush()
+            if self._writer is not None:
+                for name, value in values.items():
+                    self._writer.add_scalar(name, value, step)
 
     def close(self) -> None:
         """Flush and close both."""
-        self._file.close()
-        if self._writer is not None:
-            self._writer.close()
+        with writing(self._path, TO_GO_ON):
+            self._file.close()
+            if self._writer is not None:
+                self._writer.close()
 
 
 def _is_of_step_until(line: bytes, step: int) -> bool:
@@ -162,15 +169,19 @@ def train(
         DatasetError: unusable data.
         CheckpointError: a run that cannot be continued.
         InputError: a device or precision that is not there.
+        OutputError: the folder cannot be written.
         DexnudgeError: the loss stopped being finite.
     """
     out_folder = Path(out_folder)
-    out_folder.mkdir(parents=True, exist_ok=True)
+    with writing(out_folder, TO_GO_ON):
+        out_folder.mkdir(parents=True, exist_ok=True)
     if config.num_threads is not None:
         torch.set_num_threads(config.num_threads)
     folders = [dataset] if isinstance(dataset, str | Path) else dataset
     with joined_processes(config.device) as processes:
         data = load_datasets(folders)
+        if processes.is_main:
+            remove_leftovers(out_folder)
         config = _planned(data, out_folder, config, processes, on_plan)
         run = TrainingRun(data, config, processes)
         provenance = {
@@ -218,17 +229,19 @@ def _train(run: TrainingRun, folder: Path, provenance: dict[str, Any], stop_at_s
     config, processes = run.config, run.processes
     state = load_state(folder, run.identity)
     validation: dict[str, float] = {}
+    mean_loss = math.nan
     if state is not None:
         tensors, header = state
         run.restore(tensors, step=header["step"], minutes=header["minutes"])
-        validation = header.get("validation", {})
-    mean_loss, logged = math.nan, (run.step, run.minutes)
+        validation, mean_loss = header.get("validation", {}), header.get("loss", math.nan)
+    logged = (run.step, run.minutes)
 
     def save() -> None:
         """Training state first, then the model that is shipped."""
         if processes.is_main and run.step > 0:
             reached = {"step": run.step, "validation": validation}
-            save_state(folder, run.state(), {**reached, "minutes": run.minutes, **run.identity})
+            header = {**reached, "loss": mean_loss, "minutes": run.minutes, **run.identity}
+            save_state(folder, run.state(), header)
             made = {**provenance, **reached}
             save_model(folder / MODEL_FOLDER, run.model_config, run.average, run.normaliser, provenance=made)
 
@@ -236,9 +249,9 @@ def _train(run: TrainingRun, folder: Path, provenance: dict[str, Any], stop_at_s
         run.minutes += processes.largest(time.perf_counter() - since) / 60.0
 
     with (
-        _stop_signals() as stop,
         closing(TrainingLog(folder, step=run.step)) if processes.is_main else nullcontext() as log,
         progress(TextColumn("loss {task.fields[loss]:.4f}")) as bars,
+        _stop_signals() as stop,
     ):
         bar = bars.add_task("training", total=run.num_steps, completed=run.step, loss=math.nan, visible=log is not None)
         done = run.progress >= 1.0

@@ -12,7 +12,7 @@ from dexnudge.experiments.config import ExperimentConfig, TrialKey, trial_keys
 from dexnudge.experiments.records import Record, RecordWriter, TrialRecord, read_records
 from dexnudge.experiments.statistics import as_json
 from dexnudge.experiments.trial import TrialKind
-from dexnudge.jobs.folders import claim_folder, owned_folder, read_claim
+from dexnudge.jobs.folders import claim_folder, owned_folder, read_claim, remove_leftovers
 from dexnudge.jobs.processes import WorkerDied, run_tasks
 
 FILE = "experiment.json"
@@ -60,6 +60,7 @@ class TrialRunner:
             **{f"{kind.record.kind}_{name}": as_json(value) for name, value in vars(kind).items()},
         }
         claim_folder(folder, FILE, claim, format_version=FORMAT_VERSION, device=config.device)
+        remove_leftovers(folder)
         records = {record.key: record for record in read_records(folder, kind.record)}
         drawn = {record.key: record for record in read_records(self.out, TrialRecord)} if kind.needs_verified else {}
         with closing(RecordWriter(folder)) as writer:

@@ -21,7 +21,12 @@ WarpStruct = Any  # an instance of a Warp struct: Warp makes no Python type that
 def _start() -> None:
     if wp.config.log_level == wp.LOG_INFO:  # the default; a level that the user chose stays
         wp.config.log_level = wp.LOG_WARNING
-    with tempfile.TemporaryFile() as caught:
+    try:
+        temporary = tempfile.TemporaryFile()  # noqa: SIM115 - the `with` below is for what comes after
+    except OSError:  # no folder for temporary files has room: the line is seen
+        wp.init()
+        return
+    with temporary as caught:
         stderr = os.dup(2)
         os.dup2(caught.fileno(), 2)
         try:

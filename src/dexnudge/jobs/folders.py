@@ -4,6 +4,7 @@ The owner of a folder holds the lock (flock) on a small file that says who it is
 process ends, however it ends, so a run that was killed owns nothing.
 """
 
+import ctypes
 import errno
 import itertools
 import json
@@ -25,6 +26,7 @@ TEMPORARY_PREFIX = ".writing-"
 LOCK_NAME = ".dexnudge-lock"  # in a folder that one run after another goes on with
 LOCK_SUFFIX = ".dexnudge-lock"  # of `.NAME.dexnudge-lock` beside a folder that appears when it is complete
 LOCK_ATTEMPTS = 1000  # each but the last lost to an owner that ended between two system calls
+AT_FDCWD, RENAME_EXCHANGE = -100, 2  # of Linux
 LOCKED_BYTE = 1 << 30  # beyond the text: Windows lets nobody read a locked byte
 # What a full, read-only or failing disk raises, with or without the name of a file.
 DISK_ERRORS = frozenset({errno.ENOSPC, errno.EDQUOT, errno.EFBIG, errno.EROFS, errno.EIO})
@@ -55,8 +57,8 @@ def replace_atomically(path: Path | str) -> Iterator[Path]:
 
 
 def remove_leftovers(folder: Path | str) -> list[Path]:
-    """Delete the temporary files that killed writers left in `folder`; call it only while no writer is running."""
-    leftovers = sorted(Path(folder).glob(f"{TEMPORARY_PREFIX}*"))
+    """Delete the temporary files that killed writers left below `folder`; call it only while no writer is running."""
+    leftovers = sorted(Path(folder).rglob(f"{TEMPORARY_PREFIX}*"))
     for leftover in leftovers:
         leftover.unlink(missing_ok=True)
     return leftovers
@@ -337,6 +339,8 @@ def _matches(path: Path, patterns: Sequence[str]) -> bool:
 def _put_in_place(partial: Path, target: Path, replaced: set[str] | None) -> None:
     """Rename `partial` to `target`, whose old content `replaced` goes; keep it beside what has appeared there since."""
     if replaced is not None and target.is_dir() and {entry.name for entry in target.iterdir()} <= replaced:
+        if _exchange(partial, target):
+            return  # what was there is `partial` now, which goes
         old = _old_beside(target)
         target.rename(old)
         try:
@@ -359,6 +363,15 @@ def _put_in_place(partial: Path, target: Path, replaced: set[str] | None) -> Non
                 f"it was, and the result is complete in {path}"
             )
         return
+
+
+def _exchange(one: Path, other: Path) -> bool:
+    """Let two folders take each other's place in one step; False where the system or the disk cannot."""
+    try:
+        renameat2 = ctypes.CDLL(None).renameat2
+    except (AttributeError, OSError, TypeError):  # not Linux
+        return False
+    return renameat2(AT_FDCWD, os.fsencode(one), AT_FDCWD, os.fsencode(other), RENAME_EXCHANGE) == 0
 
 
 def _restore(target: Path) -> None:

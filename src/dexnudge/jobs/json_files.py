@@ -4,11 +4,15 @@ from __future__ import annotations
 
 import json
 import stat
+import sys
+from dataclasses import MISSING, fields
 from pathlib import Path
-from typing import Any
+from types import UnionType
+from typing import Any, Literal, TypeVar, Union, get_args, get_origin, get_type_hints
 
-from dexnudge.errors import InputError, SceneError, quote
+from dexnudge.errors import LARGEST_SEED, InputError, SceneError, quote
 
+LARGEST_NUMBER = sys.float_info.max
 MAX_BYTES = 100_000_000  # of a JSON file; read, it is some ten times as large
 
 
@@ -44,6 +48,63 @@ def read_json_object(path: Path, *, error: type[InputError] = SceneError, **mess
     if not isinstance(content, dict):
         raise error(f"{path}: holds a JSON {type(content).__name__}; expected an object with named values")
     return content
+
+
+Checked = TypeVar("Checked")
+
+
+def from_fields(content: Any, kind: type[Checked], where: str, *, error: type[InputError], again: str) -> Checked:
+    """Return the dataclass `kind` made of a JSON object: every field is there or has a default, and is as it is declared.
+
+    where, again: how messages begin and end. Raises `error`; what the dataclass itself refuses passes through.
+    """
+    if not isinstance(content, dict):
+        raise error(f"{where} is {quote(content)}; expected an object with named values; {again}")
+    declared, hints = fields(kind), get_type_hints(kind)  # type: ignore[arg-type]  # a dataclass
+    required = {field.name for field in declared if field.default is field.default_factory is MISSING}
+    wrong = sorted((required - content.keys()) | (content.keys() - {field.name for field in declared}))
+    if wrong:
+        what = "lacks" if wrong[0] in required else "has the unknown field"
+        raise error(f"{where} {what} {quote(wrong[0])}; expected {', '.join(sorted(required))}; {again}")
+    for name, value in content.items():
+        if not _is_of(value, hints[name]):
+            expected = (
+                getattr(hints[name], "__name__", str(hints[name])) if get_origin(hints[name]) is None else hints[name]
+            )
+            raise error(f"{where}: {name} is {quote(value)}; expected {expected}; {again}")
+    return kind(**{name: _frozen(value, hints[name]) for name, value in content.items()})
+
+
+def _is_of(value: Any, hint: Any) -> bool:
+    """Whether a JSON value is of a type: finite where a number, a list where a tuple."""
+    origin, inside = get_origin(hint), get_args(hint)
+    if hint in (Any, object):
+        return True
+    if origin in (Union, UnionType):
+        return any(_is_of(value, each) for each in inside)
+    if origin is Literal:
+        return any(type(value) is type(each) and value == each for each in inside)
+    if origin is dict:
+        return isinstance(value, dict) and all(_is_of(each, inside[1]) for each in value.values())
+    if origin is tuple:
+        return isinstance(value, list | tuple) and all(_is_of(each, inside[0]) for each in value)
+    if hint is float:
+        return type(value) in (int, float) and -LARGEST_NUMBER <= value <= LARGEST_NUMBER
+    if hint is int:
+        return type(value) is int and abs(value) <= LARGEST_SEED
+    return type(value) is (type(None) if hint is None else hint)
+
+
+def _frozen(value: Any, hint: Any) -> Any:
+    """Return JSON lists as the tuples that a type wants."""
+    origin, inside = get_origin(hint), get_args(hint)
+    if origin in (Union, UnionType):
+        return _frozen(value, next(each for each in inside if _is_of(value, each)))
+    if origin is tuple:
+        return tuple(_frozen(each, inside[0]) for each in value)
+    if origin is dict:
+        return {key: _frozen(each, inside[1]) for key, each in value.items()}
+    return value
 
 
 def path_inside(folder: Path, value: Any, key: str, *, file: str, what: str) -> Path:

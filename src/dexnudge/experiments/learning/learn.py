@@ -29,7 +29,7 @@ from dexnudge.experiments.run import FILE, TrialRunner
 from dexnudge.experiments.sampling_trial import SamplingTrial
 from dexnudge.hands.hand import Hand
 from dexnudge.hands.registry import PREPARED_NAME, load_hand
-from dexnudge.jobs.folders import owned_folder, replace_atomically
+from dexnudge.jobs.folders import owned_folder, remove_leftovers, replace_atomically
 from dexnudge.jobs.json_files import read_json_object
 from dexnudge.jobs.processes import available_cores
 from dexnudge.jobs.progress import progress
@@ -135,6 +135,8 @@ def learn_hand(
     hand = load_hand(folder / PREPARED_NAME)
     _check(minutes, workers, seed)
     with owned_folder(folder / FOLDER) as learning:
+        for written in (learning, folder / WEIGHTS_FOLDER):
+            remove_leftovers(written)
         if not (learning / PLAN).is_file():
             (learning / CLOCK).unlink(missing_ok=True)  # of a start that was refused or killed before it had a plan
             say("measuring how fast this machine is")
