@@ -4,9 +4,9 @@ import numpy as np
 import pytest
 import trimesh
 
+from dexnudge.geometry.thinning import LARGEST_MESH, thinned
 from dexnudge.viewer.page_data import page_geometry
 from dexnudge.viewer.ray_scene import corner_normals
-from dexnudge.viewer.visual_scene import LARGEST_MESH, thinned
 
 
 def decoded(text, dtype, columns=None):

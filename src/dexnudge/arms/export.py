@@ -105,7 +105,7 @@ def urdf_of_robot(robot: Robot, files: list[str | None]) -> Element:
 def export_robot(robot: Robot, folder: Path | str) -> Path:
     """Write robot.urdf, robot.xml, meshes/*.obj and hand/ into `folder`, made if need be; return the path of robot.urdf.
 
-    `collision` and `visual` meshes are both the geometry that is judged. Masses are nominal, not the real robot's.
+    `collision` meshes are the geometry that is judged, `visual` ones what is shown. Masses are nominal, not the robot's.
 
     Raises:
         ArmError: names that a URDF cannot have.

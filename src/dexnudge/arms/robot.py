@@ -154,6 +154,7 @@ def _body(robot: Robot) -> Hand:
         couplings=hand.couplings,
         palm_normal=hand.palm_normal,
         coarse_links=frozenset(rename.values()),
+        shown_by=(*(() if arm.source is None else (arm.source,)), *hand.shown_by),
     )
 
 

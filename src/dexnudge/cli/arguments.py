@@ -35,6 +35,7 @@ def _default_in_help(default: str) -> str:
 
 Units = Literal["m", "cm", "mm", "in"]
 Device = Literal["cpu"]
+Meshes = Literal["visual", "collision"]
 Flag = Annotated[bool, tyro.conf.arg(help_behavior_hint="")]
 Count = Annotated[int, metavar("N")]
 Text = Annotated[str, metavar("NAME")]

@@ -4,7 +4,7 @@ from __future__ import annotations
 
 import json
 import time
-from dataclasses import asdict, dataclass
+from dataclasses import asdict, dataclass, replace
 from pathlib import Path
 from typing import TYPE_CHECKING, Annotated
 
@@ -12,6 +12,7 @@ from dexnudge.cli.arguments import (
     NOTHING_SUCCEEDED,
     Count,
     Flag,
+    Meshes,
     OptionalFolder,
     ResultFolder,
     check_at_least,
@@ -62,6 +63,8 @@ class Plan(MountOptions):
     """Folder to write; unless given DIR/plan, numbered where taken."""
     overwrite: Flag = False
     """Replace an existing plan."""
+    meshes: Meshes = "visual"
+    """What pictures and pages show of the arm: visual meshes where its description has them, or what is judged."""
     films: Count = 1
     """0: without plan.gif and plan.png, which take some seconds; the page plan.html is always written."""
 
@@ -103,6 +106,8 @@ class Plan(MountOptions):
         start = time.perf_counter()
         arm, mount = self.loaded(self.arm), self.T_flange_mount()  # what is wrong with them is said before samples load
         typed_pose("arm_base", self.arm_base, "T_world_base")
+        if self.meshes == "collision":
+            arm = replace(arm, source=None)
         samples = load_samples(self.folder)
         arm = standing_arm(arm, self.arm_base, samples.scene)
         seconds["load"] = time.perf_counter() - start

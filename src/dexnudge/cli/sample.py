@@ -13,6 +13,7 @@ from dexnudge.cli.arguments import (
     Device,
     Flag,
     Losses,
+    Meshes,
     OptionalCount,
     OptionalFolder,
     Plugins,
@@ -79,6 +80,8 @@ class Sample(SceneOptions):
     robot: ArmOptions = field(default_factory=ArmOptions)
     losses: Losses = field(default_factory=Losses)
     plugins: Plugins = field(default_factory=Plugins)
+    meshes: Meshes = "visual"
+    """What pictures and pages show of the hand: visual meshes where its description has them, or what is judged."""
     projection_report: Flag = False
     """Also verify the draws as they were before the projection, for the summary; takes about twice as long."""
     device: Device = "cpu"
@@ -127,6 +130,8 @@ class Sample(SceneOptions):
         name, scene = self.build()
         scene = replace(scene, uncertainty=uncertainty or scene.uncertainty)
         hand = load_hand(self.hand, base=self.base)
+        if self.meshes == "collision":
+            hand = replace(hand, shown_by=())
         findings = self.what_matters(scene, hand)
         stop_at_errors(findings)
         say_findings(findings, Sample, only_what_matters=True)

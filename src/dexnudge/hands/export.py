@@ -17,9 +17,11 @@ from dexnudge.hands.config import HandConfig, write_hand_config
 from dexnudge.hands.hand import Hand
 from dexnudge.hands.mjcf_export import body_inertia, mjcf_of_hand
 from dexnudge.hands.motors import JointDrives, nominal_drives
+from dexnudge.hands.visual import visual_meshes
 from dexnudge.hands.xml_text import numbers
 
 MESH_FOLDER = "meshes"
+SHOWN = "visual_"  # before the names of meshes that are only shown
 LONGEST_NAME = 100  # characters of a link in the name of its file
 HAND_FILES = ("hand.urdf", "hand.yaml", "hand.xml", f"{MESH_FOLDER}/*.obj")
 """What `export_hand` writes, as patterns of paths."""
@@ -28,8 +30,8 @@ HAND_FILES = ("hand.urdf", "hand.yaml", "hand.xml", f"{MESH_FOLDER}/*.obj")
 def export_hand(hand: Hand, folder: Path | str) -> Path:
     """Write hand.urdf, hand.yaml, hand.xml (MJCF) and meshes/*.obj into `folder`, made if need be.
 
-    The root link is the palm. `collision` and `visual` meshes are both the geometry that is judged. Masses and motor
-    limits are nominal values, not the real hand's.
+    The root link is the palm. `collision` meshes are the geometry that is judged, `visual` ones what is shown. Masses and
+    motor limits are nominal values, not the real hand's.
 
     Returns:
         the path of hand.urdf.
@@ -64,11 +66,13 @@ def mesh_files(hand: Hand) -> list[str | None]:
 
 
 def write_meshes(hand: Hand, files: list[str | None], folder: Path) -> None:
-    """Write the links' meshes into `folder`/meshes, made if need be."""
+    """Write the links' meshes, judged and shown, into `folder`/meshes, made if need be."""
     (folder / MESH_FOLDER).mkdir(parents=True, exist_ok=True)
-    for file, mesh in zip(files, hand.link_meshes, strict=True):
+    for file, judged, shown in zip(files, hand.link_meshes, visual_meshes(hand), strict=True):
         if file is not None:
-            (folder / MESH_FOLDER / file).write_text(obj_text(mesh), encoding="ascii")
+            (folder / MESH_FOLDER / file).write_text(obj_text(judged), encoding="ascii")
+            if shown is not judged:
+                (folder / MESH_FOLDER / f"{SHOWN}{file}").write_text(obj_text(shown), encoding="ascii")
 
 
 def obj_text(mesh: trimesh.Trimesh) -> str:
@@ -89,9 +93,10 @@ def urdf_of_hand(hand: Hand, files: list[str | None], drives: JointDrives | None
         element = SubElement(robot, "link", name=name)
         _add_inertial(element, hand.link_meshes[link])
         if files[link] is not None:
-            for kind in ("visual", "collision"):
+            prefix = "" if visual_meshes(hand)[link] is hand.link_meshes[link] else SHOWN
+            for kind, start in (("visual", prefix), ("collision", "")):
                 geometry = SubElement(SubElement(element, kind), "geometry")
-                SubElement(geometry, "mesh", filename=f"{MESH_FOLDER}/{files[link]}")
+                SubElement(geometry, "mesh", filename=f"{MESH_FOLDER}/{start}{files[link]}")
     for link in sorted(range(1, len(hand.link_names)), key=lambda link: _rank(hand, link)):
         _add_joint(robot, hand, drives, link)
     return robot

@@ -83,6 +83,7 @@ class Hand:
         notes: what was assumed when the description was read, a sentence each.
         source: the description file that it was read from; None for a hand that is no file's.
         coarse_links: those of an arm that carries the hand; their points are farther apart.
+        shown_by: descriptions whose visual meshes pictures and pages show in place of `link_meshes`; none: these.
     """
 
     name: str
@@ -100,6 +101,7 @@ class Hand:
     notes: tuple[str, ...] = ()
     source: Path | None = field(default=None, compare=False)
     coarse_links: frozenset[str] = frozenset()
+    shown_by: tuple[Path, ...] = field(default=(), compare=False)
 
     def __post_init__(self) -> None:
         missing = [link for link in self.fingertips.values() if link not in self.link_names]

@@ -43,7 +43,7 @@ def check_packages(packages: object) -> None:
 
 def read_hand(path: Path, config: HandConfig, **options: Any) -> Hand:
     """Return the hand of a description file with these facts in place of a YAML's; `base` and `packages` as `load_hand`."""
-    return replace(READERS[_suffix(path)](path, config, **options), source=path)
+    return replace(READERS[_suffix(path)](path, config, **options), source=path, shown_by=(path,))
 
 
 def read_tree(path: Path, geometry: str, *, packages: Mapping[str, Path | str] | None = None) -> Tree:
@@ -101,7 +101,7 @@ def load_hand(name_or_urdf: str | Path, *, base: bool = True, packages: Mapping[
     if os.path.isfile(path / PREPARED_NAME):  # noqa: PTH113 - as below
         path /= PREPARED_NAME
     if is_description(path):
-        return replace(READERS[_suffix(path)](path, base=base, packages=packages), source=path)
+        return replace(READERS[_suffix(path)](path, base=base, packages=packages), source=path, shown_by=(path,))
     if os.path.exists(path):  # noqa: PTH110 - a name of 300 letters does not exist, which is no error
         raise HandError(
             f"{path}: expected a description that ends in {' or '.join(READERS)}, got '{path.suffix}'; mend the path"

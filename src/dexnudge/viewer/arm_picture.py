@@ -6,6 +6,7 @@ from jaxtyping import Float, UInt8
 
 from dexnudge.arms.arm import Arm
 from dexnudge.arms.robot import Robot
+from dexnudge.hands.visual import visual_meshes
 from dexnudge.viewer.camera import framing_camera
 from dexnudge.viewer.hand_view import BASE_COLOUR, DIGIT_COLOURS, PALM_COLOUR
 from dexnudge.viewer.picture import arrange, render_array
@@ -55,7 +56,7 @@ def _parts(arm: Arm | Robot) -> list[Part]:
     if isinstance(arm, Robot):
         first = len(own.tree.links)
         hanging = np.linalg.inv(arm.arm.T_world_base) @ arm.at_home()[first:]
-        meshes = zip(arm.body.link_names[first:], arm.body.link_meshes[first:], hanging, strict=True)
+        meshes = zip(arm.body.link_names[first:], visual_meshes(arm.body)[first:], hanging, strict=True)
         placed += [(mesh, pose, _digit_colour(arm, name)) for name, mesh, pose in meshes]
     points = [trimesh.transform_points(mesh.vertices, pose) for mesh, pose, _ in placed if len(mesh.faces)]
     scale = SIZE / float(np.ptp(np.concatenate(points), axis=0).max())

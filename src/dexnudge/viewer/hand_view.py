@@ -12,6 +12,7 @@ from jaxtyping import Float
 from dexnudge.geometry.exact_distance import Rays
 from dexnudge.hands.closing import closing
 from dexnudge.hands.hand import Hand
+from dexnudge.hands.visual import visual_meshes
 from dexnudge.jobs.cached import cached_per_instance
 from dexnudge.viewer.camera import framing_camera
 from dexnudge.viewer.page import write_template
@@ -54,7 +55,7 @@ def hand_views(hand: Hand, poses: Sequence[Float[np.ndarray, " joint"]]) -> list
     arrow = Part("palm faces", "arrow", _arrow(hand), np.eye(4), ARROW_COLOUR)
     views = []
     for T_palm_link in T_palm_links:
-        links = map(Part, hand.link_names, roles, hand.link_meshes, T_view_palm @ T_palm_link, colours)
+        links = map(Part, hand.link_names, roles, visual_meshes(hand), T_view_palm @ T_palm_link, colours)
         parts = (*(part for part in links if len(part.mesh.faces)), arrow)
         views.append(VisualScene(parts, np.zeros((0, 3)), np.zeros(3)))
     return views

@@ -7,6 +7,7 @@ from typing import Any
 import numpy as np
 import trimesh
 
+from dexnudge.geometry.thinning import thinned
 from dexnudge.viewer.camera import Camera, choose_camera
 from dexnudge.viewer.ray_scene import corner_normals
 from dexnudge.viewer.visual_scene import (
@@ -17,7 +18,6 @@ from dexnudge.viewer.visual_scene import (
     Role,
     VisualScene,
     check_same_bodies,
-    thinned,
 )
 
 ASPECT = 4 / 3  # of the stage for which the first view is chosen

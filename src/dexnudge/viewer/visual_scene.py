@@ -18,29 +18,11 @@ from scipy.spatial.transform import Rotation
 
 from dexnudge.errors import InputError
 from dexnudge.geometry.near_faces import faces_near
+from dexnudge.geometry.thinning import thinned
 from dexnudge.hands.hand import Hand
+from dexnudge.hands.visual import visual_meshes
 from dexnudge.scenes.boxes import joined
 from dexnudge.scenes.scene import Scene
-
-LARGEST_MESH = 40_000  # triangles; a finer mesh is thinned, so that a page stays below a few megabytes
-FIRST_CELL = 1 / 400  # of a mesh's diagonal: cells into which a too fine mesh is thinned
-COARSER = 1.25  # by this the cells grow until the mesh is small enough
-
-
-def thinned(mesh: trimesh.Trimesh) -> trimesh.Trimesh:
-    """Return a mesh of at most 40,000 triangles that looks the same: vertices that share a small cell become one.
-
-    Only for looking at; nothing is ever judged on it.
-    """
-    result, cell = mesh, float(np.linalg.norm(mesh.extents)) * FIRST_CELL
-    while len(result.faces) > LARGEST_MESH:
-        result = trimesh.Trimesh((mesh.vertices - mesh.bounds[0]) / cell, mesh.faces, process=False)
-        result.merge_vertices(digits_vertex=0)
-        result.update_faces(result.nondegenerate_faces() & result.unique_faces())
-        result = trimesh.Trimesh(mesh.bounds[0] + cell * result.vertices, result.faces, process=False)
-        cell *= COARSER
-    return result
-
 
 Role = Literal[
     "object",
@@ -312,7 +294,7 @@ def visual_scenes(
     poses = hand.forward_kinematics(torch.as_tensor(np.asarray(q), dtype=torch.float64)).detach().cpu().numpy()
     result = []
     for index, T_world_links in enumerate(poses):
-        links = map(Part, hand.link_names, roles, hand.link_meshes, T_world_links)
+        links = map(Part, hand.link_names, roles, visual_meshes(hand), T_world_links)
         points = np.zeros((0, 3)) if contacts is None else np.asarray(contacts[index], dtype=np.float64).reshape(-1, 3)
         parts = tuple(part for part in (*fixed, *links) if len(part.mesh.faces))
         shown = VisualScene(parts, points, np.asarray(scene.motion), float(scene.motion_length), arrow, along)

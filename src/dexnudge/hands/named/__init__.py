@@ -1,7 +1,7 @@
 """The hands that can be asked for by name; their descriptions come from installed packages."""
 
 from collections.abc import Callable
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 
 from dexnudge.hands.config import HandConfig
 from dexnudge.hands.hand import Hand
@@ -26,7 +26,7 @@ class PackagedHand:
             what=f"hand '{self.config.name}'",
             install="pip install 'dexnudge[hands]'",
         )
-        return hand_from_urdf(path, self.config, base=base)
+        return replace(hand_from_urdf(path, self.config, base=base), shown_by=(path,))
 
 
 # Wonik Robotics' Allegro Hand, right: three fingers and a thumb, 16 joints, all of them driven. Description (BSD) from

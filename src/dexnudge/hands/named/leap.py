@@ -32,4 +32,4 @@ def leap(*, base: bool = True) -> Hand:
     index, middle = (hand.link_names.index(CONFIG.fingertips[digit]) for digit in ("index", "middle"))
     meshes = list(hand.link_meshes)
     meshes[index] = meshes[middle]
-    return replace(hand, link_meshes=tuple(meshes))
+    return replace(hand, link_meshes=tuple(meshes), shown_by=(path,))
