@@ -3,11 +3,13 @@
 import re
 import subprocess
 import sys
+from pathlib import Path
 
 import numpy as np
 import pyarrow as pa
 import pyarrow.parquet as pq
 import pytest
+import yaml
 
 from dexnudge.dataset.loading import load_dataset
 from dexnudge.dataset.manifest import Manifest, read_manifest, write_manifest
@@ -15,6 +17,8 @@ from dexnudge.objects.builtin import builtin_names
 from dexnudge.simulation import hold
 from dexnudge.synthesis import acceptance
 from dexnudge.synthesis.dataset_card import builtin_set, write_card
+
+ROOT = Path(__file__).parents[2]
 
 
 @pytest.fixture
@@ -103,6 +107,19 @@ def test_builtin_sets_are_known_by_their_names(toy):
     assert builtin_set(manifest) == "builtin:test"
     manifest.objects, manifest.failed_objects = dict.fromkeys(builtin_names("test")[::14], None), {}
     assert builtin_set(manifest) == "builtin:test:3"
+
+
+def test_a_hub_finds_licence_size_and_files(toy_folder, text):
+    block = yaml.safe_load(text.split("---\n")[1])
+    assert "license" not in block  # the toy's objects are somebody's
+    assert (block["task_categories"], block["size_categories"]) == (["robotics"], ["n<1K"])
+    configs = {config["config_name"]: config["data_files"] for config in block["configs"]}
+    for name, pattern in (("configurations", "shard-*"), ("objects", "object-*")):
+        (files,) = configs[name]
+        assert sorted(toy_folder.glob(files["path"])) == sorted(toy_folder.glob(f"{pattern}.parquet"))
+    released = (ROOT / "datasets/shadow_lite/README.md").read_text(encoding="utf-8")
+    block = yaml.safe_load(released.split("---\n")[1])
+    assert (block["license"], block["size_categories"]) == ("mit", ["100K<n<1M"])
 
 
 def test_the_same_data_give_the_same_bytes_with_the_card_in_place(toy_folder, text):

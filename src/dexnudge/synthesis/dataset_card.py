@@ -6,9 +6,11 @@ Sections after Pushkarna et al., Data Cards (FAccT 2022): what it is, how it was
 
 from collections import Counter
 from pathlib import Path
+from typing import Any
 
 import numpy as np
 import pyarrow as pa
+import yaml
 
 from dexnudge.dataset.document import Document, Section, Table
 from dexnudge.dataset.info import FEASIBLE_MARGIN, DatasetInfo, describe
@@ -33,6 +35,11 @@ from dexnudge.synthesis.turns import TABLE_EDGE
 from dexnudge.verification.penetration import SURFACE_SPACING
 
 CARD_FILE = "README.md"
+TAGS = ["robotics", "dexterous-manipulation", "non-prehensile", "grasping", "robot-hand"]
+SIZES = (  # as the Hugging Face hub names them: rows below which each holds
+    *((1000 * 10**k, name) for k, name in enumerate(("n<1K", "1K<n<10K", "10K<n<100K", "100K<n<1M", "1M<n<10M"))),
+    (np.inf, "n>10M"),
+)
 _LOAD = """import dexnudge as dn
 
 dataset = dn.load_dataset(FOLDER)
@@ -73,10 +80,28 @@ def write_card(folder: Path | str) -> Path:
     """
     path = Path(folder) / CARD_FILE
     info = describe(folder)
-    licence = "---\nlicense: mit\n---\n" if builtin_set(info.manifest) else ""
     with replace_atomically(path) as temporary:
-        temporary.write_text(licence + description(info).markdown(), encoding="utf-8")
+        temporary.write_text(front_matter(info) + description(info).markdown(), encoding="utf-8")
     return path
+
+
+def front_matter(info: DatasetInfo) -> str:
+    """Return the YAML block at the card's head by which a hub lists, filters and shows the dataset.
+
+    The licence stands there only where all objects are built in: others have their own.
+    """
+    size = next(name for most, name in SIZES if info.num_configurations < most)
+    objects = {"config_name": "objects", "data_files": [{"split": "train", "path": "object-*.parquet"}]}
+    rows = {"config_name": "configurations", "data_files": [{"split": "train", "path": "shard-*.parquet"}]}
+    content: dict[str, Any] = {"license": "mit"} if builtin_set(info.manifest) else {}
+    content |= {
+        "pretty_name": f"Hand configurations for {info.manifest.hand}",
+        "task_categories": ["robotics"],
+        "tags": TAGS,
+        "size_categories": [size],
+        "configs": [{**rows, "default": True}, objects],
+    }
+    return f"---\n{yaml.safe_dump(content, sort_keys=False)}---\n"
 
 
 def description(info: DatasetInfo) -> Document:
