@@ -8,6 +8,7 @@
 """
 
 import json
+import shutil
 import time
 from collections.abc import Callable
 from dataclasses import dataclass
@@ -34,6 +35,7 @@ from dexnudge.sampling.problem import prepare
 from dexnudge.synthesis.grasps import GraspConfig, descend_to_grasp
 
 PAGE = Path(__file__).parents[1] / "docs" / "benchmark.md"
+COPIES = {"report.csv": "data/benchmark/small.csv", "rates.png": "images/benchmark.png"}  # beside the page
 BEGIN, END = "<!-- table:begin -->", "<!-- table:end -->"
 SPACING = 0.002  # [m] of the points that grasps aim at
 GRASPS = 64  # of which a task's are chosen
@@ -123,6 +125,9 @@ class Entries:
             before, _, rest = self.page.read_text(encoding="utf-8").partition(BEGIN)
             table = text.partition("\n\n")[2].partition("\n\n## ")[0]
             self.page.write_text(f"{before}{BEGIN}\n{table}\n{END}{rest.partition(END)[2]}", encoding="utf-8")
+            for file, place in COPIES.items():
+                (self.page.parent / place).parent.mkdir(parents=True, exist_ok=True)
+                shutil.copyfile(self.out / "scores" / file, self.page.parent / place)
 
 
 if __name__ == "__main__":

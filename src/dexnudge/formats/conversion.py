@@ -52,7 +52,9 @@ def convert(source: Path, to: str, out: Path, *, every: bool = False) -> str:
             f"unknown format {to!r}{did_you_mean(to, FORMATS)}; expected one of {', '.join(FORMATS)}"
         )
     if not source.is_dir():
-        raise InputError(f"{source} is not a folder; expected one that `sample`, `scene` or `execute` wrote, for {to}")
+        raise InputError(
+            f"{source} is not a folder; expected one that `dexnudge sample`, `dexnudge scene` or `dexnudge execute` wrote"
+        )
     if to == EPISODES:
         return _episodes(source, out)
     has_hands = (source / CONFIGURATIONS).is_file()
