@@ -7,7 +7,7 @@ import numpy as np
 import pytest
 import trimesh
 
-from dexnudge.cli.sample import nothing_verified
+from dexnudge.results.folder import nothing_verified
 
 NUM = 4
 

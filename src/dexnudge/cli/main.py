@@ -26,6 +26,7 @@ COMMANDS = {
     "check": ("check", "Check", "recompute every figure of a result folder from its files"),
     "plan": ("plan", "Plan", "from configurations to a trajectory of arm and hand"),
     "execute": ("execute", "Execute", "play configurations out in MuJoCo: push, or slide, grasp and lift"),
+    "view": ("view", "View", "the studio: look at results, play executions, change scenes and sample, in the browser"),
     "find-base": ("find_base", "FindBase", "where an arm may stand to reach the configurations of a result folder"),
     "scene": ("scene", "SceneCommand", "what is understood of a scene, and what is wrong with it, before sampling"),
     "evaluate": ("evaluate", "Evaluate", "success over many objects and scenes, with intervals"),

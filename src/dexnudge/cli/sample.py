@@ -31,23 +31,6 @@ from dexnudge.errors import InputError
 if TYPE_CHECKING:
     from dexnudge.sampling.sampler import Sampler
 
-BLOCKED = "motion_not_blocked"
-
-
-def nothing_verified(summary: dict[str, Any]) -> str:
-    """One sentence for a summary without verified draws; `rejected` stands in order, most frequent first.
-
-    A blocked motion is a property of the scene, so one draw that got as far as to fail for it speaks for all.
-    """
-    rejected, reasons = summary["rejected"], summary["reasons"]
-    reason, count = next(iter(rejected.items()))
-    said = f"none of {summary['drawn']} draws is verified; {count} of them fail '{reason}'"
-    if sentence := reasons[reason].strip():  # a criterion of somebody's own may have none
-        said += f": {sentence}"
-    if reason != BLOCKED and BLOCKED in rejected:
-        return f"{said}; and {reasons[BLOCKED]}"
-    return said
-
 
 @dataclass(frozen=True, kw_only=True)
 class Sample(SceneOptions):
@@ -202,6 +185,7 @@ def _weights_of(sampler: Sampler) -> str:
 
 def _print(summary: dict[str, Any]) -> None:
     from dexnudge.cli.arguments import stdout, table
+    from dexnudge.results.folder import nothing_verified
 
     counts = table("draws", "number", "share")
     drawn = summary["drawn"]

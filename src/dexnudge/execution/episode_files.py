@@ -7,9 +7,11 @@ from typing import Any
 import numpy as np
 from jaxtyping import Float
 
+from dexnudge.errors import InputError
 from dexnudge.execution.grasp_and_lift import LIFT_PHASES
 from dexnudge.hands.hand import ROOT_COORDINATES
 from dexnudge.planning.outcomes import Outcome
+from dexnudge.results.folder import DAMAGE, read_arrays
 from dexnudge.scenes.scene import Scene
 from dexnudge.simulation.model import BASE_FORCE_LIMIT, BASE_TORQUE_LIMIT, SimulationModel
 from dexnudge.simulation.rollout import Trace
@@ -43,6 +45,50 @@ def write_arrays(
         link_names=np.array(simulation.hand.link_names),
         **further,
     )
+
+
+def read_episode(folder: Path) -> dict[str, np.ndarray]:
+    """Return the arrays of an episode.npz by which it can be looked at, trusting nothing in it.
+
+    Those are time, phase, joint_names, joint_angles, T_world_palm, T_world_object, link_names and link_force; see
+    `write_arrays` and `Trace`.
+
+    Raises:
+        InputError: the file is missing, damaged, or its arrays do not fit together.
+    """
+    path = folder / ARRAYS
+    if not path.is_file():
+        raise InputError(f"{path} is missing; expected the folder of an episode that `dexnudge execute` wrote")
+    try:
+        arrays = read_arrays(path)
+    except InputError:
+        raise
+    except DAMAGE as error:
+        raise InputError(
+            f"{path} is not to be read: {error}; expected what `dexnudge execute` wrote; execute again"
+        ) from error
+    count, joints, links = (np.size(arrays.get(name, ())) for name in ("time", "joint_names", "link_names"))
+    expected: dict[str, tuple[str, tuple[int, ...]]] = {
+        "time": ("f", (count,)),
+        "phase": ("U", (count,)),
+        "joint_names": ("U", (joints,)),
+        "joint_angles": ("f", (count, joints)),
+        "T_world_palm": ("f", (count, 4, 4)),
+        "T_world_object": ("f", (count, 4, 4)),
+        "link_names": ("U", (links,)),
+        "link_force": ("f", (count, links)),
+    }
+    for name, (kind, shape) in expected.items():
+        array = arrays.get(name, np.zeros(0))
+        finite = kind != "f" or array.dtype.kind != "f" or np.isfinite(array).all()
+        if name not in arrays or not count or array.dtype.kind != kind or array.shape != shape or not finite:
+            raise InputError(
+                f"{path}: {name} is {array.dtype} of shape {array.shape}; expected finite values of shape {shape}; "
+                "execute again"
+            )
+    if (np.diff(arrays["time"]) <= 0).any():
+        raise InputError(f"{path}: time does not ascend; expected records one after another; execute again")
+    return {name: arrays[name] for name in expected}
 
 
 def forces_used(scene: Scene, simulation: SimulationModel, trace: Trace) -> dict[str, Any]:

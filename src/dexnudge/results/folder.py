@@ -60,6 +60,7 @@ RESULT_FILES = (
     PICTURE,
 )
 """What a result folder consists of beside configurations.npz, as patterns of paths."""
+BLOCKED = "motion_not_blocked"
 LARGEST_FILE = 2**30
 """Of configurations.npz, unpacked [bytes]: some million draws; more is no result."""
 LONGEST_QUOTE = 200  # characters of a file's content in a message
@@ -132,7 +133,7 @@ def read_configurations(folder: Path) -> tuple[Float[np.ndarray, "n coordinates"
     if not path.is_file():
         raise InputError(f"{path} is missing; expected the folder that `dexnudge sample` or Samples.save wrote")
     try:
-        arrays = _read_arrays(path)
+        arrays = read_arrays(path)
     except InputError:
         raise
     except DAMAGE as error:
@@ -178,7 +179,7 @@ def read_configurations(folder: Path) -> tuple[Float[np.ndarray, "n coordinates"
     return q, tuple(arrays["joint_names"].tolist()), verdicts
 
 
-def _read_arrays(path: Path) -> dict[str, np.ndarray]:
+def read_arrays(path: Path) -> dict[str, np.ndarray]:
     """Return the arrays of an npz archive; no more is read into memory than its table of contents and headers allow.
 
     Raises:
@@ -236,6 +237,21 @@ def count_draws(verdicts: Verdicts) -> dict[str, Any]:
         "robust_rate": robust / drawn,
         "best_force_margin": float(verdicts.force_margin[0]) if verified else None,
     }
+
+
+def nothing_verified(summary: dict[str, Any]) -> str:
+    """One sentence for a summary without verified draws; `rejected` stands in order, most frequent first.
+
+    A blocked motion is a property of the scene, so one draw that got as far as to fail for it speaks for all.
+    """
+    rejected, reasons = summary["rejected"], summary["reasons"]
+    reason, count = next(iter(rejected.items()))
+    said = f"none of {summary['drawn']} draws is verified; {count} of them fail '{reason}'"
+    if sentence := reasons[reason].strip():  # a criterion of somebody's own may have none
+        said += f": {sentence}"
+    if reason != BLOCKED and BLOCKED in rejected:
+        return f"{said}; and {reasons[BLOCKED]}"
+    return said
 
 
 def write_summary(folder: Path, summary: dict[str, Any]) -> None:

@@ -219,7 +219,7 @@ class Sampler:
         while drawn < limit and (verified is None or succeeded < verified):
             wanted = num if verified is None else max(SMALLEST_CALL, 2 * (verified - succeeded))
             size = min(wanted, num, limit - drawn)
-            calls.append(self.draw(problem, num=size, seed=_call_seed(seed, len(calls)), method=method))
+            calls.append(self.draw(problem, num=size, seed=call_seed(seed, len(calls)), method=method))
             start = time.perf_counter()
             verdicts.append(verify(scene, hand, calls[-1].q, criteria))
             seconds.update({**calls[-1].seconds, "verify": time.perf_counter() - start})
@@ -303,7 +303,7 @@ def _method(method: str | Method) -> Method:
     return method
 
 
-def _call_seed(seed: int, call: int) -> int:
+def call_seed(seed: int, call: int) -> int:
     """Return the user's own seed for the first call, and one derived from it for each later one."""
     if call == 0:
         return seed

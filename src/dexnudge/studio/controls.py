@@ -1,0 +1,60 @@
+"""How controls of the page and the session hear of each other."""
+
+from __future__ import annotations
+
+from collections.abc import Callable
+from contextlib import nullcontext
+from typing import Any
+
+from dexnudge.errors import DexnudgeError
+from dexnudge.studio.session import Session
+
+
+class Reactions:
+    """Hands what somebody clicked to the session; what it refuses is shown, never raised.
+
+    after: called after each reaction.
+    """
+
+    def __init__(self, session: Session, after: Callable[[], None]) -> None:
+        self.session, self.after = session, after
+
+    def on(self, handle: Any, act: Callable[[Any], None], *, locked: bool = True) -> None:
+        """Call `act` with the event when somebody changes or clicks `handle`; unless `locked`, beside what else goes on."""
+
+        def react(event: Any) -> None:
+            if event.client is None:  # the page itself set it
+                return
+            try:
+                with self.session.lock if locked else nullcontext():
+                    act(event)
+            except DexnudgeError as error:
+                self.session.tell("Not possible", str(error), True)
+            except Exception:
+                self.session.tell("A bug", "something failed inside; the terminal tells what", True)
+                raise
+            finally:
+                self.after()
+
+        (handle.on_click if hasattr(handle, "on_click") else handle.on_update)(react)
+
+
+def set_values(handle: Any, **values: Any) -> None:
+    """Set what differs: each change is a message to every browser."""
+    for name, value in values.items():
+        if getattr(handle, name) != value:
+            setattr(handle, name, value)
+
+
+def set_options(handle: Any, options: list[str], value: str) -> None:
+    """Set what a dropdown offers, and what is chosen; the first where it does not offer that."""
+    if list(handle.options) != options:
+        handle.options = options
+    handle.value = value if value in options else options[0]
+
+
+def set_range(handle: Any, least: Any, most: Any, value: Any) -> None:
+    """Set a slider's ends and its value, as integers where they are."""
+    kind = type(handle.min)
+    set_values(handle, min=kind(least), max=kind(most))
+    handle.value = kind(value)

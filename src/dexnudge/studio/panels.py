@@ -1,0 +1,149 @@
+"""The page: the tabs for draws, for playing and for what is to be seen; that for sampling is `sample_panel`."""
+
+from __future__ import annotations
+
+import io
+from functools import partial
+from typing import Any
+
+from PIL import Image
+
+from dexnudge.errors import InputError
+from dexnudge.studio.controls import Reactions, set_options, set_range, set_values
+from dexnudge.studio.sample_panel import SamplePanel
+from dexnudge.studio.server import Server
+from dexnudge.studio.session import Session
+from dexnudge.studio.stage import GROUPS, MARKS
+from dexnudge.studio.text import table
+
+NOTHING = "(nothing)"
+HIDDEN = ("friction cones", "supports")  # of the groups, until they are asked for
+OPACITIES = {"hand": 1.0, "forearm": 0.35, "surroundings": 0.6}  # at the beginning
+PICTURE_TIME = 30.0  # [s] that a browser may take for a picture
+SHORTEST = 0.01  # [s] of a slider for time
+
+
+class Panels:
+    """Four tabs, which show what the session is at and tell it what was clicked."""
+
+    def __init__(self, server: Server, session: Session) -> None:
+        self._server, self._session = server, session
+        self._gui: Any = server.gui  # whose handles' values have no setters, to a type checker
+        reactions = Reactions(session, self.refresh)
+        self._on = reactions.on
+        self._title = self._gui.add_html("")
+        tabs = self._gui.add_tab_group()
+        with tabs.add_tab("Draws"):
+            self._draws()
+        with tabs.add_tab("Play"):
+            self._play()
+        with tabs.add_tab("Sample"):
+            self._sample = SamplePanel(server, reactions)
+        with tabs.add_tab("View"):
+            self._view()
+        session.changed = self.refresh
+        self.refresh()
+
+    def _draws(self) -> None:
+        gui, session = self._gui, self._session
+        self._group = gui.add_dropdown("show", [NOTHING])
+        self._place = gui.add_slider("draw", min=1, max=2, step=1, initial_value=1)
+        self._step = gui.add_button_group("", ["previous", "next"])
+        self._together = gui.add_checkbox("all of them together", initial_value=False)
+        hint = "links by their distance from the surroundings: red where they touch, yellow at 10 mm"
+        self._clearance = gui.add_checkbox("clearance", initial_value=False, hint=hint)
+        self._figures = gui.add_html("")
+        self._on(self._group, lambda _: session.select(group=self._group.value, place=0))
+        self._on(self._place, lambda _: session.select(place=self._place.value - 1))
+        self._on(self._step, lambda _: self._go(1 if self._step.value == "next" else -1))
+        self._on(self._together, lambda _: session.select(together=self._together.value))
+        self._on(self._clearance, lambda _: self._colour())
+
+    def _go(self, by: int) -> None:
+        session = self._session
+        if (places := session.groups.get(session.group)) is not None:
+            session.select(place=(session.place + by) % len(places))
+
+    def _colour(self) -> None:
+        self._session.clearance = self._clearance.value
+        self._session.show_draws()
+
+    def _play(self) -> None:
+        gui, player = self._gui, self._session.player
+        self._recording = gui.add_dropdown("play", [NOTHING])
+        self._time = gui.add_slider("time [s]", min=0.0, max=1.0, step=SHORTEST, initial_value=0.0)
+        self._run = gui.add_button("Play")
+        self._speed = gui.add_slider("speed", min=0.1, max=4.0, step=0.1, initial_value=1.0)
+        self._moment = gui.add_html("")
+        self._on(self._recording, lambda _: self._choose())
+        self._on(self._time, lambda _: self._seek())
+        self._on(self._run, lambda _: player.toggle())
+        self._on(self._speed, lambda _: setattr(player, "speed", self._speed.value))
+
+    def _choose(self) -> None:
+        name = self._recording.value
+        self._session.play("" if name == NOTHING else name)
+        self._session.look()
+
+    def _seek(self) -> None:
+        self._session.player.running = False
+        self._session.player.seek(self._time.value)
+        self._session.show_moment()
+
+    def _view(self) -> None:
+        gui, stage = self._gui, self._session.stage
+        for group in dict.fromkeys((*GROUPS, *MARKS)):
+            shown = gui.add_checkbox(group, initial_value=group not in HIDDEN)
+            stage.hide(group, hidden=group in HIDDEN)
+            self._on(shown, partial(self._hide, group))
+        for group, opacity in OPACITIES.items():
+            fade = gui.add_slider(f"opacity, {group}", min=0.1, max=1.0, step=0.05, initial_value=opacity)
+            stage.fade(group, opacity)
+            self._on(fade, partial(self._fade, group))
+        self._on(gui.add_button("Look from the best side"), lambda _: self._session.look())
+        self._on(gui.add_button("Save the picture (PNG)"), self._picture, locked=False)
+
+    def _hide(self, group: str, event: Any) -> None:
+        self._session.stage.hide(group, hidden=not event.target.value)
+
+    def _fade(self, group: str, event: Any) -> None:
+        self._session.stage.fade(group, event.target.value)
+
+    def _picture(self, event: Any) -> None:
+        client = event.client
+        size = {"height": client.camera.image_height, "width": client.camera.image_width}
+        try:
+            picture = Image.fromarray(client.get_render(**size, transport_format="png", timeout=PICTURE_TIME))
+        except (TimeoutError, RuntimeError) as error:
+            raise InputError(
+                f"the browser sent no picture: {error}; expected one; keep the page open, try again"
+            ) from error
+        white, content = Image.new("RGBA", picture.size, "white"), io.BytesIO()
+        Image.alpha_composite(white, picture.convert("RGBA")).convert("RGB").save(content, format="png")
+        client.send_file_download(f"{self._session.name}.png", content.getvalue(), save_immediately=True)
+
+    def refresh(self) -> None:
+        """Show what the session is at."""
+        with self._session.lock, self._server.atomic():
+            self._refresh()
+            self._sample.refresh()
+
+    def _refresh(self) -> None:
+        session, player, groups = self._session, self._session.player, self._session.groups
+        set_values(self._title, content=table({"scene": session.name, "hand": session.hand.name}))
+        set_options(self._group, [*groups] or [NOTHING], session.group)
+        count = len(groups.get(session.group, ()))
+        set_range(self._place, 1, max(2, count), min(session.place + 1, max(count, 1)))
+        for handle in (self._group, self._together, self._clearance):
+            set_values(handle, disabled=not groups)
+        set_values(self._step, visible=bool(groups))  # these cannot be disabled
+        set_values(self._place, disabled=session.together or count < 2)
+        self._together.value = session.together
+        playing, said = player.recording is not None, table(session.figures())
+        set_values(self._figures, content="" if playing else said)
+        set_values(self._moment, content=said if playing else "")
+        set_options(self._recording, [NOTHING, *session.playable], player.name or NOTHING)
+        set_range(self._time, player.start, max(player.end, player.start + SHORTEST), player.time)
+        for handle in (self._time, self._run):
+            set_values(handle, disabled=not playing)
+        set_values(self._run, label="Pause" if player.running else "Play")

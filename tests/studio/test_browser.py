@@ -1,0 +1,59 @@
+"""The page in a real browser. Where Chromium is missing, these are skipped."""
+
+import re
+
+import pytest
+
+pytestmark = pytest.mark.slow
+SIZE = (800, 600)
+
+
+def test_the_page_shows_draws_plays_and_samples(studio, browser, result):
+    said = []
+    studio.session.tell = lambda *message: said.append(message)
+    with browser.opened_page(studio.url, size=SIZE) as page:
+        errors: list[str] = []
+        page.on("pageerror", lambda error: errors.append(str(error)))
+        browser.first_frame(page)
+        body = page.locator("body")
+        assert "<b>phone<b>" in body.inner_text()  # the folder's name, as text
+        assert str(result.parent) not in page.content()
+        calls = page.evaluate("window.drawn.calls")
+
+        browser.press(page, "next")
+        page.wait_for_function("calls => window.drawn.calls > calls", arg=calls)
+        page.get_by_text(re.compile("^2$")).first.wait_for()
+        assert studio.session.place == 1
+
+        browser.toggle(page, "all of them together")
+        page.get_by_text("drawn", exact=True).first.wait_for()
+        assert studio.session.together
+
+        browser.tab(page, "Play")
+        browser.choose(page, "play", "execution/configuration_000")
+        browser.press(page, "Play")
+        page.get_by_text("0.04 s").first.wait_for()
+
+        browser.tab(page, "Sample")
+        browser.fill(page, "draws", 4)
+        browser.press(page, "Sample")
+        page.wait_for_function(
+            "() => [...document.querySelectorAll('button')].some(b => b.innerText == 'Stop' && b.disabled)"
+        )
+        studio.session.wait(120.0)
+        assert len(studio.session.samples) == 4
+        assert not errors
+        assert not said
+
+
+def test_a_picture_is_downloaded_without_its_way(studio, browser, tmp_path):
+    from PIL import Image
+
+    with browser.opened_page(studio.url, size=SIZE) as page:
+        browser.first_frame(page)
+        browser.tab(page, "View")
+        with page.expect_download() as download:
+            browser.press(page, "Save the picture")
+        download.value.save_as(tmp_path / "picture.png")
+    colours = Image.open(tmp_path / "picture.png").convert("RGB").getcolors(maxcolors=1 << 24)
+    assert len(colours) > 50  # something was drawn

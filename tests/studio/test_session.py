@@ -1,0 +1,134 @@
+"""A studio without a browser: what is shown, sampled and saved, and how it ends."""
+
+import threading
+from contextlib import closing, contextmanager
+
+import numpy as np
+import pytest
+
+import dexnudge as dn
+from dexnudge.errors import InputError
+from dexnudge.studio.server import open_server
+from dexnudge.studio.session import MOTION
+from dexnudge.studio.studio import Studio
+from dexnudge.studio.text import table, without_folders
+
+
+@pytest.fixture
+def session(studio):
+    return studio.session
+
+
+@pytest.fixture
+def told(session):
+    said = []
+    session.tell = lambda title, message, failed: said.append((title, message, failed))
+    return said
+
+
+def test_a_draw_is_sent_once_and_then_only_moved(studio, session):
+    bodies = [body.node.name for body in session.stage._bodies]
+    nodes = [id(body.node) for body in session.stage._bodies]
+    session.select(place=1)
+    assert [id(body.node) for body in session.stage._bodies] == nodes
+    palm = next(body for body in session.stage._bodies if body.node.name.endswith("palm"))
+    assert palm.node.position == pytest.approx(session.samples[1].T_world_palm[:3, 3], abs=1e-6)
+    assert any(name.startswith("/goal/") for name in bodies)
+
+
+def test_all_draws_together_are_one_node_for_each_link(session):
+    session.select(together=True)
+    palm = next(body for body in session.stage._bodies if body.node.name.endswith("palm"))
+    places = palm.node.batched_positions
+    assert len(places) == len(session.samples)
+    first, last = session.samples[0].T_world_palm, session.samples[len(places) - 1].T_world_palm
+    assert places[-1] == pytest.approx((np.linalg.inv(first) @ last)[:3, 3], abs=1e-6)
+
+
+def test_playing_moves_the_hand_by_the_clock(session):
+    session.play("execution/configuration_000")
+    with session.lock:  # the studio's own clock waits
+        session.player.toggle()
+        session.tick(0.02)
+        assert session.figures()["moment"] == "0.02 s  push"
+        body = next(body for body in session.stage._bodies if body.group == "object")
+        assert body.node.position == pytest.approx(session.scene.T_world_object[:3, 3] + 0.01 * session.scene.motion)
+    session.play(MOTION)
+    session.play("")
+    assert session.figures()["rank"] == "1"
+
+
+def test_sampling_appears_as_it_comes_and_is_saved_as_sample_does(session, told, tmp_path):
+    seen = []
+    session.changed = lambda: seen.append(session.busy)
+    session.edit(numbers={**session.edits.numbers, "friction_hand": 0.9})
+    session.sample(num=6, seed=1, weights={"contact": 5.0})
+    with pytest.raises(InputError, match="busy"):
+        session.sample(num=6, seed=1, weights={})
+    session.wait(120.0)
+    assert not told
+    assert any(text.startswith("drawn 4 of 6") for text in seen)
+    assert (len(session.samples), session.samples.scene.friction_hand, session.busy) == (6, 0.9, "")
+    session.save("mine")
+    session.wait(120.0)
+    assert told == [("Saved", "mine; dexnudge check mine recomputes its figures", False)]
+    assert dn.check(tmp_path / "out" / "mine").agrees
+
+
+def test_nothing_is_saved_elsewhere(session):
+    for name in ("../away", "/away", "", ".hidden", "a/b", "a\\b"):
+        with pytest.raises(InputError, match="no folder's"):
+            session.save(name)
+
+
+def test_a_motion_that_is_blocked_is_told(session, told):
+    session.build("phone", "corner", 0)
+    session.edit(heading=180.0)
+    session.sample(num=4, seed=0, weights={})
+    session.wait(120.0)
+    assert [(title, failed) for title, _, failed in told] == [("Not possible", True)]
+    assert "blocked" in told[0][1]
+
+
+def test_a_number_out_of_its_domain_changes_nothing(session):
+    before = session.edits
+    with pytest.raises(InputError):
+        session.edit(numbers={**before.numbers, "mass": 0.0})
+    assert session.edits is before
+
+
+def test_closing_leaves_no_thread(result, tmp_path):
+    before = set(threading.enumerate())
+    with closing(Studio(result, port=0, out=tmp_path)) as studio:
+        studio.session.sample(num=500, seed=0, weights={})
+    studio.session.wait(120.0)  # for the draws that were under way
+    assert len(studio.session.samples) < 500
+    for thread in set(threading.enumerate()) - before:
+        thread.join(10.0)
+    assert set(threading.enumerate()) <= before
+
+
+@contextmanager
+def stopping(server):
+    yield server
+    server.stop()
+
+
+def test_a_port_that_is_taken_gives_the_next_one_and_addresses_elsewhere_are_refused():
+    with stopping(open_server(port=0)) as first, stopping(open_server(port=first.get_port())) as second:
+        assert second.get_port() > first.get_port()
+        assert second.url == f"http://127.0.0.1:{second.get_port()}"
+    for host, port in (("192.0.2.1", 0), ("no.such.host.invalid", 0), ("127.0.0.1", 70_000)):
+        with pytest.raises(InputError, match="expected"):
+            open_server(host, port)
+
+
+def test_names_are_text_and_folders_stay_on_this_machine():
+    shown = table({"<i>name</i>": "/home/me/scans/<b>phone</b>.obj is empty"})
+    assert "&lt;i&gt;name" in shown
+    assert "<b>" not in shown
+    assert "/home" not in shown
+    assert (
+        without_folders("cannot read /a/b/c.obj or C:\\x\\y.obj; 3 m/s, a/b")
+        == "cannot read c.obj or y.obj; 3 m/s, a/b"
+    )
