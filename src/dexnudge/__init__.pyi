@@ -46,7 +46,8 @@ from dexnudge.scenes.motion import Turn as Turn
 from dexnudge.scenes.scene import Scene as Scene, load_scene as load_scene
 from dexnudge.scenes.uncertainty import Uncertainty as Uncertainty
 from dexnudge.simulation.depth_camera import DepthCamera as DepthCamera, depth_views as depth_views
-from dexnudge.simulation.feedback import Feedback as Feedback, FeedbackLimits as FeedbackLimits
+from dexnudge.simulation.feedback import Feedback as Feedback
+from dexnudge.simulation.feedback_limits import FeedbackLimits as FeedbackLimits
 from dexnudge.simulation.open_loop import OpenLoop as OpenLoop
 from dexnudge.simulation.policy import (
     Command as Command,

@@ -13,11 +13,12 @@ from dexnudge.mechanics.sliding_task import GRAVITY
 from dexnudge.scenes.boxes import box
 from dexnudge.scenes.motion import Motion, Turn
 from dexnudge.scenes.scene import Scene
-from dexnudge.simulation.feedback import Feedback, FeedbackLimits, twists
-from dexnudge.simulation.hand_path import SQUEEZE, interpolated, push_path
+from dexnudge.simulation.feedback import Feedback
+from dexnudge.simulation.feedback_limits import FeedbackLimits
+from dexnudge.simulation.hand_path import PUSH, SQUEEZE, interpolated, push_path, stage_ends, twists
 from dexnudge.simulation.model import TIMESTEP, SimulationModel, changed_physics, scene_model
 from dexnudge.simulation.open_loop import FOLLOW_TIME, LOADED, MOST_FOLLOWED, TOUCHING, OpenLoop
-from dexnudge.simulation.policy import Command, Policy, check_command
+from dexnudge.simulation.policy import Command, HandDrive, Observation, Policy, PushPlan, check_command
 from dexnudge.simulation.push_forces import PushForces
 from dexnudge.simulation.rollout import Rollout
 
@@ -215,6 +216,77 @@ def test_twists_are_those_of_the_motion():
         step = int(np.argmin(np.abs(path.done * path.length - way)))
         expected = motion.twist(way)
         np.testing.assert_allclose(found[step], np.concatenate([expected.linear, expected.angular]), atol=2e-3)
+
+
+TURN_THEN_SLIDE = Motion(Turn(0.3, np.array([0.0, 0.0, 1.0]), np.zeros(3)), X, 0.03, radius=0.1)
+
+
+def observation(object_pose, palm, *, force=4.0) -> Observation:
+    """A robot whose palm is where it was told to be, and presses as planned."""
+    return Observation(
+        time=0.0,
+        joint_angles=np.zeros(2),
+        motor_torque=np.zeros(8),
+        T_world_palm=palm,
+        base_wrench=np.zeros(6),
+        link_force=np.array([force, 0.0, 0.0]),
+        T_world_object=object_pose,
+    )
+
+
+def pose(rotation=None, position=(0.0, 0.0, 0.0)):
+    found = np.eye(4)
+    found[:3, :3] = np.eye(3) if rotation is None else rotation.as_matrix()
+    found[:3, 3] = position
+    return found
+
+
+def test_a_stage_ends_where_its_motion_does():
+    path = push_path(np.zeros(1), Q[None], motion=TURN_THEN_SLIDE, length=TURN_THEN_SLIDE.length)
+    turn, slide = stage_ends(path)
+    assert path.done[turn] * path.length == pytest.approx(0.3 * 0.1, abs=1e-4)
+    assert path.phase[slide] == PUSH
+    assert path.phase[slide + 1] != PUSH
+    assert stage_ends(PATH) == [int(np.flatnonzero(PATH.phase == PUSH)[-1])]
+
+
+def test_an_object_that_turns_less_than_the_hand_has_turned_before_it_slides(simulation):
+    """It turns by 80 % of the hand's turn, and slides with the hand."""
+    path = push_path(np.zeros(1), Q[None], motion=TURN_THEN_SLIDE, length=TURN_THEN_SLIDE.length)
+    policy, forces = Feedback(), pressing(simulation, 4.0)
+    policy.start(PushPlan(path, forces, HandDrive.of(simulation)))
+    palm, thing, turned_before_sliding, targets = pose(position=Q[:3]), pose(), 0.0, []
+    while (command := policy.command(observation(thing, palm))) is not None:
+        rotation = Rotation.from_quat(command.quaternion, scalar_first=True)
+        angle = rotation.as_rotvec()[2]
+        palm = pose(rotation, command.q[:3])
+        thing = pose(Rotation.from_rotvec([0.0, 0.0, 0.8 * angle]), (command.q[0], command.q[1], 0.0))
+        targets.append([*command.q[:2], angle])
+        if command.q[0] < 1e-4:
+            turned_before_sliding = 0.8 * angle
+    assert turned_before_sliding > 0.3 - 2 * FeedbackLimits().close / 0.1
+    assert np.hypot(*targets[-1][:2]) > 0.9 * 0.03
+    assert np.abs(np.diff(targets, axis=0)).max() < 2e-3  # [m, rad a step]: no leap from one stage to the next
+
+
+@pytest.mark.parametrize(("growth", "eases"), [(0.0, False), (0.02, True)])
+def test_what_the_squeeze_has_tilted_an_object_by_does_not_ease_the_press(simulation, growth, eases):
+    policy, forces = Feedback(), pressing(simulation, 2.0)
+    policy.start(PushPlan(PATH, forces, HandDrive.of(simulation)))
+    for step, phase in enumerate(PATH.phase):
+        tilt = 0.0 if phase == "settle" else 0.02 + growth * PATH.done[step]
+        thing = pose(Rotation.from_rotvec([0.0, tilt, 0.0]), PATH.displacement[step, :3, 3])
+        policy.command(observation(thing, pose(position=PATH.position[step]), force=2.0))
+    assert (policy._press < 1.0) is eases
+
+
+@pytest.mark.parametrize(("pinches", "height"), [(False, Q[2] - 0.003), (True, Q[2])])
+def test_the_height_of_a_pinch_is_kept_and_that_of_a_press_follows(simulation, pinches, height):
+    loop = OpenLoop()
+    loop.start(PushPlan(PATH, replace(pressing(simulation, 4.0), pinches=pinches), HandDrive.of(simulation)))
+    sunk = observation(pose(), pose(position=Q[:3] - [0.0, 0.0, 0.003]))
+    commands = [loop.command(sunk) for _ in PATH.phase]
+    assert commands[-1].q[2] == pytest.approx(height, abs=1e-5)
 
 
 def test_a_correction_turns_the_hand_about_the_object(simulation):

@@ -4,13 +4,12 @@ The plan says where the object should be at every step, as a rigid motion. What 
 motion, a lag in metres of way, and across it; so slides, turns and tips are treated alike.
 """
 
-from dataclasses import dataclass
-
 import numpy as np
 from jaxtyping import Float
 from scipy.spatial.transform import Rotation
 
-from dexnudge.simulation.hand_path import PUSH, SETTLE, SPEED, PushPath, interpolated
+from dexnudge.simulation.feedback_limits import FeedbackLimits
+from dexnudge.simulation.hand_path import PUSH, SETTLE, SPEED, interpolated, stage_ends, twists
 from dexnudge.simulation.model import TIMESTEP
 from dexnudge.simulation.open_loop import OpenLoop, in_base
 from dexnudge.simulation.policy import Command, Observation, PushPlan
@@ -22,56 +21,6 @@ LEVER = 0.06  # [m] that makes an angle a length where errors are split: half of
 LEAST = 0.3  # [N] below which a link or a hand does not press
 ROTATION_GAIN = 4.0  # of the base's torques over its forces: a palm's turn moves stiff fingers little
 SLIPPING = 0.3  # of the hand's speed at which press rises as fast as it may
-
-
-@dataclass(frozen=True, kw_only=True)
-class FeedbackLimits:
-    """How far, and how fast, feedback may go away from the plan.
-
-    Attributes:
-        room: share of a link's greatest force that is asked of it; the rest is left to control. most: share above
-            which the whole hand presses less.
-        press: least and greatest press, times the planned one. press_rate, relax_rate: of its rise and fall [1/s].
-        slip: way by which the object may stay behind the palm [m]; so far fingers give way.
-        pull: times the planned ratio of pull to press above which the hand presses harder.
-        tilt: of the object against the plan above which the hand presses less, or more where it pinches it [rad].
-        slowest: share of the speed at which the hand waits for the object, longest_wait: in all [s].
-        close: lag at the end that is left [m]. most_ahead: way that the hand pushes on, [m] and share of the length.
-        lost: slip of an object that stands still, above which the push ends [m]. most_off: turn of the object away from the
-            plan above which it ends, too [rad].
-        aim_way: way over which an error across the motion is answered [m]. aside [m], turned [rad]: most of that answer.
-        track_time: in which the base catches up with its own path [s]. tracked: least and greatest lead of its target [m].
-        link_time, base_time: in which fingers and base bring a link's force to what it should be [s]. band: share of the
-            force by which it may be off. over: times as fast above the limit. leak: time in which this is forgotten [s].
-        base_force [N], base_torque [N m]: most that is so added to the base's, along and about each axis.
-    """
-
-    room: float = 0.8
-    most: float = 0.88
-    press: tuple[float, float] = (0.4, 2.5)
-    press_rate: float = 4.0
-    relax_rate: float = 0.3
-    slip: float = 0.002
-    pull: float = 1.15
-    tilt: float = 0.008
-    slowest: float = 0.3
-    longest_wait: float = 0.7
-    close: float = 0.003
-    most_ahead: tuple[float, float] = (0.03, 0.3)
-    lost: float = 0.008
-    most_off: float = 0.15
-    aim_way: float = 0.03
-    aside: float = 0.005
-    turned: float = 0.1
-    track_time: float = 0.15
-    tracked: tuple[float, float] = (-0.005, 0.025)
-    link_time: float = 0.1
-    base_time: float = 0.15
-    band: float = 0.15
-    over: float = 2.5
-    leak: float = 0.5
-    base_force: float = 10.0
-    base_torque: float = 2.0
 
 
 class Feedback:
@@ -104,13 +53,15 @@ class Feedback:
         self._share = interpolated(path.done, forces.done, forces.link_force)  # planned force of each link [N]
         room = self.limits.room * forces.limit / np.maximum(self._share.max(axis=1), LEAST)
         self._most_press = np.clip(room, 1.0, self.limits.press[1])
-        self._end = int(np.flatnonzero(path.phase == PUSH)[-1])
+        self._ends = stage_ends(path)
+        self._beyond = np.zeros(6)  # by what the stages that are over took the hand beyond the plan [m, rad]
         self._clock, self._rate, self._waited = 0.0, 1.0, 0.0  # step of the plan, its pace, [s]
         self._last = len(path.phase) - 1  # step of the plan at which the hand stays
         self._start: Float[np.ndarray, "4 4"] | None = None  # pose of the object before the push
         self._press, self._slip, self._slipping, self._pull = 1.0, 0.0, 0.0, 0.0
         self._lead, self._further = 0.0, 0.0  # of the base's target [m of way]: for its springs, and at the end
         self._way, self._moving, self._off, self._over = 0.0, 1.0, 0.0, False
+        self._settled: float | None = None  # tilt of the object as the push begins [rad]
         self._aim, self._wrench = np.zeros((2, 6))
         self._force, self._extra = np.zeros((2, forces.link_force.shape[1]))
 
@@ -130,7 +81,10 @@ class Feedback:
             lag, across = self._error(seen, step)
             behind = self._behind(seen, told, step)
             self._feel(seen, step, lag - behind)
-            self._press_anew(step, tilt=float(np.linalg.norm(across[3:5])))
+            tilt = float(np.linalg.norm(across[3:5]))
+            if self._settled is None:
+                self._settled = min(tilt, self.limits.settled)
+            self._press_anew(step, tilt=tilt - self._settled)
             self._lead += TIMESTEP / self.limits.track_time * (behind + self._further)
             self._lead = float(np.clip(self._lead, *self.limits.tracked))
             self._aim_anew(step, lag, across)
@@ -192,8 +146,8 @@ class Feedback:
         """Turn and move aside as the object advances; where it stands still, that would only twist the fingers."""
         path, limits = self._plan.path, self.limits
         way = path.done[step] * path.length - lag
-        advance = max(0.0, way - self._way)
-        self._way += advance
+        advance = min(max(0.0, way - self._way), 2 * SPEED * TIMESTEP)  # where a stage ends, lag leaps
+        self._way = max(self._way, way)
         self._moving += TIMESTEP / STILL_TIME * (advance / (SPEED * TIMESTEP) - self._moving)
         self._off = float(np.linalg.norm(across[3:]))
         self._aim += advance / limits.aim_way * across
@@ -203,18 +157,22 @@ class Feedback:
     def _pace(self, step: int, lag: float) -> None:
         """Go on with the plan, slower where the object stays behind; at its end push on until the object is there."""
         limits, length = self.limits, self._plan.path.length
-        lost = (self._slip > limits.lost and self._moving < 0.05) or self._off > limits.most_off
+        lost, end = (self._slip > limits.lost and self._moving < 0.05) or self._off > limits.most_off, self._ends[0]
         if lost:  # the end of the plan may be far: a target there would tear at the object
-            self._clock, self._last = self._end + 1, step
-        elif step < self._end:
+            self._clock, self._last = self._ends[-1] + 1, step
+        elif step < end:
             pressing = self._press < self._most_press[step] or self._slipping > 0.5
             if pressing and self._waited < limits.longest_wait:
                 waiting = float(np.clip(self._slip / limits.slip - 1.5, 0.0, 1.0))
                 self._rate = 1.0 - (1.0 - limits.slowest) * waiting
                 self._waited += (1.0 - self._rate) * TIMESTEP
-            self._clock = min(self._clock + self._rate, float(self._end))
+            self._clock = min(self._clock + self._rate, float(end))
         elif lag < limits.close or self._further >= limits.most_ahead[0] + limits.most_ahead[1] * length:
             self._clock += 1
+            if len(self._ends) > 1:
+                self._ends = self._ends[1:]
+                self._beyond += self._ahead(step)
+                self._lead = self._further = 0.0
         else:
             self._rate = 0.0
             self._further += TIMESTEP * SPEED * min(1.0, lag / (2 * limits.close))
@@ -255,27 +213,20 @@ class Feedback:
         scaled = 0.0 if self._lifts[step] else more
         wrench = in_base(target.inv(), (scaled * self._loop.wrench[step] + self._wrench)[None])[0]
         ctrl[drive.base_motor] = told.ctrl[drive.base_motor] + wrench / drive.base_stiffness
-        pivot = told.q[:3] if self._start is None else (self._plan.path.displacement[step] @ self._start)[:3, 3]
-        ahead, twist = self._lead + self._further, self._twist[step]
-        turn = Rotation.from_rotvec(self._aim[3:] + ahead * twist[3:])
-        shift = self._aim[:3] + ahead * (twist[:3] + np.cross(twist[3:], pivot))
+        off = self._aim + self._beyond + self._ahead(step)
+        pivot, turn = self._pivot(step), Rotation.from_rotvec(off[3:])
         rotation, q = turn * target, told.q.copy()
-        q[:3] = pivot + turn.apply(told.q[:3] - pivot) + shift
+        q[:3] = pivot + turn.apply(told.q[:3] - pivot) + off[:3]
         q[3:9] = rotation.as_matrix()[:, :2].T.ravel()
         return Command(q, rotation.as_quat(scalar_first=True), ctrl, told.phase)
 
+    def _pivot(self, step: int) -> Float[np.ndarray, " 3"]:
+        """Return where the object should be at a step, or the base where the object is not seen [m]."""
+        path = self._plan.path
+        return path.position[step] if self._start is None else (path.displacement[step] @ self._start)[:3, 3]
 
-def twists(path: PushPath) -> Float[np.ndarray, "step 6"]:
-    """Return the twist of the object's planned motion at every step: a point x (world) moves at v + w x x per metre of way.
-
-    v [m/m], then w [rad/m]; where the object rests, that of the nearest step at which it moves.
-    """
-    way, pose = path.done * path.length, path.displacement
-    moving = np.flatnonzero(np.diff(way) > 0)
-    step = pose[moving + 1] @ np.linalg.inv(pose[moving])
-    size = np.diff(way)[moving][:, None]
-    angular = Rotation.from_matrix(step[:, :3, :3]).as_rotvec() / size
-    middle = (pose[moving + 1, :3, 3] + pose[moving, :3, 3]) / 2
-    linear = (pose[moving + 1, :3, 3] - pose[moving, :3, 3]) / size - np.cross(angular, middle)
-    nearest = np.abs(np.arange(len(way))[:, None] - moving).argmin(axis=1)
-    return np.concatenate([linear, angular], axis=1)[nearest]
+    def _ahead(self, step: int) -> Float[np.ndarray, " 6"]:
+        """Return by what the target of the base leads: a shift [m], and a turn about the pivot [rad]."""
+        twist = self._twist[step]
+        linear = twist[:3] + np.cross(twist[3:], self._pivot(step))
+        return (self._lead + self._further) * np.concatenate([linear, twist[3:]])

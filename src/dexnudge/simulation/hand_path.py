@@ -17,6 +17,7 @@ PHASES = SETTLE, _, SQUEEZE, PUSH, STOP = ("settle", "approach", "squeeze", "pus
 SETTLE_TIME = 0.1  # [s] in which the object comes to rest on its supports, untouched
 SQUEEZE_TIME = 0.4  # [s] in which the fingers close the last 2 mm and the forces build up
 RAMP_TIME = 0.1  # [s] in which each stage of the motion gets to its speed, and stops
+LEAST_TURNING = 1.0e-3  # [rad/m] below which a stage slides
 STOP_TIME = 0.1  # [s] in which the object comes to rest with the hand
 
 
@@ -137,6 +138,30 @@ def push_path(
         displacement=displacement,
         length=length,
     )
+
+
+def twists(path: PushPath) -> Float[np.ndarray, "step 6"]:
+    """Return the twist of the object's planned motion at every step: a point x (world) moves at v + w x x per metre of way.
+
+    v [m/m], then w [rad/m]; where the object rests, that of the nearest step at which it moves.
+    """
+    way, pose = path.done * path.length, path.displacement
+    moving = np.flatnonzero(np.diff(way) > 0)
+    step = pose[moving + 1] @ np.linalg.inv(pose[moving])
+    size = np.diff(way)[moving][:, None]
+    angular = Rotation.from_matrix(step[:, :3, :3]).as_rotvec() / size
+    middle = (pose[moving + 1, :3, 3] + pose[moving, :3, 3]) / 2
+    linear = (pose[moving + 1, :3, 3] - pose[moving, :3, 3]) / size - np.cross(angular, middle)
+    nearest = np.abs(np.arange(len(way))[:, None] - moving).argmin(axis=1)
+    return np.concatenate([linear, angular], axis=1)[nearest]
+
+
+def stage_ends(path: PushPath) -> list[int]:
+    """Return the last step of every stage of the motion: of its turn, and of its slide."""
+    turning = np.linalg.norm(twists(path)[:, 3:], axis=1) > LEAST_TURNING
+    pushing = path.phase == PUSH
+    changes = np.flatnonzero(pushing[:-1] & (turning[1:] != turning[:-1]))
+    return [*changes.tolist(), int(np.flatnonzero(pushing)[-1])]
 
 
 def _seconds(length: float) -> float:

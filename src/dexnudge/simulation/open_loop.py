@@ -17,7 +17,8 @@ class OpenLoop:
     """Follows the plan step by step.
 
     Pressing, the base is told a force and no height: as fingers give way the hand sinks, and a target that stayed would
-    pull it up by as much as it should press. So the target's height follows, by up to 5 mm.
+    pull it up by as much as it should press. So the target's height follows, by up to 5 mm. Not that of a pinch: its height
+    is what keeps a tipped object at its tilt.
     """
 
     def start(self, plan: PushPlan) -> None:
@@ -56,7 +57,7 @@ class OpenLoop:
         path, forces, drive = self.plan.path, self.plan.forces, self.plan.drive
         closed, loaded = self._closed[step], self._loaded[step]
         position = path.position[step] + closed * (self._carried[step] @ forces.base_closing)
-        if loaded > 0:
+        if loaded > 0 and not forces.pinches:
             sunk = seen.T_world_palm[2, 3] - position[2]
             self._followed += TIMESTEP / FOLLOW_TIME * (sunk - self._followed)
             self._followed = float(np.clip(self._followed, -MOST_FOLLOWED, MOST_FOLLOWED))
