@@ -15,11 +15,10 @@ from dexnudge.arms.robot import Robot
 from dexnudge.arms.standing import DISTANCE, check_base, default_base
 from dexnudge.experiments.arm_records import LIMITS, METRICS, ArmRecord, Records
 from dexnudge.experiments.config import ExperimentConfig, TrialKey, trial_seed
-from dexnudge.experiments.drawn_trial import TrialSampler
 from dexnudge.experiments.metrics import Metric
 from dexnudge.experiments.scan_trial import NUMBER
 from dexnudge.experiments.tables import Table
-from dexnudge.experiments.trial import Section, TrialKind
+from dexnudge.experiments.trial import Section, TrialKind, TrialSampler
 from dexnudge.hands.hand import Hand
 from dexnudge.planning.reach import Reach
 from dexnudge.results.samples import Samples

@@ -12,7 +12,6 @@ from jaxtyping import Float
 
 from dexnudge.execution.executor import Alternatives, Execution, Executor
 from dexnudge.experiments.disturbances import AS_DRAWN, EXECUTED_AT, curves_of, setting_name
-from dexnudge.experiments.drawn_trial import DrawnTrial, TrialSampler
 from dexnudge.experiments.metrics import (
     FAILED,
     OBJECTS,
@@ -27,7 +26,7 @@ from dexnudge.experiments.metrics import (
 from dexnudge.experiments.records import TrialRecord
 from dexnudge.experiments.statistics import Estimate, estimate_of_sums, ratio
 from dexnudge.experiments.tables import factor_chart, group_table, interval_chart
-from dexnudge.experiments.trial import Section
+from dexnudge.experiments.trial import DrawnTrial, Section, TrialSampler
 from dexnudge.planning.approach import Approach
 from dexnudge.planning.outcomes import Outcome
 from dexnudge.results.samples import Sample, Samples

@@ -9,9 +9,9 @@ import numpy as np
 
 from dexnudge.execution.grasp_and_lift import HOLD_TIME, LIFT
 from dexnudge.execution.slide_grasp_lift import Attempt, SlideGraspLift
-from dexnudge.experiments.drawn_trial import DrawnTrial, TrialSampler
 from dexnudge.experiments.metrics import FAILED, OBJECTS, UNVERIFIED, Metric, mean, share
 from dexnudge.experiments.records import TrialRecord
+from dexnudge.experiments.trial import DrawnTrial, TrialSampler
 from dexnudge.results.samples import Samples
 from dexnudge.sampling.sampler import Sampler
 from dexnudge.simulation.model import scene_model

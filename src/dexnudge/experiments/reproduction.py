@@ -13,7 +13,6 @@ import numpy as np
 from dexnudge.errors import DexnudgeError, InputError, UnknownNameError, writing
 from dexnudge.experiments.comparisons import ABOUT_PAPER, MAIN, STEERED_NOISE, paper_table
 from dexnudge.experiments.config import ExperimentConfig, trial_keys
-from dexnudge.experiments.drawn_trial import TrialSampler
 from dexnudge.experiments.metrics import Measured, measure, named
 from dexnudge.experiments.records import TrialRecord
 from dexnudge.experiments.report import made_with, rates_chart, setting, write_files, write_report
@@ -21,7 +20,7 @@ from dexnudge.experiments.run import TrialRunner
 from dexnudge.experiments.sampling_records import METRICS, Records, SamplingRecord
 from dexnudge.experiments.sampling_trial import SamplingTrial
 from dexnudge.experiments.tables import Table, method_table, metric_table
-from dexnudge.experiments.trial import Section
+from dexnudge.experiments.trial import Section, TrialSampler
 from dexnudge.jobs.folders import claim_folder, owned_folder, read_claim
 from dexnudge.sampling.methods import METHODS
 from dexnudge.verification.criteria import PENETRATION_LIMIT, SUCCESS_MARGIN

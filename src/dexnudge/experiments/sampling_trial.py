@@ -9,11 +9,10 @@ from jaxtyping import Float
 
 from dexnudge.experiments.comparisons import EQUAL_TIME, equal_time
 from dexnudge.experiments.disturbances import verify_disturbed
-from dexnudge.experiments.drawn_trial import DrawnTrial, TrialSampler
 from dexnudge.experiments.metrics import Metric
 from dexnudge.experiments.sampling_records import DISTURBED, METRICS, SamplingRecord, measure_disturbed
 from dexnudge.experiments.tables import metric_table
-from dexnudge.experiments.trial import Section
+from dexnudge.experiments.trial import DrawnTrial, Section, TrialSampler
 from dexnudge.hands.hand import ROOT_COORDINATES, Hand
 from dexnudge.mechanics.contacts import HandContacts
 from dexnudge.results.samples import Samples

@@ -17,13 +17,12 @@ from jaxtyping import Float
 from dexnudge.errors import SceneError
 from dexnudge.execution.executor import Executor
 from dexnudge.experiments.config import ExperimentConfig, ScanErrors, TrialKey, trial_seed
-from dexnudge.experiments.drawn_trial import TrialSampler
 from dexnudge.experiments.metrics import FAILED, OBJECTS, Metric, mean, share
 from dexnudge.experiments.records import TrialRecord
 from dexnudge.experiments.scanned_world import scanned_world
 from dexnudge.experiments.statistics import Estimate, estimate_of_sums, ratio
 from dexnudge.experiments.tables import Table
-from dexnudge.experiments.trial import Section, TrialKind
+from dexnudge.experiments.trial import Section, TrialKind, TrialSampler
 from dexnudge.hands.hand import Hand
 from dexnudge.planning.approach import Approach
 from dexnudge.planning.outcomes import Outcome
