@@ -37,10 +37,10 @@ def test_the_page_shows_draws_plays_and_samples(studio, browser, result):
         browser.tab(page, "Sample")
         browser.fill(page, "draws", 4)
         browser.press(page, "Sample")
-        page.wait_for_function(
-            "() => [...document.querySelectorAll('button')].some(b => b.innerText == 'Stop' && b.disabled)"
-        )
-        studio.session.wait(120.0)
+        for _ in range(600):  # until what was clicked has come here, and is done
+            page.wait_for_timeout(200)
+            if len(studio.session.samples) == 4 and not studio.session.busy:
+                break
         assert len(studio.session.samples) == 4
         assert not errors
         assert not said
