@@ -33,7 +33,7 @@ test: $(VENV)/.dev.stamp  ## all tests
 test-fast: $(VENV)/.dev.stamp  ## the tests that take seconds
 	$(PYTEST) -m "not slow" $(PYTEST_ARGS)
 
-fuzz: $(VENV)/.dev.stamp  ## 10,000 hostile inputs for every reader, in runs/fuzz; goes on where it was stopped
+fuzz: $(VENV)/.dev.stamp  ## 10,000 hostile inputs for all readers, in runs/fuzz; goes on where it was stopped
 	PYTHONPATH=tests $(BIN)/python -m hostile.campaign --count 10000 --out runs/fuzz
 
 kills: $(VENV)/.dev.stamp  ## kill long jobs at random moments until they are done, and compare with a run undisturbed

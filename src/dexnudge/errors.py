@@ -14,7 +14,7 @@ from pathlib import Path
 from typing import Any
 
 LONGEST_QUOTE = 80  # characters of a wrong value in a message
-LONGEST_NAME = 200  # characters of what a file calls a link, a joint or a digit
+LONGEST_NAME = 1000  # characters of what a file calls a link, a joint or a digit
 LONGEST_MESSAGE = 4000  # characters; of a longer one, beginning and end are shown
 LARGEST_SEED = 2**63 - 1
 

@@ -292,3 +292,18 @@ def test_what_a_collada_may_not_hold(tmp_path):
         written(path, entity.replace("UTF-16", "UTF-7").encode("utf-7"))
     )
     assert "(it is compressed; expected XML in UTF-8)" in message_of(written(path, b"PK\x03\x04" + b"x" * 99))
+
+
+@pytest.mark.parametrize(
+    ("name", "content", "fault"),
+    [
+        ("far.obj", b"v 0 0 0\nv 1 0 0\nv 0 1 0\nf -1 -2 -99\n", "a face names vertex -99, but 3 stand before it"),
+        (
+            "short.stl",
+            b"solid\nfacet\nvertex 0 0\nvertex 0 0 1 1\nvertex 0 1 0\nendfacet\n",
+            "'vertex 0 0' has not three numbers",
+        ),
+    ],
+)
+def test_what_would_be_read_as_something_else_is_refused(name, content, fault, tmp_path):
+    assert fault in message_of(written(tmp_path / name, content))

@@ -726,3 +726,29 @@ def test_bad_mjcf(tmp_path, monkeypatch, capfd, part, expected):
     assert expected in message(path)
     assert capfd.readouterr().err == ""
     assert not (tmp_path / "MUJOCO_LOG.TXT").exists()
+
+
+@pytest.mark.parametrize(
+    ("old", "new", "expected"),
+    [
+        ('<axis xyz="0 3 4"/>', '<axis xyz="0 3 4"/><axis xyz="1 0 0"/>', "element of a joint name once, got ['axis']"),
+        ('name="small"', f'name="{"s" * 1001}"', "expected at most 1000 printable characters; rename it"),
+        ('"thumb"', '"th&#10;umb"', r"the name 'th\numb': expected at most 1000 printable characters; rename it"),
+    ],
+)
+def test_what_stands_twice_and_names_that_are_none_are_refused(write_hand, old, new, expected):
+    path = write_hand()
+    path.write_text(path.read_text().replace(old, new))
+    assert expected in message(path)
+
+
+@pytest.mark.parametrize(
+    ("text", "expected"),
+    [
+        (SMALL_YAML + "palm: tip\n", "the key 'palm' twice"),
+        (SMALL_YAML.replace("{F: pad", "{F: tip, F: pad"), "the key 'F' twice"),
+        ("palm: " + "[" * 11 + "]" * 11, "lists in lists 10 deep at most"),
+    ],
+)
+def test_a_yaml_says_each_thing_once_and_plainly(write_hand, text, expected):
+    assert expected in message(write_hand(config=text))

@@ -23,21 +23,23 @@ from pathlib import Path
 from hostile.case import Draw, Hostile
 from hostile.judge import Outcome, run, warm_up
 
-MODULES = ("meshes", "hands", "scenes", "depth")  # each has DRAWS, by reader, and HANDMADE
+MODULES = ("meshes", "hands", "arms", "scenes", "depth")  # each has DRAWS, by reader, and HANDMADE
 REAL = 200  # one input in so many is run by a Python of its own
 COLUMNS = ("number", "reader", "name", "verdict", "code", "seconds", "megabytes")
 
 
 def hostile_inputs(seed: int, count: int, readers: Sequence[str] = ()) -> Iterator[Hostile]:
-    """Yield `count` inputs, the same for the same seed: all made by hand, then drawn ones, the readers in turn."""
+    """Yield `count` inputs, the same for the same seed: one made by hand, one drawn, while there are some made by hand."""
     modules = [import_module(f"hostile.{name}") for name in MODULES]
     handmade = [case for module in modules for case in module.HANDMADE if not readers or case.reader in readers]
     draws: dict[str, Draw] = {
         reader: draw for module in modules for reader, draw in module.DRAWS.items() if not readers or reader in readers
     }
     turns = itertools.cycle(draws.items())
+    random.Random(seed).shuffle(handmade)
     drawn = (draw(random.Random(f"{seed} {reader} {number}")) for number, (reader, draw) in enumerate(turns))
-    yield from itertools.islice(itertools.chain(handmade, drawn), count)
+    pairs = ([case, next(drawn)] for case in handmade)
+    yield from itertools.islice(itertools.chain(itertools.chain.from_iterable(pairs), drawn), count)
 
 
 def campaign(

@@ -27,7 +27,15 @@ class Pipe:
     """A FIFO to be made in the place of a file: who opens it waits for ever."""
 
 
-Content = bytes | Link | Pipe
+@dataclass(frozen=True)
+class Hole:
+    """A file of so many zeros behind a beginning, which takes no room on the disk."""
+
+    size: int
+    begins: bytes = b""
+
+
+Content = bytes | Link | Pipe | Hole
 
 
 @dataclass(frozen=True)
@@ -57,6 +65,9 @@ class Hostile:
             path.parent.mkdir(parents=True, exist_ok=True)
             if isinstance(content, Link):
                 path.symlink_to(content.target)
+            elif isinstance(content, Hole):
+                path.write_bytes(content.begins)
+                os.truncate(path, content.size)
             elif isinstance(content, Pipe):
                 os.mkfifo(path)
             else:
@@ -73,6 +84,6 @@ def copied(folder: Path) -> dict[str, bytes]:
     return files
 
 
-def as_json(value: Any) -> bytes:
-    """Return JSON, also of NaN and infinity."""
-    return json.dumps(value).encode()
+def as_content(value: Any) -> Content:
+    """Return a file's content as it is, and any other value as JSON, also NaN and infinity."""
+    return value if isinstance(value, Content) else json.dumps(value).encode()

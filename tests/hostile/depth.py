@@ -12,9 +12,10 @@ from typing import Any
 import numpy as np
 from PIL import Image
 
-from hostile.case import CONTROL, MISSING_HAND, Content, Draw, Hostile, Link, Pipe, as_json
+from hostile.case import CONTROL, MISSING_HAND, Content, Draw, Hole, Hostile, Link, Pipe, as_content
 from hostile.mutations import changed_number, damaged_bytes, damaged_json
 
+SIDE = 60  # points of a cloud along each side of a table
 WIDTH, HEIGHT, HIGH = 48, 36, 0.5  # pixels; [m] of the camera over the table
 POSE = [[1, 0, 0, 0], [0, -1, 0, 0], [0, 0, -1, HIGH], [0, 0, 0, 1]]  # looks straight down
 CAMERA = {"depth": "depth.png", "depth_unit": 0.0001, "width": WIDTH, "height": HEIGHT, "fx": 60.0, "fy": 60.0,
@@ -71,9 +72,9 @@ def npy_header(text: str) -> bytes:
 
 @cache
 def points() -> np.ndarray:
-    """Return 400 points of a table, float32."""
-    x, y = np.meshgrid(np.linspace(-0.2, 0.2, 20), np.linspace(-0.2, 0.2, 20))
-    return np.stack([x.ravel(), y.ravel(), np.zeros(400)], axis=1).astype(np.float32)
+    """Return points of a table, float32."""
+    x, y = np.meshgrid(np.linspace(-0.2, 0.2, SIDE), np.linspace(-0.2, 0.2, SIDE))
+    return np.stack([x.ravel(), y.ravel(), np.zeros(x.size)], axis=1).astype(np.float32)
 
 
 @cache
@@ -90,7 +91,7 @@ def cloud(kind: str) -> bytes:
 
 def views_case(name: str, cameras: Any, expected: Any = "either", says: str = "", **files: Content) -> Hostile:
     """Return the case of a folder of depth images; `depth`, `mask` take the place of the valid files."""
-    data = cameras if isinstance(cameras, bytes | Link | Pipe) else as_json(cameras)
+    data = as_content(cameras)
     images = {"views/depth.png": files.get("depth", depth()), "views/mask.png": files.get("mask", mask())}
     arguments = ("scene", "masked", "--depth", "views", *SCENE)
     return Hostile("depth", name, {"views/cameras.json": data, **images}, arguments, expected, says)
@@ -127,7 +128,7 @@ def _camera(**changes: Any) -> list[Any]:
 
 
 def _pcd(**changes: str) -> bytes:
-    lines = PCD.format(400, "binary").splitlines()
+    lines = PCD.format(SIDE**2, "binary").splitlines()
     lines = [f"{key} {changes[key]}" if (key := line.split()[0]) in changes else line for line in lines]
     return "\n".join([*lines, ""]).encode() + points().tobytes()
 
@@ -148,13 +149,17 @@ CAMERAS = {
     "a focal length of -1": (_camera(fx=-60), "refused", "fx"),
     "a focal length of 1e-300": (_camera(fx=1e-300), "refused", "fx"),
     "a focal length of NaN": (_camera(fx=float("nan")), "refused", ""),
+    "a focal length of 1e300": (_camera(fx=1e300, fy=1e300), "refused", ""),
+    "a centre 1e300 away": (_camera(cx=1e300), "refused", ""),
+    "a centre 1e6 away": (_camera(cx=1e6), "either", ""),
+    "a unit of 1 m": (_camera(depth_unit=1.0), "refused", ""),
     "a unit of 0": (_camera(depth_unit=0), "refused", "depth_unit"),
     "a unit of 1e300": (_camera(depth_unit=1e300), "refused", "depth_unit"),
     "a pose of 1e300": (_camera(T_world_camera=[*POSE[:3], [0, 0, 0, 1e300]]), "refused", "T_world_camera"),
     "a pose 1e12 m away": (_camera(T_world_camera=[[1, 0, 0, 1e12], *POSE[1:]]), "refused", ""),
     "a pose of text": (_camera(T_world_camera="here"), "refused", "T_world_camera"),
-    "a pose nested 900 deep": (as_json(_camera())[:-2] + b', "T_world_camera2": ' + b"[" * 900 + b"]" * 900 + b"}]", "either", ""),
-    "a deep pose": (as_json(_camera(T_world_camera=0)).replace(b'camera": 0', b'camera": ' + b"[" * 900 + b"]" * 900), "refused", ""),
+    "a pose nested 900 deep": (as_content(_camera())[:-2] + b', "T_world_camera2": ' + b"[" * 900 + b"]" * 900 + b"}]", "either", ""),
+    "a deep pose": (as_content(_camera(T_world_camera=0)).replace(b'camera": 0', b'camera": ' + b"[" * 900 + b"]" * 900), "refused", ""),
     "an image outside": (_camera(depth="../../../../etc/passwd"), "refused", "outside"),
     "an image at an absolute path": (_camera(depth="/etc/passwd"), "refused", "outside"),
     "an image's name of control characters": (_camera(depth=CONTROL), "refused", ""),
@@ -180,7 +185,7 @@ IMAGES: dict[str, Content] = {
     "that is empty": b"",
 }  # fmt: skip
 NPY = {
-    "NaN": npy(np.where(np.arange(1200).reshape(400, 3) == 7, np.nan, points())),
+    "NaN": npy(np.where(np.arange(3 * SIDE**2).reshape(-1, 3) == 7, np.nan, points())),
     "objects": npy(np.array([{"a": 1}], dtype=object)),
     "text": npy(np.array([["a", "b", "c"]])),
     "complex numbers": npy(points().astype(complex)),
@@ -222,15 +227,22 @@ PCDS = {
     "ASCII that is binary": _pcd(DATA="ascii"),
     "no points": _pcd(WIDTH="0", POINTS="0"),
 }
+HALF_FLOATS = npy_header("{'descr': '<f2', 'fortran_order': False, 'shape': (316666600, 3), }" + " " * 47 + "\n")[:128]
 HANDMADE = [
     *(views_case(name, *values) for name, values in CAMERAS.items()),
     *(views_case(f"an image {name}", _camera(), "refused", depth=data) for name, data in IMAGES.items()),
     *(views_case(f"a mask {name}", _camera(), "either", mask=data) for name, data in IMAGES.items()),
     *(cloud_case("npy", name, data, "refused") for name, data in NPY.items()),
     *(cloud_case("pcd", name, data, "refused") for name, data in PCDS.items()),
+    *(
+        cloud_case(kind, "a hole of 1.9 GB", Hole(1_900_000_000, cloud(kind)[:300]), "refused")
+        for kind in ("npy", "pcd", "ply")
+    ),
+    cloud_case("npy", "a hole of 1.9 GB that is announced", Hole(1_900_000_128, HALF_FLOATS), "refused"),
+    views_case("a hole of 90 MB", Hole(90_000_000, b"[")),
     cloud_case("pcd", "valid", cloud("pcd"), "accepted"),
     *(cloud_case(kind, "a pipe", Pipe(), "refused") for kind in ("npy", "pcd", "ply")),
     *(cloud_case(kind, "empty", b"", "refused") for kind in ("npy", "pcd", "ply")),
-    cloud_case("ply", "1e12 points announced", cloud("ply").replace(b"400", b"1000000000000"), "refused"),
+    cloud_case("ply", "1e12 points announced", cloud("ply").replace(b"%d" % SIDE**2, b"1000000000000"), "refused"),
 ]
 DRAWS: dict[str, Draw] = {"depth": _views, **{f"cloud {kind}": _cloud(kind) for kind in ("npy", "pcd", "ply")}}

@@ -1,4 +1,4 @@
-"""Hostile descriptions: hands and arms as URDF, MJCF and xacro, and the YAML beside them."""
+"""Hostile descriptions: hands as URDF, MJCF and xacro, and the YAML beside them."""
 
 from __future__ import annotations
 
@@ -8,7 +8,7 @@ from typing import Any
 
 import trimesh
 
-from hostile.case import CONTROL, MARKUP, Content, Draw, Hostile, Link, Pipe
+from hostile.case import CONTROL, MARKUP, Content, Draw, Hole, Hostile, Link, Pipe
 from hostile.mutations import NAMES, NUMBERS, damaged_bytes, damaged_xml
 
 WORDS = ("palm", "tip", "a1", "prismatic", "floating", "continuous", "planar", "sphere", "hinge", "ball", "free", "mesh",
@@ -18,12 +18,14 @@ YAML_WORDS = (*NUMBERS, *NAMES, "null", "[1]", "{a: 1}", "~", "2020-01-01", "!!p
               "true", "---", "...")  # fmt: skip
 
 
-def _link(name: str, size: str, at: str) -> str:
+def link(name: str, size: str, at: str) -> str:
+    """Return a link of a box."""
     shape = f'<origin xyz="{at}"/><geometry><box size="{size}"/></geometry>'
     return f'<link name="{name}"><collision>{shape}</collision></link>'
 
 
-def _joint(name: str, parent: str, child: str, at: str, inside: str = "", kind: str = "revolute") -> str:
+def joint(name: str, parent: str, child: str, at: str, inside: str = "", kind: str = "revolute") -> str:
+    """Return a joint with limits."""
     ends = f'<parent link="{parent}"/><child link="{child}"/><origin xyz="{at}"/><axis xyz="1 0 0"/>'
     return f'<joint name="{name}" type="{kind}">{ends}<limit lower="-0.3" upper="1.3" velocity="2" effort="5"/>{inside}</joint>'
 
@@ -31,16 +33,16 @@ def _joint(name: str, parent: str, child: str, at: str, inside: str = "", kind: 
 def urdf(*further: str, name: str = "hand") -> str:
     """Return two fingers and a thumb on a palm, the second finger by <mimic>, a mesh at a tip."""
     mesh = '<collision><origin xyz="0 0 0.017"/><geometry><mesh filename="meshes/tip.stl" scale="0.001 0.001 0.001"/>'
-    parts = [_link("palm", "0.06 0.075 0.02", "0 -0.0275 -0.012")]
+    parts = [link("palm", "0.06 0.075 0.02", "0 -0.0275 -0.012")]
     for digit, at in (("a", "0.012 0 0"), ("b", "-0.012 0 0"), ("t", "0 -0.055 0")):
         mimic = '<mimic joint="a2" multiplier="1" offset="0"/>' if digit == "b" else ""
         parts += [
-            _link(f"{digit}near", "0.014 0.014 0.04", "0 0 0.022"),
-            _joint(f"{digit}2", "palm", f"{digit}near", at, mimic),
+            link(f"{digit}near", "0.014 0.014 0.04", "0 0 0.022"),
+            joint(f"{digit}2", "palm", f"{digit}near", at, mimic),
         ]
-        tip = _link(f"{digit}tip", "0.014 0.014 0.03", "0 0 0.017")
+        tip = link(f"{digit}tip", "0.014 0.014 0.03", "0 0 0.017")
         parts += [f'<link name="{digit}tip">{mesh}</geometry></collision></link>' if digit == "t" else tip]
-        parts += [_joint(f"{digit}1", f"{digit}near", f"{digit}tip", "0 0 0.044")]
+        parts += [joint(f"{digit}1", f"{digit}near", f"{digit}tip", "0 0 0.044")]
     return f'<robot name="{name}">{"".join(parts)}{"".join(further)}</robot>'
 
 
@@ -65,22 +67,18 @@ MJCF_YAML = "palm: palm\nfingertips: {a: tip, b: coupler}\npalm_normal: [0, 1, 0
 XACRO = ('<robot name="x" xmlns:xacro="http://www.ros.org/wiki/xacro"><xacro:property name="w" value="0.01"/>'
          '<xacro:macro name="pad" params="n:=1"><link name="pad${n}"><collision><geometry><box size="${w} 0.01 0.01"/>'
          '</geometry></collision></link></xacro:macro><xacro:pad n="1"/></robot>')  # fmt: skip
-ARM_YAML = (
-    "flange: l4\nhome: [0.1, 0.2, 0.3, 0.4]\nlimits: {velocity: 2, acceleration: [1, 2, 3, 4], jerk: {j1: 100}}\n"
-)
-
-
-def arm_urdf() -> str:
-    """Return an arm of four joints."""
-    links = [_link(f"l{number}", "0.06 0.06 0.3", "0 0 0.15") for number in range(5)]
-    joints = [_joint(f"j{number}", f"l{number - 1}", f"l{number}", "0 0 0.3") for number in (1, 2, 3, 4)]
-    return f'<robot name="arm">{"".join(links)}{"".join(joints)}</robot>'
 
 
 @cache
 def tip() -> bytes:
     """Return the mesh of a fingertip in millimetres."""
     return trimesh.creation.cone(radius=8, height=20).export(file_type="stl")
+
+
+@cache
+def sphere() -> bytes:
+    """Return a mesh as large as one may be, nearly."""
+    return trimesh.creation.uv_sphere(radius=8, count=(300, 300)).export(file_type="stl")
 
 
 def urdf_case(
@@ -100,18 +98,11 @@ def mjcf_case(name: str, text: str | bytes, expected: Any = "either", says: str 
     return Hostile("mjcf", name, {"hand.xml": data, **beside}, ("hand", "hand.xml"), expected, says)
 
 
-def yaml_case(name: str, text: str | bytes, expected: Any = "either", says: str = "") -> Hostile:
+def yaml_case(name: str, text: str | Content, expected: Any = "either", says: str = "") -> Hostile:
     """Return the case of `dexnudge hand` with a YAML beside a valid URDF."""
     data = text.encode("utf-8", "surrogatepass") if isinstance(text, str) else text
     files = {"hand.urdf": urdf().encode(), "hand.yaml": data, "meshes/tip.stl": tip()}
     return Hostile("yaml", name, files, ("hand", "hand.urdf"), expected, says)
-
-
-def arm_case(name: str, text: str | bytes, expected: Any = "either", says: str = "", yaml: bytes = b"") -> Hostile:
-    """Return the case of `dexnudge arm` with a URDF."""
-    data = text.encode("utf-8", "surrogatepass") if isinstance(text, str) else text
-    files = {"arm.urdf": data, "arm.yaml": yaml or ARM_YAML.encode()}
-    return Hostile("arm", name, files, ("arm", "arm.urdf"), expected, says)
 
 
 def damaged_lines(text: str, rng: random.Random) -> tuple[str, bytes]:
@@ -153,16 +144,10 @@ def _xacro(rng: random.Random) -> Hostile:
     return Hostile("xacro", what, {"hand.urdf.xacro": data, "hand.yaml": YAML.encode()}, ("hand", "hand.urdf.xacro"))
 
 
-def _arm(rng: random.Random) -> Hostile:
-    if rng.random() < 0.5:
-        what, data = damaged_lines(ARM_YAML, rng)
-        return arm_case(f"its YAML: {what}", arm_urdf(), yaml=data or b"\n")
-    return arm_case(*damaged_xml(arm_urdf().encode(), rng, WORDS))
-
-
-def _chain(count: int, *, child_first: bool = False, branch: bool = False) -> str:
+def chain(count: int, *, child_first: bool = False, branch: bool = False) -> str:
+    """Return so many links below one another, or all below one."""
     links = "".join(f'<link name="x{i}"/>' for i in range(count))
-    joints = [_joint(f"y{i}", "atip" if branch or i == 0 else f"x{i - 1}", f"x{i}", "0 0 0.01") for i in range(count)]
+    joints = [joint(f"y{i}", "atip" if branch or i == 0 else f"x{i - 1}", f"x{i}", "0 0 0.01") for i in range(count)]
     return links + "".join(reversed(joints) if child_first else joints)
 
 
@@ -175,6 +160,7 @@ def _bomb(levels: int) -> str:
 U = urdf()
 LIMIT = '<limit lower="-0.3" upper="1.3" velocity="2" effort="5"/>'
 BOX = '<box size="0.06 0.075 0.02"/>'
+SHAPE = '<collision><geometry><mesh filename="meshes/tip.stl" scale="0.001 0.001 0.001"/></geometry></collision>'
 INCLUDE = '<include file="{}"/></mujoco>'
 URDF = {  # what was done: the description, what is expected, and what the message says
     "valid": (U, "accepted", ""),
@@ -186,14 +172,14 @@ URDF = {  # what was done: the description, what is expected, and what the messa
     "elements nested 100,000 deep": (U.replace("</robot>", "<a>" * 100_000 + "</a>" * 100_000 + "</robot>"), "either", ""),
     "an attribute of 5 MB": (U.replace('name="hand"', f'name="{"x" * 5_000_000}"'), "either", ""),
     "11 MB": (U.replace("</robot>", " " * 11_000_000 + "</robot>"), "refused", "too large"),
-    "5,000 joints": (urdf(_chain(5000)), "refused", ""),
-    "5,000 joints, child first": (urdf(_chain(5000, child_first=True)), "refused", ""),
-    "5,000 joints on one link": (urdf(_chain(5000, branch=True)), "refused", ""),
-    "200 joints in a row": (urdf(_chain(200)), "either", ""),
-    "a cycle": (urdf(_joint("back", "atip", "palm", "0 0 0")), "refused", ""),
-    "a link below itself": (urdf('<link name="z"/>', _joint("self", "z", "z", "0 0 0")), "refused", ""),
-    "a link with two parents": (urdf(_joint("second", "ttip", "atip", "0 0 0")), "refused", ""),
-    "two links of one name": (urdf(_link("palm", "1 1 1", "0 0 0")), "refused", "palm"),
+    "5,000 joints": (urdf(chain(5000)), "refused", ""),
+    "5,000 joints, child first": (urdf(chain(5000, child_first=True)), "refused", ""),
+    "5,000 joints on one link": (urdf(chain(5000, branch=True)), "refused", ""),
+    "200 joints in a row": (urdf(chain(200)), "refused", "joints"),
+    "a cycle": (urdf(joint("back", "atip", "palm", "0 0 0")), "refused", ""),
+    "a link below itself": (urdf('<link name="z"/>', joint("self", "z", "z", "0 0 0")), "refused", ""),
+    "a link with two parents": (urdf(joint("second", "ttip", "atip", "0 0 0")), "refused", ""),
+    "two links of one name": (urdf(link("palm", "1 1 1", "0 0 0")), "refused", "palm"),
     "two joints of one name": (U.replace('"b1"', '"a1"'), "refused", "a1"),
     "a mimic of itself": (U.replace('<mimic joint="a2"', '<mimic joint="b2"'), "refused", "b2"),
     "mimics in a circle": (U.replace(f"{LIMIT}</joint>", f'{LIMIT}<mimic joint="b2"/></joint>', 1), "refused", ""),
@@ -233,6 +219,18 @@ URDF = {  # what was done: the description, what is expected, and what the messa
     "control characters in names": (U.replace("btip", "&#10;&#9;x\u202e\x7f"), "refused", ""),
     "a name of 100,000 letters": (U.replace("btip", "b" * 100_000), "refused", ""),
     "an empty name": (U.replace("btip", ""), "refused", ""),
+    "two axes": (U.replace('<axis xyz="1 0 0"/>', '<axis xyz="1 0 0"/><axis xyz="0 1 0"/>', 1), "refused", ""),
+    "two parents": (U.replace('<parent link="palm"/>', '<parent link="palm"/><parent link="atip"/>', 1), "refused", ""),
+    "two limits": (U.replace(LIMIT, LIMIT + '<limit lower="0" upper="0.1"/>', 1), "refused", ""),
+    "two origins": (U.replace('<origin xyz="0 0 0.044"/>', '<origin xyz="0 0 0.044"/><origin xyz="0 0 1"/>', 1), "refused", ""),
+    "two geometries": (U.replace(BOX, BOX + '<sphere radius="0.02"/>'), "refused", ""),
+    "a mimic by NaN": (U.replace('multiplier="1"', 'multiplier="nan"'), "refused", ""),
+    "a mimic by 1e300": (U.replace('multiplier="1"', 'multiplier="1e300"'), "refused", ""),
+    "a mimic by 0": (U.replace('multiplier="1"', 'multiplier="0"'), "either", ""),
+    "one number for a scale": (U.replace("0.001 0.001 0.001", "0.001"), "either", ""),
+    "500 shapes of one mesh": (U.replace("<collision>", SHAPE * 500 + "<collision>", 1), "either", ""),
+    "a turn of NaN": (U.replace('<origin xyz="0 0 0.044"/>', '<origin xyz="0 0 0.044" rpy="nan 0 0"/>', 1), "refused", ""),
+    "a turn of 1e300": (U.replace('<origin xyz="0 0 0.044"/>', '<origin xyz="0 0 0.044" rpy="1e300 0 0"/>', 1), "either", ""),
     "an include of xacro": (U.replace("</robot>", '<xacro:include filename="/etc/passwd"/></robot>'), "refused", ""),
 }  # fmt: skip
 MESHES: dict[str, Content | None] = {
@@ -264,6 +262,17 @@ MODELS = {
     "names of markup": (MJCF.replace('name="rocker"', f'name="{MARKUP.replace("<", "&lt;")}"'), "accepted", ""),
     "control characters in names": (MJCF.replace('name="rocker"', 'name="&#27;[31m\u202e"'), "refused", ""),
     "a flex": (MJCF.replace("<site", '<flexcomp name="f" type="grid" count="1000 1000 1000"/><site', 1), "refused", "flex"),
+    "numbers of 8 GB": (MJCF.replace("<asset>", '<custom><numeric name="n" size="1000000000"/></custom><asset>'), "refused", ""),
+    "a sensor of 8 GB": (MJCF.replace("<actuator>", '<sensor><user dim="1000000000"/></sensor><actuator>'), "refused", ""),
+    "an actuator of 1e9 states": (MJCF.replace("<position", '<general joint="crank" actdim="1000000000" dyntype="user"/><position'), "refused", ""),
+    "a history of 1e9": (MJCF.replace("<position", '<motor joint="crank" nsample="1000000000" delay="1"/><position'), "refused", ""),
+    "a grid of 1e10": (MJCF.replace("<asset>", '<asset><texture name="x" type="cube" gridsize="100000 100000" file="tip.stl"/>'), "refused", ""),
+    "a skin outside": (MJCF.replace("<asset>", '<asset><skin name="s" file="/etc/passwd"/>'), "refused", "outside"),
+    "a meshdir outside": (MJCF.replace('meshdir="meshes"', 'meshdir="/etc"'), "refused", "outside"),
+    "a library": (MJCF.replace("<asset>", '<extension><plugin plugin="/tmp/x.so"/></extension><asset>'), "refused", ""),
+    "a replicate of a hand": (MJCF.replace('<body name="palm">', '<replicate count="50" offset="1 0 0"><body name="palm">').replace("</worldbody>", "</replicate></worldbody>"), "refused", ""),
+    "a mesh of text": (MJCF.replace("<asset>", '<asset><mesh name="v" vertex="' + "0 1 2 " * 300_000 + '"/>'), "either", ""),
+    "a key of the wrong size": (MJCF.replace("</mujoco>", '<keyframe><key qpos="1"/></keyframe></mujoco>'), "either", ""),
     "a mesh of 1e9 points": (MJCF.replace("<asset>", '<asset><mesh name="g" builtin="sphere" params="99999"/>'), "refused", ""),
 }  # fmt: skip
 CONFIGS = {
@@ -289,28 +298,33 @@ CONFIGS = {
     "100,001 bytes": (YAML + "#" * 100_000, "refused", "too large"),
     "100,000 unknown keys": ("\n".join(f"k{i}: 1" for i in range(10_000)), "refused", "unknown"),
 }
-ARMS = {
-    "valid": (arm_urdf(), "accepted", b""),
-    "a velocity of 0": (arm_urdf(), "refused", b"limits: {velocity: 0}\n"),
-    "a velocity of -1": (arm_urdf(), "refused", b"limits: {velocity: -1}\n"),
-    "a jerk of NaN": (arm_urdf(), "refused", b"limits: {jerk: .nan}\n"),
-    "a jerk of infinity": (arm_urdf(), "refused", b"limits: {jerk: .inf}\n"),
-    "a jerk of 400 digits": (arm_urdf(), "refused", b"limits: {jerk: " + b"9" * 400 + b"}\n"),
-    "a home outside the limits": (arm_urdf(), "refused", b"home: [9, 9, 9]\n"),
-    "a home of text": (arm_urdf(), "refused", b"home: rest\n"),
-    "a flange that is none": (arm_urdf(), "refused", b"flange: nothing\n"),
-    "a flange of control characters": (arm_urdf(), "refused", b'flange: "\\e[31m"\n'),
-    "a key twice": (arm_urdf(), "refused", b"flange: l3\nflange: l2\n"),
-    "5,000 joints": (arm_urdf().replace("</robot>", _chain(5000).replace("atip", "l4") + "</robot>"), "refused", b""),
-    "a cycle": (arm_urdf().replace("</robot>", _joint("back", "l4", "l0", "0 0 0") + "</robot>"), "refused", b""),
-    "limits in degrees": (arm_urdf().replace('upper="1.3"', 'upper="180"'), "refused", b""),
-}
+XACROS = {
+    "10 GB of text": XACRO.replace('value="0.01"', """value="${'x' * 10000000000}\""""),
+    "a power of powers": XACRO.replace('value="0.01"', 'value="${9**9**9**9}"'),
+    "code of Python": XACRO.replace('value="0.01"', """value="${__import__('os').system('touch pwned')}\""""),
+    "classes of Python": XACRO.replace('value="0.01"', 'value="${().__class__.__bases__[0].__subclasses__()}"'),
+    "an eval": XACRO.replace('value="0.01"', """value="$(eval __import__('os').system('touch pwned'))\""""),
+    "the environment": XACRO.replace('value="0.01"', 'value="$(env HOME)"'),
+    "a file outside": XACRO.replace('value="0.01"', """value="${xacro.load_yaml('/etc/passwd')}\""""),
+    "an include outside": XACRO.replace("<xacro:macro", '<xacro:include filename="../../../../etc/passwd"/><xacro:macro'),
+    "a macro of itself": XACRO.replace("<link", '<xacro:pad n="1"/><link'),
+    "an include of itself": XACRO.replace("<xacro:macro", '<xacro:include filename="hand.urdf.xacro"/><xacro:macro'),
+    "a million loops": XACRO.replace('value="0.01"', "value=\"${'%099999999d' % 1}\""),
+}  # fmt: skip
+MODEL_OUTSIDE = MJCF.replace("<asset>", '<asset><model name="m" file="sub.xml"/>')
 HANDMADE = [
     *(urdf_case(name, *values) for name, values in URDF.items()),
     *(urdf_case(name, U, "refused", mesh=content) for name, content in MESHES.items()),
     *(mjcf_case(name, *values) for name, values in MODELS.items()),
     *(yaml_case(name, *values) for name, values in CONFIGS.items()),
-    *(arm_case(name, text, expected, yaml=yaml) for name, (text, expected, yaml) in ARMS.items()),
+    *(Hostile("xacro", name, {"hand.urdf.xacro": text.encode(), "hand.yaml": YAML.encode()}, ("hand", "hand.urdf.xacro"), "refused")
+      for name, text in XACROS.items()),
+    mjcf_case("a model whose mesh is outside, attached", MODEL_OUTSIDE, "refused", "outside",
+              **{"sub.xml": b'<mujoco><asset><mesh name="x" file="/etc/passwd.stl"/></asset></mujoco>'}),
+    urdf_case("a mesh that is a hole of 4 GB", U, "refused", mesh=Hole(2**32, tip()[:200])),
+    urdf_case("a mesh of 200,000 triangles, 500 times", URDF["500 shapes of one mesh"][0], "refused", mesh=sphere()),
+    urdf_case("a description that is a hole of 10 GB", Hole(10**10), "refused"),
+    yaml_case("a hole of 10 GB", Hole(10**10), "refused"),
     urdf_case("a YAML that is a pipe", U, "either", yaml=Pipe()),
     urdf_case("a YAML that is a device", U, "either", yaml=Link("/dev/zero")),
     Hostile("urdf", "a description that is a pipe", {"hand.urdf": Pipe()}, ("hand", "hand.urdf"), "refused"),
@@ -320,4 +334,4 @@ HANDMADE = [
         "hand.urdf": urdf(name=MARKUP.replace("<", "&lt;")).replace("anear", MARKUP.replace("<", "&lt;")).encode(),
         "hand.yaml": YAML.encode(), "meshes/tip.stl": tip()}, ("hand", "hand.urdf", "--prepare", "out")),
 ]  # fmt: skip
-DRAWS: dict[str, Draw] = {"urdf": _urdf, "mjcf": _mjcf, "yaml": _yaml, "xacro": _xacro, "arm": _arm}
+DRAWS: dict[str, Draw] = {"urdf": _urdf, "mjcf": _mjcf, "yaml": _yaml, "xacro": _xacro}

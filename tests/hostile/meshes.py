@@ -12,7 +12,7 @@ from typing import Any, Literal
 import numpy as np
 import trimesh
 
-from hostile.case import CONTROL, MARKUP, MISSING_HAND, Content, Draw, Hostile, Link, Pipe
+from hostile.case import CONTROL, MARKUP, MISSING_HAND, Content, Draw, Hole, Hostile, Link, Pipe
 from hostile.mutations import damaged_bytes, damaged_json, damaged_xml
 
 FORMATS = ("obj", "stl", "ply", "glb", "off", "dae")
@@ -182,6 +182,9 @@ HANDMADE = [
             "a face of two corners": ((BOX + QUADS + "f 1 2\n").encode(), "either"),
             "decimal commas": ((BOX.replace(".", "0,") + QUADS).encode(), "refused"),
             "hexadecimal numbers": ((BOX.replace(".1", "0x1", 1) + QUADS).encode(), "refused"),
+            "spaces in the way": (b"v 0 0 0 \n  v .1 0 0\n\tv 0 .1 0\nv 0 0 .1\nf 1 2 3\nf 1 2 4\nf 1 3 4\nf 2 3 4", "either"),
+            "free-form curves": ((BOX + QUADS + "vp 1 2\ncurv 0 1 1 2\nsurf 0 1 0 1 1 2 3\nend\n").encode(), "accepted"),
+            "90,000 quads that are lines": ((BOX + "l 1 2 3 4\n" * 90_000 + QUADS).encode(), "accepted"),
             "grouped digits": ((BOX.replace(".1", "0_1.1", 1) + QUADS).encode(), "refused"),
             "a material elsewhere": (("mtllib /etc/passwd\nmtllib ../../x.mtl\n" + BOX + QUADS).encode(), "accepted"),
             "names of markup": ((f"o {MARKUP}\ng {MARKUP}\n" + BOX + QUADS).encode(), "accepted"),
@@ -231,7 +234,7 @@ HANDMADE = [
             "a negative corner": (b"OFF\n3 1 0\n0 0 0\n1 0 0\n0 1 0\n3 0 1 -1\n", "refused"),
             "faces of two corners": (b"OFF\n3 1 0\n0 0 0\n1 0 0\n0 1 0\n2 0 1\n", "refused"),
             "negative counts": (b"OFF\n-3 -1 0\n0 0 0\n", "refused"),
-            "NaN": (valid("off").replace(b" 0.0", b" nan", 1), "either"),
+            "NaN": (valid("off").replace(b" 0.0", b" nan", 1), "refused"),
         },
     ),
     *_handmade(
@@ -262,7 +265,7 @@ HANDMADE = [
     *_handmade(
         "dae",
         {
-            "NaN": (valid("dae").replace(b"0.012", b"nan", 1), "either"),
+            "NaN": (valid("dae").replace(b"0.075", b"nan", 1), "refused"),
             "an entity": (_dae("<COLLADA", '<!DOCTYPE x [<!ENTITY a "b">]><COLLADA'), "refused"),
             "an external entity": (_dae("<COLLADA", '<!DOCTYPE x [<!ENTITY a SYSTEM "file:///etc/passwd">]><COLLADA'), "refused"),
             "copies by doubling": (_instances(), "refused"),
@@ -272,6 +275,10 @@ HANDMADE = [
             "names of markup": (_dae('name="node0"', 'name="&lt;script&gt;alert(1)&lt;/script&gt;"'), "accepted"),
         },
     ),
+    *(mesh_case(kind, "a hole of 95 MB", Hole(95_000_000, valid(kind)[:200]), "refused") for kind in FORMATS),
+    *(mesh_case(kind, "a hole of 10 GB", Hole(10**10, valid(kind)[:200]), "refused") for kind in FORMATS),
+    Hostile("environment", "a hole of 900 MB", {"room.ply": Hole(900_000_000, valid("ply")[:200]), "pose.json": POSE},
+            ("scene", "phone", "--environment", "room.ply", *OWN), "refused"),
     Hostile("environment", "valid", {"room.ply": table_top(), "pose.json": POSE},
             ("scene", "phone", "--environment", "room.ply", *OWN), "accepted"),
 ]  # fmt: skip

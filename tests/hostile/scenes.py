@@ -8,7 +8,7 @@ from typing import Any
 
 import numpy as np
 
-from hostile.case import CONTROL, MARKUP, MISSING_HAND, Content, Draw, Hostile, Link, Pipe, as_json
+from hostile.case import CONTROL, MARKUP, MISSING_HAND, Content, Draw, Hole, Hostile, Link, Pipe, as_content
 from hostile.meshes import OWN, table_top
 from hostile.mutations import changed_value, damaged_bytes, damaged_json, odd_values
 
@@ -41,7 +41,7 @@ def _folder() -> dict[str, Any]:
 def scene_case(name: str, content: Any, expected: Any = "either", says: str = "", **files: Content) -> Hostile:
     """Return the case of a scene folder with this scene.json; `files` (a__b for a/b) take the place of the valid."""
     meshes = {f"scene/{key}": value for key, value in _folder().items() if key != "scene.json"}
-    data = content if isinstance(content, bytes | Link | Pipe) else as_json(content)
+    data = as_content(content)
     changed = {f"scene/{key}": value for key, value in files.items()}
     arguments = ("scene", "scene", "--hand", MISSING_HAND, "--out", "out")
     return Hostile("scene.json", name, meshes | {"scene/scene.json": data} | changed, arguments, expected, says)
@@ -49,7 +49,7 @@ def scene_case(name: str, content: Any, expected: Any = "either", says: str = ""
 
 def pose_case(name: str, content: Any, expected: Any = "either", says: str = "") -> Hostile:
     """Return the case of surroundings of one's own with this pose."""
-    data = content if isinstance(content, bytes | Link | Pipe) else as_json(content)
+    data = as_content(content)
     files = {"room.ply": table_top(), "pose.json": data}
     return Hostile("pose", name, files, ("scene", "phone", "--environment", "room.ply", *OWN), expected, says)
 
@@ -124,6 +124,9 @@ def handmade() -> list[Hostile]:
         "null": (None, "refused", ""),
         "a pipe": (Pipe(), "refused", ""),
         "a device": (Link("/dev/zero"), "refused", ""),
+        "a hole of 90 MB": (Hole(90_000_000, b"["), "refused", ""),
+        "a hole of 10 GB": (Hole(10**10), "refused", ""),
+        "90 MB of lists": (b"[" + b"[]," * 30_000_000 + b"[]]", "refused", ""),
         "a link to nothing": (Link("nothing"), "refused", ""),
     }  # fmt: skip
     scenes = {
@@ -141,7 +144,7 @@ def handmade() -> list[Hostile]:
         "a name of markup": (valid | {"scene": MARKUP}, "accepted", ""),
         "a name of control characters": (valid | {"scene": CONTROL}, "either", ""),
         "a name of 10 MB": (valid | {"scene": "a" * 10_000_000}, "either", ""),
-        "parameters nested 900 deep": (as_json(valid)[:-1] + b', "parameters2": ' + b"[" * 900 + b"]" * 900 + b"}", "either", ""),
+        "parameters nested 900 deep": (as_content(valid)[:-1] + b', "parameters2": ' + b"[" * 900 + b"]" * 900 + b"}", "either", ""),
         "a motion of zeros": (valid | {"motion": [0, 0, 0]}, "refused", "motion"),
         "a motion of NaN": (valid | {"motion": [float("nan"), 0, 0]}, "refused", ""),
         "a motion of 1e-320": (valid | {"motion": [1e-320, 0, 0]}, "either", ""),
@@ -149,13 +152,18 @@ def handmade() -> list[Hostile]:
         "a seed of 10^400": (valid | {"seed": 10**400}, "either", ""),
         "a turn of 1e300": (valid | {"turn": TURN | {"angle": 1e300}}, "refused", "turn"),
         "a turn about a zero axis": (valid | {"turn": TURN | {"axis": [0, 0, 0]}}, "refused", "turn"),
+        "a way of 1,000 km": (valid | {"motion_length": 1e6}, "refused", ""),
+        "a mass of 0": (valid | {"mass": 0}, "refused", "mass"),
+        "a mass of 1e-300": (valid | {"mass": 1e-300}, "either", ""),
+        "a friction of 1e6": (valid | {"friction_hand": 1e6}, "either", ""),
+        "a clearance of 1 km": (valid | {"clearance": 1000}, "either", ""),
         "worlds of 1e9": (valid | {"uncertainty": UNSURE | {"worlds": 10**9}}, "refused", "worlds"),
         "origins of 1e18 faces": (valid | {"environment_faces_seen_assumed_unseen": [10**18, 0, 0]}, "refused", ""),
         "a pipe": (Pipe(), "refused", ""),
     }  # fmt: skip
     page = {key: _folder()[key] for key in ("object.obj", "environment.obj")}
     drawn = {
-        f"scene/{key}": value for key, value in (page | {"scene.json": as_json(valid | {"scene": MARKUP})}).items()
+        f"scene/{key}": value for key, value in (page | {"scene.json": as_content(valid | {"scene": MARKUP})}).items()
     }
     return [
         *(pose_case(name, *values) for name, values in poses.items()),

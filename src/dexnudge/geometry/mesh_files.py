@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import io
+import logging
 import re
 import struct
 from pathlib import Path
@@ -18,6 +19,8 @@ MAX_BYTES_PER_FACE = 500  # 200,000 faces in the wordiest of the formats take ha
 NUMBER = re.compile(rb"[+-]?(?:\d+\.?\d*|\.\d+)(?:[eE][+-]?\d+)?")
 CUT_OFF = 0.02  # of an OBJ's vertices; more without a face, and no end to the last line: it was cut off
 Z_UP = np.array([[1.0, 0, 0, 0], [0, 0, -1, 0], [0, 1, 0, 0], [0, 0, 0, 1]])  # turns y up into z up
+
+logging.getLogger("trimesh").addHandler(logging.NullHandler())  # what it logs of damaged files is not printed
 
 # What the parsers raise on damaged files. A defect of ours would surface in the tests of intact files.
 PARSE_ERRORS = (
@@ -84,8 +87,14 @@ def parse_triangles(
     Raises:
         MeshError: too large, truncated or not a mesh.
     """
-    found = announced(data, kind, name, max_faces=max_faces)
-    mesh = _parsed(found.data, kind, name, keep_order=keep_order)
+    try:
+        found = announced(data, kind, name, max_faces=max_faces)
+        mesh = _parsed(found.data, kind, name, keep_order=keep_order)
+    except MemoryError as error:
+        raise MeshError(
+            f"{name}: the memory does not suffice to read its {len(data) / 1e6:.0f} MB; decimate the mesh, or write it as "
+            "binary STL, which is read with least"
+        ) from error
     if kind in ("off", "ply") and found.faces is not None and len(mesh.faces) < found.faces:
         raise damaged(name, kind, f"{found.faces} faces announced, {len(mesh.faces)} read")
     if len(mesh.vertices) == 0:

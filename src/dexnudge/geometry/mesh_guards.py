@@ -116,6 +116,8 @@ def _stl(data: bytes, name: str) -> Announced:
     count = int(struct.unpack("<I", data[STL_HEADER - 4 : STL_HEADER])[0]) if len(data) >= STL_HEADER else 0
     end = STL_HEADER + STL_FACE * count
     if len(data) < STL_HEADER or (end != len(data) and b"facet" in data[:4096].lower()):
+        if match := re.search(rb"vertex(?!(?:[ \t]+[^\s]+){3}[ \t]*[\r\n])[^\n]*", data, re.IGNORECASE):
+            raise damaged(name, "stl", f"the line '{match[0].decode('latin-1').strip()[:60]}' has not three numbers")
         return Announced(_ascii(data), data.lower().count(b"endfacet"))
     if end > len(data):
         room = (len(data) - STL_HEADER) // STL_FACE

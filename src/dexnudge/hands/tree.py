@@ -13,6 +13,7 @@ from dexnudge.hands.config import HandConfig
 
 MAX_LINKS = 1000  # of a hand, or an arm and a hand
 CONTINUOUS_LIMIT = np.pi  # [rad] either way: a joint without limits still needs a finite range to sample from
+MAX_JOINTS = 100  # of a hand, that move; two Shadow hands with their arms have 62
 MAX_SHAPES = 3000  # of all links together; a sphere has 1,280 triangles
 
 
@@ -231,7 +232,12 @@ def check_sizes(tree: Tree, longest_link: float = LONGEST_LINK) -> None:
 
 
 def check_joints(tree: Tree, config: HandConfig) -> None:
-    """Refuse joints that neither turn nor slide, and couplings of a slide with an angle."""
+    """Refuse joints that neither turn nor slide, more than any hand has, and couplings of a slide with an angle."""
+    moving = sum(not joint.fixed for joint in tree.joints)
+    if moving > MAX_JOINTS:
+        raise HandError(
+            f"the hand has {moving} joints that move: expected at most {MAX_JOINTS}; leave the hand alone in it"
+        )
     for joint in tree.joints:
         if joint.places is not None:
             raise HandError(

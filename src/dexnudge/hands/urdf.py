@@ -121,6 +121,7 @@ def numbers_of(
     return values
 
 
+ONCE = ("parent", "child", "origin", "axis", "limit", "mimic")  # in a joint: of two, readers take one or the other
 JOINT_TYPES = ("revolute", "continuous", "prismatic", "fixed")
 PLACING_TYPES = ("planar", "floating")  # read where they place the hand in the world, above the palm
 
@@ -240,6 +241,7 @@ def _joints(robot: Element, path: Path) -> list[TreeJoint]:
             raise HandError(
                 f"{where}: expected type {', '.join(JOINT_TYPES)}, got '{kind}'; replace the joint or fix it"
             )
+        _refuse_doubles("element of a joint", [each.tag for each in element if each.tag in ONCE], where)
         ends = []
         for role in ("parent", "child"):
             end = element.find(role)
@@ -320,7 +322,7 @@ def _name(element: Element, path: Path) -> str:
     return name
 
 
-def _refuse_doubles(kind: str, names: list[str], path: Path) -> None:
+def _refuse_doubles(kind: str, names: list[str], path: Path | str) -> None:
     doubles = [name for name, count in Counter(names).items() if count > 1]
     if doubles:
         raise HandError(f"{path}: expected each {kind} name once, got {doubles} more than once; rename them")

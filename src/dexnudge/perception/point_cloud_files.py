@@ -63,7 +63,8 @@ def load_point_cloud(path: str | Path) -> PointCloud:
     except (*PARSE_ERRORS, TokenError, MemoryError) as error:
         if isinstance(error, SceneError):
             raise
-        raise SceneError(f"{path}: cannot be read as {kind[1:]} ({type(error).__name__}); {REMEDY}") from error
+        what = "the memory does not suffice" if isinstance(error, MemoryError) else type(error).__name__
+        raise SceneError(f"{path}: cannot be read as {kind[1:]} ({what}); {REMEDY}") from error
     return PointCloud(checked_points(points, str(path), organised=organised), view_point)
 
 
