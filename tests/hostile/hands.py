@@ -47,6 +47,13 @@ def urdf(*further: str, name: str = "hand") -> str:
 
 
 YAML = "palm: palm\nfingertips: {A: atip, B: btip, T: ttip}\npalm_normal: [0, -1, 0]\ncouplings: [[a1, a2]]\n"
+XACRO = urdf().replace(
+    '<robot name="hand">',
+    '<robot name="hand" xmlns:xacro="http://www.ros.org/wiki/xacro"><xacro:property name="w" value="0.01"/>'
+    '<xacro:macro name="pad" params="n:=1"><link name="pad${n}"><collision><geometry><box size="${w} 0.01 0.01"/>'
+    '</geometry></collision></link><joint name="mount${n}" type="fixed"><parent link="palm"/><child link="pad${n}"/></joint>'
+    '</xacro:macro><xacro:pad n="1"/>',
+)
 MJCF = """<mujoco model="hand"><compiler meshdir="meshes"/>
   <default><geom friction="1 .01 .001"/><default class="far"><joint axis="0 1 0" range="-10 60"/></default></default>
   <asset><mesh name="tip" file="tip.stl" scale="0.001 0.001 0.001"/></asset>
@@ -64,9 +71,6 @@ MJCF = """<mujoco model="hand"><compiler meshdir="meshes"/>
   <tendon><fixed name="t"><joint joint="crank" coef="1"/><joint joint="tip" coef="1"/></fixed></tendon>
   <actuator><position name="m" tendon="t"/></actuator></mujoco>"""
 MJCF_YAML = "palm: palm\nfingertips: {a: tip, b: coupler}\npalm_normal: [0, 1, 0]\n"
-XACRO = ('<robot name="x" xmlns:xacro="http://www.ros.org/wiki/xacro"><xacro:property name="w" value="0.01"/>'
-         '<xacro:macro name="pad" params="n:=1"><link name="pad${n}"><collision><geometry><box size="${w} 0.01 0.01"/>'
-         '</geometry></collision></link></xacro:macro><xacro:pad n="1"/></robot>')  # fmt: skip
 
 
 @cache
@@ -96,6 +100,12 @@ def mjcf_case(name: str, text: str | bytes, expected: Any = "either", says: str 
     data = text.encode("utf-8", "surrogatepass") if isinstance(text, str) else text
     beside = {"hand.yaml": MJCF_YAML.encode(), "meshes/tip.stl": tip(), **files}
     return Hostile("mjcf", name, {"hand.xml": data, **beside}, ("hand", "hand.xml"), expected, says)
+
+
+def xacro_case(name: str, data: bytes, expected: Any = "either") -> Hostile:
+    """Return the case of `dexnudge hand` with a xacro file."""
+    files = {"hand.urdf.xacro": data, "hand.yaml": YAML.encode(), "meshes/tip.stl": tip()}
+    return Hostile("xacro", name, files, ("hand", "hand.urdf.xacro"), expected)
 
 
 def yaml_case(name: str, text: str | Content, expected: Any = "either", says: str = "") -> Hostile:
@@ -141,7 +151,7 @@ def _yaml(rng: random.Random) -> Hostile:
 
 def _xacro(rng: random.Random) -> Hostile:
     what, data = damaged_bytes(XACRO.encode(), rng)
-    return Hostile("xacro", what, {"hand.urdf.xacro": data, "hand.yaml": YAML.encode()}, ("hand", "hand.urdf.xacro"))
+    return xacro_case(what, data)
 
 
 def chain(count: int, *, child_first: bool = False, branch: bool = False) -> str:
@@ -309,7 +319,7 @@ XACROS = {
     "an include outside": XACRO.replace("<xacro:macro", '<xacro:include filename="../../../../etc/passwd"/><xacro:macro'),
     "a macro of itself": XACRO.replace("<link", '<xacro:pad n="1"/><link'),
     "an include of itself": XACRO.replace("<xacro:macro", '<xacro:include filename="hand.urdf.xacro"/><xacro:macro'),
-    "a million loops": XACRO.replace('value="0.01"', "value=\"${'%099999999d' % 1}\""),
+    "a number of 100 MB": XACRO.replace('value="0.01"', "value=\"${'%099999999d' % 1}\""),
 }  # fmt: skip
 MODEL_OUTSIDE = MJCF.replace("<asset>", '<asset><model name="m" file="sub.xml"/>')
 HANDMADE = [
@@ -317,8 +327,8 @@ HANDMADE = [
     *(urdf_case(name, U, "refused", mesh=content) for name, content in MESHES.items()),
     *(mjcf_case(name, *values) for name, values in MODELS.items()),
     *(yaml_case(name, *values) for name, values in CONFIGS.items()),
-    *(Hostile("xacro", name, {"hand.urdf.xacro": text.encode(), "hand.yaml": YAML.encode()}, ("hand", "hand.urdf.xacro"), "refused")
-      for name, text in XACROS.items()),
+    xacro_case("valid", XACRO.encode(), "accepted"),
+    *(xacro_case(name, text.encode(), "either" if "number" in name else "refused") for name, text in XACROS.items()),
     mjcf_case("a model whose mesh is outside, attached", MODEL_OUTSIDE, "refused", "outside",
               **{"sub.xml": b'<mujoco><asset><mesh name="x" file="/etc/passwd.stl"/></asset></mujoco>'}),
     urdf_case("a mesh that is a hole of 4 GB", U, "refused", mesh=Hole(2**32, tip()[:200])),
