@@ -269,17 +269,6 @@ def test_an_object_that_turns_less_than_the_hand_has_turned_before_it_slides(sim
     assert np.abs(np.diff(targets, axis=0)).max() < 2e-3  # [m, rad a step]: no leap from one stage to the next
 
 
-@pytest.mark.parametrize(("growth", "eases"), [(0.0, False), (0.02, True)])
-def test_what_the_squeeze_has_tilted_an_object_by_does_not_ease_the_press(simulation, growth, eases):
-    policy, forces = Feedback(), pressing(simulation, 2.0)
-    policy.start(PushPlan(PATH, forces, HandDrive.of(simulation)))
-    for step, phase in enumerate(PATH.phase):
-        tilt = 0.0 if phase == "settle" else 0.02 + growth * PATH.done[step]
-        thing = pose(Rotation.from_rotvec([0.0, tilt, 0.0]), PATH.displacement[step, :3, 3])
-        policy.command(observation(thing, pose(position=PATH.position[step]), force=2.0))
-    assert (policy._press < 1.0) is eases
-
-
 @pytest.mark.parametrize(("pinches", "height"), [(False, Q[2] - 0.003), (True, Q[2])])
 def test_the_height_of_a_pinch_is_kept_and_that_of_a_press_follows(simulation, pinches, height):
     loop = OpenLoop()

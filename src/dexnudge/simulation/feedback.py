@@ -61,7 +61,6 @@ class Feedback:
         self._press, self._slip, self._slipping, self._pull = 1.0, 0.0, 0.0, 0.0
         self._lead, self._further = 0.0, 0.0  # of the base's target [m of way]: for its springs, and at the end
         self._way, self._moving, self._off, self._over = 0.0, 1.0, 0.0, False
-        self._settled: float | None = None  # tilt of the object as the push begins [rad]
         self._aim, self._wrench = np.zeros((2, 6))
         self._force, self._extra = np.zeros((2, forces.link_force.shape[1]))
 
@@ -81,10 +80,7 @@ class Feedback:
             lag, across = self._error(seen, step)
             behind = self._behind(seen, told, step)
             self._feel(seen, step, lag - behind)
-            tilt = float(np.linalg.norm(across[3:5]))
-            if self._settled is None:
-                self._settled = min(tilt, self.limits.settled)
-            self._press_anew(step, tilt=tilt - self._settled)
+            self._press_anew(step, tilt=float(np.linalg.norm(across[3:5])))
             self._lead += TIMESTEP / self.limits.track_time * (behind + self._further)
             self._lead = float(np.clip(self._lead, *self.limits.tracked))
             self._aim_anew(step, lag, across)

@@ -13,8 +13,7 @@ class FeedbackLimits:
         press: least and greatest press, times the planned one. press_rate, relax_rate: of its rise and fall [1/s].
         slip: way by which the object may stay behind the palm [m]; so far fingers give way.
         pull: times the planned ratio of pull to press above which the hand presses harder.
-        tilt: of the object against the plan above which the hand presses less, or more where it pinches it [rad]. settled:
-            of that, what the squeeze may have tilted it by, on a rounded face, which counts for nothing [rad].
+        tilt: of the object against the plan above which the hand presses less, or more where it pinches it [rad].
         slowest: share of the speed at which the hand waits for the object, longest_wait: in all [s].
         close: lag at the end that is left [m]. most_ahead: way that the hand pushes on, [m] and share of the length.
         lost: slip of an object that stands still, above which the push ends [m]. most_off: turn of the object away from the
@@ -34,7 +33,6 @@ class FeedbackLimits:
     slip: float = 0.002
     pull: float = 1.15
     tilt: float = 0.008
-    settled: float = 0.05
     slowest: float = 0.3
     longest_wait: float = 0.7
     close: float = 0.003
