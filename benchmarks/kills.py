@@ -283,7 +283,7 @@ def jobs(work: Path) -> list[Job]:
 
     def with_samples(out: Path) -> None:
         if not samples.is_dir():
-            Job("", f"sample phone --num 8 --out {samples}".split()).finish(samples)
+            Job("", f"sample phone --scene table --num 8 --out {samples}".split()).finish(samples)
         shutil.copytree(samples, out, dirs_exist_ok=True)
 
     evaluate = "evaluate --objects builtin:test --max-objects 2 --scenes table --num 4 --workers 1 --out {out}"

@@ -16,6 +16,7 @@ from typing import Any
 LONGEST_QUOTE = 80  # characters of a wrong value in a message
 LONGEST_NAME = 1000  # characters of what a file calls a link, a joint or a digit
 LONGEST_MESSAGE = 4000  # characters; of a longer one, beginning and end are shown
+LONGEST_PART, LONGEST_PATH = 255, 4095  # bytes of a name and of a whole path that file systems take
 LARGEST_SEED = 2**63 - 1
 
 
@@ -73,10 +74,14 @@ def check_seed(seed: Any) -> None:
 
 
 def check_path(argument: str, value: object, error: Any = None) -> None:
-    """Refuse what is no path of a file system, such as None or a text with a NUL; `error`, or InputError."""
-    if not isinstance(value, str | os.PathLike) or "\0" in str(value):
+    """Refuse what is no path of a file system: None, a text with a NUL, a name too long; `error`, or InputError."""
+    text = str(value)
+    parts = text.encode("utf-8", "surrogatepass").split(os.sep.encode())
+    sizes = max(map(len, parts)), sum(map(len, parts)) + len(parts)
+    if not isinstance(value, str | os.PathLike) or "\0" in text or sizes[0] > LONGEST_PART or sizes[1] > LONGEST_PATH:
         raise (error or InputError)(
-            f"`{argument}` is {quote(value)}; expected the path of a file or folder, without NUL"
+            f"`{argument}` is {quote(value)}; expected the path of a file or folder, without NUL, each name of at most "
+            f"{LONGEST_PART} bytes and all of at most {LONGEST_PATH}"
         )
 
 

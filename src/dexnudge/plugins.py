@@ -128,8 +128,14 @@ def call_foreign(what: str, function: Callable[..., Made], *arguments: Any, mend
     """
     try:
         return function(*arguments, **options)
-    except (Exception, SystemExit) as error:  # foreign code may raise anything, and the culprit must be named
-        raise InputError(f"{what}: {type(error).__name__}: {error}{mend}") from error
+    except KeyboardInterrupt:
+        raise
+    except BaseException as error:
+        try:
+            said = str(error)
+        except Exception:  # noqa: BLE001  of the foreign error's own
+            said = "(its message cannot be shown)"
+        raise InputError(f"{what}: {type(error).__name__}: {said}{mend}") from error
 
 
 def call_plugin(kind: str, name: str, expected: type, *arguments: Any, **options: Any) -> Any:

@@ -132,7 +132,7 @@ def test_options_that_contradict_or_make_no_sense(refused, options, message):
         (["dataset", "generate", "--objects", "builtin:test"], ["--seed", -1], "--seed is -1; expected at least 0"),
         (["dataset", "generate", "--objects", "builtin:test"], ["--grasps", -1], "--grasps is -1; expected at least 0"),
         (["dataset", "generate", "--objects", "nothing"], [], "nothing: no such set of objects"),
-        (["train", "--data", "nothing"], ["--seed", -1], "--seed is -1; expected 0 or more"),
+        (["train", "--data", "nothing"], ["--seed", -1], "--seed is -1; expected a whole number from 0"),
         (["train", "--data", "nothing"], [], "expected a dataset folder"),
     ],
 )

@@ -93,4 +93,4 @@ def test_the_help_names_choices_and_every_setting(dexnudge):
 def test_a_setting_that_is_impossible_is_an_argument_error(dexnudge):
     outcome = dexnudge("train", "--data", "x", "--out", "y", "--steps", "0")
     assert outcome.code == 2
-    assert "--steps is 0; expected at least 1" in outcome.err
+    assert "--steps is 0; expected a number from 1 to" in outcome.err

@@ -238,12 +238,14 @@ def test_a_gpu_that_is_not_there(dataset_folder, short, tmp_path):
 @pytest.mark.parametrize(
     ("settings", "message"),
     [
-        ({"steps": 0}, "`steps` is 0; expected at least 1"),
-        ({"grasp_fraction": 1.5}, "`grasp_fraction` is 1.5; expected a share between 0 and 1"),
-        ({"scale_jitter": 1.0}, "`scale_jitter` is 1.0; expected a relative error from 0 to below 1"),
-        ({"point_noise": -0.1}, "`point_noise` is -0.1; expected 0 or more"),
-        ({"seed": -1}, "`seed` is -1; expected 0 or more"),
-        ({"max_minutes": 0.0}, "`max_minutes` is 0.0; expected more than 0"),
+        ({"steps": 0}, "`steps` is 0; expected a number from 1 to"),
+        ({"grasp_fraction": 1.5}, "`grasp_fraction` is 1.5; expected a number from 0 to 1"),
+        ({"scale_jitter": 1.0}, "`scale_jitter` is 1.0; expected a number from 0 to 0.99"),
+        ({"point_noise": -0.1}, "`point_noise` is -0.1; expected a number from 0 to 1"),
+        ({"seed": -1}, "`seed` is -1; expected a whole number from 0"),
+        ({"learning_rate": float("nan")}, "`learning_rate` is nan; expected a number from 1e-30"),
+        ({"groups": 4096, "rows_per_group": 4096}, "make 16,777,216 configurations; expected at most 262,144"),
+        ({"max_minutes": 0.0}, "`max_minutes` is 0.0; expected a number from 1e-06"),
     ],
 )
 def test_impossible_settings(settings, message):

@@ -23,14 +23,17 @@ from pathlib import Path
 from hostile.case import Draw, Hostile
 from hostile.judge import Outcome, run, warm_up
 
+RECORDS = ("checkpoints", "datasets", "results", "options", "plugins")  # the same; only where they are named
 MODULES = ("meshes", "hands", "arms", "scenes", "depth")  # each has DRAWS, by reader, and HANDMADE
 REAL = 200  # one input in so many is run by a Python of its own
 COLUMNS = ("number", "reader", "name", "verdict", "code", "seconds", "megabytes")
 
 
-def hostile_inputs(seed: int, count: int, readers: Sequence[str] = ()) -> Iterator[Hostile]:
+def hostile_inputs(
+    seed: int, count: int, readers: Sequence[str] = (), names: Sequence[str] = MODULES
+) -> Iterator[Hostile]:
     """Yield `count` inputs, the same for the same seed: one made by hand, one drawn, while there are some made by hand."""
-    modules = [import_module(f"hostile.{name}") for name in MODULES]
+    modules = [import_module(f"hostile.{name}") for name in names]
     handmade = [case for module in modules for case in module.HANDMADE if not readers or case.reader in readers]
     draws: dict[str, Draw] = {
         reader: draw for module in modules for reader, draw in module.DRAWS.items() if not readers or reader in readers
@@ -43,7 +46,7 @@ def hostile_inputs(seed: int, count: int, readers: Sequence[str] = ()) -> Iterat
 
 
 def campaign(
-    out: Path, *, seed: int, count: int, readers: Sequence[str] = (), real: int = REAL
+    out: Path, *, seed: int, count: int, readers: Sequence[str] = (), real: int = REAL, names: Sequence[str] = MODULES
 ) -> list[dict[str, str]]:
     """Run the inputs that `out` has no row of yet; return all rows."""
     from dexnudge.jobs.progress import progress
@@ -57,7 +60,7 @@ def campaign(
         if not done:
             writer.writeheader()
         bar = bars.add_task("hostile inputs", total=count, completed=len(done))
-        for number, case in enumerate(hostile_inputs(seed, count, readers)):
+        for number, case in enumerate(hostile_inputs(seed, count, readers, names)):
             if number < len(done):
                 continue
             with tempfile.TemporaryDirectory() as scratch:
@@ -110,8 +113,16 @@ def main() -> int:
     parser.add_argument("--readers", nargs="*", default=[], help="some readers only, such as obj urdf")
     parser.add_argument("--real", type=int, default=REAL, help="one input in so many in a Python of its own")
     parser.add_argument("--out", type=Path, default=Path("runs/fuzz"), help="folder of outcomes.csv and summary.json")
+    parser.add_argument("--modules", nargs="*", default=MODULES, help=f"such as {' '.join(RECORDS)}")
     options = parser.parse_args()
-    rows = campaign(options.out, seed=options.seed, count=options.count, readers=options.readers, real=options.real)
+    rows = campaign(
+        options.out,
+        seed=options.seed,
+        count=options.count,
+        readers=options.readers,
+        real=options.real,
+        names=options.modules,
+    )
     for reader, counts in summary(rows).items():
         print(f"{reader:<14}" + ", ".join(f"{number} {verdict}" for verdict, number in counts.items()))
     return int(any(row["verdict"] not in ("refused", "accepted") for row in rows))

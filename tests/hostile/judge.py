@@ -156,7 +156,7 @@ def _verdict(case: Hostile, code: int, out: str, err: str) -> str:
     if UNPRINTABLE.search(err) or UNPRINTABLE.search(out):
         return "unescaped"
     lines = [line for line in err.splitlines() if line.startswith("dexnudge: ")]
-    usage = "Parsing error" in err or "Required options" in err  # tyro's, in a box
+    usage = err.startswith("╭")  # tyro's, in a box
     if code == REFUSED and not usage and (len(lines) != 1 or not err.startswith("dexnudge: ")):
         return "not one message"
     if code != REFUSED and err.strip():

@@ -135,9 +135,9 @@ def handmade() -> list[Hostile]:
           ("--num-points", "1000000000"), ("--learning-rate", "nan"), ("--learning-rate", "-1"), ("--weight-decay", "inf"),
           ("--gradient-clip", "nan"), ("--ema-decay", "2"), ("--snr-limit", "nan"), ("--warmup-steps", "-1"),
           ("--num-threads", "1000000000"), ("--clean-limit", "nan"), ("--min-direction-margin", "nan"))),
-        *((EVALUATE, option, value) for option, value in (("--num", "1000000000"), ("--workers", "0"), ("--workers", "1000000000"),
+        *((EVALUATE, option, value) for option, value in (("--num", "1000000000"), ("--workers", "0"),
           ("--seed", "18446744073709551616"), ("--max-objects", "0"))),
-        *((GENERATE, option, value) for option, value in (("--grasps", "-1"), ("--upright", "nan"), ("--workers", "1000000000"),
+        *((GENERATE, option, value) for option, value in (("--grasps", "-1"), ("--upright", "nan"),
           ("--non-prehensile", "1000000000000"))),
     ]  # fmt: skip
     numbers = [

@@ -11,7 +11,7 @@ from importlib import import_module
 from io import StringIO
 from typing import Any
 
-from dexnudge.errors import DexnudgeError, InputError, UnknownNameError, did_you_mean, printable, shortened
+from dexnudge.errors import DexnudgeError, InputError, UnknownNameError, check_path, did_you_mean, printable, shortened
 from dexnudge.jobs.processes import limit_threads
 from dexnudge.version import __version__
 
@@ -151,6 +151,9 @@ def _check_values(options: Sequence[str]) -> None:
 
     for place, option in enumerate(options):
         flag, _, value = option.partition("=")
+        word = value if flag.startswith("--") else option
+        if not is_number(word):
+            check_path("an option", word)  # what is no number may become one
         if option == UNCERTAIN and (place + 1 == len(options) or options[place + 1].startswith("--")):
             from dexnudge.scenes.uncertainty import EXPECTED
 

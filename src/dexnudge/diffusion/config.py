@@ -4,7 +4,7 @@ import math
 from dataclasses import asdict, dataclass, field
 from typing import Any, Literal, get_args
 
-from dexnudge.errors import CheckpointError, InputError, UnknownNameError, check_seed
+from dexnudge.errors import CheckpointError, InputError, UnknownNameError, check_seed, quote
 
 PredictionType = Literal["epsilon", "sample", "v_prediction"]
 ScheduleName = Literal["cosine", "linear"]
@@ -180,15 +180,34 @@ class ModelConfig:
 DEFAULT_STEPS = 20_000
 # May differ between a run and its continuation: they do not change the weights of a run that ends by its steps.
 _BUDGET_FIELDS = ("max_minutes", "checkpoint_every", "validate_every", "log_every", "num_threads")
-_COUNTS = ("groups", "rows_per_group", "num_points", "validate_every", "checkpoint_every", "log_every")
-_SHARES = (
-    "grasp_fraction",
-    "behaviour_balance",
-    "unconditional_fraction",
-    "direction_dropout",
-    "turn_fraction",
-    "behaviour_dropout",
-)
+_LARGEST = 1e30  # of numbers that only have to stay finite in single precision
+_LIMITS: dict[str, tuple[float, float]] = {
+    **dict.fromkeys(("steps", "validate_every", "checkpoint_every", "log_every"), (1, 10**9)),
+    **dict.fromkeys(("groups", "rows_per_group"), (1, 4096)),
+    "num_points": (1, 1024),  # as many as a dataset holds of an object
+    "num_threads": (1, 1024),
+    "warmup_steps": (0, 10**9),
+    "max_minutes": (1e-6, 10**7),
+    **dict.fromkeys(("learning_rate", "gradient_clip", "snr_limit"), (1e-30, _LARGEST)),
+    **dict.fromkeys(
+        (
+            "ema_decay",
+            "grasp_fraction",
+            "behaviour_balance",
+            "unconditional_fraction",
+            "direction_dropout",
+            "turn_fraction",
+            "behaviour_dropout",
+        ),
+        (0, 1),
+    ),
+    "weight_decay": (0, _LARGEST),
+    "min_direction_margin": (-1, 3),  # force margins are no larger
+    "yaw_jitter": (0, math.pi),
+    "point_noise": (0, 1),
+    "scale_jitter": (0, 0.99),
+}
+_MOST_ROWS = 2**18  # configurations in a batch, some GB of memory
 
 
 @dataclass(frozen=True, kw_only=True)
@@ -261,21 +280,16 @@ class TrainingConfig:
     architecture: Architecture = field(default_factory=Architecture)
 
     def __post_init__(self) -> None:
-        for name in (*_COUNTS, "steps", "num_threads"):
+        for name, (least, most) in _LIMITS.items():
             value = getattr(self, name)
-            if value is not None and value < 1:
-                raise InputError(f"`{name}` is {value}; expected at least 1.")
-        for name in _SHARES:
-            if not 0.0 <= getattr(self, name) <= 1.0:
-                raise InputError(f"`{name}` is {getattr(self, name)}; expected a share between 0 and 1.")
-        for name in ("yaw_jitter", "point_noise", "seed"):
-            if not 0.0 <= getattr(self, name) < math.inf:
-                raise InputError(f"`{name}` is {getattr(self, name)}; expected 0 or more.")
+            if value is not None and not least <= value <= most:
+                raise InputError(f"`{name}` is {quote(value)}; expected a number from {least:g} to {most:g}.")
         check_seed(self.seed)
-        if not 0.0 <= self.scale_jitter < 1.0:
-            raise InputError(f"`scale_jitter` is {self.scale_jitter}; expected a relative error from 0 to below 1.")
-        if self.max_minutes is not None and not 0.0 < self.max_minutes < math.inf:
-            raise InputError(f"`max_minutes` is {self.max_minutes}; expected more than 0.")
+        if self.groups * self.rows_per_group > _MOST_ROWS:
+            raise InputError(
+                f"`groups` {self.groups} and `rows_per_group` {self.rows_per_group} make "
+                f"{self.groups * self.rows_per_group:,} configurations; expected at most {_MOST_ROWS:,}."
+            )
 
     def identity(self) -> dict[str, object]:
         """Return the settings that a continuation must share with the run that it continues."""

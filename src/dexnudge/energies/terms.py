@@ -71,7 +71,8 @@ def check_terms(terms: Sequence[Any]) -> tuple[EnergyTerm, ...]:
             raise InputError(
                 f"entry {place} of `terms` is the class {term.__name__}; expected an object, such as {term.__name__}()"
             )
-        kind, name = type(term).__name__, getattr(term, "name", None)
+        kind = type(term).__name__
+        name = call_foreign(f"term {place} of `terms`, a {kind}, has no name", getattr, term, "name", None)
         if not isinstance(name, str) or not name.strip():
             raise InputError(
                 f"term {place} of `terms`, a {kind}, has the name {name!r}; expected a text; give it an attribute `name`"

@@ -33,7 +33,7 @@ from typing import Any
 import numpy as np
 from jaxtyping import Float
 
-from dexnudge.errors import InputError, check_path
+from dexnudge.errors import InputError, check_path, is_name, quote
 from dexnudge.hands.export import HAND_FILES, export_hand
 from dexnudge.hands.hand import ROOT_COORDINATES, Hand
 from dexnudge.hands.registry import load_hand
@@ -339,11 +339,11 @@ def read_result(folder: Path | str) -> tuple[Samples, dict[str, Any], dict[str, 
             f"{folder}: the configurations have the joints {', '.join(joint_names)}, the hand in hand/ has "
             f"{', '.join(hand.joint_names)}; expected the same joints in the same order; sample again"
         )
-    names = summary.get("criteria")
-    if not isinstance(names, list) or sorted(map(str, names)) != sorted(verdicts.values):
+    names, nameless = summary.get("criteria"), [name for name in verdicts.values if not _is_criterion(name)]
+    if not isinstance(names, list) or sorted(map(str, names)) != sorted(verdicts.values) or nameless:
         raise InputError(
-            f"{folder}: summary.json lists the criteria {names}, configurations.npz has the values of "
-            f"{', '.join(verdicts.values)}; expected the same; sample again"
+            f"{folder}: summary.json lists the criteria {quote(names)}, configurations.npz has the values of "
+            f"{quote(nameless or [*verdicts.values])}; expected the same, with names that a folder can have; sample again"
         )
     criteria: list[Criterion] = []
     missing: dict[str, str] = {}
@@ -357,6 +357,10 @@ def read_result(folder: Path | str) -> tuple[Samples, dict[str, Any], dict[str, 
     verdicts = replace(verdicts, criteria=tuple(criteria), sentences=dict(summary.get("reasons", {})))
     seconds, reports = dict(summary.get("seconds", {})), tuple(summary.get("sampler", ()))
     return Samples(scene, hand, q, verdicts, seconds=seconds, reports=reports), summary, missing
+
+
+def _is_criterion(name: str) -> bool:
+    return is_name(name) and Path(name).name == name and "\\" not in name
 
 
 def _read_summary(folder: Path) -> dict[str, Any]:

@@ -277,7 +277,7 @@ def check_criteria(criteria: Iterable[Any] | None) -> list[Criterion]:
     builtin = {criterion.name: criterion for criterion in _BUILTIN}
     names: set[str] = set()
     for place, criterion in enumerate(criteria):
-        name = getattr(criterion, "name", None)
+        name = call_foreign(f"a {type(criterion).__name__} has no name", getattr, criterion, "name", None)
         if isinstance(criterion, type) or not callable(criterion) or name is None:
             raise InputError(
                 f"entry {place} of `criteria` is {criterion!r}; expected an object with a `name` that is called with "
