@@ -52,7 +52,7 @@ def load_point_cloud(path: str | Path) -> PointCloud:
             raise SceneError(f"{path}: no such file; expected a point cloud, {', '.join(FORMATS)}")
         if path.stat().st_size > MAX_BYTES:
             raise SceneError(f"{path}: is larger than {MAX_BYTES / 1e9:g} GB; expected a point cloud; thin it out")
-        data = path.read_bytes()
+        data = b"" if kind == ".npy" else path.read_bytes()  # numpy maps its own file
     except OSError as error:
         raise SceneError(f"{path}: cannot be read ({what_failed(error)}); expected a point cloud") from error
     reader = {".ply": _read_ply, ".pcd": _read_pcd, ".npy": _read_npy}[kind]
@@ -60,10 +60,10 @@ def load_point_cloud(path: str | Path) -> PointCloud:
         with np.errstate(all="ignore"):
             points, organised, view_point = reader(data, path)
             points = points.astype(np.float64) if points.dtype.kind in "fiu" else points
-    except (*PARSE_ERRORS, TokenError, MemoryError) as error:
+    except (*PARSE_ERRORS, TokenError, MemoryError, OSError) as error:
         if isinstance(error, SceneError):
             raise
-        what = "the memory does not suffice" if isinstance(error, MemoryError) else type(error).__name__
+        what = "the memory does not suffice" if isinstance(error, MemoryError | OSError) else type(error).__name__
         raise SceneError(f"{path}: cannot be read as {kind[1:]} ({what}); {REMEDY}") from error
     return PointCloud(checked_points(points, str(path), organised=organised), view_point)
 
