@@ -19,7 +19,7 @@ import torch
 from safetensors.torch import load, save
 
 from dataset.toy import DIGIT_JOINTS, JOINT_NAMES, write_toy_dataset
-from hostile.case import CONTROL, Content, Draw, Hostile, Link, Pipe, as_json, copied
+from hostile.case import CONTROL, Content, Draw, Hostile, Link, Pipe, as_content, copied
 from hostile.mutations import changed_value, damaged_bytes, damaged_json, odd_values
 
 SHAPE = {"width": 16, "depth": 1, "num_heads": 2, "mlp_ratio": 2, "encoder_widths": [8, 16], "feature_width": 16}
@@ -103,7 +103,7 @@ def model_case(name: str, weights: Content, config: Any = None, expected: Any = 
     content = config
     if config is None or isinstance(config, dict):
         digest = hashlib.sha256(weights).hexdigest() if isinstance(weights, bytes) else ""
-        content = as_json({**model()[1], "weights_sha256": digest, **(config or {})})
+        content = as_content({**model()[1], "weights_sha256": digest, **(config or {})})
     files = {**data(), WEIGHTS: weights, CONFIG: content}
     return Hostile("model", name, files, (*TRAIN, "--start-from", "model"), expected, says)
 
@@ -184,7 +184,7 @@ def handmade() -> list[Hostile]:
         ("a pipe", Pipe(), None, "refused"),
         ("a device", Link("/dev/zero"), None, "refused"),
         ("a config that is a pipe", weights, Pipe(), "refused"),
-        ("a config of NaN", weights, as_json(model()[1] | {"weights_sha256": float("nan")}), "refused"),
+        ("a config of NaN", weights, as_content(model()[1] | {"weights_sha256": float("nan")}), "refused"),
         ("a config of a list", weights, b"[]", "refused"),
         ("a config nested 100,000 deep", weights, b"[" * 100_000, "refused"),
         ("a name of control characters", weights, {"model": model()[1]["model"] | {"hand": CONTROL}}, "either"),

@@ -17,7 +17,7 @@ import pyarrow as pa
 import pyarrow.parquet as pq
 
 from dataset.toy import toy_manifest, write_toy_dataset
-from hostile.case import CONTROL, MARKUP, Content, Draw, Hostile, Link, Pipe, as_json, copied
+from hostile.case import CONTROL, MARKUP, Content, Draw, Hostile, Link, Pipe, as_content, copied
 from hostile.checkpoints import TRAIN
 from hostile.mutations import changed_value, damaged_bytes, damaged_json, odd_values
 
@@ -77,7 +77,7 @@ def _first(value: Any, where: int | None = None) -> Callable[[list[Any]], list[A
 def _with_header(change: Callable[[dict[str, Any]], Any]) -> bytes:
     whole = table()
     content = change(json.loads(whole.schema.metadata[HEADER]))
-    text = content if isinstance(content, bytes) else as_json(content)
+    text = content if isinstance(content, bytes) else as_content(content)
     return written(whole.replace_schema_metadata({HEADER: text}))
 
 
@@ -87,7 +87,7 @@ def _draw(rng: random.Random) -> Hostile:
         manifest = json.loads(data()[MANIFEST])
         if rng.random() < 0.5:
             key = rng.choice([*manifest])
-            return case(f"another {key}", {MANIFEST: as_json(manifest | {key: odd_values(rng)})}, command=command)
+            return case(f"another {key}", {MANIFEST: as_content(manifest | {key: odd_values(rng)})}, command=command)
         what, content = damaged_json(manifest, rng)
         return case(f"manifest: {what}", {MANIFEST: content}, command=command)
     if which < 0.6:
@@ -102,7 +102,7 @@ def _draw(rng: random.Random) -> Hostile:
                 what, text = damaged_json(header, rng)
             else:
                 what, found = changed_value(header, rng)
-                text = as_json(found)
+                text = as_content(found)
             said.append(what)
             return text
 
@@ -159,15 +159,15 @@ def handmade() -> list[Hostile]:
         "a device": ({SHARD: Link("/dev/zero")}, "refused", ""),
         "a manifest that is a pipe": ({MANIFEST: Pipe()}, "refused", ""),
         "a manifest of a list": ({MANIFEST: b"[]"}, "refused", ""),
-        "a manifest of NaN": ({MANIFEST: as_json(manifest | {"seed": float("nan")})}, "refused", ""),
+        "a manifest of NaN": ({MANIFEST: as_content(manifest | {"seed": float("nan")})}, "refused", ""),
         "a manifest nested 100,000 deep": ({MANIFEST: b"[" * 100_000}, "refused", ""),
-        "an object's name that leads outside": ({MANIFEST: as_json(manifest | {"objects": {"../../etc/passwd": None}})}, "refused", "name"),
-        "objects of a list": ({MANIFEST: as_json(manifest | {"objects": ["object-0"]})}, "refused", "objects"),
-        "joint names twice": ({MANIFEST: as_json(manifest | {"joint_names": ["a"] * 16})}, "refused", ""),
-        "groups beyond the joints": ({MANIFEST: as_json(manifest | {"digit_joints": {"FF": [99]}})}, "refused", ""),
-        "groups of text": ({MANIFEST: as_json(manifest | {"digit_joints": {"FF": ["0"]}})}, "refused", ""),
-        "a hand at a device": ({MANIFEST: as_json(manifest | {"config": {"hand": "/dev/zero"}})}, "refused", ""),
-        "a hand of markup": ({MANIFEST: as_json(manifest | {"hand": MARKUP})}, "refused", ""),
+        "an object's name that leads outside": ({MANIFEST: as_content(manifest | {"objects": {"../../etc/passwd": None}})}, "refused", "name"),
+        "objects of a list": ({MANIFEST: as_content(manifest | {"objects": ["object-0"]})}, "refused", "objects"),
+        "joint names twice": ({MANIFEST: as_content(manifest | {"joint_names": ["a"] * 16})}, "refused", ""),
+        "groups beyond the joints": ({MANIFEST: as_content(manifest | {"digit_joints": {"FF": [99]}})}, "refused", ""),
+        "groups of text": ({MANIFEST: as_content(manifest | {"digit_joints": {"FF": ["0"]}})}, "refused", ""),
+        "a hand at a device": ({MANIFEST: as_content(manifest | {"config": {"hand": "/dev/zero"}})}, "refused", ""),
+        "a hand of markup": ({MANIFEST: as_content(manifest | {"hand": MARKUP})}, "refused", ""),
     }  # fmt: skip
     return [
         case(f"{name}, {COMMANDS[command][0]} {COMMANDS[command][1]}", *values, command=command)

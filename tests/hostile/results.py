@@ -14,7 +14,7 @@ from typing import Any
 
 import numpy as np
 
-from hostile.case import CONTROL, MARKUP, Content, Draw, Hostile, Link, Pipe, as_json, copied
+from hostile.case import CONTROL, MARKUP, Content, Draw, Hostile, Link, Pipe, as_content, copied
 from hostile.hands import YAML, tip, urdf
 from hostile.mutations import changed_value, damaged_bytes, damaged_json, odd_values
 
@@ -123,14 +123,14 @@ def _draw(rng: random.Random) -> Hostile:
         summary = json.loads(data()[SUMMARY])
         if rng.random() < 0.6:
             key = rng.choice([*summary])
-            what, content = f"another {key}", as_json(summary | {key: odd_values(rng)})
+            what, content = f"another {key}", as_content(summary | {key: odd_values(rng)})
         else:
             what, content = damaged_json(summary, rng)
         return case(f"summary: {what}", {SUMMARY: content}, command=command)
     name = rng.choice([each for each in data() if each not in (NPZ, SUMMARY)])
     if name.endswith(".json") and rng.random() < 0.5:
         what, value = changed_value(json.loads(data()[name]), rng)
-        content = as_json(value)
+        content = as_content(value)
     else:
         what, content = damaged_bytes(data()[name], rng)
     return case(f"{name}: {what}", {name: content}, command=command)
@@ -163,13 +163,13 @@ def handmade() -> list[Hostile]:
         "links with a comma": ({NPZ: npz(contact_links=np.array(["a\\,b", "c"]))}, "refused", "contact_links"),
         "links that end in a backslash": ({NPZ: npz(contact_links=np.array(["a\\", "\\\\,\\"]))}, "refused", ""),
         "a text that is no character": ({NPZ: npz(reasons=np.array([0x110000, 0x110000], dtype=np.uint32).view("U1"))}, "refused"),
-        "a criterion of control characters": ({NPZ: npz(**{CONTROL: np.zeros(2)}), SUMMARY: as_json(summary | {"criteria": [*summary["criteria"], CONTROL]})}, "either"),
-        "a criterion that leads outside": ({NPZ: npz(**{"../x": np.zeros(2)}), SUMMARY: as_json(summary | {"criteria": [*summary["criteria"], "../x"]})}, "either"),
-        "a criterion of 100,000 letters": ({NPZ: npz(**{"a" * 60_000: np.zeros(2)}), SUMMARY: as_json(summary | {"criteria": [*summary["criteria"], "a" * 60_000]})}, "either"),
-        "criteria of objects": ({SUMMARY: as_json(summary | {"criteria": [{}, []]})}, "refused", ""),
-        "reasons of numbers": ({SUMMARY: as_json(summary | {"reasons": {"contact": 5}})}, "either", ""),
-        "a summary of NaN": ({SUMMARY: as_json(summary | {"drawn": float("nan")})}, "refused"),
-        "an integer of 400 digits": ({SUMMARY: as_json(summary | {"drawn": 10**400})}, "refused"),
+        "a criterion of control characters": ({NPZ: npz(**{CONTROL: np.zeros(2)}), SUMMARY: as_content(summary | {"criteria": [*summary["criteria"], CONTROL]})}, "either"),
+        "a criterion that leads outside": ({NPZ: npz(**{"../x": np.zeros(2)}), SUMMARY: as_content(summary | {"criteria": [*summary["criteria"], "../x"]})}, "either"),
+        "a criterion of 100,000 letters": ({NPZ: npz(**{"a" * 60_000: np.zeros(2)}), SUMMARY: as_content(summary | {"criteria": [*summary["criteria"], "a" * 60_000]})}, "either"),
+        "criteria of objects": ({SUMMARY: as_content(summary | {"criteria": [{}, []]})}, "refused", ""),
+        "reasons of numbers": ({SUMMARY: as_content(summary | {"reasons": {"contact": 5}})}, "either", ""),
+        "a summary of NaN": ({SUMMARY: as_content(summary | {"drawn": float("nan")})}, "refused"),
+        "an integer of 400 digits": ({SUMMARY: as_content(summary | {"drawn": 10**400})}, "refused"),
         "an integer of 5,000 digits": ({SUMMARY: b'{"drawn": ' + b"9" * 5000 + b"}"}, "refused"),
         "a summary nested 100,000 deep": ({SUMMARY: b"[" * 100_000}, "refused"),
         "a key twice": ({SUMMARY: data()[SUMMARY].rstrip()[:-1] + b', "drawn": 2}'}, "refused", "twice"),

@@ -11,6 +11,7 @@ from typing import TYPE_CHECKING, Annotated, Any, Literal, TypeVar
 import tyro
 
 from dexnudge.errors import LARGEST_SEED, InputError, check_integer, printable
+from dexnudge.jobs.processes import MOST_WORKERS
 
 if TYPE_CHECKING:
     from rich.console import Console
@@ -52,14 +53,15 @@ ResultFolder = tyro.conf.Positional[Annotated[str, metavar("DIR")]]
 
 
 def check_at_least(minimum: int, **options: int | None) -> None:
-    """Refuse an option below `minimum`, or above what numpy and torch take.
+    """Refuse an option below `minimum`, or above what numpy and torch take; workers above what a machine has.
 
     Raises:
         InputError: names it as an argument.
     """
     for name, value in options.items():
         if value is not None:
-            check_integer(name, value, least=minimum, most=LARGEST_SEED)
+            most = MOST_WORKERS if name == "workers" else LARGEST_SEED
+            check_integer(name, value, least=minimum, most=most)
 
 
 Settings = TypeVar("Settings")

@@ -1,6 +1,7 @@
 """What an episode leaves in its folder: where everything was and what pressed, moment by moment, and how it ended."""
 
 import json
+from collections.abc import Sequence
 from pathlib import Path
 from typing import Any
 
@@ -9,6 +10,7 @@ from jaxtyping import Float
 
 from dexnudge.errors import InputError
 from dexnudge.execution.grasp_and_lift import LIFT_PHASES
+from dexnudge.geometry.rigid import ROUNDED_TOLERANCE
 from dexnudge.hands.hand import ROOT_COORDINATES
 from dexnudge.planning.outcomes import Outcome
 from dexnudge.results.folder import DAMAGE, read_arrays
@@ -18,6 +20,9 @@ from dexnudge.simulation.rollout import Trace
 from dexnudge.simulation.success import lasting_forces
 
 ARRAYS, FIGURES = "episode.npz", "episode.json"
+POSES = ("T_world_palm", "T_world_object")
+SHOWN = ("time", "phase", "joint_names", "joint_angles", *POSES, "link_names", "link_force")
+LARGEST = float(np.finfo(np.float32).max)  # of any number; datasets hold them in 32 bits
 
 
 def write_arrays(
@@ -47,11 +52,10 @@ def write_arrays(
     )
 
 
-def read_episode(folder: Path) -> dict[str, np.ndarray]:
-    """Return the arrays of an episode.npz by which it can be looked at, trusting nothing in it.
+def read_episode(folder: Path, names: Sequence[str] = SHOWN) -> dict[str, np.ndarray]:
+    """Return arrays of an episode.npz, trusting nothing in it; see `write_arrays` and `Trace`.
 
-    Those are time, phase, joint_names, joint_angles, T_world_palm, T_world_object, link_names and link_force; see
-    `write_arrays` and `Trace`.
+    names: of the arrays; those by which it can be looked at unless given.
 
     Raises:
         InputError: the file is missing, damaged, or its arrays do not fit together.
@@ -65,30 +69,36 @@ def read_episode(folder: Path) -> dict[str, np.ndarray]:
         raise
     except DAMAGE as error:
         raise InputError(
-            f"{path} is not to be read: {error}; expected what `dexnudge execute` wrote; execute again"
+            f"{path} is damaged ({error}); expected what `dexnudge execute` wrote; execute again"
         ) from error
     count, joints, links = (np.size(arrays.get(name, ())) for name in ("time", "joint_names", "link_names"))
-    expected: dict[str, tuple[str, tuple[int, ...]]] = {
+    known: dict[str, tuple[str, tuple[int, ...]]] = {
         "time": ("f", (count,)),
         "phase": ("U", (count,)),
         "joint_names": ("U", (joints,)),
-        "joint_angles": ("f", (count, joints)),
-        "T_world_palm": ("f", (count, 4, 4)),
-        "T_world_object": ("f", (count, 4, 4)),
+        **dict.fromkeys(("joint_angles", "commanded_joint_angles"), ("f", (count, joints))),
+        **dict.fromkeys(POSES, ("f", (count, 4, 4))),
+        "mocap": ("f", (count, *np.shape(arrays.get("mocap", ()))[1:2])),
         "link_names": ("U", (links,)),
         "link_force": ("f", (count, links)),
     }
-    for name, (kind, shape) in expected.items():
-        array = arrays.get(name, np.zeros(0))
-        finite = kind != "f" or array.dtype.kind != "f" or np.isfinite(array).all()
+    for name in names:
+        (kind, shape), array = known[name], arrays.get(name, np.zeros(0))
+        finite = kind != "f" or array.dtype.kind != "f" or bool(np.abs(array).max(initial=0.0) <= LARGEST)
         if name not in arrays or not count or array.dtype.kind != kind or array.shape != shape or not finite:
+            bad = "" if finite else ", with NaN, infinity or a number above 3e38"
             raise InputError(
-                f"{path}: {name} is {array.dtype} of shape {array.shape}; expected finite values of shape {shape}; "
+                f"{path}: {name} is {array.dtype} of shape {array.shape}{bad}; expected finite values of shape {shape}; "
                 "execute again"
             )
     if (np.diff(arrays["time"]) <= 0).any():
         raise InputError(f"{path}: time does not ascend; expected records one after another; execute again")
-    return {name: arrays[name] for name in expected}
+    for name in POSES:
+        rotations = arrays[name][:, :3, :3]
+        skew = np.abs(rotations.transpose(0, 2, 1) @ rotations - np.eye(3)).max()
+        if not (skew <= ROUNDED_TOLERANCE and (np.linalg.det(rotations) > 0).all()):
+            raise InputError(f"{path}: {name} holds what is no rotation; expected rigid poses; execute again")
+    return {name: arrays[name] for name in names}
 
 
 def forces_used(scene: Scene, simulation: SimulationModel, trace: Trace) -> dict[str, Any]:

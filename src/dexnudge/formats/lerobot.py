@@ -6,7 +6,6 @@ apart; next.success is true at the end of an episode that succeeded.
 """
 
 import json
-import zipfile
 from collections.abc import Callable
 from pathlib import Path
 from typing import Any
@@ -18,12 +17,12 @@ from jaxtyping import Float
 from scipy.spatial.transform import Rotation
 
 from dexnudge.errors import InputError, writing
-from dexnudge.execution.episode_files import ARRAYS, FIGURES
+from dexnudge.execution.episode_files import ARRAYS, FIGURES, POSES, read_episode
 from dexnudge.jobs.json_files import read_json_object
-from dexnudge.results.folder import DAMAGE
 
 FPS = 50  # records are 20 ms apart
 UNEVEN = 1e-4  # [s] by which a record may be off; what LeRobot's loader tolerates
+RECORDED = ("time", "joint_names", "joint_angles", "commanded_joint_angles", *POSES, "mocap")
 POSE = ("x", "y", "z", "qw", "qx", "qy", "qz")
 DATA = "data/chunk-{chunk_index:03d}/file-{file_index:03d}.parquet"
 VIDEO_MB, DATA_MB, CHUNK = 200, 100, 1000  # LeRobot's own limits on files; there is one file here
@@ -101,17 +100,10 @@ def write_lerobot(episodes: Path, folder: Path, *, task: str, robot: str, versio
 
 def _read_episode(path: Path) -> dict[str, Any]:
     """Return the columns of an episode.npz, and `names`: what stands in each column that is a vector."""
-    try:
-        with zipfile.ZipFile(path) as archive:
-            archive.testzip()
-        with np.load(path, allow_pickle=False) as arrays:
-            found = {name: arrays[name] for name in ("time", "joint_names", "joint_angles", "commanded_joint_angles")}
-            found |= {name: arrays[name] for name in ("T_world_palm", "T_world_object", "mocap")}
-    except (KeyError, *DAMAGE) as error:
-        raise InputError(f"{path} is damaged ({error}); expected the file that `dexnudge execute` wrote") from error
+    found = read_episode(path.parent, RECORDED)
     time, target, angles = found["time"], found["mocap"], found["joint_angles"]
     records, joints = len(time), [str(name) for name in found["joint_names"]]
-    if not records or np.abs(time - time[0] - np.arange(records) / FPS).max() > UNEVEN:
+    if np.abs(time - time[0] - np.arange(records) / FPS).max() > UNEVEN:
         raise InputError(f"{path}: its records are not {1000 // FPS} ms apart; expected those of `dexnudge execute`")
     success = bool(read_json_object(path.with_name(FIGURES), error=InputError).get("success"))
     last = np.arange(records) == records - 1
@@ -123,9 +115,6 @@ def _read_episode(path: Path) -> dict[str, Any]:
         "next.success": last & success,
         "timestamp": np.arange(records) / FPS,
     }
-    for name, column in columns.items():
-        if len(column) != records or not np.isfinite(column).all():
-            raise InputError(f"{path}: {name} has {len(column)} of {records} records, or NaN; execute again")
     names = {
         "observation.state": [*(f"palm_{axis}" for axis in POSE), *joints],
         "observation.environment_state": [f"object_{axis}" for axis in POSE],

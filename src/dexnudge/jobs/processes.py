@@ -15,7 +15,7 @@ from multiprocessing.process import BaseProcess
 from pathlib import Path
 from typing import Any, Generic, TypeVar
 
-from dexnudge.errors import DexnudgeError
+from dexnudge.errors import DexnudgeError, check_integer
 
 # What torch, NumPy's and SciPy's linear algebra and CoACD read when they are first imported.
 THREAD_VARIABLES = ("OMP_NUM_THREADS", "OPENBLAS_NUM_THREADS", "MKL_NUM_THREADS")
@@ -23,6 +23,7 @@ THREAD_VARIABLES = ("OMP_NUM_THREADS", "OPENBLAS_NUM_THREADS", "MKL_NUM_THREADS"
 # layer of the network; where others need the cores too, that made a draw ten times slower.
 SPIN_COUNT = "10000"
 CGROUPS = Path("/sys/fs/cgroup")
+MOST_WORKERS = 1024  # more than the cores of any machine; each is a process of some 500 MB
 
 
 def available_cores() -> int:
@@ -114,14 +115,16 @@ def run_tasks(
     Args:
         make_handler: picklable; called once in each process, so that it can load what all tasks need.
         tasks: picklable.
-        workers: number of processes, each with one thread.
+        workers: number of processes, 1 to 1024, each with one thread.
         isolated: a single worker gets a process of its own, too, which may die; else it works in this process.
         together: tasks of equal value share what is prepared for them: a worker prefers those of its last task, then
             those of no other worker.
 
     Raises:
+        InputError: another number of workers.
         Exception: whatever the handler raised, from the first task that did.
     """
+    check_integer("workers", workers, least=1, most=MOST_WORKERS)
     if workers <= 1 and not isolated:
         handle = make_handler()
         for task in tasks:

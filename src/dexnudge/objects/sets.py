@@ -90,6 +90,7 @@ def scaled_to_length(mesh: trimesh.Trimesh, length: float | None) -> trimesh.Tri
 
 BUILTIN_PREFIX = "builtin:"
 DEXGRASPNET_MESH = Path("coacd") / "decomposed.obj"  # below <code>/
+LONGEST_LIST = 10_000_000  # bytes of a text file of paths
 DEXGRASPNET_SCALE = 0.08  # metres per unit: its meshes fill the unit ball, so the half-diagonal becomes 8 cm
 
 
@@ -166,6 +167,10 @@ def _files_in(folder: Path) -> list[Path]:
 
 
 def _listed_in(file: Path) -> list[Path]:
+    if not file.is_file() or file.stat().st_size > LONGEST_LIST:
+        raise MeshError(
+            f"{file}: is no file, or larger than {LONGEST_LIST / 1e6:g} MB; expected one mesh path per line"
+        )
     try:
         lines = [line.strip() for line in file.read_text(encoding="utf-8").splitlines()]
     except (UnicodeDecodeError, OSError) as error:

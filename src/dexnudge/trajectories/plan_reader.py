@@ -5,6 +5,7 @@ along the scene's motion by the push's length.
 """
 
 import json
+import stat
 from pathlib import Path
 from typing import Any
 
@@ -36,9 +37,13 @@ def read_plan_json(path: Path) -> dict[str, Any]:
         InputError: missing, too large, or what `parse_plan_json` refuses.
     """
     try:
-        size = path.stat().st_size
-        if size > LARGEST_FILE:
-            raise InputError(f"{path} has {size >> 20} MiB; expected at most {LARGEST_FILE >> 20} MiB; {AGAIN}")
+        found = path.stat()
+        if not stat.S_ISDIR(found.st_mode) and not stat.S_ISREG(found.st_mode):
+            raise InputError(f"{path} is no file; expected the plan.json that Plan.save or `dexnudge plan` wrote")
+        if found.st_size > LARGEST_FILE:
+            raise InputError(
+                f"{path} has {found.st_size >> 20} MiB; expected at most {LARGEST_FILE >> 20} MiB; {AGAIN}"
+            )
         text = path.read_text(encoding="utf-8")
     except (FileNotFoundError, IsADirectoryError, NotADirectoryError) as error:
         raise InputError(

@@ -31,7 +31,7 @@ from dexnudge.hands.hand import Hand
 from dexnudge.hands.registry import PREPARED_NAME, load_hand
 from dexnudge.jobs.folders import owned_folder, remove_leftovers, replace_atomically
 from dexnudge.jobs.json_files import read_json_object
-from dexnudge.jobs.processes import available_cores
+from dexnudge.jobs.processes import MOST_WORKERS, available_cores
 from dexnudge.jobs.progress import progress
 from dexnudge.jobs.provenance import machine, versions
 from dexnudge.sampling.sampler import WEIGHTS_FOLDER
@@ -161,7 +161,7 @@ def _check(minutes: float | None, workers: int | None, seed: int | None) -> None
     if minutes is not None and not 0.0 < minutes < math.inf:
         raise InputError(f"`minutes` is {minutes}; expected more than 0")
     if workers is not None:
-        check_integer("workers", workers, least=1)
+        check_integer("workers", workers, least=1, most=MOST_WORKERS)
     if seed is not None:
         check_seed(seed)
 
