@@ -7,6 +7,7 @@ import pytest
 
 from dexnudge.execution.executor import MOST_REGRASPS, Executor
 from dexnudge.planning.approach import Approach
+from dexnudge.planning.hand_clearance import Blocked
 from dexnudge.planning.outcomes import Outcome
 from dexnudge.simulation.model import scene_model
 from dexnudge.simulation.open_loop import OpenLoop
@@ -47,3 +48,17 @@ def test_a_push_that_falls_short_goes_on(executor, pad_grasp):
     assert set(on.trace.attempt) <= set(range(1, 2 + MOST_REGRASPS))
     count = len(once.trace.time)
     np.testing.assert_array_equal(on.trace.qpos[:count], once.trace.qpos)
+
+
+@pytest.mark.parametrize("number", [0, 2])
+def test_a_push_begins_with_another_configuration_where_no_free_way_leads_to_its_own(executor, pad_grasp, number):
+    q, _ = pad_grasp
+    below = q.copy()
+    below[2] -= 0.02  # in the table
+    alone, instead = executor(below), executor(below, np.stack([below, q]))
+    assert isinstance(alone.approach, Blocked)
+    assert isinstance(instead.approach, Approach)
+    assert (alone.began_with, instead.began_with) == (0, 2)
+    listed = np.insert(np.array([1, 2]), number, 0)  # places of `below`, `below` again, and `q` in a caller's list
+    assert listed[instead.number_of_first(number)] == 2
+    np.testing.assert_array_equal(instead.trace.qpos[0], executor(q).trace.qpos[0])

@@ -221,6 +221,7 @@ class Episode:
         approach, verdict = result.approach, result.verdict
         return {
             "configuration": self.configuration,
+            "began_with": result.number_of_first(self.configuration),
             **shared,
             "turned_deg": verdict.turned_deg,
             "sunk": verdict.sunk,
@@ -253,8 +254,8 @@ def execute(
         feedback: whether the hand answers what it feels and sees, see `Feedback`; False for the plan as it is, or a policy
             of your own.
         then_grasp: slide the object until it can be grasped, grasp it, lift it by 10 cm and hold it for 2 s.
-        alternatives: configurations of the same scene with which a push that falls short goes on; with `then_grasp`, with
-            which further attempts push.
+        alternatives: configurations of the same scene with which a push begins to whose own no free way leads, and with
+            which one that falls short goes on; with `then_grasp`, with which further attempts push.
         attempts: with `then_grasp`, at most so many; each goes on from where the one before left hand and object.
         draws: with `then_grasp`, the number of grasps that are sampled at a time; 32 unless given.
         seed: with `then_grasp`, the seed of the grasps.

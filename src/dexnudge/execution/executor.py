@@ -27,6 +27,7 @@ from dexnudge.simulation.success import LEAST_ADVANCE, PushVerdict, judge_push
 from dexnudge.verification.verdicts import contacts_of
 
 MOST_REGRASPS = 3  # of a push that falls short
+MOST_APPROACHED = 5  # alternatives, to begin with, where no free way leads to a configuration
 Alternatives = Float[np.ndarray, "n coordinates"] | None
 
 
@@ -35,7 +36,8 @@ class Execution:
     """The push of one configuration.
 
     divergence: None unless the simulation diverged. forces: with which the hand pressed. approach: of which the last,
-    straight stretch is simulated; where it is blocked the hand starts at contact. seconds: wall time by stage.
+    straight stretch is simulated; where it is blocked the hand starts at contact. seconds: wall time by stage. began_with: 0
+    for the configuration itself; k for the k-th alternative, as no free way leads to the configuration.
     """
 
     verdict: PushVerdict
@@ -44,6 +46,11 @@ class Execution:
     forces: PushForces
     approach: Approach | Blocked
     seconds: dict[str, float]
+    began_with: int = 0
+
+    def number_of_first(self, number: int) -> int:
+        """Return the place of what the push began with in the list of this configuration, `number`, and the alternatives."""
+        return self.began_with - (self.began_with <= number) if self.began_with else number
 
 
 def chosen_policy(feedback: object) -> Policy:
@@ -81,19 +88,21 @@ class Executor:
     def __call__(self, q: Float[np.ndarray, " coordinates"], alternatives: Alternatives = None) -> Execution:
         """Push with q (world); the same q gives the same result, whatever was executed before.
 
-        An object that only slides, and falls short, is pushed on: with q or one of the `alternatives`, whichever balances
+        Where no free way leads to q, the push begins with the first of the `alternatives` to which one does. An object that
+        only slides, and falls short, is pushed on: with q or one of the `alternatives`, whichever balances
         best where the object lies then. None: it is not.
         """
         seconds: dict[str, float] = {}
         clock = time.perf_counter()
-        approach = self._planner.plan(q)
+        began_with, q, approach = self._approached(q, alternatives)
         seconds["approach"], clock = time.perf_counter() - clock, time.perf_counter()
         (contacts,) = contacts_of(self._scene, self._hand, q[None])
         forces = push_forces(self._simulation, q, contacts, self._stations, hardest_task(self._scene))
         seconds["forces"], clock = time.perf_counter() - clock, time.perf_counter()
         rollout = self._play(self._simulation, q, approach, forces, alternatives)
         seconds["simulation"] = time.perf_counter() - clock
-        return Execution(self._judge(rollout), rollout.trace, rollout.divergence, forces, approach, seconds)
+        verdict = self._judge(rollout)
+        return Execution(verdict, rollout.trace, rollout.divergence, forces, approach, seconds, began_with)
 
     def with_policy(self, policy: Policy) -> "Executor":
         """Return an executor that differs in its policy alone."""
@@ -113,6 +122,17 @@ class Executor:
         That model may have other frictions, of which approach and forces then know nothing.
         """
         return self._judge(self._play(simulation, q, execution.approach, execution.forces, alternatives))
+
+    def _approached(
+        self, q: Float[np.ndarray, " coordinates"], alternatives: Alternatives
+    ) -> tuple[int, Float[np.ndarray, " coordinates"], Approach | Blocked]:
+        """Return what to begin with, see `Execution.began_with`, its configuration and approach."""
+        first = self._planner.plan(q)
+        if isinstance(first, Blocked) and alternatives is not None:
+            for place, other in enumerate(alternatives[:MOST_APPROACHED], start=1):
+                if isinstance(found := self._planner.plan(other), Approach):
+                    return place, other, found
+        return 0, q, first
 
     def _play(
         self,

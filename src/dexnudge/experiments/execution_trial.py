@@ -29,7 +29,7 @@ from dexnudge.experiments.tables import factor_chart, group_table, interval_char
 from dexnudge.experiments.trial import DrawnTrial, Section, TrialSampler
 from dexnudge.planning.approach import Approach
 from dexnudge.planning.outcomes import Outcome
-from dexnudge.results.samples import Sample, Samples
+from dexnudge.results.samples import Samples
 from dexnudge.simulation.feedback import Feedback
 from dexnudge.simulation.model import SimulationModel, changed_physics, scene_model
 from dexnudge.simulation.open_loop import OpenLoop
@@ -50,7 +50,8 @@ class ExecutedDraw:
     """One executed configuration.
 
     Attributes:
-        rank: place among the verified draws, 0 the best.
+        rank: place among the verified draws, 0 the best. began_with: the same of the one with which the push began, another
+            where no free way led to that; margin, links and behaviour are of it.
         force_margin: at most 3. links: number of hand links in contact. behaviour: push, press or hook.
         outcome: value of an `Outcome`. length_asked, length_reached [m], turned_deg, sunk [m], hand_environment [m],
             link_force [N]: see `simulation.success.PushVerdict`.
@@ -72,6 +73,7 @@ class ExecutedDraw:
     link_force: float
     cone_share: float
     approach: str
+    began_with: int = 0
     disturbed: dict[str, bool] = field(default_factory=dict)
 
     @property
@@ -179,15 +181,8 @@ class ExecutionTrial(DrawnTrial[ExecutionRecord]):
             simulation = scene_model(sampler.hand, samples.scene)
             policy = Feedback() if self.feedback else OpenLoop()
             executor, verified = Executor(samples.scene, simulation, policy), samples.verified
-            q = verified.q.astype(np.float64)
-
-            def others(rank: int) -> Alternatives:
-                return np.delete(q, rank, axis=0) if self.feedback else None
-
-            chosen = enumerate(verified[: self.num])
-            return {
-                "executed": [self._executed(rank, each, executor, simulation, others(rank)) for rank, each in chosen]
-            }
+            ranks = range(min(self.num, len(verified)))
+            return {"executed": [self._executed(rank, verified, executor, simulation) for rank in ranks]}
 
         return play
 
@@ -211,12 +206,14 @@ class ExecutionTrial(DrawnTrial[ExecutionRecord]):
                 found.append(Section(title, ABOUT_GROUPS.get(title, ""), table, chart, numbers=rates))
         return found
 
-    def _executed(
-        self, rank: int, sample: Sample, executor: Executor, simulation: SimulationModel, others: Alternatives
-    ) -> ExecutedDraw:
-        q = sample.q.astype(np.float64)
-        execution = executor(q, others)
-        verdict, root = execution.verdict, q[:3] - sample.scene.object_in_world().center_mass
+    def _executed(self, rank: int, verified: Samples, executor: Executor, simulation: SimulationModel) -> ExecutedDraw:
+        q = verified.q.astype(np.float64)
+        others = np.delete(q, rank, axis=0) if self.feedback else None
+        execution = executor(q[rank], others)
+        began_with = execution.number_of_first(rank)
+        sample, verdict = verified[began_with], execution.verdict
+        root = q[began_with, :3] - sample.scene.object_in_world().center_mass
+        errors = self.errors and rank == 0
         return ExecutedDraw(
             rank=rank,
             force_margin=round(sample.force_margin, 4),
@@ -231,7 +228,8 @@ class ExecutionTrial(DrawnTrial[ExecutionRecord]):
             link_force=round(verdict.link_force, 3),
             cone_share=float(execution.forces.cone_share[0]),
             approach=execution.approach.planner if isinstance(execution.approach, Approach) else "",
-            disturbed=self._disturbed(q, executor, execution, simulation, others) if self.errors and rank == 0 else {},
+            began_with=began_with,
+            disturbed=self._disturbed(q[rank], executor, execution, simulation, others) if errors else {},
         )
 
     def _disturbed(
