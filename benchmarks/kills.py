@@ -12,6 +12,7 @@ import random
 import resource
 import shutil
 import signal
+import subprocess
 import sys
 import tempfile
 import time
@@ -27,7 +28,7 @@ import tyro
 from safetensors import safe_open
 
 from dexnudge.cli.arguments import stdout, table
-from dexnudge.cli.main import COMMANDS, command_class, main
+from dexnudge.cli.main import COMMANDS, command_class, run
 from dexnudge.experiments.learning.learn import write_plan
 from dexnudge.experiments.learning.plan import LearningPlan, LearningRates
 from dexnudge.hands.export import export_hand
@@ -62,8 +63,12 @@ NEEDED = (
     "dexnudge.trajectories.plan_folder",
     "dexnudge.trajectories.planner",
 )
+IMPORT = "import signal; signal.signal(signal.SIGINT, signal.default_int_handler); import torch"
 PATIENCE = 600.0  # [s] for any start
-WALL_CLOCK = ("seconds", "minutes", "max_minutes", "train/steps_per_s", "seconds_total", "peak_memory_mb", "time")
+WALL_CLOCK = (
+    *("seconds", "minutes", "max_minutes", "train/steps_per_s", "seconds_total", "peak_memory_mb", "time"),
+    *("verified_per_second", "seconds_per_verified"),
+)
 NOT_COMPARED = ("log.jsonl", "clock.json", "tensorboard")  # how the run went, not its result
 PAGES = (".md", ".html", ".csv", ".svg")  # have wall-clock times in them: they only have to be there
 
@@ -103,9 +108,15 @@ class Job:
             exec(SITE, {})  # noqa: S102 - our own
         if size >= 0:
             resource.setrlimit(resource.RLIMIT_FSIZE, (size, size))
-        code = 1
+        signal.signal(
+            signal.SIGINT, signal.default_int_handler
+        )  # shells let what they start in the background ignore it
+        sys.argv = ["dexnudge", *(each.format(out=out) for each in self.arguments)]
+        code: Any = 1
         try:
-            code = main([each.format(out=out) for each in self.arguments])
+            run()
+        except SystemExit as end:
+            code = end.code
         except BaseException:  # noqa: BLE001 - Python would print it
             traceback.print_exc()
         sys.stdout.flush()
@@ -153,13 +164,13 @@ class Outcome:
 def items(folder: Path) -> Iterator[tuple[str, str]]:
     """Yield what a job has written, as name and digest: a line of a table is an item, every other file is one."""
     for path in sorted(folder.rglob("*")):
-        name, parts = path.relative_to(folder).as_posix(), path.relative_to(folder).parts
-        if not path.is_file() or any(part in NOT_COMPARED or part.startswith(".") for part in parts):
+        name, places = path.relative_to(folder).as_posix(), path.relative_to(folder).parts
+        if not path.is_file() or any(place in NOT_COMPARED or place.startswith(".") for place in places):
             continue
-        if path.suffix == ".jsonl":
-            yield from ((name, digest(without_times(json.loads(line)))) for line in path.read_text().splitlines())
-        elif path.suffix == ".json":
-            yield name, digest(without_times(json.loads(path.read_text())))
+        if path.suffix in (".jsonl", ".json"):
+            text = path.read_text().replace(str(folder), "")  # an evaluation of a hand names the hand's folder
+            parts = text.splitlines() if path.suffix == ".jsonl" else [text]
+            yield from ((name, digest(without_times(json.loads(part)))) for part in parts)
         elif path.suffix in PAGES:
             yield name, ""
         elif path.suffix == ".safetensors":
@@ -234,6 +245,16 @@ def interrupted(job: Job, work: Path, rng: random.Random, seconds: float) -> tup
     return time.monotonic() - began - moment, code, last_line(running.said.read_text())
 
 
+def interrupted_import(rng: random.Random) -> float:
+    """Return the seconds that Python itself takes to end when it is interrupted within an import: what no job undercuts."""
+    with subprocess.Popen([sys.executable, "-c", IMPORT], stderr=subprocess.DEVNULL) as process:
+        time.sleep(rng.uniform(0.3, 1.5))
+        began = time.monotonic()
+        process.send_signal(signal.SIGINT)
+        process.wait()
+    return time.monotonic() - began
+
+
 def last_line(said: str) -> str:
     """Return the message of a command, or the last line that it printed."""
     lines = said.strip().splitlines() or [""]
@@ -255,8 +276,10 @@ def on_a_full_disk(job: Job, work: Path, size: int) -> tuple[int, str]:
     if "Traceback" in said or (job.replaces and dict_of(out) != dict_of(work / "reference")):
         raise RuntimeError(f"{job.name}, files of at most {size} bytes: {said[-2000:]}")
     again, more = job.finish(out)
-    if again or dict_of(out) != dict_of(work / "reference"):
-        raise RuntimeError(f"{job.name}, after a full disk: {again} {more[-2000:]}")
+    found, wanted = dict_of(out), dict_of(work / "reference")
+    if again or found != wanted:
+        differing = sorted({name for name, _ in (wanted - found) + (found - wanted)})
+        raise RuntimeError(f"{job.name}, after a full disk: {again} {differing} {more[-2000:]}")
     return code, last_line(said)
 
 
@@ -275,7 +298,7 @@ def jobs(work: Path) -> list[Job]:
     hand = load_hand("shadow_lite")
     data, samples = work / "data", work / "samples"
 
-    generate = "dataset generate --objects builtin:train:3 --non-prehensile 16 --grasps 0 --workers 1"
+    generate = "dataset generate --objects builtin:train:2 --non-prehensile 8 --grasps 0 --workers 1"
 
     def with_data(_: Path) -> None:
         if not data.is_dir():
@@ -283,10 +306,11 @@ def jobs(work: Path) -> list[Job]:
 
     def with_samples(out: Path) -> None:
         if not samples.is_dir():
-            Job("", f"sample phone --scene table --num 8 --out {samples}".split()).finish(samples)
+            Job("", f"sample phone --scene table --num 2 --out {samples}".split()).finish(samples)
         shutil.copytree(samples, out, dirs_exist_ok=True)
 
-    evaluate = "evaluate --objects builtin:test --max-objects 2 --scenes table --num 4 --workers 1 --out {out}"
+    drawn = "--scenes table --method random_start_projection --num 1"
+    evaluate = f"evaluate --objects builtin:test --max-objects 2 {drawn} --workers 1 --out {{out}}"
     training = "--steps 40 --groups 2 --rows-per-group 4 --num-points 32 --width 16 --depth 1 --num-heads 2"
     often = "--validate-every 10 --checkpoint-every 8 --log-every 3 --num-threads 1"
     return [
@@ -294,8 +318,8 @@ def jobs(work: Path) -> list[Job]:
         Job("evaluate", evaluate.split()),
         Job("evaluate --execute", f"{evaluate} --execute".split()),
         Job("hand --learn", ["hand", "{out}", "--learn"], prepare=lambda out: with_plan(out, hand)),
-        Job("execute", ["execute", "{out}", "--overwrite"], prepare=with_samples, replaces=True),
-        Job("plan", ["plan", "{out}", "--overwrite"], prepare=with_samples, replaces=True),
+        Job("execute", ["execute", "{out}", "--films", "0", "--overwrite"], prepare=with_samples, replaces=True),
+        Job("plan", ["plan", "{out}", "--films", "0", "--overwrite"], prepare=with_samples, replaces=True),
         Job("dataset generate", f"{generate} --out {{out}}".split()),
     ]
 
@@ -303,7 +327,7 @@ def jobs(work: Path) -> list[Job]:
 def with_plan(folder: Path, hand: Hand) -> None:
     """Prepare a hand with a plan that is as small as can be, and that no clock cuts."""
     rates = LearningRates(start=0.0, attempt=0.01, kept=0.3, step=5.0, trial=5.0)  # saved after every sixth step
-    numbers = {"objects": 3, "attempts": 32, "grasps": 0, "steps": 20, "trial_objects": 2, "draws": 2}
+    numbers = {"objects": 2, "attempts": 8, "grasps": 0, "steps": 4, "trial_objects": 1, "draws": 1}
     seconds = {"measuring": 1.0, "data": 60.0, "training": 3600.0, "evaluation": 60.0}
     export_hand(hand, folder)
     write_plan(
@@ -335,6 +359,9 @@ class Benchmark:
         console, rng = stdout(), random.Random(self.seed)  # noqa: S311 - moments, no secrets
         console.print("; ".join(f"{key} {value}" for key, value in {**machine(), **versions()}.items()), soft_wrap=True)
         shown = table("job", "seconds", "kills", "runs", "lost", "doubled", "bytes", "Ctrl-C s", "full disk")
+        floor = max((interrupted_import(rng) for _ in range(self.interrupts)), default=0.0)
+        console.print(f"Ctrl-C during `import torch`, the slowest of {self.interrupts}: {floor:.1f} s", soft_wrap=True)
+        console.print(f"seed {self.seed}; load {os.getloadavg()[0]:.0f}", soft_wrap=True)
         failed = 0
         warm_up()
         with tempfile.TemporaryDirectory() as folder:

@@ -86,3 +86,14 @@ def test_every_command_that_writes_refuses_an_owned_folder(dexnudge, tmp_path, c
     assert outcome.code == 2
     assert outcome.err.startswith(f"dexnudge: the output folder {tmp_path / 'out'} is being written by process")
     assert outcome.err.endswith(f"wait for it to end, or choose another {flag}\n")
+
+
+@pytest.mark.parametrize("command", ["train", "plan", "execute"])
+def test_what_goes_on_from_a_folder_refuses_an_owned_output(dexnudge, toy, sampled, tmp_path, command):
+    toy.write_toy_dataset(tmp_path)
+    given = ["--data", tmp_path] if command == "train" else [sampled]
+    with new_folder(tmp_path / "out", marker="m"):
+        outcome = dexnudge(command, *given, "--out", tmp_path / "out")
+    assert outcome.code == 2
+    assert outcome.err.startswith(f"dexnudge: the output folder {tmp_path / 'out'} is being written by process")
+    assert outcome.err.endswith("wait for it to end, or choose another --out\n")

@@ -12,6 +12,7 @@ from io import StringIO
 from typing import Any
 
 from dexnudge.errors import DexnudgeError, InputError, UnknownNameError, check_path, did_you_mean, printable, shortened
+from dexnudge.jobs.interrupts import ended_after_signal
 from dexnudge.jobs.processes import limit_threads
 from dexnudge.version import __version__
 
@@ -59,7 +60,7 @@ def main(argv: Sequence[str] | None = None) -> int:
         SystemExit: 2 on arguments that do not parse, 0 after the --help of a command.
     """
     arguments = list(sys.argv[1:] if argv is None else argv)
-    name, kind = "", None
+    kind = None
     try:
         if arguments[:1] == ["--version"]:
             print(f"dexnudge {__version__}")
@@ -79,11 +80,15 @@ def main(argv: Sequence[str] | None = None) -> int:
         print(f"dexnudge: {shortened(printable(message))}", file=sys.stderr)
         return BAD_INPUT
     except KeyboardInterrupt:
-        going_on = (
-            "goes on from where it stopped" if name in RESUMABLE else "starts again; what stood before is as it was"
-        )
-        print(f"dexnudge: interrupted; `{shlex.join(['dexnudge', *arguments])}` {going_on}", file=sys.stderr)
+        print(_interrupted(arguments), file=sys.stderr)
         return INTERRUPTED
+
+
+def _interrupted(arguments: Sequence[str]) -> str:
+    """Return what to type after an interruption."""
+    resumable = any(list(arguments[: len(name.split())]) == name.split() for name in RESUMABLE)
+    going_on = "goes on from where it stopped" if resumable else "starts again; what stood before is as it was"
+    return f"dexnudge: interrupted; `{shlex.join(['dexnudge', *arguments])}` {going_on}"
 
 
 def _help(arguments: Sequence[str]) -> str:
@@ -166,14 +171,16 @@ def _check_values(options: Sequence[str]) -> None:
 
 
 def run() -> None:
-    """Console script: `main` with the process's arguments, clean-up on SIGTERM as on Ctrl-C.
+    """Console script: `main` with the process's arguments, clean-up on SIGTERM as on Ctrl-C, and an end soon after either.
 
     What numpy warns of on the way, as of an overflow by a coordinate of 1e300, ends in a message of ours.
     """
     warnings.simplefilter("ignore", RuntimeWarning)
     signal.signal(signal.SIGTERM, lambda *_: sys.exit(TERMINATED))
     limit_threads()
-    sys.exit(main())
+    with ended_after_signal(_interrupted(sys.argv[1:])):
+        code = main()
+    sys.exit(code)
 
 
 if __name__ == "__main__":

@@ -14,7 +14,7 @@ INTERRUPTED = 130  # what shells report for a command that Ctrl-C stopped
 class Train:
     """Train the diffusion model on a dataset; a stopped run goes on where it was.
 
-    Ctrl-C and SIGTERM end the run after the current step with everything saved. `torchrun --nproc-per-node N -m dexnudge
+    Ctrl-C and SIGTERM end the run at the current step with everything saved. `torchrun --nproc-per-node N -m dexnudge
     train ...` shares it among N processes.
     """
 

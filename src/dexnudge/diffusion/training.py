@@ -160,7 +160,7 @@ def train(
     """Train on a dataset folder, or on several as one; continue an unfinished run of the same settings and data.
 
     With `config.max_minutes` and without `config.steps` the number of steps is planned first. SIGTERM and SIGINT end the
-    run after the current step with everything saved. Started by torchrun, the processes share every batch.
+    run before the current step, or after it, with everything saved. Started by torchrun, the processes share every batch.
 
     stop_at_step: ends the run there as a signal does; made_with: versions and machine, for the model's card, which is
     written at the end; on_plan: told the plan, in the main process.
@@ -260,7 +260,10 @@ def _train(run: TrainingRun, folder: Path, provenance: dict[str, Any], stop_at_s
                 save()
                 break
             started = time.perf_counter()
-            loss = run.advance()
+            try:
+                loss = run.advance(stop.raise_if_set if processes.count == 1 else lambda: None)
+            except StopRun:
+                continue
             mean_loss = loss if math.isnan(mean_loss) else LOSS_SMOOTHING * mean_loss + (1.0 - LOSS_SMOOTHING) * loss
             spent(started)
             started, done = time.perf_counter(), run.progress >= 1.0
@@ -279,10 +282,24 @@ def _train(run: TrainingRun, folder: Path, provenance: dict[str, Any], stop_at_s
     return validation
 
 
+class StopRun(Exception):  # noqa: N818 - no error
+    """A step was ended in its middle."""
+
+
+class _Stop(threading.Event):
+    def raise_if_set(self) -> None:
+        """Raise StopRun once a signal has come."""
+        if self.is_set():
+            raise StopRun
+
+
 @contextmanager
-def _stop_signals() -> Iterator[threading.Event]:
-    """An event that SIGTERM and SIGINT set; the former handlers come back afterwards."""
-    stop = threading.Event()
+def _stop_signals() -> Iterator[_Stop]:
+    """An event that SIGTERM and SIGINT set; the former handlers come back afterwards.
+
+    Until then nothing ends the process by force: what a step and saving take is better spent than the steps lost.
+    """
+    stop = _Stop()
     if threading.current_thread() is not threading.main_thread():
         yield stop  # signals reach the main thread only
         return
@@ -291,8 +308,10 @@ def _stop_signals() -> Iterator[threading.Event]:
         stop.set()
 
     former = {number: signal.signal(number, handle) for number in (signal.SIGTERM, signal.SIGINT)}
+    wakeup = signal.set_wakeup_fd(-1)
     try:
         yield stop
     finally:
+        signal.set_wakeup_fd(wakeup)
         for number, handler in former.items():
             signal.signal(number, handler)

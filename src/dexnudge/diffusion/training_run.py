@@ -3,6 +3,7 @@
 import hashlib
 import json
 import math
+from collections.abc import Callable
 from typing import Any
 
 import torch
@@ -81,8 +82,10 @@ class TrainingRun:
         cosine = 0.5 * (1.0 + math.cos(math.pi * min(self.progress, 1.0)))
         return self.config.learning_rate * warm_up * (FINAL_LEARNING_RATE + (1.0 - FINAL_LEARNING_RATE) * cosine)
 
-    def advance(self) -> float:
+    def advance(self, between: Callable[[], None] = lambda: None) -> float:
         """Take one optimiser step and return its loss.
+
+        between: called between the parts of a step; what it raises ends the step, which has then changed nothing.
 
         Raises:
             DexnudgeError: the loss is not finite.
@@ -95,6 +98,7 @@ class TrainingRun:
         rows = slice(self._share.start * self.config.rows_per_group, self._share.stop * self.config.rows_per_group)
         epsilon, t = noise[rows].to(self._device), timesteps[rows].to(self._device)
         x_0 = self.normaliser.normalise(batch.q)
+        between()
         condition = batch.condition(self._network.encode(batch.points))
         with torch.autocast(self._device.type, torch.bfloat16, enabled=self.config.precision == "bfloat16"):
             prediction = self._network(self._schedule.add_noise(x_0, epsilon, t), t, *condition.inputs).float()
@@ -102,7 +106,9 @@ class TrainingRun:
         loss = diffusion_loss(prediction, self._schedule.target(x_0, epsilon, t), weights)
         self._optimizer.param_groups[0]["lr"] = self.learning_rate()
         self._optimizer.zero_grad(set_to_none=True)
+        between()
         loss.backward()
+        between()
         shown = loss.detach()
         self.processes.average([shown, *(p.grad for p in self._parameters.values() if p.grad is not None)])
         torch.nn.utils.clip_grad_norm_(self._parameters.values(), self.config.gradient_clip)
