@@ -114,6 +114,17 @@ def test_frames_are_those_of_the_executions(dataset):
     assert np.flatnonzero(rows["next.success"]).tolist() == [29]
 
 
+def test_the_record_of_an_end_between_two_frames_is_left_out(tmp_path):
+    """As `execute` writes where a push ends 4 ms after a frame."""
+    times = np.append(0.02 * np.arange(RECORDS - 1), 0.02 * (RECORDS - 2) + 0.004)
+    write_episode(tmp_path / "run", time=times)
+    (tmp_path / "out").mkdir()
+    assert write_lerobot(tmp_path / "run", tmp_path / "out", task="push", robot="hand", version="1") == 1
+    data = pq.read_table(tmp_path / "out" / "data/chunk-000/file-000.parquet")
+    np.testing.assert_allclose(data["timestamp"].to_numpy(), times[:-1], atol=1e-6)
+    assert data["next.done"].to_pylist() == [False] * (RECORDS - 2) + [True]
+
+
 def test_episodes_tasks_and_statistics(dataset):
     out, _ = dataset
     episodes = pq.read_table(out / "meta/episodes/chunk-000/file-000.parquet")

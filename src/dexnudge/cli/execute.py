@@ -28,14 +28,14 @@ if TYPE_CHECKING:
 
 @dataclass(frozen=True)
 class Execute:
-    """Play the best verified configurations, or a plan, out in MuJoCo: close in, squeeze, push by the motion's length.
+    """Play the best verified configurations, or a plan, out in MuJoCo: close in, squeeze, push.
 
-    A push succeeds if the object makes 80 % of its turn and of its slide, its orientation stays within 15 degrees of those
-    of its motion, it is not dropped, the hand enters the surroundings by no more than 2 mm, and no link presses harder than
-    allowed. With --then-grasp the object is pushed until it can be grasped,
-    grasped, lifted by 10 cm and held for 2 s, in one continuous simulation. Of a plan, arm and hand move by their own
-    motors alone, and what holds for the hand holds for the arm;
-    with --then-grasp the plan goes on from where the object then lies. Exit code 3: nothing succeeds.
+    A push is as long as the motion, or ends where the object can be grasped. It succeeds if the object makes 80 % of its
+    turn and of its slide, its orientation stays within 15 degrees of those of its motion, it is not dropped, the hand enters
+    the surroundings by no more than 2 mm, and no link presses harder than allowed. With --then-grasp the object is pushed
+    until it can be grasped, grasped, lifted by 10 cm and held for 2 s, in one continuous simulation. Of a plan, arm and hand
+    move by their own motors alone, and what holds for the hand holds for the arm; with --then-grasp the plan goes on from
+    where the object then lies. Exit code 3: nothing succeeds.
     """
 
     folder: ResultFolder

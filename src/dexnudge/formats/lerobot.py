@@ -101,10 +101,14 @@ def write_lerobot(episodes: Path, folder: Path, *, task: str, robot: str, versio
 def _read_episode(path: Path) -> dict[str, Any]:
     """Return the columns of an episode.npz, and `names`: what stands in each column that is a vector."""
     found = read_episode(path.parent, RECORDED)
-    time, target, angles = found["time"], found["mocap"], found["joint_angles"]
-    records, joints = len(time), [str(name) for name in found["joint_names"]]
-    if np.abs(time - time[0] - np.arange(records) / FPS).max() > UNEVEN:
+    joints = [str(name) for name in found["joint_names"]]
+    time = found["time"]
+    # Where a push ends between two frames, it ends with a record, which is no frame.
+    records = len(time) - int(len(time) > 1 and time[-1] - time[-2] < 1 / FPS - UNEVEN)
+    if np.abs(time[:records] - time[0] - np.arange(records) / FPS).max() > UNEVEN:
         raise InputError(f"{path}: its records are not {1000 // FPS} ms apart; expected those of `dexnudge execute`")
+    found = {name: values if name == "joint_names" else values[:records] for name, values in found.items()}
+    target, angles = found["mocap"], found["joint_angles"]
     success = bool(read_json_object(path.with_name(FIGURES), error=InputError).get("success"))
     last = np.arange(records) == records - 1
     columns = {
