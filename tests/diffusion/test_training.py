@@ -3,6 +3,7 @@
 import dataclasses
 import itertools
 import json
+import math
 import os
 import signal
 from types import SimpleNamespace
@@ -16,7 +17,7 @@ from dexnudge.dataset.loading import load_dataset
 from dexnudge.dataset.manifest import write_manifest
 from dexnudge.dataset.schema import NUM_DIRECTIONS, BehaviourCounts, ConfigurationRow
 from dexnudge.dataset.shards import write_shard
-from dexnudge.diffusion.checkpoint import STATE_NAME, read_provenance
+from dexnudge.diffusion.checkpoint import STATE_NAME, read_provenance, read_state_header, save_state
 from dexnudge.diffusion.config import TrainingConfig
 from dexnudge.diffusion.distributed import has_bfloat16
 from dexnudge.diffusion.prior import SLIDE, DiffusionPrior
@@ -153,6 +154,27 @@ def test_a_truncated_state_is_named(dataset_folder, short, uninterrupted, tmp_pa
         (tmp_path / STATE_NAME).write_bytes(data[: int(share * len(data))])
         with pytest.raises(CheckpointError, match="truncated or not a training state"):
             train(dataset_folder, tmp_path, short)
+
+
+@pytest.mark.parametrize(
+    ("key", "value"),
+    [("step", -1), ("step", None), ("minutes", "x"), ("loss", []), ("validation", 5), ("config", 3), ("config", {})],
+)
+def test_a_state_of_another_header_is_named(uninterrupted, tmp_path, key, value):
+    save_state(tmp_path, {}, read_state_header(uninterrupted) | {key: value})
+    with pytest.raises(CheckpointError, match="not a training state"):
+        read_state_header(tmp_path)
+
+
+@pytest.mark.parametrize("change", [lambda tensor: tensor[..., :0], lambda tensor: tensor * math.nan, lambda _: None])
+def test_a_tensor_that_a_state_lacks_is_named(dataset_folder, short, uninterrupted, tmp_path, change):
+    tensors = load_file(uninterrupted / STATE_NAME)
+    name = next(key for key in tensors if key.startswith("second_moment/"))
+    changed = {key: change(tensor) if key == name else tensor for key, tensor in tensors.items()}
+    kept = {key: tensor for key, tensor in changed.items() if tensor is not None}
+    save_state(tmp_path, kept, read_state_header(uninterrupted))
+    with pytest.raises(CheckpointError, match=name):
+        train(dataset_folder, tmp_path, short)
 
 
 def test_stopping_before_the_first_step_writes_no_model(dataset_folder, short, tmp_path):

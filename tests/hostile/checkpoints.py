@@ -87,15 +87,20 @@ def model() -> tuple[bytes, dict[str, Any]]:
 
 
 @cache
-def state() -> bytes:
-    """Return the state of a run of two steps on it, made in a process of its own: threads of torch outlive no fork."""
+def finished() -> dict[str, bytes]:
+    """Return what a run of two steps on it leaves, made in a process of its own: threads of torch outlive no fork."""
     folder = Path(tempfile.mkdtemp())
     for name, content in data().items():
         (folder / name).parent.mkdir(exist_ok=True)
         (folder / name).write_bytes(content)
     run = [sys.executable, "-m", "dexnudge", *TRAIN]
     subprocess.run(run, cwd=folder, check=True, stdout=subprocess.DEVNULL)
-    return copied(folder)[STATE]
+    return {name: content for name, content in copied(folder).items() if name.startswith("out/")}
+
+
+def state() -> bytes:
+    """Return its state."""
+    return finished()[STATE]
 
 
 def model_case(name: str, weights: Content, config: Any = None, expected: Any = "either", says: str = "") -> Hostile:
@@ -110,7 +115,7 @@ def model_case(name: str, weights: Content, config: Any = None, expected: Any = 
 
 def state_case(name: str, content: Content, expected: Any = "either", says: str = "") -> Hostile:
     """Return the case of a run that is continued."""
-    return Hostile("state", name, {**data(), STATE: content}, tuple(TRAIN), expected, says)
+    return Hostile("state", name, {**data(), **finished(), STATE: content}, tuple(TRAIN), expected, says)
 
 
 def _changed_header(content: bytes, rng: random.Random) -> tuple[str, bytes]:

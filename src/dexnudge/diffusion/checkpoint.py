@@ -18,7 +18,7 @@ from torch import Tensor
 
 from dexnudge.diffusion.config import SLIDES_ONLY, ModelConfig
 from dexnudge.diffusion.network import ConditionalDenoiser, Normaliser
-from dexnudge.errors import CheckpointError
+from dexnudge.errors import LARGEST_SEED, CheckpointError, quote
 from dexnudge.jobs.folders import replace_atomically
 from dexnudge.jobs.json_files import read_json_object
 
@@ -181,6 +181,8 @@ def load_state(folder: Path, identity: dict[str, Any]) -> tuple[dict[str, Tensor
     """
     path = folder / STATE_NAME
     if not path.is_file():
+        if path.exists():
+            raise CheckpointError(f"{path} is no file; expected the state of a run; delete it to start again.")
         return None
     with _opened(path) as (header, file):
         tensors = {name: file.get_tensor(name) for name in file.keys()}  # noqa: SIM118 - not a dict
@@ -210,11 +212,28 @@ def _opened(path: Path) -> Iterator[tuple[dict[str, Any], Any]]:
     """Header and tensors of a state file; CheckpointError when it is damaged."""
     try:
         with safe_open(path, framework="pt") as file:
-            yield json.loads(file.metadata()["training"]), file
-    except (SafetensorError, KeyError, TypeError, ValueError) as error:
+            header = json.loads(file.metadata()["training"])
+            _check_header(header)
+            yield header, file
+    except (SafetensorError, KeyError, TypeError, ValueError, AttributeError, RecursionError) as error:
+        if isinstance(error, CheckpointError):
+            raise
         raise CheckpointError(
             f"{path} cannot be read: truncated or not a training state ({error}); delete it to start again."
         ) from error
+
+
+def _check_header(header: dict[str, Any]) -> None:
+    """Refuse a header that no run writes; KeyError, TypeError or ValueError."""
+    step, minutes, loss, steps = header["step"], header["minutes"], header.get("loss", 0.0), header["config"]["steps"]
+    counts = (("step", step, (int,)), ("minutes", minutes, (int, float)), ("steps", steps, (int,)))
+    wrong = [
+        (name, value) for name, value, kinds in counts if type(value) not in kinds or not 0 <= value <= LARGEST_SEED
+    ]
+    wrong += [] if type(loss) in (int, float) else [("loss", loss)]
+    wrong += [] if type(header.get("validation", {})) is dict else [("validation", header["validation"])]
+    if wrong:
+        raise ValueError(f"{wrong[0][0]} is {quote(wrong[0][1])}")
 
 
 def _flat(values: dict[str, Any]) -> dict[str, Any]:

@@ -4,6 +4,7 @@ import hashlib
 import json
 import math
 from collections.abc import Callable
+from itertools import product
 from typing import Any
 
 import torch
@@ -11,7 +12,7 @@ from torch import Tensor
 
 from dexnudge.dataset.loading import Dataset, split_objects
 from dexnudge.diffusion.batches import BatchSampler
-from dexnudge.diffusion.checkpoint import load_model, shipped_or_given
+from dexnudge.diffusion.checkpoint import STATE_NAME, load_model, shipped_or_given
 from dexnudge.diffusion.config import DEFAULT_STEPS, ModelConfig, TrainingConfig
 from dexnudge.diffusion.distributed import Processes, check_precision
 from dexnudge.diffusion.network import ConditionalDenoiser, Normaliser
@@ -21,6 +22,7 @@ from dexnudge.errors import CheckpointError, DatasetError, DexnudgeError
 
 NORMALISER_STREAM = 2  # random stream of the batches that the normaliser is fitted to
 NORMALISER_BATCHES = 64
+GROUPS = ("weights", "average", "first_moment", "second_moment")  # of tensors in a state
 FINAL_LEARNING_RATE = 0.01  # as a share of the peak
 
 
@@ -149,7 +151,19 @@ class TrainingRun:
         return {f"{group}/{name}": tensor for group, tensors in groups.items() for name, tensor in tensors.items()}
 
     def restore(self, state: dict[str, Tensor], *, step: int, minutes: float) -> None:
-        """Go on from a saved state; random draws depend on the step alone."""
+        """Go on from a saved state; random draws depend on the step alone.
+
+        Raises:
+            CheckpointError: a tensor is missing, of another shape, or not finite.
+        """
+        for group, (name, parameter) in product(GROUPS, self._parameters.items()):
+            saved = state.get(f"{group}/{name}")
+            if saved is None or saved.shape != parameter.shape or not saved.isfinite().all():
+                found = "missing" if saved is None else f"of shape {tuple(saved.shape)}, or not finite"
+                raise CheckpointError(
+                    f"the training state's {group}/{name} is {found}; expected finite numbers of shape "
+                    f"{tuple(parameter.shape)}; delete {STATE_NAME} to start again."
+                )
         self.step, self.minutes = step, minutes
         with torch.no_grad():
             for name, parameter in self._parameters.items():
