@@ -46,6 +46,7 @@ def short(architecture):
         validate_every=6,
         checkpoint_every=4,
         log_every=1,
+        num_threads=1,  # threads wait for each other on a busy machine
         architecture=architecture,
     )
 
