@@ -2,6 +2,8 @@
 
 import csv
 import json
+import struct
+import zipfile
 
 import numpy as np
 import pytest
@@ -38,10 +40,12 @@ def test_missing_and_malformed_answers_are_counted_as_failures(entry_folder, tas
     poses[0, 0, 3] = np.nan
     np.savez(entry_folder / "answers" / f"{names[4]}.npz", **{**inside, "T_world_palm": poses})
     text = score([entry_folder], tasks.folder, tmp_path / "out", workers=1)
-    found = {task.task: task for each in read_records(tmp_path / "out/mine", ScoreRecord) for task in each.tasks}
+    found = {
+        task.task: task for each in read_records(tmp_path / "out/entries/mine", ScoreRecord) for task in each.tasks
+    }
     assert list(found) == names
     assert "there is no answer" in found[names[0]].problem
-    assert "has not THJ1" in found[names[1]].problem
+    assert "has not 'THJ1'" in found[names[1]].problem
     assert "4 draws; expected 1 to 2" in found[names[2]].problem
     assert [found[name].drawn for name in names] == [0, 0, 0, 2, 2, 2]
     assert "not a rigid transform" in found[names[3]].problem
@@ -63,7 +67,7 @@ def test_what_was_judged_is_not_judged_again_and_changed_entries_are_refused(
     text = score([entry_folder], tasks.folder, tmp_path / "out", workers=1)
     monkeypatch.setattr(scoring, "judge", lambda *_: pytest.fail("judged again"))
     assert score([entry_folder], tasks.folder, tmp_path / "out", workers=1) == text
-    path = tmp_path / "out/mine/results.jsonl"
+    path = tmp_path / "out/entries/mine/results.jsonl"
     path.write_text("".join(path.read_text().splitlines(keepends=True)[:2]))
     monkeypatch.undo()
     assert score([entry_folder], tasks.folder, tmp_path / "out", workers=1) == text
@@ -86,6 +90,9 @@ def test_claims_of_success_are_not_read(entry_folder, tasks, inside, tmp_path):
         ({"name": "../x"}, "name is"),
         ({"authors": ""}, "authors is"),
         ({"used": 3}, "used is 3"),
+        ({"used": "x\n\n## Rates"}, "one line of printable text"),
+        ({"machine": "\x1b[31m"}, "one line of printable text"),
+        ({"authors": "A" * 1001}, "at most 1000 characters"),
         ({"seconds": {"phone-200_table_0": -1}}, "seconds is"),
         ({"seconds": {"nothing": 1}}, "seconds is"),
     ],
@@ -113,7 +120,9 @@ def test_answers_to_no_task_and_no_answers_are_refused(entry_folder, tasks, insi
         ('{"joint_names"', "cannot be read as JSON"),
         ("[]", "holds a JSON list"),
         ('{"joint_names": [], "joint_angles": []}', "lacks T_world_palm"),
-        ('{"T_world_palm": NaN}', "NaN is not a JSON number"),
+        ('{"T_world_palm": NaN}', "lacks joint_angles, joint_names"),
+        ('{"T_world_palm": [1, 1, 1], "joint_angles": [NaN], "joint_names": 0}', "holds 3 draws; expected 1 to 2"),
+        ('{"T_world_palm": [[]], "joint_angles": [[]], "joint_names": 0}', "joint_names is 0"),
     ],
 )
 def test_damaged_answers_are_told(text, message, entry_folder, tasks):
@@ -121,6 +130,44 @@ def test_damaged_answers_are_told(text, message, entry_folder, tasks):
     (entry_folder / "answers/phone-200_table_0.json").write_text(text)
     with pytest.raises(InputError, match=message):
         read_answer(entry, "phone-200_table_0", tasks.hand, most=2)
+
+
+def test_a_draw_of_nan_fails_alone_in_json_too(entry_folder, tasks, inside):
+    entry = load_entry(entry_folder, tasks)
+    write(entry_folder, "phone-200_table_0", {**inside, "joint_angles": [[float("nan")] * 16, [0.0] * 16]})
+    answer = read_answer(entry, "phone-200_table_0", tasks.hand, most=2)
+    assert list(answer.wrong) == [0]
+    assert np.isfinite(answer.q).all(axis=1).tolist() == [False, True]
+
+
+def test_an_answer_that_is_too_large_or_announces_too_much_is_refused_before_it_is_read(entry_folder, tasks, inside):
+    entry, path = load_entry(entry_folder, tasks), entry_folder / "answers/phone-200_table_0.json"
+    before = entry.hash
+    with path.open("wb") as file:
+        file.truncate(9 << 30)  # without blocks
+    assert entry.hash != before
+    with pytest.raises(InputError, match="9216 MiB; expected at most 16 MiB"):
+        read_answer(entry, path.stem, tasks.hand, most=2)
+    path.unlink()
+    header = f"{{'descr': '<f8', 'fortran_order': False, 'shape': ({'9' * 400},), }}".encode()
+    np.savez(path.with_suffix(".npz"), **{key: inside[key] for key in ("joint_names", "T_world_palm")})
+    with zipfile.ZipFile(path.with_suffix(".npz"), "a") as archive:
+        archive.writestr("joint_angles.npy", b"\x93NUMPY\x01\x00" + struct.pack("<H", len(header)) + header)
+    with pytest.raises(InputError, match=r"announces \d{380}"):
+        read_answer(entry, path.stem, tasks.hand, most=2)
+
+
+def test_entries_are_text_and_stay_beside_the_report(entry_folder, tasks, tmp_path, monkeypatch):
+    monkeypatch.setattr(scoring, "run_tasks", lambda *_, **__: [])
+    path = entry_folder / "entry.json"
+    said = {"name": "report.md", "authors": "<script>x</script> [a](b) | `c`"}
+    path.write_text(json.dumps(json.loads(path.read_text()) | said))
+    shown = scoring._as_text("a_b _c_ \x1b\n## Rates ![a](b) <i>")
+    assert shown == r"a_b \_c\_ \\x1b ## Rates !\[a\](b) &lt;i&gt;"
+    monkeypatch.setattr(scoring, "_write_report", lambda given, *_: scoring._as_text(given[0].authors))
+    text = score([entry_folder], tasks.folder, tmp_path / "out", workers=1)
+    assert text == r"&lt;script&gt;x&lt;/script&gt; \[a\](b) \| \`c\`"
+    assert (tmp_path / "out/entries/report.md/score.json").is_file()
 
 
 def test_links_out_of_the_folder_and_pickles_are_refused(entry_folder, tasks, inside, tmp_path):

@@ -1,5 +1,6 @@
 """Suites and their tasks: the same for everyone, and what was changed is seen."""
 
+import hashlib
 import json
 import shutil
 
@@ -81,6 +82,23 @@ def test_objects_of_ones_own_are_found_by_name_and_known_by_their_hash(content, 
     with pytest.raises(InputError, match="is not the one that suite 'tiny' names"):
         make_tasks(other, tmp_path / "pinned", objects=str(tmp_path / "meshes"), length=0.2)
     assert not (tmp_path / "pinned").exists()
+
+
+@pytest.mark.parametrize("changed", ["hand", "draws", "not_made"])
+def test_the_fingerprint_covers_the_hand_and_what_is_asked(changed, tasks, tmp_path):
+    folder = shutil.copytree(tasks.folder, tmp_path / "changed")
+    path, urdf = folder / "manifest.json", folder / "hand/hand.urdf"
+    content = json.loads(path.read_text())
+    if changed == "hand":
+        urdf.write_text(urdf.read_text().replace('upper="1.57', 'upper="2.57'))
+        content["files"]["hand/hand.urdf"] = hashlib.sha256(urdf.read_bytes()).hexdigest()
+        assert content != json.loads(path.read_text())
+    elif changed == "draws":
+        content["suite"]["draws"] = 3
+    else:
+        content["not_made"] = {tasks.tasks[0].name: "too hard"}
+    path.write_text(json.dumps(content))
+    assert load_tasks(folder).fingerprint != tasks.fingerprint
 
 
 def test_the_manifest_names_every_file(tasks):

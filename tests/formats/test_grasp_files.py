@@ -136,8 +136,8 @@ def wrong_entries(entries):
     yield [{**entries[0], "qpos": {**entries[0]["qpos"], "WRJTx": np.nan}}], "NaN or infinity"
     yield [{**entries[0], "qpos": {**entries[0]["qpos"], "one": np.nan}}], "pose 0: a joint angle is NaN"
     yield [{**entries[0], "qpos": {**entries[0]["qpos"], "one": "x"}}], "no number"
-    yield [{**entries[0], "qpos": {k: v for k, v in entries[0]["qpos"].items() if k != "two"}}], "has not two"
-    yield [{**entries[0], "qpos": {**entries[0]["qpos"], "LFJ5": 0.0}}], "has but LFJ5"
+    yield [{**entries[0], "qpos": {k: v for k, v in entries[0]["qpos"].items() if k != "two"}}], "has not 'two'"
+    yield [{**entries[0], "qpos": {**entries[0]["qpos"], "LFJ5": 0.0}}], "has but 'LFJ5'"
     yield [], "empty"
 
 
@@ -162,7 +162,7 @@ def test_wrong_records_of_bodex_are_told(box_samples, tmp_path):
         ({"robot_pose": unnormalised}, "unit quaternion"),
         ({"robot_pose": not_finite}, "finite numbers"),
         ({"robot_pose": content["robot_pose"][0]}, "shape"),
-        ({"joint_names": ["one", "one", "three", "four"]}, "has twice one"),
+        ({"joint_names": ["one", "one", "three", "four"]}, "has twice 'one'"),
         ({"joint_names": 3}, "list of names"),
         ({"obj_pose": "here"}, "obj_pose is"),
     ):

@@ -1,10 +1,12 @@
 """A studio without a browser: what is shown, sampled and saved, and how it ends."""
 
+import socket
 import threading
 from contextlib import closing, contextmanager
 
 import numpy as np
 import pytest
+import viser
 
 import dexnudge as dn
 from dexnudge.errors import InputError
@@ -121,6 +123,28 @@ def test_a_port_that_is_taken_gives_the_next_one_and_addresses_elsewhere_are_ref
     for host, port in (("192.0.2.1", 0), ("no.such.host.invalid", 0), ("127.0.0.1", 70_000)):
         with pytest.raises(InputError, match="expected"):
             open_server(host, port)
+
+
+@pytest.mark.parametrize(
+    ("origin", "host", "good"),
+    [
+        ("http://127.0.0.1:{}", "127.0.0.1:{}", True),
+        ("http://localhost:{}", "localhost:{}", True),
+        ("https://localhost:9000", "localhost:9000", True),  # forwarded
+        (None, "127.0.0.1:{}", True),  # no browser
+        ("http://evil.example", "127.0.0.1:{}", False),
+        ("http://localhost:3000", "localhost:{}", False),
+        ("null", "127.0.0.1:{}", False),
+        ("http://evil.example:{}", "evil.example:{}", False),  # its name leads here
+    ],
+)
+def test_other_web_pages_are_refused(origin, host, good):
+    with stopping(open_server(port=0)) as server, socket.create_connection(("127.0.0.1", server.get_port())) as raw:
+        lines = ["GET / HTTP/1.1", f"Host: {host}", *([f"Origin: {origin}"] if origin else [])]
+        lines += ["Connection: Upgrade", "Upgrade: websocket", "Sec-WebSocket-Version: 13"]
+        lines += ["Sec-WebSocket-Key: dGhlIHNhbXBsZSBub25jZQ==", f"Sec-WebSocket-Protocol: viser-v{viser.__version__}"]
+        raw.sendall("\r\n".join([*lines, "", ""]).replace("{}", str(server.get_port())).encode())
+        assert raw.recv(12) == (b"HTTP/1.1 101" if good else b"HTTP/1.1 403")
 
 
 def test_names_are_text_and_folders_stay_on_this_machine():

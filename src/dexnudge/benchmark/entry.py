@@ -7,6 +7,7 @@ An answer holds joint_names (d,), T_world_palm (n, 4, 4) [m] and joint_angles (n
 """
 
 import hashlib
+import os
 import zipfile
 from dataclasses import dataclass, field
 from pathlib import Path
@@ -17,11 +18,11 @@ from jaxtyping import Float
 
 from dexnudge.benchmark.suite import NAME
 from dexnudge.benchmark.tasks import TaskSet
-from dexnudge.errors import InputError, did_you_mean, quote
+from dexnudge.errors import LONGEST_NAME, InputError, did_you_mean, is_name, quote
 from dexnudge.formats.hand_poses import configurations
 from dexnudge.hands.hand import Hand
 from dexnudge.jobs.json_files import path_inside, read_json_object
-from dexnudge.results.folder import DAMAGE
+from dexnudge.results.folder import DAMAGE, read_array
 
 ENTRY, ANSWERS = "entry.json", "answers"
 KEYS = ("T_world_palm", "joint_angles", "joint_names")
@@ -59,10 +60,13 @@ class Entry:
 
     @property
     def hash(self) -> str:
-        """SHA-256 of entry.json and of all answers."""
+        """SHA-256 of entry.json and of all answers; of a file that is too large to be an answer, of its size."""
         digest = hashlib.sha256((self.folder / ENTRY).read_bytes())
-        for path in sorted((self.folder / ANSWERS).glob("*")):
-            digest.update(path.name.encode() + (path.read_bytes() if path.is_file() else b""))
+        for path in sorted(filter(Path.is_file, (self.folder / ANSWERS).glob("*"))):
+            size = path.stat().st_size
+            digest.update(os.fsencode(path.name) + str(size).encode())
+            if size <= LARGEST_ANSWER and os.access(path, os.R_OK):
+                digest.update(path.read_bytes())
         return digest.hexdigest()
 
 
@@ -77,8 +81,12 @@ def load_entry(folder: Path | str, tasks: TaskSet) -> Entry:
     content = read_json_object(path, error=InputError, expected="an entry of a benchmark", again=again)
     texts = ("name", "authors", "used", "machine")
     for key in texts:
-        if not isinstance(content.get(key), str) or not content[key].strip():
-            raise InputError(f"{path}: {key} is {quote(content.get(key))}; expected a text; {again}")
+        text = content.get(key)
+        if not is_name(text) or not str(text).strip():
+            raise InputError(
+                f"{path}: {key} is {quote(text)}; expected one line of printable text, at most {LONGEST_NAME} characters; "
+                f"{again}"
+            )
     if not NAME.fullmatch(content["name"]):
         raise InputError(f"{path}: name is {quote(content['name'])}; expected letters, digits, _, - and .")
     names = [task.name for task in tasks.tasks]
@@ -113,14 +121,21 @@ def read_answer(entry: Entry, name: str, hand: Hand, *, most: int) -> Answer:
     path = path_inside(entry.folder, f"{ANSWERS}/{there[0]}", "an answer", file=ENTRY, what="answer")
     if path.stat().st_size > LARGEST_ANSWER:
         raise InputError(f"the answer has {path.stat().st_size >> 20} MiB; expected at most {LARGEST_ANSWER >> 20} MiB")
-    content = read_json_object(path, error=InputError) if path.suffix == ".json" else _read_npz(path)
+    content = read_json_object(path, error=InputError, constant=float) if path.suffix == ".json" else _read_npz(path)
     missing = [key for key in KEYS if key not in content]
     if missing:
         raise InputError(f"{there[0]} lacks {', '.join(missing)}; expected {', '.join(KEYS)}")
+    poses = content["T_world_palm"]
+    if isinstance(poses, list) or np.ndim(poses):
+        _check_draws(len(poses), most, there[0])  # before work is done on each
     q, wrong = configurations(hand, *(content[key] for key in KEYS), where=there[0])
-    if not 0 < len(q) <= most:
-        raise InputError(f"{there[0]} holds {len(q)} draws; expected 1 to {most}")
+    _check_draws(len(q), most, there[0])
     return Answer(q, wrong)
+
+
+def _check_draws(number: int, most: int, where: str) -> None:
+    if not 0 < number <= most:
+        raise InputError(f"{where} holds {number} draws; expected 1 to {most}")
 
 
 def _read_npz(path: Path) -> dict[str, Any]:
@@ -128,7 +143,7 @@ def _read_npz(path: Path) -> dict[str, Any]:
     try:
         with zipfile.ZipFile(path) as archive:
             size = sum(each.file_size for each in archive.infolist())
-        with np.load(path, allow_pickle=False) as arrays:
-            return {key: arrays[key] for key in KEYS if key in arrays.files and size <= LARGEST_ANSWER}
+            there = {f"{key}.npy" for key in KEYS if size <= LARGEST_ANSWER} & {*archive.namelist()}
+            return {name.removesuffix(".npy"): read_array(archive, archive.getinfo(name)) for name in there}
     except DAMAGE as error:
         raise InputError(f"{path.name} is damaged ({error}); expected an npz archive without pickles") from error

@@ -5,18 +5,20 @@ feedback by the same hand, motors and policies for all. A draw that is in someth
 limits, is not played: it fails. Missing, malformed and failed answers stay in the denominators.
 """
 
+import re
 from collections import Counter
 from collections.abc import Callable, Sequence
 from contextlib import closing
 from dataclasses import asdict, dataclass, field, replace
 from functools import partial
+from html import escape
 from pathlib import Path
 from typing import Any, ClassVar
 
 from dexnudge.benchmark.entry import Answer, Entry, load_entry, read_answer
 from dexnudge.benchmark.suite import TaskKey
 from dexnudge.benchmark.tasks import TaskSet, load_tasks
-from dexnudge.errors import DexnudgeError, InputError
+from dexnudge.errors import DexnudgeError, InputError, printable
 from dexnudge.execution.executor import Executor
 from dexnudge.experiments.config import TrialKey
 from dexnudge.experiments.metrics import OBJECTS, Metric, measure, share
@@ -34,9 +36,10 @@ from dexnudge.simulation.model import scene_model
 from dexnudge.simulation.open_loop import OpenLoop
 from dexnudge.verification.verdicts import verify
 
-FILE, FORMAT_VERSION = "score.json", 1
+FILE, FORMAT_VERSION, ENTRIES = "score.json", 1, "entries"
 ALL = "all"  # families, in tables
 NOT_PLAYED = "not played"  # outcome of a first draw that is in something, or beyond limits
+MARKUP = re.compile(r"[\\`*\[\]|]|(?<![^\W_])_|_(?![^\W_])")  # of Markdown; not "_" within a word
 PLAYABLE = ("", "contact", "force_margin", "motion_not_blocked")  # what may fail of a draw that is played
 ABOUT = (
     "% of all tasks, those without a valid answer among them; in brackets 95 % intervals by bootstrap over objects. First: "
@@ -152,7 +155,8 @@ def score(
 ) -> str:
     """Judge entries and write the table over all of them; return its text. What was judged before is not judged again.
 
-    OUT/ENTRY/results.jsonl has a line for each object and family; OUT/report.md, .csv, .json and a chart compare entries.
+    OUT/entries/NAME/results.jsonl has a line for each object and family; OUT/report.md, .csv, .json and a chart compare
+    entries.
     on_record: called with the entry, finished and total.
 
     Raises:
@@ -166,7 +170,7 @@ def score(
         raise InputError(f"the entries are {', '.join(names) or 'none'}; expected one or more, each of its own name")
     with owned_folder(out):
         for entry in given:
-            _score_entry(entry, tasks, out / entry.name, workers, on_record)
+            _score_entry(entry, tasks, out / ENTRIES / entry.name, workers, on_record)
         return _write_report(given, tasks, out)
 
 
@@ -230,10 +234,10 @@ def _record(key: TrialKey, found: list[TaskScore], tasks: TaskSet, entry: Entry)
 
 
 def _write_report(entries: Sequence[Entry], tasks: TaskSet, out: Path) -> str:
-    records = [record for entry in entries for record in read_records(out / entry.name, ScoreRecord)]
+    records = [record for entry in entries for record in read_records(out / ENTRIES / entry.name, ScoreRecord)]
     records.sort(key=lambda record: ([*tasks.suite.families].index(record.scene), record.object))
     measured = [*measure(_merged(records), METRICS), *measure(records, METRICS)]
-    claim = read_claim(out / entries[0].name, FILE, format_version=FORMAT_VERSION)
+    claim = read_claim(out / ENTRIES / entries[0].name, FILE, format_version=FORMAT_VERSION)
     counts = [metric for metric in METRICS if metric.form == "counts"]
     suite = tasks.suite
     setting = (
@@ -247,9 +251,12 @@ def _write_report(entries: Sequence[Entry], tasks: TaskSet, out: Path) -> str:
     titles = {"first": "first draw verified", "feedback": "first draw in physics, with feedback"}
     charts = {titles[name]: rates for name, rates in bars.items()}
     problems = [
-        f"- {each.method}, {task.task}: {task.problem}" for each in records for task in each.tasks if task.problem
+        f"- {each.method}, {task.task}: {_as_text(task.problem)}"
+        for each in records
+        for task in each.tasks
+        if task.problem
     ]
-    about = [f"- {each.name}: {each.authors}; used: {each.used}; machine: {each.machine}" for each in entries]
+    about = [_as_text(f"- {each.name}: {each.authors}; used: {each.used}; machine: {each.machine}") for each in entries]
     sections = [
         Section(
             "",
@@ -264,6 +271,11 @@ def _write_report(entries: Sequence[Entry], tasks: TaskSet, out: Path) -> str:
     ]
     numbers = {"suite": asdict(suite), "fingerprint": tasks.fingerprint, "metrics": measured}
     return write_files(out, f"Benchmark {suite.name}", sections, numbers, measured)
+
+
+def _as_text(text: str) -> str:
+    """Return what an entry says as Markdown that shows it in one line: nothing in it is markup."""
+    return MARKUP.sub(r"\\\g<0>", escape(printable(" ".join(text.splitlines())), quote=False))
 
 
 def _merged(records: Records) -> list[ScoreRecord]:

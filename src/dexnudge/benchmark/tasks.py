@@ -4,7 +4,7 @@
     DIR/hand/hand.urdf      the hand of all tasks, with meshes, YAML and MJCF
     DIR/tasks/TASK/         scene.json, object.obj, environment.obj, as `Scene.save` writes them
 
-The fingerprint is that of scenes and meshes alone, whatever versions they were made with.
+The fingerprint is that of the hand, scenes and meshes, and of what is to be done, whatever versions they were made with.
 """
 
 import hashlib
@@ -40,7 +40,7 @@ OURS = (*(f"{HAND}/{file}" for file in HAND_FILES), *(f"{TASKS}/*/{file}" for fi
 class TaskSet:
     """The tasks of a suite in a folder, all of their files as they were made.
 
-    tasks: those that could be made. not_made: name of each other one, and why. fingerprint: of scenes and meshes.
+    tasks: those that could be made. not_made: name of each other one, and why. fingerprint: see `_fingerprint`.
     """
 
     folder: Path
@@ -94,7 +94,7 @@ def make_tasks(
         if not made:
             raise InputError(f"no task of suite '{suite.name}' can be made: {next(iter(not_made.values()))}")
         content = {"format_version": FORMAT_VERSION, "suite": asdict(suite), "not_made": not_made}
-        content |= {"fingerprint": _fingerprint(folder, suite, made), "files": _hashes(folder, made)}
+        content |= {"fingerprint": _fingerprint(folder, suite, made, not_made), "files": _hashes(folder, made)}
         content["versions"] = versions()
         (folder / MANIFEST).write_text(json.dumps(content, indent=2) + "\n", encoding="utf-8")
     return load_tasks(out)
@@ -117,7 +117,8 @@ def load_tasks(folder: Path | str) -> TaskSet:
     for name in found:
         if not isinstance(written, dict) or written.get(name) != found[name]:
             raise InputError(f"{folder / name} is not the file that the manifest was made with; {again}")
-    return TaskSet(folder, suite, tuple(tasks), content["not_made"], _fingerprint(folder, suite, tasks))
+    not_made = content["not_made"]
+    return TaskSet(folder, suite, tuple(tasks), not_made, _fingerprint(folder, suite, tasks, not_made))
 
 
 def _meshes(suite: Suite, objects: str | None, units: str, length: float | None) -> dict[str, Any]:
@@ -156,9 +157,10 @@ def _sha256(path: Path) -> str:
     return hashlib.sha256(path.read_bytes()).hexdigest() if path.is_file() else ""
 
 
-def _fingerprint(folder: Path, suite: Suite, tasks: list[TaskKey]) -> str:
-    """Return the SHA-256 of all scenes and meshes, without the versions that stand beside them."""
-    digest = hashlib.sha256(f"{suite.hand} {suite.base} {suite.draws}".encode())
+def _fingerprint(folder: Path, suite: Suite, tasks: list[TaskKey], not_made: dict[str, str]) -> str:
+    """Return the SHA-256 of draws, names of tasks, the hand's files, scenes and meshes, without the scenes' versions."""
+    asked = [suite.hand, suite.base, suite.draws, [task.name for task in tasks], sorted(not_made), _hashes(folder, [])]
+    digest = hashlib.sha256(json.dumps(asked, sort_keys=True).encode())
     for task in tasks:
         place = folder / TASKS / task.name
         content = read_json_object(place / SCENE_FILE)

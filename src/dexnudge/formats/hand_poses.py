@@ -76,7 +76,7 @@ def _columns(hand: Hand, names: Any, where: str) -> list[int]:
     for kind, which in (("twice", doubles), ("not", missing), ("but", unknown)):
         if which:
             raise InputError(
-                f"{where}: joint_names has {kind} {', '.join(map(str, which))}; expected each joint of hand '{hand.name}' "
+                f"{where}: joint_names has {kind} {quote(', '.join(which))}; expected each joint of hand '{hand.name}' "
                 f"once: {', '.join(hand.joint_names)}"
             )
     return [list(given).index(name) for name in hand.joint_names]

@@ -5,6 +5,7 @@ from __future__ import annotations
 import json
 import stat
 import sys
+from collections.abc import Callable
 from dataclasses import MISSING, fields
 from pathlib import Path
 from types import UnionType
@@ -16,24 +17,29 @@ LARGEST_NUMBER = sys.float_info.max
 MAX_BYTES = 100_000_000  # of a JSON file; read, it is some ten times as large
 
 
+def refuse_constant(text: str) -> float:
+    """Refuse NaN and infinities of a JSON text; a `parse_constant`."""
+    raise ValueError(f"{text} is not a JSON number")
+
+
 def read_json(
     path: Path,
     *,
     error: type[InputError] = SceneError,
     expected: str = "a JSON file",
     again: str = "the file is truncated or damaged",
+    constant: Callable[[str], float] = refuse_constant,
 ) -> Any:
     """Read a JSON file; `error` if it is missing, unreadable, malformed, or has a key twice, NaN or infinity in it.
 
     expected, again: what messages say of a missing file, and of how a damaged one is mended.
+    constant: what becomes of NaN and infinities, `float` to take them.
     """
     try:
         found = path.stat()
         if not stat.S_ISDIR(found.st_mode) and (not stat.S_ISREG(found.st_mode) or found.st_size > MAX_BYTES):
             raise error(f"{path}: is no file, or larger than {MAX_BYTES / 1e6:.0f} MB; expected {expected}")
-        return json.loads(
-            path.read_text(encoding="utf-8"), parse_constant=_refuse_constant, object_pairs_hook=unique_keys
-        )
+        return json.loads(path.read_text(encoding="utf-8"), parse_constant=constant, object_pairs_hook=unique_keys)
     except (FileNotFoundError, IsADirectoryError) as cause:
         raise error(f"{path}: no such file; expected {expected}") from cause
     except (ValueError, OSError, RecursionError) as cause:
@@ -42,9 +48,9 @@ def read_json(
         raise error(f"{path}: cannot be read as JSON ({cause}); {again}") from cause
 
 
-def read_json_object(path: Path, *, error: type[InputError] = SceneError, **messages: str) -> dict[str, Any]:
+def read_json_object(path: Path, *, error: type[InputError] = SceneError, **options: Any) -> dict[str, Any]:
     """Read the JSON object in a file, as `read_json`; `error` also if it holds anything else."""
-    content = read_json(path, error=error, **messages)
+    content = read_json(path, error=error, **options)
     if not isinstance(content, dict):
         raise error(f"{path}: holds a JSON {type(content).__name__}; expected an object with named values")
     return content
@@ -141,7 +147,3 @@ def unique_keys(pairs: list[tuple[str, Any]]) -> dict[str, Any]:
             raise ValueError(f"the key {quote(key)} stands twice in an object; expected it once")
         found[key] = value
     return found
-
-
-def _refuse_constant(text: str) -> float:
-    raise ValueError(f"{text} is not a JSON number")

@@ -200,11 +200,11 @@ def read_arrays(path: Path) -> dict[str, np.ndarray]:
                 raise InputError(f"{path} holds {shown} twice; expected one array of each name; sample again")
             if key == entry.filename:
                 raise InputError(f"{path} holds {shown}, which is no array; expected arrays only; sample again")
-            arrays[key] = _read_array(archive, entry)
+            arrays[key] = read_array(archive, entry)
     return arrays
 
 
-def _read_array(archive: zipfile.ZipFile, entry: zipfile.ZipInfo) -> np.ndarray:
+def read_array(archive: zipfile.ZipFile, entry: zipfile.ZipInfo) -> np.ndarray:
     """Return the array of an entry; ValueError where its header announces anything but what follows."""
     with archive.open(entry) as file:
         read_header = NPY_HEADERS.get(np.lib.format.read_magic(file))
