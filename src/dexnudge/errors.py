@@ -7,6 +7,7 @@ builtin that a caller would catch. The command line prints the message and exits
 import difflib
 import math
 import os
+import reprlib
 from collections.abc import Iterable, Iterator
 from contextlib import contextmanager
 from numbers import Integral
@@ -33,12 +34,25 @@ def check_kind(argument: str, value: object, expected: type, example: str) -> No
         raise InputError(f"`{argument}` is {given}; expected a {expected.__name__}, such as {example}")
 
 
-def quote(value: object) -> str:
-    """Return a wrong value as messages show it: not longer than a line."""
-    if isinstance(value, int) and abs(value) > 10**LONGEST_QUOTE:
+class _Repr(reprlib.Repr):
+    """The beginning of a `repr`, however much a value holds; no more of it is made than a message shows."""
+
+    def __init__(self) -> None:
+        super().__init__()
+        self.maxlevel = 4
+        self.maxlist = self.maxtuple = self.maxset = self.maxfrozenset = self.maxdict = LONGEST_QUOTE // 3 + 1
+        self.maxstring = self.maxother = LONGEST_NAME  # cut in its middle, beyond what is shown
+
+    def repr_int(self, value: int, _level: int) -> str:
+        if abs(value) <= 10**LONGEST_QUOTE:
+            return repr(value)
         digits = int(math.log10(abs(value)))  # or one more: the logarithm is rounded
         return f"an integer of {digits + (abs(value) >= 10**digits)} digits"
-    text = repr(value)
+
+
+def quote(value: object) -> str:
+    """Return a wrong value as messages show it: not longer than a line."""
+    text = _Repr().repr(value)
     return text if len(text) <= LONGEST_QUOTE else f"{text[:LONGEST_QUOTE]}..."
 
 

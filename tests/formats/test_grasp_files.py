@@ -1,6 +1,7 @@
 """Files as the loaders of DexGraspNet, BODex and DexGraspBench read them; the twins here follow what those loaders do."""
 
 from dataclasses import replace
+from pathlib import Path
 
 import numpy as np
 import pytest
@@ -9,9 +10,11 @@ import trimesh
 
 from dexnudge.errors import InputError
 from dexnudge.formats.bodex import read_bodex, read_dexgraspbench, write_bodex, write_dexgraspbench
+from dexnudge.formats.conversion import convert, read_back
 from dexnudge.formats.dexgraspnet import read_dexgraspnet, their_joint_names, write_dexgraspnet
 from dexnudge.formats.object_arrays import read_object_array, write_object_array
 from dexnudge.hands.registry import load_hand
+from dexnudge.verification.verdicts import verify
 
 EXACT = 1e-12
 
@@ -136,6 +139,10 @@ def wrong_entries(entries):
     yield [{**entries[0], "qpos": {**entries[0]["qpos"], "WRJTx": np.nan}}], "NaN or infinity"
     yield [{**entries[0], "qpos": {**entries[0]["qpos"], "one": np.nan}}], "pose 0: a joint angle is NaN"
     yield [{**entries[0], "qpos": {**entries[0]["qpos"], "one": "x"}}], "no number"
+    yield [{**entries[0], "qpos": {**entries[0]["qpos"], "WRJTx": "0.1"}}], "no number"
+    yield [{**entries[0], "qpos": {**entries[0]["qpos"], "WRJTx": 10**400}}], "no number"
+    yield [{**entries[0], "scale": "0.1"}], "scale is '0.1'"
+    yield [{**entries[0], "scale": 10**400}], "scale is an integer of 401 digits"
     yield [{**entries[0], "qpos": {k: v for k, v in entries[0]["qpos"].items() if k != "two"}}], "has not 'two'"
     yield [{**entries[0], "qpos": {**entries[0]["qpos"], "LFJ5": 0.0}}], "has but 'LFJ5'"
     yield [], "empty"
@@ -165,6 +172,7 @@ def test_wrong_records_of_bodex_are_told(box_samples, tmp_path):
         ({"joint_names": ["one", "one", "three", "four"]}, "has twice 'one'"),
         ({"joint_names": 3}, "list of names"),
         ({"obj_pose": "here"}, "obj_pose is"),
+        ({"robot_pose": [[1.0], [1.0, 2.0]]}, "robot_pose has rows of different lengths"),
     ):
         with pytest.raises(InputError, match=message):
             read_bodex({**content, **change}, box_samples.hand, path=path)
@@ -173,6 +181,32 @@ def test_wrong_records_of_bodex_are_told(box_samples, tmp_path):
     for place in ("../scene.npy", str(tmp_path.parent / "scene.npy"), 3):
         with pytest.raises(InputError, match="scene_path"):
             read_bodex({**outside, "scene_path": place}, box_samples.hand, path=path)
+
+
+def test_grasps_of_an_object_of_another_size_are_refused(box_samples, tmp_path):
+    scene, hand = box_samples.scene, box_samples.hand
+    write_dexgraspnet(box_samples, tmp_path, name="box")
+    write_dexgraspbench(box_samples, tmp_path, name="box")
+    record, path = read_object_array(tmp_path / "graspdata/box/000.npy"), tmp_path / "a.npy"
+    for content in (
+        [{**entry, "scale": 1e3 * entry["scale"]} for entry in read_object_array(tmp_path / "dataset/box.npy")],
+        {**record, "obj_scale": 100.0},
+    ):
+        write_object_array(path, content)
+        with pytest.raises(InputError, match=r"at the scale .* reaches 0\.0678233 m"):  # of 120 x 60 x 20 mm, halved
+            read_back(path, scene, hand)
+    write_object_array(path, {**record, "obj_scale": "1"})
+    with pytest.raises(InputError, match="scale is '1'"):
+        read_back(path, scene, hand)
+
+
+def test_the_folder_one_stands_in_gives_its_name(box_samples, tmp_path, monkeypatch):
+    verdicts = verify(box_samples.scene, box_samples.hand, box_samples.q)
+    replace(box_samples, verdicts=verdicts).save(tmp_path / "run")
+    (tmp_path / "run/below").mkdir()
+    monkeypatch.chdir(tmp_path / "run/below")
+    convert(Path(".."), "dexgraspbench", tmp_path / "out", every=True)
+    assert len(list((tmp_path / "out/graspdata/run").glob("*.npy"))) == len(box_samples)
 
 
 def test_a_hand_of_another_name_keeps_its_joints(boxy_hand):

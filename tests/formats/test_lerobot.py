@@ -149,6 +149,8 @@ def test_episodes_tasks_and_statistics(dataset):
         ({"joint_angles": np.full((RECORDS, 2), np.nan)}, "NaN"),
         ({"T_world_object": np.tile(np.eye(4), (3, 1, 1))}, r"shape \(3, 4, 4\)"),
         ({"joint_names": np.array(["FFJ4", "THJ1"])}, "another hand"),
+        ({"mocap": np.zeros((RECORDS, 9))}, r"mocap is .*\(30, 9\)"),
+        ({"mocap": np.zeros(RECORDS)}, r"mocap is .*\(30,\)"),
     ],
 )
 def test_what_is_no_series_of_one_hand_is_refused(changes, message, tmp_path):

@@ -2,6 +2,7 @@
 
 import os
 import pickle
+import resource
 from collections import OrderedDict
 from fractions import Fraction
 
@@ -101,7 +102,59 @@ def test_what_holds_itself_or_grows_is_refused(tmp_path):
     itself.append(itself)
     for _ in range(60):
         wide = [wide] * 10  # 10**60 numbers, in a file of kilobytes
-    for content in (itself, wide):
+    few = [0.0] * 1000
+    for _ in range(2):
+        few = [few] * 1000  # 10**9
+    for content in (itself, wide, few):
         write_object_array(tmp_path / "a.npy", [{"qpos": content}])
         with pytest.raises(InputError, match=r"nested|holds"):
             read_object_array(tmp_path / "a.npy")
+
+
+def raw_file(path, body):
+    write_object_array(path, {})
+    path.write_bytes(path.read_bytes().split(b"\n", 1)[0] + b"\n" + body)
+    return path
+
+
+DOUBLED = b"K\x01" + b"2\x86" * 40  # a tuple of twice itself, 40 times: 2**40 numbers
+
+
+@pytest.mark.parametrize(
+    ("body", "message"),
+    [
+        (b"\x80\x02}" + DOUBLED + b"K\x01s.", "tuple as a key"),
+        (b"\x80\x02}(" + DOUBLED + b"K\x01u.", "tuple as a key"),
+        (b"\x80\x02(" + DOUBLED + b"K\x01d.", "tuple as a key"),
+        (b"\x80\x04\x8f(" + DOUBLED + b"\x90.", "a set"),
+        (b"\x80\x04(" + DOUBLED + b"\x91.", "a set"),
+        (b"\x80\x02cnumpy\ndtype\n(" + DOUBLED + b"tR.", "none of numbers and texts"),
+        (b"\x80\x05\x96" + b"\xff" * 6 + b"\x00\x00N.", r"a\.npy"),  # room for 2**48 bytes
+    ],
+)
+def test_a_small_file_takes_no_time_and_memory(body, message, tmp_path):
+    with pytest.raises(InputError, match=message):
+        read_object_array(raw_file(tmp_path / "a.npy", body))
+
+
+def test_a_memo_takes_as_much_as_is_in_it(tmp_path):
+    path = raw_file(tmp_path / "a.npy", b"\x80\x02Nr" + (2**31).to_bytes(4, "little") + b".")
+    before = resource.getrusage(resource.RUSAGE_SELF).ru_maxrss
+    with pytest.raises(InputError, match="damaged"):
+        read_object_array(path)
+    assert resource.getrusage(resource.RUSAGE_SELF).ru_maxrss - before < 2**20  # [KiB]
+
+
+def test_a_pipe_is_not_waited_for(tmp_path):
+    os.mkfifo(tmp_path / "a.npy")
+    with pytest.raises(InputError, match="is no file"):
+        read_object_array(tmp_path / "a.npy")
+
+
+def test_objects_that_are_arrays_stay_apart(tmp_path):
+    content = np.empty(2, dtype=object)
+    content[0], content[1] = np.zeros(3), np.ones(3)
+    write_object_array(tmp_path / "a.npy", {"arrays": content})
+    found = read_object_array(tmp_path / "a.npy")["arrays"]
+    assert found.shape == (2,)
+    assert equal(found, content)

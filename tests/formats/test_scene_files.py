@@ -1,5 +1,7 @@
 """A scene reopened by USD and by MuJoCo: the same poses, masses, frictions and points."""
 
+import resource
+
 import mujoco
 import numpy as np
 import pytest
@@ -96,3 +98,17 @@ def test_conversions_that_cannot_be_are_told(box_scene, tmp_path):
     assert convert(tmp_path / "scene", "usd", tmp_path / "out.usda") == "the scene"
     with pytest.raises(OutputError, match="exists"):
         convert(tmp_path / "scene", "usd", tmp_path / "out.usda")
+
+
+@pytest.mark.parametrize("name", ["s.usda", "s.usdc", "s.xml"])
+def test_a_full_disk_leaves_nothing(name, box_scene, tmp_path):
+    box_scene.save(tmp_path / "scene")
+    to, limits = "mujoco" if name == "s.xml" else "usd", resource.getrlimit(resource.RLIMIT_FSIZE)
+    (tmp_path / "out").mkdir()
+    resource.setrlimit(resource.RLIMIT_FSIZE, (500, limits[1]))
+    try:
+        with pytest.raises(OutputError, match=f"cannot write .*{name}"):
+            convert(tmp_path / "scene", to, tmp_path / "out" / name)
+    finally:
+        resource.setrlimit(resource.RLIMIT_FSIZE, limits)
+    assert not list((tmp_path / "out").iterdir())

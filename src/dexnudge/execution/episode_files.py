@@ -78,7 +78,7 @@ def read_episode(folder: Path, names: Sequence[str] = SHOWN) -> dict[str, np.nda
         "joint_names": ("U", (joints,)),
         **dict.fromkeys(("joint_angles", "commanded_joint_angles"), ("f", (count, joints))),
         **dict.fromkeys(POSES, ("f", (count, 4, 4))),
-        "mocap": ("f", (count, *np.shape(arrays.get("mocap", ()))[1:2])),
+        "mocap": ("f", (count, 0 if np.shape(arrays.get("mocap", ()))[1:] == (0,) else 7)),
         "link_names": ("U", (links,)),
         "link_force": ("f", (count, links)),
     }

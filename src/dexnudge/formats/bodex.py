@@ -19,7 +19,7 @@ from jaxtyping import Float
 from scipy.spatial.transform import Rotation
 
 from dexnudge.errors import InputError
-from dexnudge.formats.hand_poses import checked_configurations, palm_poses
+from dexnudge.formats.hand_poses import check_scale, checked_configurations, object_scale, palm_poses
 from dexnudge.formats.object_arrays import read_object_array, write_object_array
 from dexnudge.geometry.transforms import transform_configurations
 from dexnudge.hands.export import obj_text
@@ -90,6 +90,13 @@ def read_dexgraspbench(content: dict[str, Any], hand: Hand, *, where: str) -> Fl
     return _in_object_frame(grasp[None], object_pose, content.get("joint_names", hand.joint_names), hand, where)
 
 
+def check_object_scale(content: dict[str, Any], radius: float, where: str) -> None:
+    """Refuse a record whose obj_scale is neither 1, of a mesh in metres, nor as `check_scale` expects; InputError."""
+    scale = object_scale(content.get("obj_scale", 1.0), where)
+    if scale != 1.0:
+        check_scale(scale, radius, where)
+
+
 def _pose_in_scene(scene_path: Any, path: Path) -> np.ndarray:
     """Return the object's pose of the scene that a BODex file names."""
     file = path_inside(path.parent, scene_path, "scene_path", file=path.name, what="scene")
@@ -108,7 +115,10 @@ def _in_object_frame(rows: np.ndarray, object_pose: np.ndarray, names: Any, hand
 
 
 def _array(content: dict[str, Any], key: str, dimensions: int, where: str) -> np.ndarray:
-    array = np.asarray(content.get(key, 0.0))
+    try:
+        array = np.asarray(content.get(key, 0.0))
+    except ValueError as error:
+        raise InputError(f"{where}: {key} has rows of different lengths; expected an array") from error
     if array.ndim != dimensions or array.dtype.kind not in "fiu" or not array.size or not np.isfinite(array).all():
         raise InputError(
             f"{where}: {key} is {array.dtype} of shape {array.shape}; expected finite numbers in {dimensions} dimensions"

@@ -9,7 +9,7 @@ from jaxtyping import Float
 
 from dexnudge.errors import InputError, OutputError, UnknownNameError, did_you_mean
 from dexnudge.execution.episode_files import ARRAYS
-from dexnudge.formats.bodex import read_bodex, read_dexgraspbench, write_bodex, write_dexgraspbench
+from dexnudge.formats.bodex import check_object_scale, read_bodex, read_dexgraspbench, write_bodex, write_dexgraspbench
 from dexnudge.formats.dexgraspnet import read_dexgraspnet, write_dexgraspnet
 from dexnudge.formats.lerobot import write_lerobot
 from dexnudge.formats.mujoco_xml import write_mujoco
@@ -70,7 +70,7 @@ def convert(source: Path, to: str, out: Path, *, every: bool = False) -> str:
         assert samples is not None
         write, marker = GRASPS[to]
         with new_folder(out, marker=marker) as folder:
-            write(samples, folder, name=source.absolute().name)
+            write(samples, folder, name=source.resolve().name)
         return f"{len(samples)} configurations"
     if out.exists():
         raise OutputError(f"{out} exists; expected a new file; choose another `out`")
@@ -101,20 +101,23 @@ def read_back(source: Path, scene: Scene, hand: Hand, *, scale: float | None = N
     The object lies in the scene where the scene has it; the hands come with it. Ranked by what is verified.
 
     Raises:
-        InputError: a file of another form, or of another hand.
+        InputError: a file of another form, of another hand, or of an object of another size.
     """
     files = sorted(source.glob("*.npy")) if source.is_dir() else [source]
     if not files or len(files) > MOST_FILES:
         raise InputError(f"{source} holds {len(files)} .npy files; expected 1 to {MOST_FILES} of DexGraspBench")
-    parts = [_read(file, hand, scale) for file in files]
+    radius = float(np.linalg.norm(scene.object_mesh.vertices, axis=1).max())
+    parts = [_read(file, hand, scale, radius) for file in files]
     q = transform_configurations(scene.T_world_object, np.concatenate(parts))
     return Samples(scene, hand, q, verify(scene, hand, q)).best_first()
 
 
-def _read(file: Path, hand: Hand, scale: float | None) -> Float[np.ndarray, "n coordinates"]:
+def _read(file: Path, hand: Hand, scale: float | None, radius: float) -> Float[np.ndarray, "n coordinates"]:
     content: Any = read_object_array(file)
     if isinstance(content, list):
-        return read_dexgraspnet(content, hand, where=str(file), scale=scale)
+        return read_dexgraspnet(content, hand, where=str(file), scale=scale, radius=radius)
+    if isinstance(content, dict):
+        check_object_scale(content, radius, str(file))
     if isinstance(content, dict) and "robot_pose" in content:
         return read_bodex(content, hand, path=file)
     if isinstance(content, dict) and "grasp_qpos" in content:

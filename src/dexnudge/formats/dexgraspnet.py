@@ -13,8 +13,9 @@ from jaxtyping import Float
 from scipy.spatial.transform import Rotation
 
 from dexnudge.errors import InputError, quote
-from dexnudge.formats.hand_poses import checked_configurations, palm_poses
+from dexnudge.formats.hand_poses import check_scale, checked_configurations, object_scale, palm_poses
 from dexnudge.formats.object_arrays import write_object_array
+from dexnudge.geometry.rigid import real_numbers
 from dexnudge.geometry.transforms import transform_configurations
 from dexnudge.hands.export import obj_text
 from dexnudge.hands.hand import ROOT_COORDINATES, Hand
@@ -50,14 +51,15 @@ def write_dexgraspnet(samples: Samples, folder: Path, *, name: str) -> None:
 
 
 def read_dexgraspnet(
-    content: Any, hand: Hand, *, where: str, scale: float | None = None
+    content: Any, hand: Hand, *, where: str, scale: float | None = None, radius: float | None = None
 ) -> Float[np.ndarray, "n coordinates"]:
     """Return the hands of a file's entries in the object's frame.
 
-    scale: take the entries of this one; None where all have the same.
+    scale: take the entries of this one; None where all have the same. radius: see `check_scale`.
 
     Raises:
-        InputError: an entry of another form, joints of another hand, numbers that are no pose, or several scales.
+        InputError: an entry of another form, joints of another hand, numbers that are no pose, several scales, or one that
+            does not fit the radius.
     """
     names = [*TRANSLATION, *ROTATION]
     rows, joints = [], dict(zip(their_joint_names(hand), hand.joint_names, strict=True))
@@ -67,10 +69,7 @@ def read_dexgraspnet(
             raise InputError(
                 f"{where}, entry {index} is {quote(entry)}; expected qpos with {', '.join(names)} and joints"
             )
-        own_scale = entry.get("scale")
-        if not isinstance(own_scale, float | int | np.number) or not 0 < own_scale < np.inf:
-            raise InputError(f"{where}, entry {index}: scale is {quote(own_scale)}; expected a number above 0")
-        rows.append((float(own_scale), qpos))
+        rows.append((object_scale(entry.get("scale"), f"{where}, entry {index}"), qpos))
     scales = sorted({round(each, 9) for each, _ in rows})
     if scale is None and len(scales) > 1:
         listed = ", ".join(f"{each:g}" for each in scales)
@@ -81,14 +80,17 @@ def read_dexgraspnet(
         raise InputError(
             f"{where} has nothing at the scale {scale}; expected one of {listed or 'its scales: it is empty'}"
         )
+    if radius is not None:
+        check_scale(scales[0] if scale is None else scale, radius, where)
     theirs = [name for name in chosen[0] if name not in names]
     if any(set(qpos) != {*names, *theirs} for qpos in chosen):
         raise InputError(f"{where}: its entries name different joints; expected those of one hand")
     try:
-        angles = np.array([[float(qpos[name]) for name in theirs] for qpos in chosen])
-        places = np.array([[float(qpos[name]) for name in names] for qpos in chosen])
-    except (TypeError, ValueError) as error:
+        numbers = [[qpos[name] for name in [*names, *theirs]] for qpos in chosen]
+        values = real_numbers(numbers).reshape(len(chosen), len(names) + len(theirs))
+    except (TypeError, ValueError, OverflowError) as error:
         raise InputError(f"{where}: a coordinate is no number ({error}); expected metres and radians") from error
+    places, angles = values[:, : len(names)], values[:, len(names) :]
     if not np.isfinite(places).all():
         raise InputError(f"{where} holds NaN or infinity; expected finite numbers")
     poses = np.tile(np.eye(4), (len(chosen), 1, 1))

@@ -10,6 +10,33 @@ from dexnudge.errors import InputError, SceneError, quote
 from dexnudge.geometry.rigid import real_numbers, rigid_transform
 from dexnudge.hands.hand import Hand
 
+SCALES = (
+    2.0  # times by which a scale may differ from the object's radius: meshes fill a unit ball, or a box of its diagonal
+)
+
+
+def object_scale(value: Any, where: str) -> float:
+    """Return the scale of an object's mesh; InputError where it is no number above 0."""
+    try:
+        scale = float(real_numbers(value).item())
+    except (TypeError, ValueError, OverflowError):
+        scale = 0.0
+    if not 0 < scale < np.inf:
+        raise InputError(f"{where}: scale is {quote(value)}; expected a number above 0")
+    return scale
+
+
+def check_scale(scale: float, radius: float, where: str) -> None:
+    """Refuse grasps of an object of another size; InputError.
+
+    radius: of the scene's object around its origin [m].
+    """
+    if not 1 / SCALES <= scale / radius <= SCALES:
+        raise InputError(
+            f"{where}: the grasps are of an object at the scale {scale:g}, and the scene's reaches {radius:g} m from its "
+            f"origin; expected about as much; make the scene with the object of the grasps, in metres"
+        )
+
 
 def configurations(
     hand: Hand, T_frame_palm: Any, joint_angles: Any, joint_names: Any, *, where: str

@@ -7,8 +7,8 @@ import mujoco
 import numpy as np
 from jaxtyping import Float
 
-from dexnudge.errors import writing
 from dexnudge.hands.hand import Hand
+from dexnudge.jobs.folders import replace_atomically
 from dexnudge.scenes.scene import Scene
 from dexnudge.simulation.convex_pieces import environment_pieces
 from dexnudge.simulation.model import add_scene, scene_model
@@ -39,6 +39,5 @@ def write_mujoco(
             ElementTree.SubElement(keys, "key", texts, name=f"configuration {number}")
         ElementTree.indent(root)
         text = ElementTree.tostring(root, encoding="unicode")
-    with writing(path):
-        path.parent.mkdir(parents=True, exist_ok=True)
-        path.write_text(text, encoding="utf-8")
+    with replace_atomically(path) as part:
+        part.write_text(text, encoding="utf-8")

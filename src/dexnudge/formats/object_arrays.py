@@ -8,17 +8,20 @@ values and None, and arrays are put together and checked by this module alone.
 import math
 import pickle
 import re
+import stat
 import sys
+from collections.abc import Callable
 from pathlib import Path
-from typing import Any
+from typing import Any, ClassVar
 
 import numpy as np
 from numpy.lib import format as npy
 
-from dexnudge.errors import InputError, writing
+from dexnudge.errors import InputError, quote, writing
 
 LARGEST_FILE = 2**28  # [bytes] some 100,000 grasps
-DEEPEST = 32  # levels of lists and dicts
+DEEPEST = 32  # levels of lists and dicts, and dimensions of arrays
+MOST_VALUES = 2**24  # each counted as often as it stands there; 100,000 grasps at three moments have 9 million
 SCALARS = (str, int, float, bool, type(None), np.number, np.bool_, np.str_)
 CODE = re.compile(r"[<>|=]?(?:[biufcU]\d{1,7}|\?)")  # of types, as in NumPy's array protocol
 EXPECTED = "expected the .npy file of a grasp tool, of arrays, dicts, lists, texts and numbers"
@@ -37,7 +40,7 @@ def read_object_array(path: Path) -> Any:
             header = npy.read_array_header_1_0 if major == 1 else npy.read_array_header_2_0
             shape, _, dtype = header(file)
             if dtype.hasobject:
-                content = _plain(_Unpickler(file).load(), {})
+                content, _ = _plain(_Unpickler(file).load(), {})
             else:
                 file.seek(0)
                 content = npy.read_array(file, allow_pickle=False)
@@ -63,9 +66,19 @@ def write_object_array(path: Path, content: dict[str, Any] | list[dict[str, Any]
 
 
 def _check_size(path: Path) -> None:
-    size = path.stat().st_size
-    if size > LARGEST_FILE:
-        raise InputError(f"{path} has {size >> 20} MiB; expected at most {LARGEST_FILE >> 20} MiB")
+    found = path.stat()
+    if not stat.S_ISREG(found.st_mode):
+        raise InputError(f"{path} is no file; {EXPECTED}")
+    if found.st_size > LARGEST_FILE:
+        raise InputError(f"{path} has {found.st_size >> 20} MiB; expected at most {LARGEST_FILE >> 20} MiB")
+
+
+def _objects(values: list[Any]) -> np.ndarray:
+    """Return an array of values that are what they are: numpy would make one of those that are arrays."""
+    found = np.empty(len(values), dtype=object)
+    for place, each in enumerate(values):
+        found[place] = each
+    return found
 
 
 class _Type:
@@ -74,7 +87,7 @@ class _Type:
     def __init__(self, code: Any, *_: Any) -> None:
         self.is_object = code in ("O", "O8")
         if not self.is_object and not (isinstance(code, str) and CODE.fullmatch(code)):
-            raise pickle.UnpicklingError(f"the type {code!r} is none of numbers and texts")
+            raise pickle.UnpicklingError(f"the type {quote(code)} is none of numbers and texts")
         self.dtype = np.dtype(object if self.is_object else code)
 
     def __setstate__(self, state: Any) -> None:
@@ -86,14 +99,13 @@ class _Type:
 
     def array(self, raw: Any, shape: Any, order: str) -> Any:
         """Return raw bytes, or a list of values, as an array."""
-        if not isinstance(shape, tuple) or not all(type(each) is int and each >= 0 for each in shape):
-            raise pickle.UnpicklingError(f"an array has the shape {shape!r}")
+        sizes = shape if isinstance(shape, tuple) and len(shape) <= DEEPEST else (-1,)
+        if not all(type(each) is int and 0 <= each <= LARGEST_FILE for each in sizes):
+            raise pickle.UnpicklingError(f"an array has the shape {quote(shape)}")
         if self.is_object:
             if not isinstance(raw, list) or len(raw) != math.prod(shape):
                 raise pickle.UnpicklingError("an array of objects has more or fewer of them than its shape")
-            found = np.empty(len(raw), dtype=object)
-            found[:] = raw
-            return found.reshape(shape, order="F" if order == "F" else "C")
+            return _objects(raw).reshape(shape, order="F" if order == "F" else "C")
         if not isinstance(raw, bytes | bytearray) or len(raw) != math.prod(shape) * self.dtype.itemsize:
             raise pickle.UnpicklingError("an array has more or fewer bytes than its shape")
         flat = np.frombuffer(bytes(raw), self.dtype)
@@ -151,8 +163,38 @@ ALLOWED: dict[tuple[str, str], type] = {
 }
 
 
-class _Unpickler(pickle.Unpickler):
-    """Makes only what `ALLOWED` names, each by a class of this module."""
+# Written in Python: its memo grows by what is in it, and each opcode can be looked at.
+PURE: Any = pickle._Unpickler  # noqa: SLF001 - public nowhere; the C one ends the process, or takes all memory
+
+
+def _with_names(opcode: bytes, keys: slice) -> Callable[[Any], None]:
+    """Return how an opcode puts entries into a dict, whose keys, at `keys` of the stack, must be texts."""
+    load: Callable[[Any], None] = PURE.dispatch[opcode[0]]
+
+    def checked(unpickler: Any) -> None:
+        for key in unpickler.stack[keys]:
+            if type(key) is not str:  # others may take for ever to hash
+                raise pickle.UnpicklingError(f"a dict has a {type(key).__name__} as a key; expected texts")
+        load(unpickler)
+
+    return checked
+
+
+def _refuse_set(_: Any) -> None:
+    raise pickle.UnpicklingError("it holds a set")
+
+
+class _Unpickler(PURE):
+    """Makes only what `ALLOWED` names, each by a class of this module; dicts have texts as keys."""
+
+    dispatch: ClassVar[dict[int, Callable[[Any], None]]] = {
+        **PURE.dispatch,
+        pickle.SETITEM[0]: _with_names(pickle.SETITEM, slice(-2, -1)),
+        pickle.SETITEMS[0]: _with_names(pickle.SETITEMS, slice(0, None, 2)),
+        pickle.DICT[0]: _with_names(pickle.DICT, slice(0, None, 2)),
+        pickle.BYTEARRAY8[0]: PURE.dispatch[pickle.BINBYTES8[0]],  # which does not make room before it reads
+        **dict.fromkeys((pickle.EMPTY_SET[0], pickle.ADDITEMS[0], pickle.FROZENSET[0]), _refuse_set),
+    }
 
     def find_class(self, module: str, name: str) -> Any:
         """Return the class of ours in place of what the file names; UnpicklingError for anything else."""
@@ -163,36 +205,40 @@ class _Unpickler(pickle.Unpickler):
 
     def persistent_load(self, pid: Any) -> Any:
         """Refuse what stands outside the file."""
-        raise pickle.UnpicklingError(f"it asks for {pid!r}, which is not in it")
+        raise pickle.UnpicklingError(f"it asks for {quote(pid)}, which is not in it")
 
 
-def _plain(value: Any, known: dict[int, Any], depth: int = 0) -> Any:
-    """Return a value with arrays in the place of `_Array`; each once, however often it stands there.
+def _plain(value: Any, known: dict[int, Any], depth: int = 0) -> tuple[Any, int]:
+    """Return a value with arrays in the place of `_Array`, made once, and how many values it is, however often they stand.
 
     Raises:
-        UnpicklingError: a value of another kind, or one that holds itself.
+        UnpicklingError: a value of another kind, one that holds itself, or too many.
     """
     if isinstance(value, SCALARS):
-        return value
+        return value, 1
     if depth > DEEPEST:
         raise pickle.UnpicklingError(f"it is nested more than {DEEPEST} times")
     if id(value) not in known:
-        known[id(value)] = _made_plain(value, known, depth + 1), value  # which keeps the id its own
-    return known[id(value)][0]
+        made, count = _made_plain(value, known, depth + 1)
+        if count > MOST_VALUES:
+            raise pickle.UnpicklingError(f"it holds more than {MOST_VALUES} values")
+        known[id(value)] = made, count, value  # which keeps the id its own
+    made, count, _ = known[id(value)]
+    return made, count
 
 
-def _made_plain(value: Any, known: dict[int, Any], depth: int) -> Any:
+def _made_plain(value: Any, known: dict[int, Any], depth: int) -> tuple[Any, int]:
     if isinstance(value, _Array):
         value = value.value
+    if isinstance(value, np.ndarray) and not value.dtype.hasobject:
+        return value, 1 + value.size
+    if type(value) not in (dict, list, tuple, np.ndarray):
+        raise pickle.UnpicklingError(f"it holds a {type(value).__name__}")
+    inside = value.values() if isinstance(value, dict) else value.ravel() if isinstance(value, np.ndarray) else value
+    found = [_plain(each, known, depth) for each in inside]
+    parts, count = [each for each, _ in found], 1 + sum(number for _, number in found)
+    if isinstance(value, dict):
+        return dict(zip(value, parts, strict=True)), count
     if isinstance(value, np.ndarray):
-        if not value.dtype.hasobject:
-            return value
-        found = np.empty(value.size, dtype=object)
-        for place, each in enumerate(value.ravel()):
-            found[place] = _plain(each, known, depth)
-        return found.reshape(value.shape)
-    if type(value) is dict:
-        return {_plain(key, known, depth): _plain(each, known, depth) for key, each in value.items()}
-    if type(value) in (list, tuple):
-        return type(value)(_plain(each, known, depth) for each in value)
-    raise pickle.UnpicklingError(f"it holds a {type(value).__name__}")
+        return _objects(parts).reshape(value.shape), count
+    return type(value)(parts), count

@@ -13,9 +13,10 @@ import torch
 import trimesh
 from jaxtyping import Float
 
-from dexnudge.errors import InputError, writing
+from dexnudge.errors import InputError
 from dexnudge.geometry.meshes import centre_of_mass
 from dexnudge.hands.hand import Hand
+from dexnudge.jobs.folders import replace_atomically
 from dexnudge.scenes.scene import Scene
 
 if TYPE_CHECKING:
@@ -37,7 +38,7 @@ def write_usd(
     if path.suffix not in SUFFIXES:
         raise InputError(f"{path} ends in {path.suffix!r}; expected {', '.join(SUFFIXES)}")
     try:
-        from pxr import Gf, Usd, UsdGeom, UsdPhysics, UsdShade
+        from pxr import Gf, Tf, Usd, UsdGeom, UsdPhysics, UsdShade
     except ImportError as error:
         raise InputError(
             "USD needs usd-core, which is not installed; install it with pip install 'dexnudge[usd]'"
@@ -77,9 +78,11 @@ def write_usd(
                 )
                 link.SetDisplayName(hand.link_names[number])
                 UsdPhysics.RigidBodyAPI.Apply(link).CreateKinematicEnabledAttr(True)
-    with writing(path):
-        path.parent.mkdir(parents=True, exist_ok=True)
-        stage.GetRootLayer().Export(str(path))
+    with replace_atomically(path) as part:
+        try:
+            stage.GetRootLayer().Export(str(part))
+        except Tf.ErrorException as error:
+            raise OSError(str(error).strip()) from error
 
 
 def _add_body(
