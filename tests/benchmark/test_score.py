@@ -128,8 +128,9 @@ def test_answers_to_no_task_and_no_answers_are_refused(entry_folder, tasks, insi
 def test_damaged_answers_are_told(text, message, entry_folder, tasks):
     entry = load_entry(entry_folder, tasks)
     (entry_folder / "answers/phone-200_table_0.json").write_text(text)
-    with pytest.raises(InputError, match=message):
+    with pytest.raises(InputError, match=message) as raised:
         read_answer(entry, "phone-200_table_0", tasks.hand, most=2)
+    assert str(entry_folder) not in str(raised.value)  # it stands in the report
 
 
 def test_a_draw_of_nan_fails_alone_in_json_too(entry_folder, tasks, inside):
@@ -154,6 +155,9 @@ def test_an_answer_that_is_too_large_or_announces_too_much_is_refused_before_it_
     with zipfile.ZipFile(path.with_suffix(".npz"), "a") as archive:
         archive.writestr("joint_angles.npy", b"\x93NUMPY\x01\x00" + struct.pack("<H", len(header)) + header)
     with pytest.raises(InputError, match=r"announces \d{380}"):
+        read_answer(entry, path.stem, tasks.hand, most=2)
+    np.savez_compressed(path.with_suffix(".npz"), **inside, more=np.zeros(3 << 20))
+    with pytest.raises(InputError, match="unpacks to 24 MiB; expected at most 16 MiB"):
         read_answer(entry, path.stem, tasks.hand, most=2)
 
 

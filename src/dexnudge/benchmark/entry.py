@@ -121,7 +121,12 @@ def read_answer(entry: Entry, name: str, hand: Hand, *, most: int) -> Answer:
     path = path_inside(entry.folder, f"{ANSWERS}/{there[0]}", "an answer", file=ENTRY, what="answer")
     if path.stat().st_size > LARGEST_ANSWER:
         raise InputError(f"the answer has {path.stat().st_size >> 20} MiB; expected at most {LARGEST_ANSWER >> 20} MiB")
-    content = read_json_object(path, error=InputError, constant=float) if path.suffix == ".json" else _read_npz(path)
+    try:
+        content = (
+            read_json_object(path, error=InputError, constant=float) if path.suffix == ".json" else _read_npz(path)
+        )
+    except InputError as error:  # goes into a report, which is handed on
+        raise InputError(str(error).replace(str(path), path.name)) from error
     missing = [key for key in KEYS if key not in content]
     if missing:
         raise InputError(f"{there[0]} lacks {', '.join(missing)}; expected {', '.join(KEYS)}")
@@ -144,6 +149,9 @@ def _read_npz(path: Path) -> dict[str, Any]:
         with zipfile.ZipFile(path) as archive:
             size = sum(each.file_size for each in archive.infolist())
             there = {f"{key}.npy" for key in KEYS if size <= LARGEST_ANSWER} & {*archive.namelist()}
-            return {name.removesuffix(".npy"): read_array(archive, archive.getinfo(name)) for name in there}
+            arrays = {name.removesuffix(".npy"): read_array(archive, archive.getinfo(name)) for name in there}
     except DAMAGE as error:
         raise InputError(f"{path.name} is damaged ({error}); expected an npz archive without pickles") from error
+    if size > LARGEST_ANSWER:
+        raise InputError(f"{path.name} unpacks to {size >> 20} MiB; expected at most {LARGEST_ANSWER >> 20} MiB")
+    return arrays
