@@ -148,7 +148,8 @@ def call_plugin(kind: str, name: str, expected: type, *arguments: Any, **options
     function = load_plugin(kind, name)
     what = plugin_title(kind, name)
     made = call_foreign(f"{what} failed", function, *arguments, **options)
-    if not isinstance(made, expected):
+    # A protocol's `isinstance` reads the attributes that it names, which may be properties of the package's own.
+    if not call_foreign(f"{what} made what cannot be read", isinstance, made, expected):
         raise InputError(f"{what} made a {type(made).__name__}; expected a {expected.__name__}")
     return made
 

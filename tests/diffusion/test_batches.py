@@ -127,7 +127,7 @@ def test_only_the_given_objects_are_used(dataset):
 
 
 def test_nothing_to_train_on(dataset):
-    config = dataclasses.replace(PLAIN, grasp_fraction=0.0, min_direction_margin=9.0)
+    config = dataclasses.replace(PLAIN, grasp_fraction=0.0, min_direction_margin=3.0)
     with pytest.raises(DatasetError, match="none of 4 objects has a configuration to train on"):
         BatchSampler(dataset, range(4), config)
 

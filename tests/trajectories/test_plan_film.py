@@ -108,6 +108,6 @@ def test_a_film_is_a_strip_an_animation_or_a_page(block_plan, tmp_path):
     with Image.open(block_plan.film(tmp_path / "plan.png")) as strip:
         width, height = strip.size
     phases = len(block_plan.phases)
-    assert (width, height) == (phases * 400 + (phases - 1) * 6, 2 * 300 + 6)
+    assert (width, height) == (phases * 480 + (phases - 1) * 6, 2 * 320 + 6)
     with pytest.raises(dn.InputError, match=r"expected a name that ends in \.gif, \.png, \.html"):
         block_plan.film(tmp_path / "plan.mp4")
