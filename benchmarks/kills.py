@@ -19,6 +19,7 @@ import time
 import traceback
 from collections import Counter
 from collections.abc import Callable, Iterator
+from contextlib import suppress
 from dataclasses import dataclass, field
 from importlib import import_module
 from pathlib import Path
@@ -118,10 +119,13 @@ class Job:
         except SystemExit as end:
             code = end.code
         except BaseException:  # noqa: BLE001 - Python would print it
-            traceback.print_exc()
-        sys.stdout.flush()
-        sys.stderr.flush()
-        os._exit(code)
+            with suppress(OSError):  # where even that cannot be written
+                traceback.print_exc()
+        finally:  # the folders of this process are not the child's to remove
+            with suppress(OSError):
+                sys.stdout.flush()
+                sys.stderr.flush()
+            os._exit(code)
 
     def finish(self, out: Path, *, size: int = -1) -> tuple[int, str]:
         """Run the command to its end; return exit code and what it said."""
