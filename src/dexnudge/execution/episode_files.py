@@ -13,7 +13,7 @@ from dexnudge.execution.grasp_and_lift import LIFT_PHASES
 from dexnudge.geometry.rigid import ROUNDED_TOLERANCE
 from dexnudge.hands.hand import ROOT_COORDINATES
 from dexnudge.planning.outcomes import Outcome
-from dexnudge.results.folder import DAMAGE, read_arrays
+from dexnudge.results.folder import read_arrays
 from dexnudge.scenes.scene import Scene
 from dexnudge.simulation.model import BASE_FORCE_LIMIT, BASE_TORQUE_LIMIT, SimulationModel
 from dexnudge.simulation.rollout import Trace
@@ -61,16 +61,11 @@ def read_episode(folder: Path, names: Sequence[str] = SHOWN) -> dict[str, np.nda
         InputError: the file is missing, damaged, or its arrays do not fit together.
     """
     path = folder / ARRAYS
-    if not path.is_file():
-        raise InputError(f"{path} is missing; expected the folder of an episode that `dexnudge execute` wrote")
-    try:
-        arrays = read_arrays(path)
-    except InputError:
-        raise
-    except DAMAGE as error:
-        raise InputError(
-            f"{path} is damaged ({error}); expected what `dexnudge execute` wrote; execute again"
-        ) from error
+    arrays = read_arrays(
+        path,
+        folder="the folder of an episode that `dexnudge execute` wrote",
+        content="what `dexnudge execute` wrote; execute again",
+    )
     count, joints, links = (np.size(arrays.get(name, ())) for name in ("time", "joint_names", "link_names"))
     known: dict[str, tuple[str, tuple[int, ...]]] = {
         "time": ("f", (count,)),

@@ -130,16 +130,11 @@ def read_configurations(folder: Path) -> tuple[Float[np.ndarray, "n coordinates"
         InputError: the file is missing, damaged, or its arrays do not fit together; the message says which.
     """
     path = folder / CONFIGURATIONS
-    if not path.is_file():
-        raise InputError(f"{path} is missing; expected the folder that `dexnudge sample` or Samples.save wrote")
-    try:
-        arrays = read_arrays(path)
-    except InputError:
-        raise
-    except DAMAGE as error:
-        raise InputError(
-            f"{path} is damaged ({error}); expected an npz archive without pickles; sample again"
-        ) from error
+    arrays = read_arrays(
+        path,
+        folder="the folder that `dexnudge sample` or Samples.save wrote",
+        content="an npz archive without pickles; sample again",
+    )
     missing = [*(key for key in RESERVED if key not in arrays), *missing_criteria(arrays)]
     if missing:
         raise InputError(
@@ -179,13 +174,25 @@ def read_configurations(folder: Path) -> tuple[Float[np.ndarray, "n coordinates"
     return q, tuple(arrays["joint_names"].tolist()), verdicts
 
 
-def read_arrays(path: Path) -> dict[str, np.ndarray]:
+def read_arrays(path: Path, *, folder: str, content: str) -> dict[str, np.ndarray]:
     """Return the arrays of an npz archive; no more is read into memory than its table of contents and headers allow.
 
+    folder, content: what messages expect where the file is missing, and in it.
+
     Raises:
-        InputError: an entry that is no array, is there twice, or is larger than a result can be.
-        DAMAGE: the file is damaged.
+        InputError: the file is missing or damaged; an entry is no array, is there twice, or is larger than a result can be.
     """
+    if not path.is_file():
+        raise InputError(f"{path} is missing; expected {folder}")
+    try:
+        return _read_arrays(path)
+    except InputError:
+        raise
+    except DAMAGE as error:
+        raise InputError(f"{path} is damaged ({error}); expected {content}") from error
+
+
+def _read_arrays(path: Path) -> dict[str, np.ndarray]:
     arrays: dict[str, np.ndarray] = {}
     with zipfile.ZipFile(path) as archive:
         entries = archive.infolist()
