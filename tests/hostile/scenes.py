@@ -127,6 +127,7 @@ def handmade() -> list[Hostile]:
         "a hole of 90 MB": (Hole(90_000_000, b"["), "refused", ""),
         "a hole of 10 GB": (Hole(10**10), "refused", ""),
         "90 MB of lists": (b"[" + b"[]," * 30_000_000 + b"[]]", "refused", ""),
+        "30 MB of lists": (b"[" + b"[]," * 10_000_000 + b"[]]", "refused", ""),
         "a link to nothing": (Link("nothing"), "refused", ""),
     }  # fmt: skip
     scenes = {

@@ -14,7 +14,7 @@ from typing import Any, Literal, TypeVar, Union, get_args, get_origin, get_type_
 from dexnudge.errors import LARGEST_SEED, InputError, SceneError, quote
 
 LARGEST_NUMBER = sys.float_info.max
-MAX_BYTES = 100_000_000  # of a JSON file; read, it is some ten times as large
+MAX_BYTES = 32_000_000  # of a JSON file; read, it is at most some thirty times as large: lists of empty lists
 
 
 def refuse_constant(text: str) -> float:
