@@ -9,8 +9,7 @@ import torch
 
 from dexnudge.errors import InputError, OutputError, UnknownNameError
 from dexnudge.formats.conversion import FORMATS, convert
-from dexnudge.formats.mujoco_xml import write_mujoco
-from dexnudge.formats.usd import write_usd
+from dexnudge.formats.scene_files import write_mujoco, write_usd
 
 FLOAT = 1e-7  # USD's points are in single precision
 

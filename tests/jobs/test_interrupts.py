@@ -9,7 +9,7 @@ import pytest
 BUSY = "hashlib.pbkdf2_hmac('sha256', b'', b'', 2**31 - 1)"  # takes an hour, and asks for no signals
 CODE = """
 import hashlib, sys
-from dexnudge.jobs.interrupts import ended_after_signal
+from dexnudge.cli.main import ended_after_signal
 try:
     with ended_after_signal("go on like this", seconds={seconds}):
         print("ready", flush=True)

@@ -10,8 +10,7 @@ import trimesh
 from dexnudge.errors import SceneError
 from dexnudge.geometry.exact_distance import ExactDistance
 from dexnudge.perception.fusion import SEEN, fuse
-from dexnudge.perception.point_cloud import cloud_views
-from dexnudge.perception.point_cloud_files import load_point_cloud
+from dexnudge.perception.point_cloud import cloud_views, load_point_cloud
 from dexnudge.perception.views import load_views
 
 LOW, HIGH = np.array([-0.16, -0.16, -0.05]), np.array([0.16, 0.16, 0.16])

@@ -6,8 +6,7 @@ import pytest
 from dexnudge.errors import InputError
 from dexnudge.execution.episode_files import ARRAYS
 from dexnudge.studio.content import read_content
-from dexnudge.studio.playback import carried, forces_at, frame_at
-from dexnudge.studio.player import Player
+from dexnudge.studio.playback import Player, carried, forces_at, frame_at
 
 
 @pytest.fixture(scope="module")

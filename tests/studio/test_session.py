@@ -10,10 +10,10 @@ import viser
 
 import dexnudge as dn
 from dexnudge.errors import InputError
+from dexnudge.studio.controls import table, without_folders
 from dexnudge.studio.server import open_server
 from dexnudge.studio.session import MOTION
 from dexnudge.studio.studio import Studio
-from dexnudge.studio.text import table, without_folders
 
 
 @pytest.fixture

@@ -1,7 +1,7 @@
 import numpy as np
 import trimesh
 
-from dexnudge.viewer.ray_scene import corner_normals
+from dexnudge.viewer.picture import corner_normals
 from dexnudge.viewer.visual_scene import CREASE_ANGLE
 
 

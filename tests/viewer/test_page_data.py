@@ -6,7 +6,7 @@ import trimesh
 
 from dexnudge.geometry.thinning import LARGEST_MESH, thinned
 from dexnudge.viewer.page_data import page_geometry
-from dexnudge.viewer.ray_scene import corner_normals
+from dexnudge.viewer.picture import corner_normals
 
 
 def decoded(text, dtype, columns=None):

@@ -9,8 +9,7 @@ import numpy as np
 from jaxtyping import Float
 
 from dexnudge.errors import ArmError, did_you_mean, is_name, quote
-from dexnudge.hands.config import GEOMETRIES
-from dexnudge.hands.yaml_text import read_yaml
+from dexnudge.hands.config import GEOMETRIES, read_yaml
 
 Values = Any  # one number for all joints, a list of one each, or a mapping of joint to number
 LIMITS = {  # unit, and that of joints that slide

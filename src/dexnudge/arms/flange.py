@@ -8,7 +8,7 @@ import numpy as np
 
 from dexnudge.arms.config import ArmConfig
 from dexnudge.errors import ArmError, did_you_mean
-from dexnudge.hands.arm_cut import WORLD, below
+from dexnudge.hands.assembly import WORLD, below
 from dexnudge.hands.joint_ranges import line_of
 from dexnudge.hands.tree import Tree, TreeJoint, chain_to, joints_below
 

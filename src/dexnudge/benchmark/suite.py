@@ -8,7 +8,7 @@ from pathlib import Path
 from typing import Any, NamedTuple
 
 from dexnudge.errors import InputError, UnknownNameError, check_integer, did_you_mean, quote
-from dexnudge.hands.yaml_text import read_yaml
+from dexnudge.hands.config import read_yaml
 from dexnudge.scenes.families import SCENE_FAMILIES
 
 BUILTIN = Path(str(files("dexnudge.benchmark"))) / "suites"

@@ -12,9 +12,8 @@ from dexnudge.execution.episode_files import ARRAYS
 from dexnudge.formats.bodex import check_object_scale, read_bodex, read_dexgraspbench, write_bodex, write_dexgraspbench
 from dexnudge.formats.dexgraspnet import read_dexgraspnet, write_dexgraspnet
 from dexnudge.formats.lerobot import write_lerobot
-from dexnudge.formats.mujoco_xml import write_mujoco
 from dexnudge.formats.object_arrays import read_object_array
-from dexnudge.formats.usd import write_usd
+from dexnudge.formats.scene_files import write_mujoco, write_usd
 from dexnudge.geometry.transforms import transform_configurations
 from dexnudge.hands.hand import Hand
 from dexnudge.jobs.folders import new_folder

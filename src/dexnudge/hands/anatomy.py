@@ -11,7 +11,7 @@ import yaml
 from jaxtyping import Float
 
 from dexnudge.errors import HandError
-from dexnudge.hands.arm_cut import WRIST_JOINTS
+from dexnudge.hands.assembly import WRIST_JOINTS
 from dexnudge.hands.tree import Tree, TreeJoint
 
 LONGEST_DIGIT = (

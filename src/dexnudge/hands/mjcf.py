@@ -17,8 +17,7 @@ import trimesh
 from dexnudge.errors import HandError
 from dexnudge.geometry.mesh_repair import wind_outward
 from dexnudge.hands import link_meshes
-from dexnudge.hands.arm_cut import without_arm
-from dexnudge.hands.assembly import hand_from_tree
+from dexnudge.hands.assembly import hand_from_tree, without_arm
 from dexnudge.hands.config import HandConfig, read_hand_config
 from dexnudge.hands.hand import Hand
 from dexnudge.hands.loops.couplings import coupled

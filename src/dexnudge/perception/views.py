@@ -15,10 +15,8 @@ from PIL import Image
 from dexnudge.errors import SceneError, check_kind, check_path, quote, what_failed, writing
 from dexnudge.geometry.rigid import rigid_transform
 from dexnudge.jobs.json_files import path_inside, read_json
-from dexnudge.perception.depth_images import MAX_PIXELS, read_depth, read_mask
-from dexnudge.perception.depth_view import UNSCALED, DepthView, finite_number
-from dexnudge.perception.point_cloud import cloud_views
-from dexnudge.perception.point_cloud_files import FORMATS
+from dexnudge.perception.depth_view import MAX_PIXELS, UNSCALED, DepthView, finite_number, read_depth, read_mask
+from dexnudge.perception.point_cloud import FORMATS, cloud_views
 
 __all__ = ["DepthView", "load_views"]
 

@@ -12,7 +12,6 @@ from scipy.optimize import nnls
 from dexnudge.geometry.exact_distance import Rays
 from dexnudge.geometry.near_faces import faces_near
 from dexnudge.jobs.cached import cached_per_instance
-from dexnudge.scenes.carrying import first_met
 from dexnudge.scenes.scene import Scene
 from dexnudge.scenes.support_contacts import (
     MOTION_TOLERANCE,
@@ -24,7 +23,7 @@ from dexnudge.scenes.support_contacts import (
     touching_contacts,
 )
 from dexnudge.scenes.support_hull import hull_corners
-from dexnudge.scenes.sweep import sweep_of
+from dexnudge.scenes.sweep import first_met, sweep_of
 
 TIPPING = 2e-3  # [m] the centre of mass may be beyond what carries the object: the error of a measured pose
 SUM_WEIGHT = 1e3  # of the condition that the weights of a convex combination sum to 1, against metres

@@ -12,8 +12,7 @@ from jaxtyping import Float
 
 from dexnudge.errors import SceneError, quote
 from dexnudge.scenes.plane_fit import EXACT
-from dexnudge.scenes.settling import MOST_SHIFT, MOST_TURN, Settled, along_support, settle
-from dexnudge.scenes.snapping import snapped
+from dexnudge.scenes.settling import MOST_SHIFT, MOST_TURN, Settled, along_support, settle, snapped
 from dexnudge.scenes.supports import Support, all_supports
 
 SETTLE = ("auto", "off")

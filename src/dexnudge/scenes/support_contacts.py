@@ -11,11 +11,10 @@ from jaxtyping import Bool, Float, Int
 from dexnudge.geometry.exact_distance import ExactDistance
 from dexnudge.geometry.surface_lattice import Boxes, distinct_rows, lattice_in_boxes, surface_lattice
 from dexnudge.jobs.cached import cached_per_instance
-from dexnudge.scenes.carrying import first_met
 from dexnudge.scenes.placement import surroundings_distance
 from dexnudge.scenes.scene import Scene
 from dexnudge.scenes.support_hull import HULL_TOLERANCE, TURNING_TOLERANCE, reduce_supports
-from dexnudge.scenes.sweep import triangles_in_box
+from dexnudge.scenes.sweep import first_met, triangles_in_box
 
 SUPPORT_DISTANCE = 1e-3
 """An object point this close to the surroundings rests on them [m]: the penetration that a scene may have."""

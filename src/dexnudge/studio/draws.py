@@ -1,10 +1,19 @@
-"""Which draws are listed, and what is said of one."""
+"""Draws made a few at a time, so that hands appear while others are still drawn; their list, and what is said of one."""
+
+from collections.abc import Iterator, Sequence
+from dataclasses import replace
 
 import numpy as np
 from jaxtyping import Int
 
+from dexnudge.errors import SceneError
 from dexnudge.results.samples import NOT_ON_PAGE, Sample, Samples
+from dexnudge.sampling.methods import Method
+from dexnudge.sampling.problem import prepare
+from dexnudge.sampling.sampler import Sampler, call_seed
+from dexnudge.scenes.scene import Scene
 from dexnudge.studio.layers import Layers
+from dexnudge.verification.verdicts import Verdicts
 
 MOST_AT_ONCE = 32  # hands that are shown together
 ALL, VERIFIED = "all", "verified"
@@ -38,3 +47,44 @@ def figures(sample: Sample, rank: int, layers: Layers, *, sentence: str = "") ->
     if np.isfinite(layers.clearance[nearest]):
         rows["clearance"] = f"{1e3 * layers.clearance[nearest]:.1f} mm, {sample.hand.link_names[nearest]}"
     return rows
+
+
+AT_A_TIME = 8  # draws of one call
+USER = "user"  # the name of scenes that no family drew
+
+
+def draws(sampler: Sampler, scene: Scene, *, num: int, seed: int, method: Method) -> Iterator[Samples]:
+    """Yield all samples so far, ranked, after every 8 draws until there are `num`; the first call draws 4.
+
+    Raises:
+        SceneError: nothing can be drawn in the scene; a line for each reason, such as a motion that is blocked.
+        DexnudgeError: what `Sampler.sample` raises.
+    """
+    sampler.load(method)
+    own = scene.name == USER or scene.turn is not None  # those of a family are built to be right
+    findings = scene.findings(sampler.hand) if own else scene.misplaced
+    if wrong := [finding.message for finding in findings if finding.level == "error"]:
+        raise SceneError("\n".join(wrong))
+    problem = prepare(scene)
+    parts: list[Samples] = []
+    drawn = 0
+    while drawn < num:
+        size = min(AT_A_TIME if parts else AT_A_TIME // 2, num - drawn)
+        parts.append(
+            sampler.sample(
+                scene, num=size, seed=call_seed(seed, len(parts)), method=method, problem=problem, hand=sampler.hand
+            )
+        )
+        drawn += size
+        yield merged(parts)
+
+
+def merged(parts: Sequence[Samples]) -> Samples:
+    """Return the samples of several calls for one scene as those of one, ranked anew."""
+    return replace(
+        parts[0],
+        q=np.concatenate([part.q for part in parts]),
+        verdicts=Verdicts.concatenate([part.verdicts for part in parts]),
+        own_rank=None,
+        reports=tuple(report for part in parts for report in part.reports),
+    ).best_first()

@@ -9,12 +9,11 @@ from typing import Any
 from PIL import Image
 
 from dexnudge.errors import InputError
-from dexnudge.studio.controls import Reactions, set_options, set_range, set_values
+from dexnudge.studio.controls import Reactions, set_options, set_range, set_values, table
 from dexnudge.studio.sample_panel import SamplePanel
 from dexnudge.studio.server import Server
 from dexnudge.studio.session import Session
 from dexnudge.studio.stage import GROUPS, MARKS
-from dexnudge.studio.text import table
 
 NOTHING = "(nothing)"
 HIDDEN = ("friction cones", "supports")  # of the groups, until they are asked for

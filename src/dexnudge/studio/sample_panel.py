@@ -15,10 +15,9 @@ from dexnudge.sampling.methods import find_method
 from dexnudge.sampling.sampler import DEFAULT_METHOD
 from dexnudge.scenes.families import scene_families
 from dexnudge.studio.content import FAMILY, OBJECT
-from dexnudge.studio.controls import Reactions, set_range, set_values
+from dexnudge.studio.controls import Reactions, set_range, set_values, table
 from dexnudge.studio.edits import Edits, up
 from dexnudge.studio.server import Server
-from dexnudge.studio.text import table
 
 GIZMO_SIZE = 0.75  # of the object's longest side
 NUMBERS = {

@@ -19,12 +19,10 @@ from dexnudge.sampling.methods import find_method
 from dexnudge.sampling.sampler import DEFAULT_METHOD, Sampler
 from dexnudge.scenes.families import build_scene
 from dexnudge.studio.content import Content
-from dexnudge.studio.draws import MOST_AT_ONCE, VERIFIED, figures, listed
+from dexnudge.studio.draws import MOST_AT_ONCE, VERIFIED, draws, figures, listed
 from dexnudge.studio.edits import Edits
 from dexnudge.studio.layers import Layers, layers_of
-from dexnudge.studio.playback import carried, forces_at
-from dexnudge.studio.player import Player
-from dexnudge.studio.search import draws
+from dexnudge.studio.playback import Player, carried, forces_at
 from dexnudge.studio.stage import Stage
 from dexnudge.studio.views import (
     clearance_colours,

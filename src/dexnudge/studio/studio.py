@@ -7,11 +7,11 @@ import time
 from pathlib import Path
 
 from dexnudge.studio.content import read_content
+from dexnudge.studio.controls import without_folders
 from dexnudge.studio.panels import Panels
 from dexnudge.studio.server import HOST, PORT, open_server
 from dexnudge.studio.session import Session
 from dexnudge.studio.stage import Stage
-from dexnudge.studio.text import without_folders
 
 FRAME_TIME = 1 / 30  # [s] between two moments that are sent while something is played
 PATIENCE = 2.0  # [s] that closing waits for draws that are under way

@@ -21,8 +21,7 @@ from dexnudge.arms.standing import DEEPEST, standing_depth
 from dexnudge.errors import InputError, OutputError, check_kind, check_path, writing
 from dexnudge.hands.batch import HandBatch
 from dexnudge.jobs.folders import new_folder
-from dexnudge.planning.arm_margin import STARTS, arm_margins
-from dexnudge.planning.reach import LEAST_MARGIN, Reach, flange_ways
+from dexnudge.planning.reach import LEAST_MARGIN, STARTS, Reach, arm_margins, flange_ways
 from dexnudge.results.samples import Samples
 from dexnudge.scenes.scene import Scene
 from dexnudge.viewer.base_picture import base_picture

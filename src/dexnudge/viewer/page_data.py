@@ -9,7 +9,7 @@ import trimesh
 
 from dexnudge.geometry.thinning import thinned
 from dexnudge.viewer.camera import Camera, choose_camera
-from dexnudge.viewer.ray_scene import corner_normals
+from dexnudge.viewer.picture import corner_normals
 from dexnudge.viewer.visual_scene import (
     CONTACT_RADIUS,
     CREASE_ANGLE,

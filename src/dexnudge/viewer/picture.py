@@ -1,19 +1,148 @@
-"""Pictures of visual scenes by ray tracing on the CPU: neither GPU nor display is needed."""
+"""Pictures of visual scenes, packed for the ray kernels, by ray tracing on the CPU: neither GPU nor display is needed."""
 
 from collections.abc import Sequence
 from pathlib import Path
 
 import numpy as np
-from jaxtyping import Bool, Float, UInt8
+import trimesh
+from jaxtyping import Bool, Float, Shaped, UInt8
 from PIL import Image, ImageDraw, ImageFont
 
 from dexnudge.errors import InputError, check_path, quote, writing
 from dexnudge.geometry.warp_runtime import WarpStruct, wp
-from dexnudge.viewer.camera import Camera, choose_camera
-from dexnudge.viewer.ray_scene import ray_scene
+from dexnudge.jobs.cached import cached_per_instance
+from dexnudge.viewer.camera import Camera, choose_camera, hiding_faces
 from dexnudge.viewer.shading_kernel import Pixels, shade_picture, trace_picture
-from dexnudge.viewer.trace_kernel import Surface, View, parallel_launch
-from dexnudge.viewer.visual_scene import VisualScene
+from dexnudge.viewer.trace_kernel import TRIANGLE, Geometry, Surface, Triangle, View, parallel_launch, warp_mesh
+from dexnudge.viewer.visual_scene import (
+    CONTACT_RADIUS,
+    CREASE_ANGLE,
+    PALETTE,
+    SEE_THROUGH,
+    Colour,
+    Part,
+    Role,
+    VisualScene,
+)
+
+LARGEST_FAN = 128  # triangles at one vertex beyond which its corners stay flat: the cost grows with the square
+MERGE_DIGITS = 6  # vertices closer than a micrometre are one
+
+
+@cached_per_instance
+def corner_normals(mesh: trimesh.Trimesh) -> Float[np.ndarray, "face 3 3"]:
+    """Return the unit normal at each corner of each triangle, mesh frame.
+
+    The mean, weighted by area, over the triangles that meet in the corner's vertex and bend less than 35 deg from its own.
+    """
+    triangles = np.asarray(mesh.triangles, dtype=np.float64)
+    weighted = np.cross(triangles[:, 1] - triangles[:, 0], triangles[:, 2] - triangles[:, 0])
+    sizes = np.linalg.norm(weighted, axis=1, keepdims=True)
+    flat = weighted / np.where(sizes > 0, sizes, 1.0)
+
+    _, merged = np.unique(np.round(mesh.vertices, MERGE_DIGITS), axis=0, return_inverse=True)
+    vertex = merged.reshape(-1)[np.asarray(mesh.faces)].reshape(-1)
+    order = np.argsort(vertex, kind="stable")
+    starts = np.flatnonzero(np.diff(vertex[order], prepend=-1))
+    fans = np.diff(np.append(starts, len(order)))
+    total = np.repeat(weighted, 3, axis=0)
+    for size in np.unique(fans[(fans > 1) & (fans <= LARGEST_FAN)]):
+        corners = order[starts[fans == size][:, None] + np.arange(size)]  # (vertex, size)
+        own, area = flat[corners // 3], weighted[corners // 3]
+        together = np.einsum("vic,vjc->vij", own, own) > np.cos(np.radians(CREASE_ANGLE))
+        total[corners] = np.einsum("vij,vjc->vic", together, area)
+    lengths = np.linalg.norm(total, axis=1, keepdims=True)
+    smooth = np.where(lengths > 0, total / np.where(lengths > 0, lengths, 1.0), [0.0, 0.0, 1.0])
+    return smooth.reshape(-1, 3, 3)
+
+
+GLOSS: dict[Role, float] = {"object": 0.10, "link": 0.06, "fingertip": 0.08}  # strength of the highlight
+GLASS_OPACITY = 0.18  # of a wall or base that hides object or hand
+EDGE_OPACITY = 0.75  # of the lines along the edges of such a wall
+EDGE_WIDTH = 0.0011  # of the distance to the camera: about two pixels of a picture 960 high
+EDGE_COLOUR = (0.45, 0.50, 0.57)  # sRGB
+
+
+Triangles = Shaped[np.ndarray, " face"]  # of type TRIANGLE
+
+
+def linear_colour(srgb: Colour) -> Float[np.ndarray, "3"]:
+    """Return the linear light of an sRGB colour (IEC 61966-2-1)."""
+    value = np.asarray(srgb)
+    return np.where(value <= 0.04045, value / 12.92, ((value + 0.055) / 1.055) ** 2.4)
+
+
+def ray_scene(
+    scene: VisualScene, camera: Camera, *, hiding: Sequence[Bool[np.ndarray, " face"]] | None = None
+) -> tuple[WarpStruct, list[wp.Mesh]]:
+    """Pack everything solid, ghosts and what hides the subject as glass, and contacts as markers that show through.
+
+    Markers are contacts, supports, obstacles and arrows that are parts. Returns the kernels' `Geometry`, and the trees that
+    it refers to by number, which must outlive it.
+
+    hiding: triangles that are glass, as `hiding_faces` returns them, which is asked unless they are given. What was never
+        seen is glass in any case.
+    """
+    casting = [_triangles(part) for part in (*scene.with_role("object", "link", "fingertip"), scene.arrow())]
+    solid, blocking = list(casting), list[Triangles]()
+    glass = [np.zeros(0, TRIANGLE), *(_triangles(part) for part in scene.with_role("ghost"))]
+    found = hiding_faces(scene, camera) if hiding is None else hiding
+    for part, hides in zip(scene.with_role(*SEE_THROUGH), found, strict=True):
+        placed, mesh = _triangles(part), part.mesh_in_world()
+        see_through = hides | (part.role == "unseen")
+        (casting if part.role in ("base", "arm") else blocking).append(placed[~see_through])
+        # The back of a closed body cannot be seen, and shows as soon as its front is glass; an open one has two sides.
+        towards = np.einsum("ij,ij->i", mesh.face_normals, camera.position - mesh.triangles_center) > 0
+        facing = towards if part.mesh.is_watertight else np.ones_like(towards)
+        solid.append(placed[facing & ~see_through])
+        pane = placed[facing & see_through]
+        pane["colour"] = linear_colour(PALETTE["unseen" if part.role == "unseen" else "glass"])
+        glass += [pane] if part.role == "unseen" else [pane, _edge_lines(mesh, see_through, camera)]
+    ball = trimesh.creation.icosphere(subdivisions=2, radius=CONTACT_RADIUS)
+    places = [trimesh.transformations.translation_matrix(point) for point in scene.contacts]
+    markers = [_triangles(Part("contact", "contact", ball, T_world_ball)) for T_world_ball in places]
+    markers += [_triangles(part) for part in scene.with_role("support", "obstacle", "arrow")]
+    seen = {"solid": solid, "glass": glass, "markers": [np.zeros(0, TRIANGLE), *markers]}
+    table = {name: np.concatenate(group) for name, group in seen.items()}
+    geometry, trees = Geometry(), []
+    shadows = {"blocking": np.concatenate([*casting, *blocking]), "casting": np.concatenate(casting)}
+    for name, group in {**table, **shadows}.items():
+        if len(group):
+            trees.append(warp_mesh(group["corners"]))
+            setattr(geometry, name, trees[-1].id)
+    geometry.first_glass = len(table["solid"])
+    geometry.first_marker = geometry.first_glass + len(table["glass"])
+    geometry.triangles = wp.array(np.concatenate(list(table.values())), dtype=Triangle, device="cpu")
+    return geometry, trees
+
+
+def _triangles(part: Part) -> Triangles:
+    triangles = np.zeros(len(part.mesh.faces), TRIANGLE)
+    triangles["corners"] = part.vertices_in_world()[part.mesh.faces]
+    triangles["normals"] = corner_normals(part.mesh) @ np.asarray(part.T_world_part)[:3, :3].T
+    triangles["colour"] = linear_colour(part.colour)
+    triangles["gloss"] = GLOSS.get(part.role, 0.0)
+    triangles["opacity"] = GLASS_OPACITY
+    return triangles
+
+
+def _edge_lines(mesh: trimesh.Trimesh, which: Bool[np.ndarray, " face"], camera: Camera) -> Triangles:
+    """Return ribbons that face the camera along the creases of some triangles, so that glass keeps its shape."""
+    sharp = mesh.face_adjacency_angles > np.radians(CREASE_ANGLE)
+    sharp &= which[mesh.face_adjacency].any(axis=1)
+    ends = np.asarray(mesh.vertices)[mesh.face_adjacency_edges[sharp]]
+    towards = camera.position - ends
+    distance = np.linalg.norm(towards, axis=2, keepdims=True)
+    side = np.cross((ends[:, 1] - ends[:, 0])[:, None], towards)
+    side /= np.maximum(np.linalg.norm(side, axis=2, keepdims=True), 1e-12)
+    side *= distance * EDGE_WIDTH / 2
+    (a, b), (c, d) = np.moveaxis(ends - side, 1, 0), np.moveaxis(ends + side, 1, 0)
+    corners = np.concatenate([np.stack([a, b, d], axis=1), np.stack([a, d, c], axis=1)])
+    ribbons = np.zeros(len(corners), TRIANGLE)
+    ribbons["corners"], ribbons["normals"] = corners, -camera.forward
+    ribbons["colour"], ribbons["opacity"] = linear_colour(EDGE_COLOUR), EDGE_OPACITY
+    return ribbons
+
 
 SIZE = (1280, 960)  # pixels, width and height
 LIGHT_TURN = -50.0  # [deg] of the key light to the left of the camera, so that shadows show shape

@@ -1,13 +1,16 @@
-"""A scene as USD with UsdPhysics: object, surroundings and, of a result, the hand at its best configuration (extra `usd`).
+"""A scene as USD with UsdPhysics (extra `usd`), and as one MJCF file that needs no other: what executions simulate.
 
-Metres, kilograms, z up. /World/object is a rigid body with its mass, /World/environment a static collider, /World/hand/LINK
-kinematic bodies. A mesh carries its points in its own frame, its prim the pose. Friction of two materials is averaged by
-USD's default, so the hand's is chosen to give `friction_hand` against the object's.
+Of a result USD holds the hand at its best configuration, MJCF a key frame for each. USD: metres, kilograms, z up;
+/World/object is a rigid body with its mass, /World/environment a static collider, /World/hand/LINK kinematic bodies. A mesh
+carries its points in its own frame, its prim the pose. Friction of two materials is averaged by USD's default, so the
+hand's is chosen to give `friction_hand` against the object's.
 """
 
 from pathlib import Path
 from typing import TYPE_CHECKING, Any
+from xml.etree import ElementTree
 
+import mujoco
 import numpy as np
 import torch
 import trimesh
@@ -18,6 +21,8 @@ from dexnudge.geometry.meshes import centre_of_mass
 from dexnudge.hands.hand import Hand
 from dexnudge.jobs.folders import replace_atomically
 from dexnudge.scenes.scene import Scene
+from dexnudge.simulation.convex_pieces import environment_pieces
+from dexnudge.simulation.model import add_scene, scene_model
 
 if TYPE_CHECKING:
     from pxr import Usd
@@ -108,3 +113,32 @@ def _add_body(
     UsdPhysics.MeshCollisionAPI.Apply(shape.GetPrim()).CreateApproximationAttr(approximation)
     UsdShade.MaterialBindingAPI.Apply(shape.GetPrim()).Bind(material, materialPurpose="physics")
     return body.GetPrim()
+
+
+def write_mujoco(
+    scene: Scene, path: Path, *, hand: Hand | None = None, q: Float[np.ndarray, "n coordinates"] | None = None
+) -> None:
+    """Write the scene, with the hand and key frames of it at each q (world) where one is given.
+
+    Raises:
+        MeshError: object or surroundings cannot be cut into convex pieces.
+        OutputError: the file cannot be written.
+    """
+    if hand is None or q is None:
+        spec = mujoco.MjSpec()
+        add_scene(spec, scene, environment_pieces(scene.environment_mesh, scene.way_bounds()))
+        text = str(spec.to_xml())
+    else:
+        simulation = scene_model(hand, scene)
+        root = ElementTree.fromstring(simulation.xml)  # noqa: S314 - the text is our own
+        keys = ElementTree.SubElement(root, "keyframe")
+        for number, configuration in enumerate(q.astype(np.float64)):
+            simulation.place(configuration)
+            data = simulation.data
+            values = {"qpos": data.qpos, "ctrl": data.ctrl, "mpos": data.mocap_pos[0], "mquat": data.mocap_quat[0]}
+            texts = {name: " ".join(f"{each:.9g}" for each in value) for name, value in values.items()}
+            ElementTree.SubElement(keys, "key", texts, name=f"configuration {number}")
+        ElementTree.indent(root)
+        text = ElementTree.tostring(root, encoding="unicode")
+    with replace_atomically(path) as part:
+        part.write_text(text, encoding="utf-8")
