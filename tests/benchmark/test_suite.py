@@ -27,15 +27,15 @@ def test_the_built_in_suites_are_of_test_objects():
 @pytest.mark.parametrize(
     ("change", "message"),
     [
-        ({"draws": 0}, "`draws` is 0"),
+        ({"draws": 0}, "draws is 0; expected 1 to 128"),
         ({"families": ["tabel"]}, "unknown family 'tabel' .did you mean 'table'"),
         ({"families": []}, "families is"),
         ({"seeds": [1, 1]}, "without doubles"),
-        ({"seeds": [-1]}, "`seeds` is -1"),
-        ({"objects": ["../phone"]}, "is no name"),
+        ({"seeds": [-1]}, r"seeds\[0\] is -1; expected 0 to"),
+        ({"objects": ["../phone"]}, "objects is .*; expected names of letters"),
         ({"objects": {"phone-200": "abc"}}, "64 hexadecimal digits"),
         ({"hand": 3}, "hand is 3"),
-        ({"extra": 1}, "expected the keys name, version"),
+        ({"extra": 1}, "has the unknown field 'extra'; expected name, version"),
     ],
 )
 def test_what_is_no_suite_is_refused(change, message, content):

@@ -23,11 +23,11 @@ def test_round_trip(toy, tmp_path):
         ({"units": {"length": "mm", "angle": "rad"}}, r"has units .*'mm'.*, expected .*'m'"),
         (
             {"surprise": 1},
-            r"has the unknown field 'surprise'; expected hand, joint_groups, .*; generate the dataset again",
+            r"has the unknown field 'surprise'; expected hand, joint_names, .*; generate the dataset again",
         ),
-        ({"objects": ["phone"]}, r"objects is \['phone'\]; expected dict\[str, str \| None\]"),
+        ({"objects": ["phone"]}, r"objects is \['phone'\]; expected an object"),
         ({"objects": {"../phone": None}}, r"object name '../phone' cannot be part of a file name"),
-        ({"seed": True}, r"seed is True; expected int"),
+        ({"seed": True}, r"seed is True; expected a whole number"),
         ({"digit_joints": {"FF": [0, 99]}}, r"name a joint twice, or one that there is not"),
     ],
 )

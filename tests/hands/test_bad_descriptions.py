@@ -417,7 +417,7 @@ def test_the_proposed_yaml_names_digits_and_no_empty_mount_and_waits_for_the_pal
     lines = message(path).splitlines()[1:]
     assert lines == ["palm: base", "fingertips: {index: index_2, thumb: thumb_2}", "palm_normal: [x, y, z]"]
     path.with_suffix(".yaml").write_text("\n".join(lines))
-    assert "key 'palm_normal': expected three numbers [x, y, z]" in message(path)
+    assert "palm_normal is ['x', 'y', 'z']; expected three numbers [x, y, z]" in message(path)
 
 
 @pytest.mark.parametrize(
@@ -439,40 +439,43 @@ def test_the_proposed_yaml_names_digits_and_no_empty_mount_and_waits_for_the_pal
         (
             "palm: palm\n",
             "",
-            "DIR/hand.yaml: missing keys ['palm']; expected palm, fingertips and palm_normal; add them",
+            "DIR/hand.yaml lacks palm; expected palm, fingertips, palm_normal; mend it",
         ),
         (
             "palm: palm",
             "palm: palm\npalms: 2",
             (
-                "DIR/hand.yaml: unknown keys ['palms']; expected some of ['palm', 'fingertips', 'palm_normal', 'couplings', "
-                "'base_link', 'geometry', 'name']; remove or rename them"
+                "DIR/hand.yaml has the unknown field 'palms' (did you mean 'palm'?); expected palm, fingertips, "
+                "palm_normal, couplings, base_link, geometry, name; mend it"
             ),
         ),
         (
             "[0, -2, 0]",
             "[0, 0, 0]",
-            "DIR/hand.yaml: key 'palm_normal': expected three numbers [x, y, z], not all zero, got [0, 0, 0]; mend it",
+            "DIR/hand.yaml: palm_normal is [0, 0, 0]; expected three numbers [x, y, z], not all zero; mend it",
         ),
         (
             "[0, -2, 0]",
             "[0, .nan, 0]",
-            "DIR/hand.yaml: key 'palm_normal': expected three numbers [x, y, z], not all zero, got [0, nan, 0]; mend it",
+            "DIR/hand.yaml: palm_normal is [0, nan, 0]; expected three numbers [x, y, z], not all zero; mend it",
         ),
         (
             "{F: pad, T: thumbtip}",
             "[pad]",
-            "DIR/hand.yaml: key 'fingertips': expected at least one line 'digit: link', got ['pad']; mend it",
+            (
+                "DIR/hand.yaml: fingertips is ['pad']; expected at least one line 'digit: link', names that look like "
+                "numbers in quotes; mend it"
+            ),
         ),
         (
             "[[spin, near]]",
             "[[spin]]",
-            "DIR/hand.yaml: key 'couplings': expected pairs of joints [follower, leader], got ['spin']; mend it",
+            "DIR/hand.yaml: couplings is [['spin']]; expected pairs of joints [follower, leader]; mend it",
         ),
         (
             "base_link: forearm",
             "geometry: convex",
-            "DIR/hand.yaml: key 'geometry': expected one of ['collision', 'visual'], got 'convex'; mend it",
+            "DIR/hand.yaml: geometry is 'convex'; expected 'collision' or 'visual'; mend it",
         ),
     ],
 )
@@ -636,7 +639,7 @@ def test_limits_of_joints_that_only_place_the_hand_may_be_wide(write_hand, small
         (
             "[0, -2, 0]",
             f"[0, 0, 1{'0' * 400}]",
-            "key 'palm_normal': expected three numbers [x, y, z], not all zero, got [0, 0, 1",
+            "; expected three numbers [x, y, z], not all zero",
         ),
         ("[[spin, near]]", "[[near, near]]", "coupling near <= near holds a joint to itself: expected pairs"),
         (

@@ -6,6 +6,7 @@ import json
 import os
 import random
 import shutil
+import tempfile
 from collections.abc import Callable, Mapping
 from dataclasses import dataclass
 from pathlib import Path
@@ -75,6 +76,13 @@ class Hostile:
 
 
 Draw = Callable[[random.Random], Hostile]
+
+
+def written(files: Mapping[str, Content]) -> Path:
+    """Return a new folder with these files."""
+    folder = Path(tempfile.mkdtemp())
+    Hostile("", "", files, ()).write(folder)
+    return folder
 
 
 def copied(folder: Path) -> dict[str, bytes]:

@@ -79,6 +79,15 @@ def tip() -> bytes:
     return trimesh.creation.cone(radius=8, height=20).export(file_type="stl")
 
 
+def hand_files(folder: str) -> dict[str, Content]:
+    """Return the files of the hand in a folder."""
+    return {
+        f"{folder}/hand.urdf": urdf().encode(),
+        f"{folder}/hand.yaml": YAML.encode(),
+        f"{folder}/meshes/tip.stl": tip(),
+    }
+
+
 @cache
 def sphere() -> bytes:
     """Return a mesh as large as one may be, nearly."""

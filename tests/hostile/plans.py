@@ -5,16 +5,27 @@ from __future__ import annotations
 import io
 import json
 import random
-import tempfile
 from functools import cache
-from pathlib import Path
 from typing import Any
 
 import numpy as np
 
 from hostile.arms import ARM_YAML, arm_urdf
-from hostile.case import CONTROL, MARKUP, MISSING_HAND, Content, Draw, Hole, Hostile, Link, Pipe, as_content, copied
-from hostile.hands import WORDS, YAML, tip, urdf
+from hostile.case import (
+    CONTROL,
+    MARKUP,
+    MISSING_HAND,
+    Content,
+    Draw,
+    Hole,
+    Hostile,
+    Link,
+    Pipe,
+    as_content,
+    copied,
+    written,
+)
+from hostile.hands import WORDS, hand_files
 from hostile.mutations import changed_value, damaged_bytes, damaged_json, damaged_xml, odd_values
 
 PLAN, ROBOT, WORLD = "p/plan.json", "p/robot/robot.urdf", "p/robot/world.xml"
@@ -35,16 +46,7 @@ def data() -> dict[str, bytes]:
     from dexnudge.trajectories.interpolation import at
     from dexnudge.trajectories.plan import JointTrajectory, Phase, Plan
 
-    folder = Path(tempfile.mkdtemp())
-    for name, content in {
-        "h/hand.urdf": urdf().encode(),
-        "h/hand.yaml": YAML.encode(),
-        "h/meshes/tip.stl": tip(),
-        "a/arm.urdf": arm_urdf().encode(),
-        "a/arm.yaml": ARM_YAML.encode(),
-    }.items():
-        (folder / name).parent.mkdir(parents=True, exist_ok=True)
-        (folder / name).write_bytes(content)
+    folder = written(hand_files("h") | {"a/arm.urdf": arm_urdf().encode(), "a/arm.yaml": ARM_YAML.encode()})
     base = np.eye(4)
     base[:3, 3] = (-0.5, 0.0, 0.0)
     robot = Robot(dn.load_arm(folder / "a/arm.urdf", base=base), dn.load_hand(folder / "h/hand.urdf"), np.eye(4))

@@ -6,16 +6,14 @@ import io
 import json
 import random
 import struct
-import tempfile
 import zipfile
 from functools import cache
-from pathlib import Path
 from typing import Any
 
 import numpy as np
 
-from hostile.case import CONTROL, MARKUP, Content, Draw, Hostile, Link, Pipe, as_content, copied
-from hostile.hands import YAML, tip, urdf
+from hostile.case import CONTROL, MARKUP, Content, Draw, Hostile, Link, Pipe, as_content, copied, written
+from hostile.hands import hand_files
 from hostile.mutations import changed_value, damaged_bytes, damaged_json, odd_values
 
 NPZ, SUMMARY = "r/configurations.npz", "r/summary.json"
@@ -29,14 +27,7 @@ def data() -> dict[str, bytes]:
     import dexnudge as dn
     from dexnudge.results.folder import count_draws, write_configurations, write_inputs, write_summary
 
-    folder = Path(tempfile.mkdtemp())
-    for name, content in {
-        "h/hand.urdf": urdf().encode(),
-        "h/hand.yaml": YAML.encode(),
-        "h/meshes/tip.stl": tip(),
-    }.items():
-        (folder / name).parent.mkdir(parents=True, exist_ok=True)
-        (folder / name).write_bytes(content)
+    folder = written(hand_files("h"))
     hand = dn.load_hand(folder / "h" / "hand.urdf")
     scene, hand = write_inputs(folder / "r", dn.build_scene("table", "phone"), hand)
     q = np.zeros((2, 9 + len(hand.joint_names)), dtype=np.float32)

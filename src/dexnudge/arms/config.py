@@ -1,15 +1,16 @@
 """What a URDF or MJCF does not say about an arm: its flange, its home, and how fast its joints may go."""
 
 from collections.abc import Sequence
-from dataclasses import dataclass, field, fields
+from dataclasses import dataclass, field, fields, replace
 from pathlib import Path
-from typing import Any
+from typing import Annotated, Any
 
 import numpy as np
 from jaxtyping import Float
 
-from dexnudge.errors import ArmError, did_you_mean, is_name, quote
-from dexnudge.hands.config import GEOMETRIES, read_yaml
+from dexnudge.errors import ArmError, did_you_mean, quote
+from dexnudge.hands.config import Geometry, read_yaml
+from dexnudge.jobs.json_files import Must, Name, from_fields
 
 Values = Any  # one number for all joints, a list of one each, or a mapping of joint to number
 LIMITS = {  # unit, and that of joints that slide
@@ -20,6 +21,7 @@ LIMITS = {  # unit, and that of joints that slide
     "jerk": ("rad/s^3", "m/s^3"),
     "effort": ("N m", "N"),
 }
+STATED = Must(f"lines such as 'jerk: 100', of {', '.join(LIMITS)}", lambda limits: limits.keys() <= LIMITS.keys())
 
 
 @dataclass(frozen=True)
@@ -35,12 +37,12 @@ class ArmConfig:
         name: the arm's name; None: the description's own.
     """
 
-    flange: str | None = None
-    base: str | None = None
+    flange: Name | None = None
+    base: Name | None = None
     home: Values = None
-    limits: dict[str, Values] = field(default_factory=dict)
-    geometry: str | None = None
-    name: str | None = None
+    limits: Annotated[dict[str, Values], STATED] = field(default_factory=dict)
+    geometry: Geometry | None = None
+    name: Name | None = None
 
 
 def read_arm_config(path: Path) -> ArmConfig:
@@ -49,24 +51,10 @@ def read_arm_config(path: Path) -> ArmConfig:
     Raises:
         ArmError: missing file, not YAML, an unknown key, or a value of another kind.
     """
-    raw = read_yaml(path, [each.name for each in fields(ArmConfig)], robot="arm", needed=(), error=ArmError)
-    for key in ("flange", "base", "name"):
-        if raw.get(key) is not None and not is_name(raw[key]):
-            raise ArmError(f"{path}: key '{key}': expected a name, got {quote(raw[key])}; mend it")
-    limits = raw.get("limits") or {}
-    if not isinstance(limits, dict):
-        raise ArmError(f"{path}: key 'limits': expected lines such as 'jerk: 100', got {quote(limits)}; mend it")
-    unknown = [key for key in limits if key not in LIMITS]
-    if unknown:
-        raise ArmError(
-            f"{path}: key 'limits': unknown {unknown}; expected some of {list(LIMITS)}; remove or rename them"
-        )
-    if raw.get("geometry") not in (None, *GEOMETRIES):
-        raise ArmError(
-            f"{path}: key 'geometry': expected one of {list(GEOMETRIES)}, got {quote(raw['geometry'])}; mend it"
-        )
-    stated = {key: raw[key] for key in ("flange", "base", "home", "geometry", "name") if raw.get(key) is not None}
-    return ArmConfig(**stated, limits={key: value for key, value in limits.items() if value is not None})
+    raw = read_yaml(path, [each.name for each in fields(ArmConfig)], robot="arm", error=ArmError)
+    given = {key: value for key, value in raw.items() if value is not None}
+    config = from_fields(given, ArmConfig, str(path), error=ArmError, again="mend it")
+    return replace(config, limits={key: value for key, value in config.limits.items() if value is not None})
 
 
 def per_joint(values: Values, joints: Sequence[str], key: str, where: str) -> Float[np.ndarray, " n"]:

@@ -5,16 +5,24 @@ import re
 from dataclasses import dataclass, fields
 from importlib.resources import files
 from pathlib import Path
-from typing import Any, NamedTuple
+from typing import Annotated, Any, NamedTuple
 
-from dexnudge.errors import InputError, UnknownNameError, check_integer, did_you_mean, quote
+from dexnudge.errors import InputError, UnknownNameError, did_you_mean, quote
 from dexnudge.hands.config import read_yaml
+from dexnudge.jobs.json_files import Must, Name, from_fields
 from dexnudge.scenes.families import SCENE_FAMILIES
 
 BUILTIN = Path(str(files("dexnudge.benchmark"))) / "suites"
 NAME = re.compile(r"[A-Za-z0-9][A-Za-z0-9_.-]{0,79}")
 MOST_DRAWS, MOST_TASKS = 128, 10_000
-HASH = re.compile(r"[0-9a-f]{64}")
+WORDS_OF_NAME = "letters, digits, _, - and ."
+HASH = Must("the SHA-256 of a mesh, 64 hexadecimal digits", re.compile(r"([0-9a-f]{64})?").fullmatch)
+OBJECTS = Must(
+    f"names of {WORDS_OF_NAME}, or such names and hashes",
+    lambda objects: bool(objects) and all(isinstance(name, str) and NAME.fullmatch(name) for name in objects),
+)
+ONCE = Must("a list without doubles", lambda values: 0 < len(values) == len({*map(str, values)}))
+SEED = Must(f"0 to {2**31}", range(2**31 + 1).__contains__)
 
 
 class TaskKey(NamedTuple):
@@ -46,14 +54,14 @@ class Suite:
             (`mesh_hash`); "" for an object that is not pinned.
     """
 
-    name: str
-    version: int
-    hand: str
+    name: Annotated[str, Must(WORDS_OF_NAME, NAME.fullmatch)]
+    version: Annotated[int, Must("at least 1", lambda version: version >= 1)]
+    hand: Name
     base: bool
-    draws: int
-    families: tuple[str, ...]
-    seeds: tuple[int, ...]
-    objects: dict[str, str]
+    draws: Annotated[int, Must(f"1 to {MOST_DRAWS}", range(1, MOST_DRAWS + 1).__contains__)]
+    families: Annotated[tuple[str, ...], ONCE]
+    seeds: Annotated[tuple[Annotated[int, SEED], ...], ONCE]
+    objects: Annotated[dict[str, Annotated[str, HASH]], OBJECTS]
 
     @property
     def tasks(self) -> list[TaskKey]:
@@ -76,49 +84,20 @@ def load_suite(name_or_file: str) -> Suite:
             "or a YAML file"
         )
     names = [field.name for field in fields(Suite)]
-    return suite_from(read_yaml(path, names, robot="suite", needed=names, error=InputError), str(path))
+    return suite_from(read_yaml(path, names, robot="suite", error=InputError), str(path))
 
 
 def suite_from(content: Any, where: str) -> Suite:
     """Return the suite of what a YAML or JSON file holds; InputError where it is none, `where` begins the message."""
-    names = [field.name for field in fields(Suite)]
-    if not isinstance(content, dict) or set(content) != set(names):
-        got = ", ".join(map(str, content)) if isinstance(content, dict) else type(content).__name__
-        raise InputError(f"{where} is no suite: got {quote(got)}; expected the keys {', '.join(names)}")
-    content = dict(content)
-    if isinstance(content["objects"], list):
-        content["objects"] = dict.fromkeys(map(str, content["objects"]), "")
-    _check_names(content, where)
-    for key in ("families", "seeds"):
-        value = content[key]
-        if not isinstance(value, list) or not value or len({*map(str, value)}) < len(value):
-            raise InputError(f"{where}: {key} is {quote(value)}; expected a list without doubles")
-        content[key] = tuple(value)
-    for family in content["families"]:
+    if isinstance(content, dict) and isinstance(content.get("objects"), list):
+        content = content | {"objects": dict.fromkeys(map(str, content["objects"]), "")}
+    suite = from_fields(content, Suite, where, error=InputError, again="see docs/benchmark.md")
+    for family in suite.families:
         if family not in SCENE_FAMILIES:
             raise UnknownNameError(
                 f"{where}: unknown family {quote(family)}{did_you_mean(family, SCENE_FAMILIES)}; expected some of "
                 f"{', '.join(SCENE_FAMILIES)}"
             )
-    for seed in content["seeds"]:
-        check_integer("seeds", seed, least=0, most=2**31)
-    check_integer("version", content["version"], least=1)
-    check_integer("draws", content["draws"], least=1, most=MOST_DRAWS)
-    suite = Suite(**content)
     if len(suite.tasks) > MOST_TASKS:
         raise InputError(f"{where} has {len(suite.tasks)} tasks; expected at most {MOST_TASKS}")
     return suite
-
-
-def _check_names(content: dict[str, Any], where: str) -> None:
-    objects, hand, base = content["objects"], content["hand"], content["base"]
-    if not isinstance(objects, dict) or not objects:
-        raise InputError(f"{where}: objects is {quote(objects)}; expected names, or names and hashes")
-    for name in (content["name"], *objects):
-        if not isinstance(name, str) or not NAME.fullmatch(name):
-            raise InputError(f"{where}: {quote(name)} is no name; expected letters, digits, _, - and .")
-    for name, digest in objects.items():
-        if not isinstance(digest, str) or (digest and not HASH.fullmatch(digest)):
-            raise InputError(f"{where}: the hash of {name} is {quote(digest)}; expected 64 hexadecimal digits")
-    if not isinstance(hand, str) or not isinstance(base, bool):
-        raise InputError(f"{where}: hand is {quote(hand)} and base {quote(base)}; expected a name, and true or false")

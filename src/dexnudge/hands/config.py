@@ -4,15 +4,16 @@ It stands in a YAML beside the description, read without trust: small, plain, an
 """
 
 from collections.abc import Sequence
-from dataclasses import dataclass, field, fields
+from dataclasses import dataclass
 from pathlib import Path
-from typing import Any
+from typing import Annotated, Any
 
 import numpy as np
 import yaml
 from jaxtyping import Float
 
 from dexnudge.errors import HandError, InputError, is_name, quote
+from dexnudge.jobs.json_files import Must, Name, from_fields
 
 MAX_CONFIG_BYTES = 100_000
 MAX_DEPTH = 10  # of lists and mappings; three are in use
@@ -30,20 +31,13 @@ class _Loader(yaml.SafeLoader):
         return found
 
 
-def read_yaml(
-    path: Path, known: Sequence[str], *, robot: str, needed: Sequence[str], error: type[InputError]
-) -> dict[str, Any]:
+def read_yaml(path: Path, known: Sequence[str], *, robot: str, error: type[InputError]) -> dict[str, Any]:
     """Return what a YAML file says, by its keys.
 
-    Args:
-        path: the file.
-        known: the keys that it may have.
-        robot: what it describes, such as "hand", for messages.
-        needed: the keys that it must have.
-        error: class of what is raised.
+    known: keys that it may have, and robot: what it describes, such as "hand", for messages.
 
     Raises:
-        error: missing file, not YAML, or an unknown or missing key.
+        error: missing file, or not YAML.
     """
     if not path.is_file():
         raise error(f"the {robot}'s YAML is missing: expected a file at {path}, found none; mend the path")
@@ -68,21 +62,39 @@ def read_yaml(
         summary = " ".join(str(fault).split())
         raise error(f"{path}: not a YAML file: expected 'key: value' lines, got '{summary}'; mend the file") from fault
     if not isinstance(raw, dict):
-        raise error(
-            f"{path}: expected 'key: value' lines, got {type(raw).__name__}; write {', '.join(needed or known)}"
-        )
-    unknown = [key for key in raw if key not in known]
-    if unknown:
-        raise error(f"{path}: unknown keys {quote(unknown)}; expected some of {list(known)}; remove or rename them")
-    missing = [key for key in needed if key not in raw]
-    if missing:
-        wanted = f"{', '.join(needed[:-1])} and {needed[-1]}" if len(needed) > 1 else needed[0]
-        raise error(f"{path}: missing keys {missing}; expected {wanted}; add them")
+        raise error(f"{path}: expected 'key: value' lines, got {type(raw).__name__}; write {', '.join(known)}")
     return raw
 
 
 LONGEST_QUOTE = 200  # characters of a wrong value in a message
 GEOMETRIES = ("collision", "visual")
+Geometry = Annotated[str, Must(" or ".join(map(repr, GEOMETRIES)), GEOMETRIES.__contains__)]
+
+
+def _are_names(value: Any) -> bool:
+    """Whether a list of lists, or a mapping, holds pairs of names."""
+    pairs = value.items() if isinstance(value, dict) else value
+    return all(isinstance(pair, list | tuple) and len(pair) == 2 and all(map(is_name, pair)) for pair in pairs)
+
+
+def unit_direction(value: Any) -> Float[np.ndarray, " 3"] | None:
+    """Return three numbers as a unit vector; None where they are none, not finite, or all zero."""
+    try:
+        vector = np.asarray(value, dtype=float)
+    except (TypeError, ValueError, OverflowError):
+        return None
+    if vector.shape != (3,) or not np.isfinite(vector).all() or not vector.any():
+        return None
+    vector = vector / np.abs(vector).max()  # the squares of large and small numbers leave the range of numbers
+    return np.asarray(vector / np.linalg.norm(vector))
+
+
+DIGITS = Must(
+    "at least one line 'digit: link', names that look like numbers in quotes",
+    lambda digits: bool(digits) and _are_names(digits),
+)
+DIRECTION = Must("three numbers [x, y, z], not all zero", lambda value: unit_direction(value) is not None)
+COUPLINGS = Must("pairs of joints [follower, leader]", _are_names)
 
 
 @dataclass(frozen=True)
@@ -99,13 +111,13 @@ class HandConfig:
         name: the hand's name; None: the description's own.
     """
 
-    palm: str
-    fingertips: dict[str, str]
-    palm_normal: tuple[float, float, float]
-    couplings: tuple[tuple[str, str], ...] = field(default=())
-    base_link: str | None = None
-    geometry: str = "collision"
-    name: str | None = None
+    palm: Name
+    fingertips: Annotated[dict[str, str], DIGITS]
+    palm_normal: Annotated[tuple[float, float, float], DIRECTION]
+    couplings: Annotated[tuple[tuple[str, str], ...], COUPLINGS] = ()
+    base_link: Name | None = None
+    geometry: Geometry = "collision"
+    name: Name | None = None
 
 
 def read_hand_config(path: Path) -> HandConfig:
@@ -114,17 +126,9 @@ def read_hand_config(path: Path) -> HandConfig:
     Raises:
         HandError: missing file, not YAML, an unknown or missing key, or a value of another kind.
     """
-    known = [f.name for f in fields(HandConfig)]
-    raw = read_yaml(path, known, robot="hand", needed=("palm", "fingertips", "palm_normal"), error=HandError)
-    return HandConfig(
-        palm=_text(raw["palm"], "palm", path),
-        fingertips=_fingertips(raw["fingertips"], path),
-        palm_normal=_direction(raw["palm_normal"], path),
-        couplings=_couplings(raw.get("couplings") or [], path),
-        base_link=_optional_text(raw.get("base_link"), "base_link", path),
-        geometry=_geometry(raw.get("geometry", "collision"), path),
-        name=_optional_text(raw.get("name"), "name", path),
-    )
+    raw = read_yaml(path, ("palm", "fingertips", "palm_normal"), robot="hand", error=HandError)
+    given = {key: value for key, value in raw.items() if value is not None}
+    return from_fields(given, HandConfig, str(path), error=HandError, again="mend it")
 
 
 def yaml_beside(path: Path, other: str = "hand.yaml") -> Path | None:
@@ -146,62 +150,3 @@ def write_hand_config(config: HandConfig, path: Path) -> None:
     }
     kept = {key: value for key, value in raw.items() if value is not None}
     path.write_text(yaml.safe_dump(kept, sort_keys=False, default_flow_style=None), encoding="utf-8")
-
-
-def _wrong(path: Path, key: str, expected: str, got: Any) -> HandError:
-    return HandError(f"{path}: key '{key}': expected {expected}, got {repr(got)[:LONGEST_QUOTE]}; mend it")
-
-
-def _text(value: Any, key: str, path: Path) -> str:
-    if not is_name(value):
-        raise _wrong(path, key, "a name", value)
-    return str(value)
-
-
-def _optional_text(value: Any, key: str, path: Path) -> str | None:
-    return None if value is None else _text(value, key, path)
-
-
-def _fingertips(value: Any, path: Path) -> dict[str, str]:
-    valid = isinstance(value, dict) and value and all(is_name(v) for pair in value.items() for v in pair)
-    if not valid:
-        numbered = isinstance(value, dict) and value and not any(isinstance(v, list | dict) for v in value.values())
-        hint = ", names that look like numbers in quotes" if numbered else ""
-        raise _wrong(path, "fingertips", f"at least one line 'digit: link'{hint}", value)
-    return dict(value)
-
-
-def _direction(value: Any, path: Path) -> tuple[float, float, float]:
-    expected = "three numbers [x, y, z], not all zero"
-    if not isinstance(value, list) or len(value) != 3 or not all(type(v) in (int, float) for v in value):
-        raise _wrong(path, "palm_normal", expected, value)
-    if unit_direction(value) is None:
-        raise _wrong(path, "palm_normal", expected, value)
-    return (float(value[0]), float(value[1]), float(value[2]))
-
-
-def unit_direction(value: Any) -> Float[np.ndarray, " 3"] | None:
-    """Return three numbers as a unit vector; None where they are none, not finite, or all zero."""
-    try:
-        vector = np.asarray(value, dtype=float)
-    except (TypeError, ValueError, OverflowError):
-        return None
-    if vector.shape != (3,) or not np.isfinite(vector).all() or not vector.any():
-        return None
-    vector = vector / np.abs(vector).max()  # the squares of large and small numbers leave the range of numbers
-    return np.asarray(vector / np.linalg.norm(vector))
-
-
-def _couplings(value: Any, path: Path) -> tuple[tuple[str, str], ...]:
-    if not isinstance(value, list):
-        raise _wrong(path, "couplings", "pairs of joints [follower, leader]", value)
-    for pair in value:
-        if not isinstance(pair, list) or len(pair) != 2 or not all(is_name(name) for name in pair):
-            raise _wrong(path, "couplings", "pairs of joints [follower, leader]", pair)
-    return tuple((pair[0], pair[1]) for pair in value)
-
-
-def _geometry(value: Any, path: Path) -> str:
-    if value not in GEOMETRIES:
-        raise _wrong(path, "geometry", f"one of {list(GEOMETRIES)}", value)
-    return str(value)

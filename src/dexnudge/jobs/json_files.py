@@ -6,12 +6,12 @@ import json
 import stat
 import sys
 from collections.abc import Callable
-from dataclasses import MISSING, fields
+from dataclasses import MISSING, dataclass, fields, is_dataclass
 from pathlib import Path
 from types import UnionType
-from typing import Any, Literal, TypeVar, Union, get_args, get_origin, get_type_hints
+from typing import Annotated, Any, Literal, TypeVar, Union, get_args, get_origin, get_type_hints
 
-from dexnudge.errors import LARGEST_SEED, InputError, SceneError, quote
+from dexnudge.errors import LARGEST_SEED, InputError, SceneError, did_you_mean, is_name, quote
 
 LARGEST_NUMBER = sys.float_info.max
 MAX_BYTES = 32_000_000  # of a JSON file; read, it is at most some thirty times as large: lists of empty lists
@@ -29,16 +29,17 @@ def read_json(
     expected: str = "a JSON file",
     again: str = "the file is truncated or damaged",
     constant: Callable[[str], float] = refuse_constant,
+    largest: int = MAX_BYTES,
 ) -> Any:
     """Read a JSON file; `error` if it is missing, unreadable, malformed, or has a key twice, NaN or infinity in it.
 
     expected, again: what messages say of a missing file, and of how a damaged one is mended.
-    constant: what becomes of NaN and infinities, `float` to take them.
+    constant: what becomes of NaN and infinities, `float` to take them. largest: [bytes].
     """
     try:
         found = path.stat()
-        if not stat.S_ISDIR(found.st_mode) and (not stat.S_ISREG(found.st_mode) or found.st_size > MAX_BYTES):
-            raise error(f"{path}: is no file, or larger than {MAX_BYTES / 1e6:.0f} MB; expected {expected}")
+        if not stat.S_ISDIR(found.st_mode) and (not stat.S_ISREG(found.st_mode) or found.st_size > largest):
+            raise error(f"{path}: is no file, or larger than {largest / 1e6:.0f} MB; expected {expected}")
         return json.loads(path.read_text(encoding="utf-8"), parse_constant=constant, object_pairs_hook=unique_keys)
     except (FileNotFoundError, IsADirectoryError) as cause:
         raise error(f"{path}: no such file; expected {expected}") from cause
@@ -59,58 +60,87 @@ def read_json_object(path: Path, *, error: type[InputError] = SceneError, **opti
 Checked = TypeVar("Checked")
 
 
-def from_fields(content: Any, kind: type[Checked], where: str, *, error: type[InputError], again: str) -> Checked:
+@dataclass(frozen=True)
+class Must:
+    """What a value must be beside its type, in `Annotated`: `words` say it in messages, `be` tells whether a value is."""
+
+    words: str
+    be: Callable[[Any], object]
+
+
+AT_LEAST_0 = Must("at least 0", lambda number: number >= 0)
+Name = Annotated[str, Must("a name", is_name)]
+
+
+def from_fields(
+    content: Any, kind: type[Checked], where: str, *, error: type[InputError], again: str, others: bool = False
+) -> Checked:
     """Return the dataclass `kind` made of a JSON object: every field is there or has a default, and is as it is declared.
 
-    where, again: how messages begin and end. Raises `error`; what the dataclass itself refuses passes through.
+    A field is of JSON's types, tuples in place of lists, another dataclass, or `Annotated` with a `Must` or with a function
+    of the value and of its place, which returns what it stands for.
+
+    where, again: how messages begin and end. others: whether there may be more than the fields. Raises `error`; what the
+    dataclass itself, or a function, refuses passes through.
     """
     if not isinstance(content, dict):
         raise error(f"{where} is {quote(content)}; expected an object with named values; {again}")
-    declared, hints = fields(kind), get_type_hints(kind)  # type: ignore[arg-type]  # a dataclass
-    required = {field.name for field in declared if field.default is field.default_factory is MISSING}
-    wrong = sorted((required - content.keys()) | (content.keys() - {field.name for field in declared}))
-    if wrong:
-        what = "lacks" if wrong[0] in required else "has the unknown field"
-        raise error(f"{where} {what} {quote(wrong[0])}; expected {', '.join(sorted(required))}; {again}")
-    for name, value in content.items():
-        if not _is_of(value, hints[name]):
-            expected = (
-                getattr(hints[name], "__name__", str(hints[name])) if get_origin(hints[name]) is None else hints[name]
-            )
-            raise error(f"{where}: {name} is {quote(value)}; expected {expected}; {again}")
-    return kind(**{name: _frozen(value, hints[name]) for name, value in content.items()})
+    declared, hints = fields(kind), get_type_hints(kind, include_extras=True)  # type: ignore[arg-type]  # a dataclass
+    required = [field.name for field in declared if field.default is field.default_factory is MISSING]
+    if missing := [name for name in required if name not in content]:
+        raise error(f"{where} lacks {', '.join(missing)}; expected {', '.join(required)}; {again}")
+    known = [field.name for field in declared]
+    if unknown := [name for name in content if name not in known and not others]:
+        meant = did_you_mean(unknown[0], known)
+        raise error(f"{where} has the unknown field {quote(unknown[0])}{meant}; expected {', '.join(known)}; {again}")
+    says: dict[str, Any] = {"error": error, "again": again, "others": others}
+    return kind(
+        **{name: _read(content[name], hints[name], f"{where}: {name}", says) for name in known if name in content}
+    )
+
+
+def _read(value: Any, hint: Any, where: str, says: dict[str, Any]) -> Any:
+    """Return what a JSON value stands for as a type, see `from_fields`."""
+    origin, inside = get_origin(hint), get_args(hint)
+    if hint in (Any, object):
+        return value
+    if is_dataclass(hint):
+        return from_fields(value, hint, where, **says)  # type: ignore[arg-type]  # a class
+    if origin in (Union, UnionType):  # of one type and None
+        return None if value is None else _read(value, inside[0], where, says)
+    if origin is dict and isinstance(value, dict):
+        return {key: _read(each, inside[1], f"{where} of {quote(key)}", says) for key, each in value.items()}
+    if origin is tuple and isinstance(value, list | tuple):
+        return tuple(_read(each, inside[0], f"{where}[{index}]", says) for index, each in enumerate(value))
+    if origin is Annotated and not isinstance(inside[1], Must):
+        return inside[1](value, where)
+    if origin is Annotated and _is_of(value, inside[0]) and inside[1].be(value):
+        return _read(value, inside[0], where, says)
+    if origin is Annotated or not _is_of(value, hint):
+        raise says["error"](f"{where} is {quote(value)}; expected {_words(hint)}; {says['again']}")
+    return float(value) if hint is float else value
 
 
 def _is_of(value: Any, hint: Any) -> bool:
-    """Whether a JSON value is of a type: finite where a number, a list where a tuple."""
-    origin, inside = get_origin(hint), get_args(hint)
-    if hint in (Any, object):
-        return True
-    if origin in (Union, UnionType):
-        return any(_is_of(value, each) for each in inside)
-    if origin is Literal:
-        return any(type(value) is type(each) and value == each for each in inside)
-    if origin is dict:
-        return isinstance(value, dict) and all(_is_of(each, inside[1]) for each in value.values())
-    if origin is tuple:
-        return isinstance(value, list | tuple) and all(_is_of(each, inside[0]) for each in value)
-    if hint is float:
+    """Whether a JSON value is of a type: finite where a number; of lists and objects, whether it is one."""
+    kind = get_origin(hint) or hint
+    if kind is Literal:
+        return any(type(value) is type(each) and value == each for each in get_args(hint))
+    if kind is float:
         return type(value) in (int, float) and -LARGEST_NUMBER <= value <= LARGEST_NUMBER
-    if hint is int:
+    if kind is int:
         return type(value) is int and abs(value) <= LARGEST_SEED
-    return type(value) is (type(None) if hint is None else hint)
+    return type(value) in ((list, tuple) if kind is tuple else (kind,))
 
 
-def _frozen(value: Any, hint: Any) -> Any:
-    """Return JSON lists as the tuples that a type wants."""
-    origin, inside = get_origin(hint), get_args(hint)
-    if origin in (Union, UnionType):
-        return _frozen(value, next(each for each in inside if _is_of(value, each)))
-    if origin is tuple:
-        return tuple(_frozen(each, inside[0]) for each in value)
-    if origin is dict:
-        return {key: _frozen(each, inside[1]) for key, each in value.items()}
-    return value
+def _words(hint: Any) -> str:
+    """Return what messages call a type."""
+    if get_origin(hint) is Annotated:
+        return str(get_args(hint)[1].words)
+    if get_origin(hint) is Literal:
+        return " or ".join(map(repr, get_args(hint)))
+    words = {str: "a text", int: "a whole number", float: "a finite number", bool: "true or false", dict: "an object"}
+    return words.get(get_origin(hint) or hint, "a list")
 
 
 def path_inside(folder: Path, value: Any, key: str, *, file: str, what: str) -> Path:

@@ -2,12 +2,14 @@
 
 from dataclasses import dataclass, field
 from pathlib import Path
-from typing import TYPE_CHECKING
+from typing import TYPE_CHECKING, Annotated
 
 import numpy as np
 from jaxtyping import Float
 
 from dexnudge.arms.robot import Robot
+from dexnudge.geometry.rigid import rigid_transform
+from dexnudge.jobs.json_files import AT_LEAST_0, Must
 from dexnudge.scenes.scene import Scene
 
 if TYPE_CHECKING:
@@ -15,6 +17,7 @@ if TYPE_CHECKING:
 
 PHASES = ("pre-contact", "contact", "squeeze", "push", "retreat", "regrasp", "lift")
 """Names in order; each phase is called after where it leads. The last two only with `then_grasp`."""
+PLACES = range(10**6 + 1)  # among the samples of one scene
 
 
 @dataclass(frozen=True)
@@ -46,12 +49,12 @@ class Phase:
     object is at the end.
     """
 
-    name: str
-    start: float
-    end: float
-    configuration: int
-    T_world_object: Float[np.ndarray, "4 4"]
-    link_force: dict[str, float] = field(default_factory=dict)
+    name: Annotated[str, Must(f"one of {', '.join(PHASES)}", PHASES.__contains__)]
+    start: Annotated[float, AT_LEAST_0]
+    end: Annotated[float, AT_LEAST_0]
+    configuration: Annotated[int, Must(f"an integer of 0 to {PLACES[-1]}", PLACES.__contains__)]
+    T_world_object: Annotated[Float[np.ndarray, "4 4"], rigid_transform]
+    link_force: dict[str, Annotated[float, AT_LEAST_0]] = field(default_factory=dict)
 
 
 @dataclass(frozen=True, eq=False, repr=False)

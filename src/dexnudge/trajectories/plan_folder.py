@@ -9,6 +9,7 @@ plan.html    to look at and to play                      plan.gif, plan.png   th
 
 import csv
 import io
+import json
 from pathlib import Path
 from string import Template
 
@@ -29,8 +30,7 @@ from dexnudge.trajectories.plan_film import ends_of_phases, film_of_plan
 from dexnudge.trajectories.plan_json import plan_text, rounded
 from dexnudge.trajectories.plan_reader import (
     check_phases,
-    parse_plan_json,
-    read_limits,
+    plan_file,
     read_phases,
     read_plan_json,
     read_trajectory,
@@ -94,11 +94,10 @@ def write_plan(plan: Plan, folder: Path, *, pictures: bool = True) -> None:
 
 def _check(text: str, path: Path, plan: Plan) -> None:
     """Refuse what `load_plan` would refuse."""
-    content = parse_plan_json(text, path)
-    trajectory = read_trajectory(content, read_limits(content, path), path)
-    phases = read_phases(content, trajectory.time, path)
+    file = plan_file(json.loads(text), path)
+    trajectory, phases = read_trajectory(file, path), read_phases(file, path)
     check_links(phases, plan.robot.hand.link_names, path)
-    check_phases(phases, content["length"], plan.scene, str(path))
+    check_phases(phases, file.length, plan.scene, str(path))
     check_effort(trajectory, plan.robot, path)
 
 
@@ -113,17 +112,15 @@ def load_plan(path: Path | str) -> Plan:
     file = Path(path)
     file = file / PLAN if file.is_dir() else file
     content = read_plan_json(file)
-    check_joints(content["joint_names"], file.parent / ROBOT, file)
-    limits = read_limits(content, file)
-    compare_limits(limits, file.parent / ROBOT, file)
-    trajectory = read_trajectory(content, limits, file)
-    phases = read_phases(content, trajectory.time, file)
-    robot = read_robot(file.parent / ROBOT, content, limits, file)
+    check_joints(content.joint_names, file.parent / ROBOT, file)
+    compare_limits(content.limits, file.parent / ROBOT, file)
+    trajectory, phases = read_trajectory(content, file), read_phases(content, file)
+    robot = read_robot(file.parent / ROBOT, content, file)
     check_links(phases, robot.hand.link_names, file)
     check_effort(trajectory, robot, file)
-    scene = Scene.load(path_inside(file.parent, content["scene"], "scene", file=PLAN, what="scene"))
-    check_phases(phases, content["length"], scene, str(file))
-    return Plan(robot, scene, trajectory, phases, content["length"], content["seconds"])
+    scene = Scene.load(path_inside(file.parent, content.scene, "scene", file=PLAN, what="scene"))
+    check_phases(phases, content.length, scene, str(file))
+    return Plan(robot, scene, trajectory, phases, content.length, content.seconds)
 
 
 def csv_text(joint_names: tuple[str, ...], trajectory: JointTrajectory) -> str:

@@ -21,18 +21,17 @@ from dexnudge.hands.urdf import numbers_of, urdf_tree
 from dexnudge.hands.xml_text import read_xml
 from dexnudge.trajectories.plan import JointTrajectory, Phase
 from dexnudge.trajectories.plan_json import LIMITS, motors_of, units_of
-from dexnudge.trajectories.plan_reader import AGAIN, BEYOND, MOST_SHARE, joint_limits
+from dexnudge.trajectories.plan_reader import AGAIN, BEYOND, MOST_SHARE, PlanFile, joint_limits
 
 SAME_PLACE = 1e-6  # [m], and of rotations' entries: frames that two files state
 
 
-def read_robot(folder: Path, content: dict[str, Any], limits: dict[str, Float[np.ndarray, " 5"]], plan: Path) -> Robot:
+def read_robot(folder: Path, content: PlanFile, plan: Path) -> Robot:
     """Return arm and hand.
 
     Args:
         folder: with robot.urdf and hand/.
-        content: of plan.json: joint_names, arm, home, mount, flange, T_flange_mount, T_world_base.
-        limits: of plan.json, whose accelerations and jerks no URDF states.
+        content: of plan.json, whose accelerations and jerks no URDF states.
         plan: the path of plan.json, for messages.
 
     Raises:
@@ -41,42 +40,38 @@ def read_robot(folder: Path, content: dict[str, Any], limits: dict[str, Float[np
     path = folder / URDF
     hand = load_hand(folder / HAND_FOLDER)
     mount = hand.base_link or hand.link_names[0]
-    if mount != content["mount"]:
+    if mount != content.mount:
         raise InputError(
-            f"{plan}: mount is '{content['mount']}'; expected '{mount}', by which the hand in {folder / HAND_FOLDER} is "
+            f"{plan}: mount is '{content.mount}'; expected '{mount}', by which the hand in {folder / HAND_FOLDER} is "
             f"held; {AGAIN}"
         )
     tree = urdf_tree(path, "collision")
     check_sizes(tree, OF_AN_ARM.slide)
-    arm = _arm(tree, hand, content, limits, path)
-    robot = Robot(arm, hand, content["T_flange_mount"])
-    if content.get("units", ["rad"] * len(robot.joint_names)) != units_of(robot):
+    arm = _arm(tree, hand, content, path)
+    robot = Robot(arm, hand, content.T_flange_mount)
+    if (["rad"] * len(robot.joint_names) if content.units is None else content.units) != units_of(robot):
         raise InputError(
-            f"{plan}: units is {quote(content.get('units'))}; expected {units_of(robot)}, one a joint, as they turn or "
+            f"{plan}: units is {quote(content.units)}; expected {units_of(robot)}, one a joint, as they turn or "
             f"slide; {AGAIN}"
         )
-    _check_motors(content["actuators"], robot, plan)
+    _check_motors(content.actuators, robot, plan)
     _check_links(robot, {joint.child: joint for joint in tree.joints}, path, plan)
     return robot
 
 
-def _arm(
-    tree: Tree, hand: Hand, content: dict[str, Any], limits: dict[str, Float[np.ndarray, " 5"]], path: Path
-) -> Arm:
+def _arm(tree: Tree, hand: Hand, content: PlanFile, path: Path) -> Arm:
     """Return the links of the URDF that are not the hand's, with the limits that it and the plan state."""
     links = {name: mesh for name, mesh in tree.links.items() if name not in (WORLD, *hand.link_names)}
-    if content["flange"] not in links:
-        raise InputError(
-            f"{path} has no link '{content['flange']}' beside the hand's; expected the arm's flange; {AGAIN}"
-        )
+    if content.flange not in links:
+        raise InputError(f"{path} has no link '{content.flange}' beside the hand's; expected the arm's flange; {AGAIN}")
     joints = tuple(joint for joint in tree.joints if joint.child in links and joint.parent in links)
     moving = tuple(joint for joint in joints if not joint.fixed and joint.mimic is None)
-    if len(content["home"]) != len(moving):
+    if len(content.home) != len(moving):
         raise InputError(
-            f"{path.parent}: the arm has {len(moving)} joints, home {len(content['home'])} numbers; expected a number a "
+            f"{path.parent}: the arm has {len(moving)} joints, home {len(content.home)} numbers; expected a number a "
             f"joint; {AGAIN}"
         )
-    for joint, angle in zip(moving, content["home"].tolist(), strict=True):
+    for joint, angle in zip(moving, content.home.tolist(), strict=True):
         if not joint.lower - BEYOND <= angle <= joint.upper + BEYOND:
             raise InputError(
                 f"{path.parent}: home of '{joint.name}' is {angle:g}; expected it within its limits {joint.lower:g} to "
@@ -88,10 +83,10 @@ def _arm(
         rows = [numbers_of(stated[joint.name], key, (0.0,), f"{path}: joint '{joint.name}'") for joint in moving]
         return np.array(rows, dtype=float).reshape(-1)
 
-    own = {joint.name: limits[joint.name] for joint in moving}
+    own = {joint.name: content.limits[joint.name] for joint in moving}
     return Arm(
-        name=content["arm"],
-        tree=Tree(content["arm"], links, joints),
+        name=content.arm,
+        tree=Tree(content.arm, links, joints),
         joint_names=tuple(joint.name for joint in moving),
         limits=replace(
             joint_limits(own, of_urdf("effort")),
@@ -99,9 +94,9 @@ def _arm(
             upper=np.array([joint.upper for joint in moving]),
             velocity=of_urdf("velocity"),
         ),
-        home=content["home"],
-        flange=content["flange"],
-        T_world_base=content["T_world_base"],
+        home=content.home,
+        flange=content.flange,
+        T_world_base=content.T_world_base,
     )
 
 
@@ -201,7 +196,7 @@ def check_effort(trajectory: JointTrajectory, robot: Robot, path: Path) -> None:
         )
 
 
-def check_joints(names: list[str], folder: Path, path: Path) -> None:
+def check_joints(names: tuple[str, ...], folder: Path, path: Path) -> None:
     """Refuse a plan whose joints are not those of robot.urdf in `folder`, in their order; InputError."""
     file = folder / URDF
     if not file.is_file():
@@ -211,7 +206,7 @@ def check_joints(names: list[str], folder: Path, path: Path) -> None:
         )
     joints = read_xml(file, root_tag="robot").findall("joint")
     expected = [str(each.get("name")) for each in joints if each.get("type") != "fixed" and each.find("mimic") is None]
-    if names == expected:
+    if list(names) == expected:
         return
     missing = [name for name in expected if name not in names]
     unknown = [name for name in names if name not in expected]
