@@ -10,7 +10,7 @@ import yourdfpy
 from scipy.spatial.transform import Rotation
 
 from dexnudge.arms.export import ARM_DAMPING_TIME, export_robot, robot_actuators, robot_drives
-from dexnudge.arms.named.panda import panda
+from dexnudge.arms.registry import panda
 from dexnudge.arms.robot import Robot
 from dexnudge.hands.registry import load_hand
 

@@ -10,7 +10,7 @@ from scipy.spatial.transform import Rotation
 
 from dexnudge.arms.arm import Arm, JointLimits
 from dexnudge.arms.inverse_kinematics import InverseKinematics
-from dexnudge.arms.named.panda import panda
+from dexnudge.arms.registry import panda
 from dexnudge.arms.robot import Robot
 from dexnudge.hands.tree import Tree, TreeJoint
 

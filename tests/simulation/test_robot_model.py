@@ -6,7 +6,7 @@ import pytest
 import torch
 import trimesh
 
-from dexnudge.arms.named.panda import panda
+from dexnudge.arms.registry import panda
 from dexnudge.arms.robot import Robot
 from dexnudge.errors import InputError
 from dexnudge.hands.registry import load_hand

@@ -8,7 +8,8 @@ import torch
 import trimesh
 
 import dexnudge as dn
-from dexnudge.trajectories.floor import SIDE, THICKNESS, below_base, with_floor
+from dexnudge.arms.standing import SIDE, THICKNESS, with_floor
+from dexnudge.trajectories.plan import below_base
 from dexnudge.trajectories.planner import Planner
 
 MOST_DEEP = 0.001  # [m]

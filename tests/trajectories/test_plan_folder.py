@@ -14,7 +14,7 @@ import yourdfpy
 
 import dexnudge as dn
 from dexnudge.arms.export import export_robot
-from dexnudge.arms.named.panda import panda
+from dexnudge.arms.registry import panda
 from dexnudge.arms.robot import Robot
 from dexnudge.trajectories.plan import PHASES, JointTrajectory, Phase, Plan
 from dexnudge.trajectories.plan_json import FORMAT_VERSION
@@ -266,7 +266,7 @@ BAD = {
         "lacks crane_a1 and has elbow, which robot.urdf has not.*another arm or hand?",
     ),
     "joint twice": (at("joint_names", 1), "crane_a1", "joint_names has crane_a1 twice"),
-    "no names": (at("joint_names"), [1, 2], r"joint_names is \[1, 2\]; expected a list of names"),
+    "no names": (at("joint_names"), [1, 2], r"joint_names\[0\] is 1; expected a text"),
     "time stands": (at("time", 3), 0.1, r"time\[3\] is 0.1 s, after 0.1 s; expected increasing times"),
     "time from 1": (at("time", 0), 0.005, r"time begins with \[0.005, 0.05\]; expected two samples or more from 0 s"),
     "one sample": (at("time"), [0.0], r"time begins with \[0.0\]"),

@@ -4,7 +4,7 @@ import numpy as np
 import pytest
 import torch
 
-from dexnudge.arms.named.panda import panda
+from dexnudge.arms.registry import panda
 from dexnudge.arms.robot import Robot
 from dexnudge.hands.registry import load_hand
 from dexnudge.mechanics.sliding_task import GRAVITY

@@ -6,7 +6,7 @@ from toppra import algorithm, constraint
 from toppra.interpolator import AbstractGeometricPath
 
 from dexnudge.arms.arm import JointLimits
-from dexnudge.arms.named.panda import LIMITS
+from dexnudge.arms.registry import LIMITS
 from dexnudge.trajectories.speed import fastest_profile
 from dexnudge.trajectories.timing import rounded_polyline
 

@@ -9,7 +9,7 @@ from hypothesis import strategies as st
 from ruckig import InputParameter, Ruckig, Trajectory
 
 from dexnudge.arms.arm import JointLimits
-from dexnudge.arms.named.panda import HOME, LIMITS
+from dexnudge.arms.registry import HOME, LIMITS
 from dexnudge.errors import InputError
 from dexnudge.trajectories.interpolation import at, limits_used
 from dexnudge.trajectories.timing import SAMPLE_INTERVAL, concatenated, hold, time_optimal, timed_way

@@ -1,4 +1,7 @@
-"""Where an arm stands in a scene: a sensible place, and what is wrong with a given one."""
+"""Where an arm stands in a scene: a sensible place, what is wrong with a given one, and a floor below it."""
+
+from dataclasses import replace
+from typing import Any
 
 import numpy as np
 import trimesh
@@ -6,7 +9,7 @@ from jaxtyping import Float
 
 from dexnudge.arms.arm import Arm
 from dexnudge.arms.robot import Robot
-from dexnudge.errors import ArmError, check_kind
+from dexnudge.errors import ArmError, InputError, check_kind, quote
 from dexnudge.geometry.overlap import deepest_overlap
 from dexnudge.scenes.placement import surroundings_distance
 from dexnudge.scenes.scene import Scene
@@ -98,3 +101,37 @@ def _length(robot: Robot) -> float:
 
 def _point(where: Float[np.ndarray, " 3"]) -> str:
     return f"({', '.join(f'{value:.2f}' for value in where)})"
+
+
+SIDE, THICKNESS = 3.0, 0.02  # [m] of the slab: beyond any reach to all sides
+ASSUMED = 1  # what `metadata["origin"]` of measured surroundings says of a face that no camera saw
+
+
+def with_floor(scene: Scene, arm: Arm, floor: float) -> Scene:
+    """Return the scene with a slab of 3 x 3 m below the arm's base, its top at `floor` [m, world z].
+
+    The base may stand on it, and the object lie on it.
+
+    Raises:
+        InputError: `floor` is no finite number.
+        ArmError: the base or the object would stand in it by more than 1 mm.
+    """
+    if not np.isfinite(floor):
+        raise InputError(f"`floor` is {quote(floor)}; expected the height of its top [m, world z]")
+    lowest = {"the object": scene.way_bounds()[0, 2], f"the base of '{arm.name}'": standing_mesh(arm).bounds[0, 2]}
+    for what, height in lowest.items():
+        if height < floor - DEEPEST:
+            raise ArmError(
+                f"`floor` is {floor:g} m, {1e3 * (floor - height):.0f} mm above the underside of {what}; expected at most "
+                f"{height:.3f} m"
+            )
+    x, y = arm.T_world_base[:2, 3]
+    centre = trimesh.transformations.translation_matrix((x, y, floor - THICKNESS / 2))
+    slab = trimesh.creation.box((SIDE, SIDE, THICKNESS), transform=centre)
+    around = scene.environment_mesh
+    joined = trimesh.util.concatenate([around, slab])
+    metadata: dict[str, Any] = dict(around.metadata)
+    if "origin" in metadata:
+        metadata["origin"] = np.append(metadata["origin"], np.full(len(slab.faces), ASSUMED, metadata["origin"].dtype))
+    joined.metadata = metadata
+    return replace(scene, environment_mesh=joined)

@@ -143,7 +143,7 @@ def _write_failures(error: PlanningError, folder: Path) -> None:
 
 
 def _say_below(plan: PlanResult) -> None:
-    from dexnudge.trajectories.floor import below_base
+    from dexnudge.trajectories.plan import below_base
 
     if (below := below_base(plan)) > WORTH_SAYING:
         plane = plan.robot.arm.T_world_base[2, 3]

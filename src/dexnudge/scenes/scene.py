@@ -22,9 +22,8 @@ from dexnudge.geometry.rigid import rigid_transform
 from dexnudge.objects.sets import object_mesh
 from dexnudge.perception.depth_view import DepthView
 from dexnudge.scenes.files import LARGEST_NUMBER, MARGINS, NUMBERS, read_scene, write_scene
-from dexnudge.scenes.hole_below import without_hole_below
 from dexnudge.scenes.motion import FARTHEST_AXIS, SMALLEST_TURN, Motion, Turn
-from dexnudge.scenes.own_surroundings import check_margins, understood
+from dexnudge.scenes.own_surroundings import check_margins, understood, without_hole_below
 from dexnudge.scenes.placement import placement_findings
 from dexnudge.scenes.poses import load_pose, unit_motion
 from dexnudge.scenes.resting import long_side_along_x

@@ -9,6 +9,7 @@ from typing import NamedTuple
 
 import numpy as np
 from jaxtyping import Float
+from scipy.interpolate import PPoly
 
 from dexnudge.arms.arm import JointLimits
 from dexnudge.trajectories.plan import JointTrajectory
@@ -24,7 +25,6 @@ QUINTIC = np.array(
         [-6.0, -3.0, -0.5, 6.0, -3.0, 0.5],
     ]
 )
-DERIVATIVE = np.diag(np.arange(1.0, 6.0), 1)  # of a polynomial's coefficients, lowest power first
 
 
 class JointState(NamedTuple):
@@ -42,49 +42,29 @@ def at(trajectory: JointTrajectory, time: Float[np.ndarray, " t"]) -> JointState
     Before the first sample and after the last the joints rest where these are. At a sample, where the jerk jumps, it is
     that of the piece which begins there; at the last, of the piece which ends there.
     """
-    knots = trajectory.time
-    inside = time.clip(knots[0], knots[-1])
-    piece = np.clip(np.searchsorted(knots, inside, side="right") - 1, 0, len(knots) - 2)
-    length = np.diff(knots)[piece]
-    powers = ((inside - knots[piece]) / length)[:, None] ** np.arange(6)
-    coefficients = _coefficients(trajectory)
+    inside, quintics = time.clip(trajectory.time[0], trajectory.time[-1]), _quintics(trajectory)
     moving = (inside == time)[:, None]
-    states = []
-    for order in range(4):
-        values = np.einsum("tp,tpn->tn", powers, coefficients[piece]) / length[:, None] ** order
-        states.append(values if order == 0 else np.where(moving, values, 0.0))
-        coefficients = DERIVATIVE @ coefficients
-    return JointState(*states)
+    return JointState(quintics(inside), *(np.where(moving, quintics(inside, order), 0.0) for order in (1, 2, 3)))
 
 
 def densely(trajectory: JointTrajectory, interval: float) -> tuple[Float[np.ndarray, " t"], JointState]:
     """Return times [s] at most an interval apart, and the states there; at inner samples on both sides of the jump."""
-    pieces = np.diff(trajectory.time)
+    knots, pieces, quintics = trajectory.time, np.diff(trajectory.time), _quintics(trajectory)
     steps = np.maximum(np.ceil(pieces / interval - 1e-6), 1).astype(int)
-    coefficients = _coefficients(trajectory)
-    times, states = [], []
-    for number in np.unique(steps):
-        chosen = steps == number
-        share = np.linspace(0.0, 1.0, number + 1)
-        length = pieces[chosen][:, None]
-        times.append((trajectory.time[:-1][chosen][:, None] + share * length).ravel())
-        powers, derived = share[:, None] ** np.arange(6), np.eye(6)
-        for_orders = []
-        for order in range(4):
-            values = (powers @ derived) @ coefficients[chosen] / length[..., None] ** order
-            for_orders.append(values.reshape(-1, values.shape[-1]))
-            derived = DERIVATIVE @ derived
-        states.append(for_orders)
-    return np.concatenate(times), JointState(*(np.concatenate(parts) for parts in zip(*states, strict=True)))
+    piece = np.repeat(np.arange(len(steps)), steps + 1)
+    step = np.arange(len(piece)) - np.repeat(np.cumsum(steps + 1) - steps - 1, steps + 1)
+    time = knots[piece] + pieces[piece] * step / steps[piece]
+    time[step == steps[piece]] = np.nextafter(knots[1:], -np.inf)  # of the piece that ends there
+    return time, JointState(*(quintics(time, order) for order in range(4)))
 
 
-def _coefficients(trajectory: JointTrajectory) -> Float[np.ndarray, "piece 6 n"]:
-    """Return each piece's polynomial in the share of its duration, lowest power first."""
+def _quintics(trajectory: JointTrajectory) -> PPoly:
     h = np.diff(trajectory.time)[:, None]
     position, velocity, acceleration = trajectory.position, trajectory.velocity, trajectory.acceleration
     starts = [position[:-1], velocity[:-1] * h, acceleration[:-1] * h**2]
     ends = [position[1:], velocity[1:] * h, acceleration[1:] * h**2]
-    return np.asarray(QUINTIC @ np.stack([*starts, *ends], axis=1))
+    by_share = QUINTIC @ np.stack([*starts, *ends], axis=1)  # (piece, power, joint), lowest power first
+    return PPoly((by_share / h[..., None] ** np.arange(6)[:, None])[:, ::-1].swapaxes(0, 1), trajectory.time)
 
 
 CHECK_INTERVAL = 0.001  # [s] controllers of arms run at 1 kHz

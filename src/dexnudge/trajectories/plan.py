@@ -5,6 +5,7 @@ from pathlib import Path
 from typing import TYPE_CHECKING, Annotated
 
 import numpy as np
+import torch
 from jaxtyping import Float
 
 from dexnudge.arms.robot import Robot
@@ -124,3 +125,25 @@ class Plan:
     def __repr__(self) -> str:
         names = ", ".join(phase.name for phase in self.phases)
         return f"Plan of {self.robot!r} in '{self.scene.name}': {self.trajectory.duration:.1f} s, {names}"
+
+
+UPRIGHT = 0.99  # cosine between a base's z-axis and the world's, from which on it stands on something
+
+
+def below_base(plan: Plan) -> float:
+    """Return how far arm and hand come below the plane that the base stands on [m]; 0 for one that does not stand upright.
+
+    Of the samples' positions, by the hulls of all links that move.
+    """
+    robot, body = plan.robot, plan.robot.body
+    if robot.arm.T_world_base[2, 2] < UPRIGHT:
+        return 0.0
+    poses = body.forward_kinematics(torch.as_tensor(robot.coordinates(plan.trajectory.position))).numpy()
+    lowest, still = np.inf, {-1}
+    for link, (parent, joint, mesh) in enumerate(zip(body.link_parent, body.joints, body.link_meshes, strict=True)):
+        if int(parent) in still and (joint is None or joint.index is None):
+            still.add(link)
+        elif len(mesh.faces):
+            heights = poses[:, link, 2, :3] @ mesh.convex_hull.vertices.T + poses[:, link, 2, 3:]
+            lowest = min(lowest, float(heights.min()))
+    return max(float(robot.arm.T_world_base[2, 3]) - lowest, 0.0)

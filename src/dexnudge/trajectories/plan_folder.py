@@ -23,9 +23,8 @@ from dexnudge.jobs.json_files import path_inside
 from dexnudge.scenes.files import SCENE_FILES
 from dexnudge.scenes.scene import Scene
 from dexnudge.simulation.robot_model import robot_model
-from dexnudge.trajectories.floor import below_base
 from dexnudge.trajectories.mcap import write_mcap
-from dexnudge.trajectories.plan import JointTrajectory, Plan
+from dexnudge.trajectories.plan import JointTrajectory, Plan, below_base
 from dexnudge.trajectories.plan_film import ends_of_phases, film_of_plan
 from dexnudge.trajectories.plan_json import plan_text, rounded
 from dexnudge.trajectories.plan_reader import (

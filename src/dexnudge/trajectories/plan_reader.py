@@ -128,7 +128,7 @@ def plan_file(content: dict[str, Any], path: Path) -> PlanFile:
         ("limits of {} are there, of no joint of the plan", [name for name in plan.limits if name not in names]),
     ):
         if wrong:
-            raise InputError(f"{path}: {what.format(', '.join(sorted({*wrong})))}; {AGAIN}")
+            raise InputError(f"{path}: {what.format(', '.join(dict.fromkeys(wrong)))}; {AGAIN}")
     return replace(plan, limits={name: plan.limits[name] for name in names})
 
 

@@ -12,7 +12,7 @@ from jaxtyping import Float
 from dexnudge.arms.arm import Arm
 from dexnudge.arms.mounting import mount as mounted
 from dexnudge.arms.robot import Robot
-from dexnudge.arms.standing import check_base
+from dexnudge.arms.standing import check_base, with_floor
 from dexnudge.errors import InputError, PlanningError, check_integer, check_kind
 from dexnudge.planning.arm_approach import NoWay
 from dexnudge.planning.object_path import check_slides, push_length
@@ -23,7 +23,6 @@ from dexnudge.sampling.sampler import Sampler
 from dexnudge.scenes.scene import Scene
 from dexnudge.simulation.hand_path import SPEED
 from dexnudge.simulation.model import SimulationModel, scene_model
-from dexnudge.trajectories.floor import with_floor
 from dexnudge.trajectories.interpolation import limits_used
 from dexnudge.trajectories.plan import JointTrajectory, Phase, Plan
 from dexnudge.trajectories.pressing import DEEPEST, GIVING_WAY, Press, press

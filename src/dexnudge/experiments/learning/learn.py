@@ -21,7 +21,7 @@ from dexnudge.diffusion.model_card import CARD_NAME
 from dexnudge.diffusion.training import train
 from dexnudge.errors import InputError, OutputError, check_integer, check_seed
 from dexnudge.experiments.config import ExperimentConfig
-from dexnudge.experiments.learning.plan import METHODS, LearningPlan, LearningRates, plan_learning, training_config
+from dexnudge.experiments.learning.plan import METHODS, LearningPlan, plan_learning, training_config
 from dexnudge.experiments.learning.rates import measure_rates
 from dexnudge.experiments.learning.report import write_learning_report
 from dexnudge.experiments.report import write_report
@@ -30,7 +30,7 @@ from dexnudge.experiments.sampling_trial import SamplingTrial
 from dexnudge.hands.hand import Hand
 from dexnudge.hands.registry import PREPARED_NAME, load_hand
 from dexnudge.jobs.folders import owned_folder, remove_leftovers, replace_atomically
-from dexnudge.jobs.json_files import read_json_object
+from dexnudge.jobs.json_files import from_fields, read_json_object
 from dexnudge.jobs.processes import MOST_WORKERS, available_cores
 from dexnudge.jobs.progress import progress
 from dexnudge.jobs.provenance import machine, versions
@@ -194,22 +194,17 @@ def write_plan(folder: Path, hand: Hand, plan: LearningPlan) -> None:
 
 
 def _read_plan(path: Path, described: str, *, minutes: float | None, seed: int | None) -> LearningPlan:
-    content = read_json_object(path)
-    try:
-        values: dict[str, Any] = dict(content["plan"])
-        values |= {"rates": LearningRates(**values["rates"]), "scenes": tuple(values["scenes"])}
-        plan, of_hand = LearningPlan(**values), content["hand_sha256"]
-    except (KeyError, TypeError, ValueError) as error:
-        raise InputError(f"{path} holds no plan ({error}); remove {path.parent} to learn anew") from error
-    anew = f"give the same, or remove {path.parent} to learn anew"
-    if of_hand != described:
+    again = f"remove {path.parent} to learn anew"
+    content = read_json_object(path, error=InputError, again=again)
+    plan = from_fields(content.get("plan"), LearningPlan, f"{path}: plan", error=InputError, again=again)
+    if content.get("hand_sha256") != described:
         raise InputError(
             f"the hand in {path.parent.parent} is not the one that {path} was made for; expected the same description, "
-            f"YAML and meshes; remove {path.parent} to learn anew"
+            f"YAML and meshes; {again}"
         )
     for name, given, planned in (("minutes", minutes, plan.minutes), ("seed", seed, plan.seed)):
         if given is not None and given != planned:
-            raise InputError(f"{path} is a plan with `{name}` {planned:g}, got {given:g}; {anew}")
+            raise InputError(f"{path} is a plan with `{name}` {planned:g}, got {given:g}; give the same, or {again}")
     return plan
 
 

@@ -1,10 +1,12 @@
 """How the minutes of learning a hand are spent: rates that were measured in, numbers of everything out; nothing is done."""
 
 import math
-from dataclasses import dataclass, fields
+from dataclasses import dataclass
+from typing import Annotated
 
 from dexnudge.diffusion.config import Architecture, TrainingConfig
-from dexnudge.errors import InputError, quote
+from dexnudge.errors import InputError
+from dexnudge.jobs.json_files import AT_LEAST_0
 
 SCENES = ("table", "layers", "shelf")  # in the order in which they are evaluated
 METHODS = ("steered_noise", "random_start_projection")  # what was learned, beside the same without it
@@ -28,6 +30,9 @@ VALIDATIONS = 8
 AVERAGED_SHARE = 0.05  # of the steps that the averaged weights remember
 LONGEST_AVERAGE = 0.999  # decay: some 1000 steps
 
+Amount = Annotated[float, AT_LEAST_0]
+Count = Annotated[int, AT_LEAST_0]
+
 
 @dataclass(frozen=True, kw_only=True)
 class LearningRates:
@@ -39,12 +44,12 @@ class LearningRates:
         trial: an object in a scene, prepared, drawn for with each of `METHODS` and verified.
     """
 
-    start: float = 10.0
-    attempt: float
-    kept: float
-    grasp: float | None = None
-    step: float
-    trial: float
+    start: Amount = 10.0
+    attempt: Amount
+    kept: Amount
+    grasp: Amount | None = None
+    step: Amount
+    trial: Amount
 
 
 @dataclass(frozen=True, kw_only=True)
@@ -57,29 +62,21 @@ class LearningPlan:
         measuring, data, training, evaluation: what the stages are expected to take [s].
     """
 
-    minutes: float
-    workers: int
-    seed: int
-    objects: int
-    attempts: int
-    grasps: int
-    steps: int
+    minutes: Amount
+    workers: Count
+    seed: Count
+    objects: Count
+    attempts: Count
+    grasps: Count
+    steps: Count
     scenes: tuple[str, ...]
-    trial_objects: int
-    draws: int = DRAWS
-    measuring: float
-    data: float
-    training: float
-    evaluation: float
+    trial_objects: Count
+    draws: Count = DRAWS
+    measuring: Amount
+    data: Amount
+    training: Amount
+    evaluation: Amount
     rates: LearningRates
-
-    def __post_init__(self) -> None:
-        for field in fields(self):
-            value = getattr(self, field.name)
-            if field.type is int and not isinstance(value, int):
-                raise InputError(f"the plan's {field.name} is {quote(value)}; expected a whole number")
-            if field.type in (int, float) and not (isinstance(value, int | float) and 0 <= value < math.inf):
-                raise InputError(f"the plan's {field.name} is {quote(value)}; expected a number of at least 0")
 
     @property
     def rows(self) -> int:
