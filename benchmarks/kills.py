@@ -310,7 +310,7 @@ def jobs(work: Path) -> list[Job]:
 
     def with_samples(out: Path) -> None:
         if not samples.is_dir():
-            Job("", f"sample phone --scene table --num 2 --out {samples}".split()).finish(samples)
+            Job("", f"sample phone --scene table --num 8 --out {samples}".split()).finish(samples)
         shutil.copytree(samples, out, dirs_exist_ok=True)
 
     drawn = "--scenes table --method random_start_projection --num 1"

@@ -52,15 +52,18 @@ Uncertain = Annotated[tuple[str, ...], metavar("KEY=VALUE...")]
 ResultFolder = tyro.conf.Positional[Annotated[str, metavar("DIR")]]
 
 
+MOST_COUNTED = 10_000_000  # objects, attempts, films: more would take months
+
+
 def check_at_least(minimum: int, **options: int | None) -> None:
-    """Refuse an option below `minimum`, or above what numpy and torch take; workers above what a machine has.
+    """Refuse an option below `minimum`, or above what anybody waits for.
 
     Raises:
         InputError: names it as an argument.
     """
     for name, value in options.items():
         if value is not None:
-            most = MOST_WORKERS if name == "workers" else LARGEST_SEED
+            most = {"workers": MOST_WORKERS, "seed": LARGEST_SEED}.get(name, MOST_COUNTED)
             check_integer(name, value, least=minimum, most=most)
 
 

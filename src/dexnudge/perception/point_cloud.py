@@ -2,13 +2,13 @@
 
 from __future__ import annotations
 
-import io
 import itertools
 from collections.abc import Iterator
 from dataclasses import dataclass
+from mmap import ACCESS_READ, mmap
 from pathlib import Path
 from tokenize import TokenError
-from typing import Any
+from typing import Any, BinaryIO
 
 import numpy as np
 import trimesh
@@ -59,18 +59,15 @@ def load_point_cloud(path: str | Path) -> PointCloud:
             raise SceneError(f"{path}: no such file; expected a point cloud, {', '.join(FORMATS)}")
         if path.stat().st_size > MAX_BYTES:
             raise SceneError(f"{path}: is larger than {MAX_BYTES / 1e9:g} GB; expected a point cloud; thin it out")
-        data = b"" if kind == ".npy" else path.read_bytes()  # numpy maps its own file
-    except OSError as error:
-        raise SceneError(f"{path}: cannot be read ({what_failed(error)}); expected a point cloud") from error
-    reader = {".ply": _read_ply, ".pcd": _read_pcd, ".npy": _read_npy}[kind]
-    try:
-        with np.errstate(all="ignore"):
-            points, organised, view_point = reader(data, path)
+        with path.open("rb") as file, np.errstate(all="ignore"):
+            points, organised, view_point = READERS[kind](file, path)
             points = points.astype(np.float64) if points.dtype.kind in "fiu" else points
     except (*PARSE_ERRORS, TokenError, MemoryError, OSError) as error:
         if isinstance(error, SceneError):
             raise
-        what = "the memory does not suffice" if isinstance(error, MemoryError | OSError) else type(error).__name__
+        what = what_failed(error) if isinstance(error, OSError) else type(error).__name__
+        if isinstance(error, MemoryError):
+            what = "the memory does not suffice"
         raise SceneError(f"{path}: cannot be read as {kind[1:]} ({what}); {REMEDY}") from error
     return PointCloud(checked_points(points, str(path), organised=organised), view_point)
 
@@ -99,22 +96,23 @@ def checked_points(points: np.ndarray, name: str, *, organised: bool = False) ->
     return points[finite]
 
 
-def _read_npy(_: bytes, path: Path) -> tuple[np.ndarray, bool, None]:
+def _read_npy(_: BinaryIO, path: Path) -> tuple[np.ndarray, bool, None]:
     values = np.load(path, mmap_mode="r", allow_pickle=False)  # compares what is announced with the file's size first
     if values.ndim not in (2, 3) or values.shape[-1] not in (3, 6):
         raise SceneError(f"{path}: has shape {values.shape}; expected (n, 3), (n, 6) or (height, width, 3)")
     return values.reshape(-1, values.shape[-1])[:, :3], values.ndim == 3, None
 
 
-def _read_ply(data: bytes, path: Path) -> tuple[np.ndarray, bool, None]:
-    cloud = trimesh.load(io.BytesIO(data), file_type="ply", process=False)
+def _read_ply(file: BinaryIO, path: Path) -> tuple[np.ndarray, bool, None]:
+    cloud = trimesh.load(file, file_type="ply", process=False)
     if not isinstance(cloud, trimesh.PointCloud):
         raise SceneError(f"{path}: has faces; expected a point cloud; pass a mesh as the environment")
     return np.asarray(cloud.vertices), False, None
 
 
-def _read_pcd(data: bytes, path: Path) -> tuple[np.ndarray, bool, Float[np.ndarray, "3"] | None]:
+def _read_pcd(file: BinaryIO, path: Path) -> tuple[np.ndarray, bool, Float[np.ndarray, "3"] | None]:
     """Read a PCD of version 0.7: https://pointclouds.org/documentation/tutorials/pcd_file_format.html."""
+    data = mmap(file.fileno(), 0, access=ACCESS_READ) if path.stat().st_size else b""  # read where it is used
     marker = data.find(b"\nDATA ", 0, PCD_HEADER)
     end = data.find(b"\n", marker + 1)
     header = {}
@@ -153,6 +151,8 @@ def _read_pcd(data: bytes, path: Path) -> tuple[np.ndarray, bool, Float[np.ndarr
     place = np.array(header.get("VIEWPOINT", ["0"] * 7)[:3], dtype=np.float64)
     return points, height > 1, place if place.shape == (3,) and place.any() and np.isfinite(place).all() else None
 
+
+READERS = {".npy": _read_npy, ".pcd": _read_pcd, ".ply": _read_ply}
 
 MAX_VIEW_POINTS = 64
 SAMPLED = 5_000  # points at which the density is measured
