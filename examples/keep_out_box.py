@@ -29,8 +29,8 @@ class KeepOutBox:
 
     def depths(self, hands: dn.HandBatch) -> torch.Tensor:
         """Return how deep each surface point is in the grown box [m], (batch, point); 0 outside."""
-        above = hands.points - torch.tensor(self.lower) + self.clearance
-        below = torch.tensor(self.upper) + self.clearance - hands.points
+        above = hands.points - hands.q.new_tensor(self.lower) + self.clearance
+        below = hands.q.new_tensor(self.upper) + self.clearance - hands.points
         return torch.minimum(above, below).amin(dim=2).clamp_min(0.0)
 
 

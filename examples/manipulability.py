@@ -27,7 +27,7 @@ class Manipulability:
         touching = [
             [link in links for link in hand.fingertip_links] for links in dn.measure(hands, scene).contact_links
         ]
-        value = volume.masked_fill(~torch.tensor(touching), torch.inf).amin(dim=1)
+        value = volume.masked_fill(~torch.tensor(touching, device=q.device), torch.inf).amin(dim=1)
         return dn.CriterionResult(value, value >= self.least, "a digit that touches the object is stretched or folded")
 
 

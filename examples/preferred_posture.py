@@ -20,7 +20,7 @@ class PreferredPosture:
 
     def __call__(self, hands: dn.HandBatch, scene: dn.Scene) -> torch.Tensor:
         """Return the energy of each hand."""
-        return (hands.joint_angles - torch.tensor(self.joint_angles)).square().mean(dim=1)
+        return (hands.joint_angles - hands.q.new_tensor(self.joint_angles)).square().mean(dim=1)
 
 
 def main(num: int = 32) -> None:

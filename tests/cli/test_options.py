@@ -101,11 +101,28 @@ def test_messages_of_the_library_name_options():
     assert with_flags("leave out the forearm (`base`)", Sample) == "leave out the forearm (--no-base)"
 
 
-def test_a_device_that_this_version_does_not_support_is_not_offered(dexnudge):
-    outcome = dexnudge("sample", "phone", "--scene", "table", "--device", "cuda")
+@pytest.mark.parametrize(
+    ("device", "count", "said"),
+    [
+        ("gpu", 0, "`device` is 'gpu'; expected cpu, cuda, or one of several as cuda:1"),
+        ("cuda:one", 2, "`device` is 'cuda:one'; expected cpu, cuda, or one of several as cuda:1"),
+        ("cuda:7", 2, "`device` is 'cuda:7'; expected cpu or what this machine has: cuda:0 to cuda:1"),
+        ("cuda:1", 1, "`device` is 'cuda:1'; expected cpu or what this machine has: cuda:0"),
+        ("cuda", 0, "`device` is 'cuda', but torch and Warp find no CUDA device here (torch "),
+    ],
+)
+@pytest.mark.parametrize(
+    "command", [["sample", "phone", "--scene", "table"], ["evaluate", "--objects", "builtin:test"]]
+)
+def test_a_device_that_is_not_there(dexnudge, tmp_path, monkeypatch, command, device, count, said):
+    monkeypatch.setattr("torch.cuda.is_available", lambda: count > 0)
+    monkeypatch.setattr("torch.cuda.device_count", lambda: count)
+    monkeypatch.setattr("warp.is_cuda_available", lambda: count > 0)
+    outcome = dexnudge(*command, "--device", device, "--out", str(tmp_path / "out"))
     assert outcome.code == 2
-    assert "invalid choice 'cuda'" in outcome.err
-    assert "{cpu}" in dexnudge("sample", "--help").out
+    assert outcome.err.count("\n") == 1
+    assert said.replace("`device`", "--device") in outcome.err
+    assert not (tmp_path / "out").exists()
 
 
 @pytest.mark.parametrize("arguments", [["--help"], ["-h"], ["dataset", "--help"]])

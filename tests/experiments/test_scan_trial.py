@@ -101,18 +101,18 @@ def test_refusals_are_counted_by_what_they_say():
 
 
 def test_a_refused_scan_is_a_record_and_the_run_resumes(config, tmp_path, monkeypatch):
-    monkeypatch.setattr("dexnudge.experiments.run.run_tasks", in_this_process)
+    monkeypatch.setattr("dexnudge.experiments.run.run_tasks_by", in_this_process)
     kind = ScanTrial(replace(EXACT, pose_mm=50.0))
     ((_, first),) = TrialRunner([kind], config, tmp_path).run()
     assert [(each.refused[:12], each.status, each.verified) for each in first] == [("SceneError: ", "done", 0)]
-    monkeypatch.setattr("dexnudge.experiments.run.run_tasks", None)  # nothing is run again
+    monkeypatch.setattr("dexnudge.experiments.run.run_tasks_by", None)  # nothing is run again
     ((_, again),) = TrialRunner([kind], config, tmp_path).run()
     assert again == first == read_records(tmp_path / "scan", ScanRecord)
     claim = json.loads((tmp_path / "scan" / "experiment.json").read_text())
     assert claim["config"]["scan_errors"]["pose_mm"] == 50.0
 
 
-def in_this_process(start, keys, *, workers, together):
+def in_this_process(engine, start, keys, **options):
     run = start()
     return [(key, run(key)) for key in keys]
 

@@ -79,7 +79,7 @@ class Robot:
 
     def link_poses(self, positions: Float[np.ndarray, "k joint"]) -> Float[np.ndarray, "k link 4 4"]:
         """Return T_world_link of the links of `body` at positions."""
-        return self.body.forward_kinematics(torch.as_tensor(self.coordinates(positions))).numpy()
+        return self.body.forward_kinematics(torch.from_numpy(self.coordinates(positions))).numpy()
 
     def at_home(self) -> Float[np.ndarray, "link 4 4"]:
         """Return T_world_link of the links of `body` with the arm at home and the hand open."""
@@ -99,7 +99,9 @@ class Robot:
     def flange_poses(self, q: Float[np.ndarray, "k coordinates"]) -> Float[np.ndarray, "k 4 4"]:
         """Return where the flange must be, T_world_flange, for the hand to stand at q."""
         mount = self.hand.link_names.index(self.mount)
-        T_world_mount = self.hand.forward_kinematics(torch.as_tensor(np.asarray(q, dtype=np.float64)))[:, mount].numpy()
+        T_world_mount = self.hand.forward_kinematics(torch.from_numpy(np.asarray(q, dtype=np.float64)))[
+            :, mount
+        ].numpy()
         return np.asarray(T_world_mount @ np.linalg.inv(self.T_flange_mount))
 
     @cached_property

@@ -35,7 +35,6 @@ def _default_in_help(default: str) -> str:
 
 
 Units = Literal["m", "cm", "mm", "in"]
-Device = Literal["cpu"]
 Meshes = Literal["visual", "collision"]
 Flag = Annotated[bool, tyro.conf.arg(help_behavior_hint="")]
 Count = Annotated[int, metavar("N")]
@@ -127,6 +126,24 @@ class SetOptions(MeshOptions):
     """Objects and scenes get seeds derived from it."""
     workers: Count = 2
     """Processes; one core each."""
+
+
+@dataclass(frozen=True, kw_only=True)
+class DeviceOptions:
+    """What every command that samples takes."""
+
+    device: Annotated[str, metavar("cpu|cuda|cuda:N")] = "cpu"
+    """Where hands are drawn, projected and verified."""
+
+
+@dataclass(frozen=True, kw_only=True)
+class EngineOptions:
+    """What commands take that can also run on many machines."""
+
+    engine: Literal["processes", "ray"] = "processes"
+    """Processes of this machine, or a Ray cluster (needs dexnudge[cluster])."""
+    ray_address: Annotated[str | None, metavar("HOST:PORT")] = None
+    """A running Ray cluster; without it, one with --workers cores is started on this machine."""
 
 
 @dataclass(frozen=True)

@@ -2,10 +2,10 @@
 
 from dataclasses import dataclass
 from pathlib import Path
-from typing import Annotated, Literal
 
 from dexnudge.cli.arguments import (
     Count,
+    EngineOptions,
     OptionalCount,
     OptionalFolder,
     OptionalSet,
@@ -13,14 +13,13 @@ from dexnudge.cli.arguments import (
     SetOptions,
     check_at_least,
     listed,
-    metavar,
     settings,
 )
 from dexnudge.errors import InputError
 
 
 @dataclass(frozen=True, kw_only=True)
-class Generate(SetOptions):
+class Generate(EngineOptions, SetOptions):
     """Generate verified configurations for a set of objects; a stopped run goes on where it was."""
 
     non_prehensile: Count = 256
@@ -29,10 +28,6 @@ class Generate(SetOptions):
     """Attempts at grasps for each object."""
     upright: float = 0.0
     """Share of the objects that stand on their end, as books do; the others lie."""
-    engine: Literal["processes", "ray"] = "processes"
-    """Processes of this machine, or a Ray cluster (needs dexnudge[cluster])."""
-    ray_address: Annotated[str | None, metavar("HOST:PORT")] = None
-    """A running Ray cluster; without it, one with --workers cores is started on this machine."""
 
     def run(self) -> int:
         """Generate what is missing, write the data card and print the counts."""

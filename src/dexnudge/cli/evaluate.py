@@ -6,7 +6,8 @@ from typing import TYPE_CHECKING, Annotated, Any
 
 from dexnudge.cli.arguments import (
     Count,
-    Device,
+    DeviceOptions,
+    EngineOptions,
     Flag,
     Losses,
     OptionalCount,
@@ -34,7 +35,7 @@ ATTEMPTS = 3  # with --then-grasp, unless given
 
 
 @dataclass(frozen=True, kw_only=True)
-class Evaluate(SetOptions):
+class Evaluate(DeviceOptions, EngineOptions, SetOptions):
     """Success of sampling over a set of objects and scenes, with 95 % intervals over objects.
 
     Stopped runs go on where they were: give the same options and the same --out again.
@@ -60,8 +61,6 @@ class Evaluate(SetOptions):
     """Folder of the model; unless given that beside the hand's description (weights/), else the shipped one."""
     data: OptionalFolder = None
     """Dataset folder, for the method nearest_pose."""
-    device: Device = "cpu"
-    """torch device; this version samples on the CPU only."""
     execute: Flag = False
     """Also play the best verified draw of each in physics, for the executed rate."""
     execute_num: Count = 1
@@ -89,6 +88,7 @@ class Evaluate(SetOptions):
         self._check_attempts()
         self._check_scan()
         self._check_arm()
+        self._check_engine()
         say(*self._reports(), f"written: {self.out}")
         return 0
 
@@ -116,6 +116,12 @@ class Evaluate(SetOptions):
                 raise InputError(
                     f"`arm` and `{name}` are both given; expected one of them; run them one after the other"
                 )
+
+    def _check_engine(self) -> None:
+        if self.engine == "ray" and self.device != "cpu":
+            raise InputError(
+                f"`device` is '{self.device}' with `engine` ray, whose workers are given cores alone; expected cpu"
+            )
 
     def _config(self) -> "ExperimentConfig":
         from dexnudge.experiments.config import ExperimentConfig
@@ -167,4 +173,5 @@ class Evaluate(SetOptions):
                 bars.update(tasks[kind], completed=finished, total=total, description=text)
 
             runner = TrialRunner(kinds, self._config(), out)
-            return [write_report(kind, out) for kind, _ in runner.run(workers=self.workers, on_record=show)]
+            run = runner.run(workers=self.workers, engine=self.engine, ray_address=self.ray_address, on_record=show)
+            return [write_report(kind, out) for kind, _ in run]

@@ -5,6 +5,7 @@ from pathlib import Path
 from typing import TYPE_CHECKING, Annotated
 
 from dexnudge.cli.arguments import (
+    DeviceOptions,
     Flag,
     OptionalCount,
     OptionalFolder,
@@ -24,7 +25,7 @@ if TYPE_CHECKING:
 
 
 @dataclass(frozen=True, kw_only=True)
-class Reproduce(SetOptions):
+class Reproduce(DeviceOptions, SetOptions):
     """Tables I and II of the paper, every guidance rule and baseline, with and without the forearm, as one report.
 
     The draws are also verified at other frictions and masses, all methods are compared at equal time, and the worst

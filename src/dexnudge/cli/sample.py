@@ -10,7 +10,7 @@ from typing import TYPE_CHECKING, Annotated, Any
 from dexnudge.cli.arguments import (
     NOTHING_SUCCEEDED,
     Count,
-    Device,
+    DeviceOptions,
     Flag,
     Losses,
     Meshes,
@@ -33,7 +33,7 @@ if TYPE_CHECKING:
 
 
 @dataclass(frozen=True, kw_only=True)
-class Sample(SceneOptions):
+class Sample(DeviceOptions, SceneOptions):
     """Draw hand configurations that can make an object move, verify and rank them.
 
     The scene is drawn from a family (--scene), your own (--environment, --object-pose, --motion), or a folder that `scene`
@@ -67,8 +67,6 @@ class Sample(SceneOptions):
     """What pictures and pages show of the hand: visual meshes where its description has them, or what is judged."""
     projection_report: Flag = False
     """Also verify the draws as they were before the projection, for the summary; takes about twice as long."""
-    device: Device = "cpu"
-    """torch device; this version samples on the CPU only."""
 
     def run(self) -> int:
         """Sample, verify, write, print."""
@@ -162,7 +160,7 @@ class Sample(SceneOptions):
             "terms": {term.name: term.weight for term in terms},
             "seed": self.seed,
             "weights": _weights_of(sampler) if method.start == "prior" else "none",
-            "device": self.device,
+            "device": sampler.device,
         }
         if scene.uncertainty is not None and samples.num_verified:
             details["uncertain"] = what_to_do(written_scene, samples[0].share_of_worlds)

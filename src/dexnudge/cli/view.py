@@ -12,7 +12,7 @@ from typing import Annotated
 
 import tyro
 
-from dexnudge.cli.arguments import Count, Folder, OptionalFolder, Text, metavar, say
+from dexnudge.cli.arguments import Count, DeviceOptions, Folder, OptionalFolder, Text, metavar, say
 from dexnudge.cli.scene_options import RUNS
 from dexnudge.errors import InputError
 
@@ -20,7 +20,7 @@ HOST, PORT = "127.0.0.1", 8080
 
 
 @dataclass(frozen=True, kw_only=True)
-class View:
+class View(DeviceOptions):
     """Open the studio: a page in the browser that shows draws, plays executions and plans, and samples changed scenes.
 
     It is served to this machine alone until Ctrl-C ends it; port 0 takes any free one.
@@ -55,6 +55,7 @@ class View:
             execution=self.execution,
             hand=self.hand,
             weights=self.weights,
+            device=self.device,
             out=Path(self.out),
             host=self.host,
             port=self.port,

@@ -71,7 +71,7 @@ class DiffusionPrior:
 
     def noise(self, num: int, *, generator: torch.Generator | None = None) -> Float[Tensor, "num dimension"]:
         """Return x_T, where sampling starts."""
-        return torch.randn(num, self.config.dimension, generator=generator).to(self.device)
+        return torch.randn(num, self.config.dimension, generator=generator, device="cpu").to(self.device)
 
     def predict_clean(
         self, x_t: Float[Tensor, "batch dimension"], t: int, condition: Condition, *, guidance_scale: float = 1.0

@@ -21,13 +21,13 @@ LINEAR_BETAS = (1e-4, 0.02)  # of 1000 steps (Ho et al., 2020)
 
 
 def _cosine_betas(num_train_timesteps: int) -> Float[Tensor, " step"]:
-    time = torch.arange(num_train_timesteps + 1, dtype=torch.float64) / num_train_timesteps
+    time = torch.arange(num_train_timesteps + 1, dtype=torch.float64, device="cpu") / num_train_timesteps
     alphas_cumprod = torch.cos((time + COSINE_OFFSET) / (1.0 + COSINE_OFFSET) * math.pi / 2.0) ** 2
     return (1.0 - alphas_cumprod[1:] / alphas_cumprod[:-1]).clamp(max=MAX_BETA)
 
 
 def _linear_betas(num_train_timesteps: int) -> Float[Tensor, " step"]:
-    return torch.linspace(*LINEAR_BETAS, num_train_timesteps, dtype=torch.float64)
+    return torch.linspace(*LINEAR_BETAS, num_train_timesteps, dtype=torch.float64, device="cpu")
 
 
 class NoiseSchedule:
@@ -45,7 +45,7 @@ class NoiseSchedule:
         if architecture.zero_terminal_snr:
             root = self.alphas_cumprod.sqrt()
             self.alphas_cumprod = ((root - root[-1]) * (root[0] / (root[0] - root[-1]))) ** 2
-        self._padded = torch.cat([self.alphas_cumprod, torch.ones(1, dtype=torch.float64)]).float()
+        self._padded = torch.cat([self.alphas_cumprod, torch.ones(1, dtype=torch.float64, device="cpu")]).float()
 
     def alpha_bar(self, t: Int[Tensor, "*batch"]) -> Float[Tensor, "*batch"]:
         """Return abar_t, with abar_{-1} = 1."""
@@ -93,6 +93,13 @@ class NoiseSchedule:
         return alpha_bar.sqrt() * x_t - (1.0 - alpha_bar).sqrt() * prediction
 
 
+def noise_like(
+    x: Float[Tensor, "batch dimension"], generator: torch.Generator | None
+) -> Float[Tensor, "batch dimension"]:
+    """Return standard normal noise where x lies, drawn on the CPU: a seed gives the same noise on every device."""
+    return torch.randn(x.shape, generator=generator, dtype=x.dtype, device="cpu").to(x.device)
+
+
 def ddim_mean_and_sigma(
     schedule: NoiseSchedule,
     x_t: Float[Tensor, "batch dimension"],
@@ -132,5 +139,4 @@ def ddim_step(
     mean, sigma = ddim_mean_and_sigma(schedule, x_t, x0_hat, t, t_previous, eta=eta)
     if sigma == 0.0:
         return mean
-    noise = torch.randn(x_t.shape, generator=generator, device=x_t.device, dtype=x_t.dtype)
-    return mean + sigma * noise
+    return mean + sigma * noise_like(x_t, generator)

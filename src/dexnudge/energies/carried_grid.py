@@ -24,13 +24,14 @@ def carried_grid(grid: DistanceGrid, motion: Motion, *, around: DistanceGrid | N
     corners = grid_corners(grid)
     poses = np.stack([motion.displacement(way) for way in _ways(motion, corners, grid.cell)])
     packed = pack_grids([grid, around or grid])
-    frames = wp.array(poses.astype(np.float32), dtype=wp.mat44)
-    wp.load_module(device="cpu")  # compiling is not safe from several threads
+    frames = wp.array(poses.astype(np.float32), dtype=wp.mat44, device="cpu")
+    wp.load_module(least_distances.module, device="cpu")  # compiling is not safe from several threads
 
     def least(points: Float[np.ndarray, "m 3"]) -> Float[np.ndarray, " m"]:
-        found = wp.zeros(len(points), dtype=float)
-        given = wp.array(points.astype(np.float32), dtype=wp.vec3)
-        wp.launch(least_distances, dim=len(points), inputs=[packed, frames, grid.cell, given, found])
+        found = wp.zeros(len(points), dtype=float, device="cpu")
+        given = wp.array(points.astype(np.float32), dtype=wp.vec3, device="cpu")
+        inputs = [packed, frames, grid.cell, given, found]
+        wp.launch(least_distances, dim=len(points), inputs=inputs, device="cpu")
         return found.numpy()
 
     values = in_threads(least, corners.reshape(-1, 3)).reshape(grid.values.shape)

@@ -52,6 +52,8 @@ class EnergyTerm(Protocol):
     def __call__(self, hands: HandBatch, scene: Scene) -> Float[Tensor, " batch"]:
         """Return the energy of each hand, by torch operations on `hands.q`, `.T_world_link` or `.points` (world frame).
 
+        They lie on the sampler's device: tensors of your own have to, too, as those by `hands.q.new_tensor` do.
+
         The energy of a hand must depend on that hand alone: how many others stand in the batch changes from call to call.
         """
 
@@ -133,14 +135,21 @@ class TermEnergy:
         hand: what is configured.
         scene: handed to the terms.
         T_world_frame: the descending hands' frame in the world.
+        device: where they descend.
     """
 
     def __init__(
-        self, terms: Sequence[EnergyTerm], hand: Hand, scene: Scene, T_world_frame: Float[np.ndarray, "4 4"]
+        self,
+        terms: Sequence[EnergyTerm],
+        hand: Hand,
+        scene: Scene,
+        T_world_frame: Float[np.ndarray, "4 4"],
+        *,
+        device: str = "cpu",
     ) -> None:
         self.terms, self.hand, self.scene = check_terms(terms), hand, scene
-        self._rotation = torch.as_tensor(T_world_frame[:3, :3], dtype=torch.float32)
-        self._translation = torch.as_tensor(T_world_frame[:3, 3], dtype=torch.float32)
+        self._rotation = torch.as_tensor(T_world_frame[:3, :3], dtype=torch.float32, device=device)
+        self._translation = torch.as_tensor(T_world_frame[:3, 3], dtype=torch.float32, device=device)
 
     def __call__(self, pose: HandPose) -> tuple[Float[Tensor, " batch"], Float[Tensor, "batch tangent"]]:
         """Return (energy, gradient in translation, rotation vector and joint angles), as `HandEnergy` has it.
@@ -153,7 +162,7 @@ class TermEnergy:
             columns = q[:, 3:9].unflatten(1, (2, 3)) @ self._rotation.T
             position = q[:, :3] @ self._rotation.T + self._translation
             hands = HandBatch(self.hand, torch.cat([position, columns.flatten(1), q[:, 9:]], dim=1))
-            total, gradient = torch.zeros(len(q)), torch.zeros_like(q)
+            total, gradient = q.new_zeros(len(q)), torch.zeros_like(q)
             for term in self.terms:
                 value, slope = self._checked(term, hands, q)
                 total += term.weight * value

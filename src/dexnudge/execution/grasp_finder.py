@@ -62,7 +62,7 @@ class GraspFinder:
 
     def find(self, scene: Scene, *, num: int, seed: int) -> tuple[list[Grasp], Counter[str]]:
         """Return the grasps among `num` draws in this scene that hold, best first; the other draws by the reason why not."""
-        problem = prepare(scene)
+        problem = prepare(scene, device=self._sampler.device)
         problem = replace(problem, balances=(holding_balance(problem),))
         drawn = self._sampler.draw(problem, num=num, seed=seed, method=GRASPS).q.astype(np.float64)
         q = transform_configurations(np.linalg.inv(scene.T_world_object), drawn)

@@ -108,8 +108,9 @@ def trial_keys(config: ExperimentConfig) -> list[TrialKey]:
     """Return every trial of an experiment; those of one object and scene stand together.
 
     Raises:
-        InputError: a name, count or loss in the config is not valid. MeshError: the set of objects cannot be found.
+        InputError: a name, count, device or loss in the config is not valid. MeshError: the set of objects cannot be found.
     """
+    from dexnudge.geometry.devices import check_device
     from dexnudge.sampling.methods import METHODS, find_method
     from dexnudge.scenes.families import scene_families
 
@@ -127,6 +128,7 @@ def trial_keys(config: ExperimentConfig) -> list[TrialKey]:
     for method in config.methods:
         find_method(method).with_weights(config.losses or {})  # refuses what makes no sense
     own_terms(config), own_criteria(config), own_uncertainty(config)
+    check_device(config.device)
     return [
         TrialKey(name, scene, method)
         for name in _object_names(config)

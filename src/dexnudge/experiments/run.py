@@ -12,8 +12,9 @@ from dexnudge.experiments.config import ExperimentConfig, TrialKey, trial_keys
 from dexnudge.experiments.records import Record, RecordWriter, TrialRecord, read_records
 from dexnudge.experiments.statistics import as_json
 from dexnudge.experiments.trial import TrialKind
+from dexnudge.jobs.engines import Engine, run_tasks_by
 from dexnudge.jobs.folders import claim_folder, owned_folder, read_claim, remove_leftovers
-from dexnudge.jobs.processes import WorkerDied, run_tasks
+from dexnudge.jobs.processes import WorkerDied
 
 FILE = "experiment.json"
 FORMAT_VERSION = 3  # of the file and of the records beside it
@@ -36,11 +37,20 @@ class TrialRunner:
     config: ExperimentConfig
     out: Path
 
-    def run(self, *, workers: int = 2, on_record: OnRecord | None = None) -> Iterator[tuple[TrialKind[Any], list[Any]]]:
+    def run(
+        self,
+        *,
+        workers: int = 2,
+        engine: Engine = "processes",
+        ray_address: str | None = None,
+        on_record: OnRecord | None = None,
+    ) -> Iterator[tuple[TrialKind[Any], list[Any]]]:
         """Run what is not recorded yet; yield each kind when it is finished, with all records in the order of `trial_keys`.
 
         Draws are made anew with the seed of the experiment, which gives the draws of its own records. Where such a record
-        is there and has no verified draw, a kind that needs one has nothing to run.
+        is there and has no verified draw, a kind that needs one has nothing to run. The records are the same whatever the
+        engine, see `run_tasks_by`; on a Ray cluster they are written here, and files that the config names have to be on
+        folders that all machines share.
 
         Raises:
             InputError: the folder holds another experiment, or one with other options; a name or count is not valid.
@@ -49,10 +59,11 @@ class TrialRunner:
         keys = trial_keys(self.config)
         with owned_folder(self.out):
             for kind in self.kinds:
-                yield kind, self._run(kind, keys, workers, on_record)
+                run = partial(run_tasks_by, engine, workers=workers, ray_address=ray_address, together=_scene_of)
+                yield kind, self._run(kind, keys, run, on_record)
 
     def _run(
-        self, kind: TrialKind[Record], keys: Sequence[TrialKey], workers: int, on_record: OnRecord | None
+        self, kind: TrialKind[Record], keys: Sequence[TrialKey], run: Callable[..., Any], on_record: OnRecord | None
     ) -> list[Record]:
         config, folder = self.config, self.out / kind.folder
         claim = {
@@ -78,11 +89,12 @@ class TrialRunner:
             waiting = [key for key in keys if key not in records]
             if not waiting:
                 return [records[key] for key in keys]  # nothing is loaded for nothing
-            for key, result in run_tasks(partial(_start, kind, config), waiting, workers=workers, together=_scene_of):
-                if isinstance(result, WorkerDied):
-                    add(kind.record_without_trial(config, key, "failed", result.reason))
-                else:
-                    add(result)
+            with closing(run(partial(_start, kind, config), waiting)) as results:
+                for key, result in results:
+                    if isinstance(result, WorkerDied):
+                        add(kind.record_without_trial(config, key, "failed", result.reason))
+                    else:
+                        add(result)
         return [records[key] for key in keys]
 
 

@@ -79,4 +79,4 @@ def object_cloud(mesh: trimesh.Trimesh) -> Float[Tensor, "point 6"]:
     spread = surface_points(mesh, spacing=spacing)
     chosen = np.random.default_rng(0).permutation(len(spread.points))
     chosen = np.resize(chosen, CLOUD_POINTS)
-    return torch.as_tensor(np.concatenate([spread.points, spread.normals], axis=1)[chosen], dtype=torch.float32)
+    return torch.from_numpy(np.concatenate([spread.points, spread.normals], axis=1)[chosen]).float()

@@ -42,7 +42,7 @@ class HandBatch:
         check_kind("hand", hand, Hand, 'load_hand("shadow_lite")')
         coordinates = ROOT_COORDINATES + hand.num_joints
         if not isinstance(q, Tensor):
-            q = torch.as_tensor(np.asarray(q))
+            q = torch.as_tensor(np.asarray(q), device="cpu")
         if q.ndim != 2 or q.shape[1] != coordinates or not q.is_floating_point():
             raise InputError(
                 f"`q` is {q.dtype} of shape {tuple(q.shape)}; hand '{hand.name}' expects floating-point numbers of shape "

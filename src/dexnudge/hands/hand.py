@@ -247,9 +247,9 @@ class Hand:
 
     def at_origin(self, joint_angles: Float[np.ndarray, "n joint"]) -> Float[Tensor, "n coordinates"]:
         """Return configurations with the palm at the origin and these joint angles."""
-        q = torch.zeros(len(joint_angles), ROOT_COORDINATES + self.num_joints, dtype=torch.float64)
+        q = torch.zeros(len(joint_angles), ROOT_COORDINATES + self.num_joints, dtype=torch.float64, device="cpu")
         q[:, 3] = q[:, 7] = 1.0
-        q[:, ROOT_COORDINATES:] = torch.as_tensor(joint_angles)
+        q[:, ROOT_COORDINATES:] = torch.from_numpy(joint_angles)
         return q
 
     @cached_property
@@ -259,7 +259,7 @@ class Hand:
         for index in np.flatnonzero(self.sliding):
             q = self._zero.repeat(2, 1)
             ends = np.array([self.lower[index], self.upper[index]])
-            q[:, ROOT_COORDINATES + index] = torch.as_tensor(ends)
+            q[:, ROOT_COORDINATES + index] = torch.from_numpy(ends)
             tips = self.keypoints(q)
             spread = (tips - tips.mean(dim=1, keepdim=True)).norm(dim=2).sum(dim=1).numpy()
             if abs(spread[1] - spread[0]) > LEAST_SPREAD:

@@ -50,22 +50,21 @@ class ReachTerm:
         """Return the energy of each hand."""
         check_slides(scene, "an arm whose reach is sought")
         robot = self._reach.robot(hands.hand)
-        own = torch.as_tensor(np.linalg.inv(robot.T_flange_mount), dtype=hands.q.dtype)
+        own = torch.as_tensor(np.linalg.inv(robot.T_flange_mount), dtype=hands.q.dtype, device=hands.q.device)
         flange = hands.T_world_link[:, hands.hand.link_names.index(robot.mount)] @ own
-        contact = flange.detach().double().numpy()
+        contact = flange.detach().double().cpu().numpy()
         end = contact.copy()
         end[:, :3, 3] += push_length(scene) * scene.motion
         places, turns = self._residuals(np.concatenate([contact, end]))
-        total = torch.as_tensor((places**2).sum(axis=1) + LEVER**2 * (turns**2).sum(axis=1)).reshape(2, -1).sum(dim=0)
-        pull, twist = (
-            torch.as_tensor(each.reshape(2, -1, 3).sum(axis=0), dtype=hands.q.dtype) for each in (places, turns)
-        )
+        squares = (places**2).sum(axis=1) + LEVER**2 * (turns**2).sum(axis=1)
+        sums = (squares.reshape(2, -1), places.reshape(2, -1, 3), turns.reshape(2, -1, 3))
+        total, pull, twist = (torch.from_numpy(each.sum(axis=0)).to(hands.q) for each in sums)
         # Zero, and with the gradient of the squares while x(j) and R(j) stay.
         moved = flange[:, :3, 3] - flange[:, :3, 3].detach()
         turned = flange[:, :3, :3] @ flange[:, :3, :3].detach().transpose(1, 2)
         skew = (turned - turned.transpose(1, 2)) / 2
         angle = torch.stack([skew[:, 2, 1], skew[:, 0, 2], skew[:, 1, 0]], dim=1)
-        return total.to(hands.q.dtype) + 2 * (pull * moved).sum(dim=1) + 2 * LEVER**2 * (twist * angle).sum(dim=1)
+        return total + 2 * (pull * moved).sum(dim=1) + 2 * LEVER**2 * (twist * angle).sum(dim=1)
 
     def _residuals(
         self, poses: Float[np.ndarray, "pose 4 4"]

@@ -77,7 +77,7 @@ class Sample:
     @property
     def T_world_palm(self) -> Float[np.ndarray, "4 4"]:
         """Pose of the palm in the world."""
-        q = torch.as_tensor(self.q[None].astype(np.float64))
+        q = torch.from_numpy(self.q[None].astype(np.float64))
         return self.hand.forward_kinematics(q)[0, 0].numpy()
 
     def __repr__(self) -> str:

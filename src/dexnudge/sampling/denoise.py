@@ -124,9 +124,9 @@ def _best_coarse_hands(run: _Run, num: int) -> Float[Tensor, "num dimension"]:
     """
     config = run.config
     timesteps = run.prior.schedule.timesteps(config.coarse_steps)
-    chosen = torch.zeros(num, run.prior.config.dimension)
-    least = torch.full((num,), torch.inf)
-    made, searching = 0, torch.arange(num)
+    chosen = torch.zeros(num, run.prior.config.dimension, device=run.prior.device)
+    least = torch.full((num,), torch.inf, device=run.prior.device)
+    made, searching = 0, torch.arange(num, device=run.prior.device)
     while len(searching) and made < config.particles:
         count = min(max(made, config.first_particles), config.particles - made)
         x = run.prior.noise(len(searching) * count, generator=run.generator)

@@ -33,6 +33,11 @@ class HelpfulPlaces:
     wrenches: Float[Tensor, "balance place edge 6"]
     max_normal: float
 
+    def to(self, device: str) -> "HelpfulPlaces":
+        """Return the same on another device."""
+        places, normals, wrenches = (each.to(device) for each in (self.places, self.normals, self.wrenches))
+        return HelpfulPlaces(places, normals, wrenches, self.max_normal)
+
     def help(self, residual: Float[Tensor, "batch balance 6"]) -> Float[Tensor, "batch place"]:
         """Return by how much a force along one edge at a place lowers half the squares of the residual wrenches."""
         slope = -torch.einsum("spew,bsw->bspe", self.wrenches, residual)
@@ -69,6 +74,4 @@ def helpful_places(
         edges = friction_cone_edges(normals, FORWARD, friction=balance.friction_hand)
         centre = balance.centre_of_mass.double().numpy()
         found.append(wrenches(points[:, None], edges, centre=centre, half_length=balance.half_length))
-    return HelpfulPlaces(
-        places, surface[:, 3:], torch.as_tensor(np.stack(found), dtype=torch.float32), balances[0].max_normal
-    )
+    return HelpfulPlaces(places, surface[:, 3:], torch.from_numpy(np.stack(found)).float(), balances[0].max_normal)

@@ -39,6 +39,14 @@ class Method:
     denoising: DenoisingConfig = field(default_factory=lambda: DenoisingConfig(weights=GUIDING_WEIGHTS))
     projection: ProjectionConfig | None = field(default_factory=ProjectionConfig)
 
+    @property
+    def hands_per_draw(self) -> int:
+        """How many hands of one draw stand in a batch at once, at most."""
+        config = self.denoising
+        if self.start != "prior" or config.particles == 1:
+            return 1
+        return max(min(config.first_particles, config.particles), config.particles // 2)
+
     def with_weights(self, changes: Mapping[str, float]) -> "Method":
         """Return the same with other weights and clearances, by their names in `TermWeights`, in guidance and projection.
 

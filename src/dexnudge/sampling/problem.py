@@ -1,7 +1,7 @@
 """A scene made ready for sampling: its canonical frame, its distance fields and its force balance."""
 
 from collections.abc import Iterable, Sequence
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 
 import numpy as np
 import torch
@@ -48,6 +48,10 @@ class PushableSurface:
     places: Float[Tensor, "place 3"]
     press_moves: bool = True
 
+    def to(self, device: str) -> "PushableSurface":
+        """Return the same on another device."""
+        return replace(self, places=self.places.to(device))
+
     def idle(
         self, points: Float[Tensor, "batch digit 3"], normals: Float[Tensor, "batch digit 3"]
     ) -> Bool[Tensor, "batch digit"]:
@@ -74,8 +78,16 @@ def facing(
     twists: Iterable[Twist], points: Float[Tensor, "*batch 3"], normals: Float[Tensor, "*batch 3"]
 ) -> Float[Tensor, "*batch"]:
     """Return the greatest cosine between the object's outward normal at a point and the velocity of that point."""
-    cosines = [(normals * _tensor(twist.direction(points.numpy()))).sum(dim=-1) for twist in twists]
+    cosines = [(normals * _direction(twist, points)).sum(dim=-1) for twist in twists]
     return torch.stack(cosines).amax(dim=0)
+
+
+def _direction(twist: Twist, points: Float[Tensor, "*batch 3"]) -> Float[Tensor, "*batch 3"]:
+    """`Twist.direction`, where the points lie."""
+    linear, angular = (torch.from_numpy(each).to(points) for each in (twist.linear, twist.angular))
+    if not twist.angular.any():
+        return linear.expand_as(points)
+    return torch.nn.functional.normalize(linear + torch.linalg.cross(angular.expand_as(points), points), dim=-1)
 
 
 def pushable_surface(
@@ -103,7 +115,7 @@ def places_with_room(
 ) -> tuple[Float[Tensor, "place 3"], Float[Tensor, "place 6"]]:
     """Return where a fingertip's keypoint fits that touches the object [m], and the points and normals that it touches."""
     places = cloud[:, :3] + TIP_RADIUS * cloud[:, 3:]
-    room = torch.as_tensor(environment(places.double().numpy()).distance) > ROOM + clearance
+    room = torch.from_numpy(environment(places.double().numpy()).distance) > ROOM + clearance
     return places[room], cloud[room]
 
 
@@ -122,6 +134,7 @@ class SamplingProblem:
         helpful: where one more fingertip would help; None where the object only slides, for which one is mostly enough.
         object_mesh: in frame C.
         terms: the user's, which every energy of this problem holds beside the kernel's.
+        device: where the fields lie, and hands are drawn and projected; `cloud` and `balances` are on the CPU.
     """
 
     scene: Scene
@@ -134,15 +147,19 @@ class SamplingProblem:
     helpful: HelpfulPlaces | None
     object_mesh: trimesh.Trimesh
     terms: tuple[EnergyTerm, ...] = ()
+    device: str = "cpu"
 
     def hand_energy(self, hand: Hand, batch: int, weights: TermWeights) -> HandEnergy:
         """Return the energy that guides: what cannot be seen from the object counts as solid."""
-        terms = TermEnergy(self.terms, hand, self.scene, self.T_world_canonical) if self.terms else None
+        terms = None
+        if self.terms:
+            terms = TermEnergy(self.terms, hand, self.scene, self.T_world_canonical, device=self.device)
         return HandEnergy(
             hand,
             self.guiding_fields,
             batch,
             weights,
+            device=self.device,
             terms=terms,
             balances=self.balances,
             clearance=self.scene.clearance,
@@ -150,7 +167,7 @@ class SamplingProblem:
 
     def to_world(self, q: Float[Tensor, "n coordinates"]) -> Float[np.ndarray, "n coordinates"]:
         """Return configurations of frame C in the world, as they are written to files."""
-        return transform_configurations(self.T_world_canonical, q.double().numpy()).astype(np.float32)
+        return transform_configurations(self.T_world_canonical, q.double().cpu().numpy()).astype(np.float32)
 
 
 def prepare(scene: Scene, *, device: str = "cpu") -> SamplingProblem:
@@ -180,9 +197,10 @@ def prepare(scene: Scene, *, device: str = "cpu") -> SamplingProblem:
             environment,
             clearance=scene.clearance,
             press_moves=task.friction_hand > task.friction_environment,
-        ),
-        helpful=helpful_places(*room, balances) if scene.turn and balances else None,
+        ).to(device),
+        helpful=helpful_places(*room, balances).to(device) if scene.turn and balances else None,
         object_mesh=object_mesh,
+        device=device,
     )
 
 
@@ -218,4 +236,4 @@ def _balances(scene: Scene, T_canonical_world: Float[np.ndarray, "4 4"]) -> tupl
 
 
 def _tensor(values: np.ndarray) -> Tensor:
-    return torch.as_tensor(np.asarray(values), dtype=torch.float32)
+    return torch.from_numpy(np.asarray(values)).float()

@@ -80,9 +80,9 @@ def project(
     q = hand.equalise_tendon_joints(q)
     tips = hand.fingertip_indices
     energy = problem.hand_energy(hand, batch, config.weights)
-    terms, settling = energy.terms, Settling(batch)
+    terms, settling = energy.terms, Settling(batch, device=q.device)
     force = energy.force if config.weights.force > 0 else None
-    descent = HandDescent(hand, batch, steps=config.steps, tied=True)
+    descent = HandDescent(hand, batch, steps=config.steps, tied=True, device=problem.device)
     pose = pose_from_configuration(q)
     start_keypoints = hand.keypoints(q)
 
@@ -92,16 +92,18 @@ def project(
     energy.contact_weight[:, tips] = active_contacts(energy.contact_distance[:, tips], reach=config.contact_reach)
     depth_before, terms_before = energy.depth.amax(dim=(1, 2)), energy.term_energy.clone()
     contacts_before = touching(energy, tips, config).sum(dim=1)
-    moving = torch.ones(batch, dtype=torch.bool)
-    iterations = torch.zeros(batch, dtype=torch.long)
-    residual = residual_before = torch.zeros(batch)
-    balanced = settled = torch.ones(batch, dtype=torch.bool)
+    moving = torch.ones(batch, dtype=torch.bool, device=q.device)
+    iterations = torch.zeros(batch, dtype=torch.long, device=q.device)
+    residual = residual_before = torch.zeros(batch, device=q.device)
+    balanced = settled = torch.ones(batch, dtype=torch.bool, device=q.device)
     max_steps = config.max_steps if problem.helpful is None else config.turning_steps
     for step in range(max_steps):
         energy.scene = problem.guiding_fields if step < config.guided_steps else problem.fields
         if terms is not None and step == config.term_steps:
             energy.terms, settled = None, torch.ones_like(settled)
-            descent = HandDescent(hand, batch, steps=config.steps, tied=True)  # the terms' moments would slow the rest
+            descent = HandDescent(
+                hand, batch, steps=config.steps, tied=True, device=problem.device
+            )  # the terms' moments would slow the rest
         if step == config.guided_steps:
             energy.active.fill_(1)  # the fields change, so a hand that has stopped may have to go on
         energy(pose)
@@ -161,9 +163,9 @@ def project(
 class Settling:
     """Whether the energy of the user's terms is negligible, or has stopped falling; each hand on its own."""
 
-    def __init__(self, batch: int) -> None:
-        self._least = torch.full((batch,), torch.inf)
-        self._stalled = torch.zeros(batch, dtype=torch.long)
+    def __init__(self, batch: int, *, device: torch.device | str = "cpu") -> None:
+        self._least = torch.full((batch,), torch.inf, device=device)
+        self._stalled = torch.zeros(batch, dtype=torch.long, device=device)
 
     def __call__(self, energy: Float[Tensor, " batch"]) -> Bool[Tensor, " batch"]:
         """Return which hands have settled, `energy` [m^2] being that of the next step."""

@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import time
+import warnings
 from collections import Counter
 from collections.abc import Callable, Sequence
 from dataclasses import dataclass, replace
@@ -18,6 +19,7 @@ from dexnudge.diffusion.checkpoint import CONFIG_NAME, SHIPPED_WEIGHTS
 from dexnudge.diffusion.prior import DiffusionPrior
 from dexnudge.energies.terms import EnergyTerm, check_terms
 from dexnudge.errors import CheckpointError, InputError, check_integer, check_kind, check_path, check_seed
+from dexnudge.geometry.devices import check_device, free_memory, ran_out_of_memory, torch_stream
 from dexnudge.hands.hand import Hand
 from dexnudge.results.samples import Samples
 from dexnudge.sampling.denoise import denoise
@@ -36,6 +38,8 @@ WITHOUT_WEIGHTS = "random_start_projection"
 MAX_DRAWS_FACTOR = 32  # a search for K verified draws gives up after this many draws each, unless told otherwise
 LARGEST_CALL = 10_000  # draws that are in memory, and in one batch, at once
 SMALLEST_CALL = 4  # draws: fewer take as long, since a call's own steps cost more than their arithmetic
+MEMORY_PER_HAND = 1.0e6  # bytes that drawing and verifying take for each hand of a batch
+MEMORY_SHARE = 0.8  # of what is free that a batch may take
 NOT_CONVERGED = 10.0  # added to the residual of a draw that the projection could not finish, so that it comes last
 
 
@@ -63,11 +67,11 @@ class Sampler:
         terms: energy terms of your own, felt by guidance and projection beside the built-in ones.
         weights: model folder, or a prior in memory; None for those beside the hand's description, in its folder
             `weights`, else those that ship for a hand of this name.
-        device: of torch; only "cpu" in this version.
+        device: where hands are drawn, projected and verified: "cpu", "cuda" or "cuda:1".
         poses: dataset folder, or poses in memory, for methods that start from stored poses.
 
     Raises:
-        InputError: another device than the CPU, or a term without a usable name or weight.
+        InputError: a device that is not there, or a term without a usable name or weight.
 
     Example:
         samples = Sampler(load_hand("shadow_lite")).sample(scene, num=32, seed=0)
@@ -83,9 +87,7 @@ class Sampler:
         poses: Path | str | TrainingPoses | None = None,
     ) -> None:
         check_kind("hand", hand, Hand, 'load_hand("shadow_lite")')
-        if device != "cpu":
-            raise InputError(f"cannot sample on '{device}'; expected cpu, the only `device` that this version supports")
-        self.hand, self.device, self.terms = hand, device, check_terms(terms)
+        self.hand, self.device, self.terms = hand, check_device(device), check_terms(terms)
         self._weights, self._poses = weights, poses
 
     @classmethod
@@ -127,6 +129,11 @@ class Sampler:
     def prior(self) -> DiffusionPrior:
         """The learned prior; CheckpointError where there are no usable weights for this hand."""
         if isinstance(self._weights, DiffusionPrior):
+            if str(self._weights.device) != self.device:
+                raise CheckpointError(
+                    f"the prior that `weights` holds lies on {self._weights.device}; expected {self.device}, where this "
+                    "sampler draws; load it there"
+                )
             return self._weights
         folder = self.weights_folder
         if not folder.is_dir():
@@ -169,7 +176,8 @@ class Sampler:
     ) -> Samples:
         """Draw `num` configurations, or as many as it takes to verify some; verify and rank all of them.
 
-        The same seed gives the same samples on the same machine.
+        The same seed gives the same samples on the same machine, and on another device the same up to rounding. What does
+        not fit into the device's memory is drawn in parts; a warning says so.
 
         Args:
             scene: the problem.
@@ -216,15 +224,24 @@ class Sampler:
             problem = prepare(scene, device=self.device)
             seconds.update({"prepare": time.perf_counter() - start})
         drawn = succeeded = 0
+        most = self._most_at_once(method, min(num, limit))
         while drawn < limit and (verified is None or succeeded < verified):
             wanted = num if verified is None else max(SMALLEST_CALL, 2 * (verified - succeeded))
-            size = min(wanted, num, limit - drawn)
-            calls.append(self.draw(problem, num=size, seed=call_seed(seed, len(calls)), method=method))
-            start = time.perf_counter()
-            verdicts.append(verify(scene, hand, calls[-1].q, criteria))
-            seconds.update({**calls[-1].seconds, "verify": time.perf_counter() - start})
+            size = min(wanted, num, limit - drawn, most)
+            try:
+                draws = self.draw(problem, num=size, seed=call_seed(seed, len(calls)), method=method)
+                start = time.perf_counter()
+                found = verify(scene, hand, draws.q, criteria, device=self.device)
+            except (MemoryError, RuntimeError) as error:
+                if not ran_out_of_memory(error):
+                    raise
+                most = self._smaller(size, error)
+                continue
+            seconds.update({**draws.seconds, "verify": time.perf_counter() - start})
+            calls.append(draws)
+            verdicts.append(found)
             drawn += size
-            succeeded += int(verdicts[-1].success.sum())
+            succeeded += int(found.success.sum())
             if on_progress:
                 on_progress(drawn, succeeded)
         samples = Samples(
@@ -240,22 +257,49 @@ class Sampler:
         ranked.seconds.update(seconds, rank=time.perf_counter() - start)
         return ranked
 
+    def _most_at_once(self, method: Method, wanted: int) -> int:
+        """How many draws the memory that is free has room for; a warning where they are fewer than wanted."""
+        fit = MEMORY_SHARE * free_memory(self.device) / (MEMORY_PER_HAND * method.hands_per_draw)
+        if fit >= wanted:
+            return wanted
+        most = max(1, int(fit))
+        _warn_of_split(most, f"{wanted} at once would not fit into the memory that is free on {self.device}")
+        return most
+
+    def _smaller(self, size: int, error: Exception) -> int:
+        """Half of a call that ran out of memory; InputError where there is no half."""
+        if size == 1:
+            raise InputError(
+                f"not even one draw fits into the memory of {self.device} ({error}); expected about "
+                f"{MEMORY_PER_HAND / 1e6:.0f} MB beside what the scene takes; free some, or choose another `device`"
+            ) from error
+        _warn_of_split(size // 2, f"{size} at once ran out of the memory of {self.device}")
+        return size // 2
+
     def draw(self, problem: SamplingProblem, *, num: int, seed: int, method: str | Method = DEFAULT_METHOD) -> Draws:
         """Return `num` draws for a prepared scene, not verified.
 
         Raises:
             UnknownNameError: no such method.
             CheckpointError, InputError, DatasetError: what the method starts from is missing or broken; see `load`.
+            InputError: a problem that was prepared on another device.
             InputError: naming a term that fails or whose energy or gradient is of no use.
         """
-        method = _method(method)
-        problem = replace(problem, terms=self.terms)
-        generator = torch.Generator().manual_seed(seed)
+        if problem.device != self.device:
+            raise InputError(
+                f"`problem` was prepared on {problem.device}; expected {self.device}, where this sampler draws; give the "
+                "same `device` to both"
+            )
+        with torch_stream(self.device):
+            return self._draw(replace(problem, terms=self.terms), num=num, seed=seed, method=_method(method))
+
+    def _draw(self, problem: SamplingProblem, *, num: int, seed: int, method: Method) -> Draws:
+        generator = torch.Generator(device="cpu").manual_seed(seed)
         begin = time.perf_counter()
         if method.start == "random":
-            q = random_start(self.hand, problem.cloud, count=num, generator=generator)
+            q = random_start(self.hand, problem.cloud, count=num, generator=generator).to(self.device)
         elif method.start == "nearest":
-            q = nearest_pose_start(self.poses, problem.cloud, count=num, generator=generator)
+            q = nearest_pose_start(self.poses, problem.cloud, count=num, generator=generator).to(self.device)
         else:
             q = denoise(
                 self.hand,
@@ -278,6 +322,11 @@ class Sampler:
             report = {name: float(values.float().mean()) for name, values in projection.items()}
         seconds = {"draw": drawn - begin, "project": time.perf_counter() - drawn}
         return Draws(problem.to_world(q), problem.to_world(unprojected), seconds, report)
+
+
+def _warn_of_split(most: int, why: str) -> None:
+    what = f"drawn in parts of at most {most}: {why}; with the same seed, draws differ from those of larger parts"
+    warnings.warn(what, stacklevel=4)
 
 
 def check_counts(num: int, verified: int | None, max_draws: int | None) -> None:

@@ -25,12 +25,12 @@ def random_start(
     """Return configurations in the frame of `cloud`: any direction from the object above its support, palm toward it."""
 
     def uniform(low: float, high: float, *shape: int) -> Tensor:
-        return low + (high - low) * torch.rand(*shape, generator=generator)
+        return low + (high - low) * torch.rand(*shape, generator=generator, device="cpu")
 
     def normal(*shape: int) -> Tensor:
-        return torch.randn(*shape, generator=generator)
+        return torch.randn(*shape, generator=generator, device="cpu")
 
-    aim = cloud[torch.randint(len(cloud), (count,), generator=generator), :3]
+    aim = cloud[torch.randint(len(cloud), (count,), generator=generator, device="cpu"), :3]
     outward = torch.nn.functional.normalize(normal(count, 3), dim=1)
     outward[:, 2].abs_()
     facing = torch.nn.functional.normalize(-outward + TILT * normal(count, 3), dim=1)
@@ -38,11 +38,11 @@ def random_start(
     wanted = torch.stack([torch.linalg.cross(facing, helper, dim=1), facing, helper], dim=2)
     palm_normal = hand.palm_normal / np.linalg.norm(hand.palm_normal)
     own = np.stack([np.cross(palm_normal, hand.finger_axis), palm_normal, hand.finger_axis], axis=1)
-    rotation = wanted @ torch.as_tensor(own.T, dtype=torch.float32)
-    reach = torch.as_tensor(hand.finger_middle, dtype=torch.float32)
+    rotation = wanted @ torch.from_numpy(own.T).float()
+    reach = torch.from_numpy(hand.finger_middle).float()
     translation = aim + uniform(*DISTANCE, count, 1) * outward - rotation @ reach
 
-    lower, upper = (torch.as_tensor(limit, dtype=torch.float32) for limit in (hand.lower, hand.upper))
+    lower, upper = (torch.from_numpy(limit).float() for limit in (hand.lower, hand.upper))
     joint_angles = lower + (upper - lower) * (MEAN_FLEXION + FLEXION_SPREAD * normal(count, hand.num_joints))
     q = torch.cat([translation, matrix_to_rotation_6d(rotation), joint_angles], dim=1)
     return hand.clamp(q)
@@ -87,8 +87,8 @@ class TrainingPoses:
                 f"{folder} holds no push, press or hook that can move its object; expected at least one; "
                 "generate more with `dexnudge dataset generate --non-prehensile N`"
             )
-        clouds = torch.as_tensor(dataset.clouds[..., :3])
-        return cls(torch.as_tensor(dataset.q[kept]), dataset.object_index[kept], feasible[kept], clouds)
+        clouds = torch.from_numpy(dataset.clouds[..., :3])
+        return cls(torch.from_numpy(dataset.q[kept]), dataset.object_index[kept], feasible[kept], clouds)
 
     def nearest(self, cloud: Float[Tensor, "point 3"]) -> tuple[int, int]:
         """Return (object, direction k) whose reach differs least from that of `cloud` (frame C) and that has a feasible row.
@@ -120,9 +120,9 @@ def nearest_pose_start(
     multiplied, axis by axis, by the ratio of the two objects' extents in frame C; rotation and joint angles stay.
     """
     nearest, k = poses.nearest(cloud[:, :3])
-    yaw = torch.as_tensor(-direction_angles()[k], dtype=torch.float32)
+    yaw = torch.tensor(-direction_angles()[k], dtype=torch.float32, device="cpu")
     rows = np.flatnonzero((poses.object_index == nearest) & poses.feasible[:, k])
-    order = torch.randperm(len(rows), generator=generator).numpy()
+    order = torch.randperm(len(rows), generator=generator, device="cpu").numpy()
     q = turn_configurations(poses.q[rows[np.resize(order, count)]], yaw)
     ratio = _extents(cloud[:, :3]) / _extents(turn_vectors(poses.clouds[nearest], yaw))
     return torch.cat([q[:, :3] * ratio, q[:, 3:]], dim=1)
@@ -132,7 +132,7 @@ def _reach(
     clouds: Float[Tensor, "object point 3"],
 ) -> tuple[Float[np.ndarray, "object 16"], Float[np.ndarray, " object"]]:
     """(along the 16 planar directions, upwards) [m]."""
-    angles = torch.as_tensor(direction_angles(), dtype=clouds.dtype)
+    angles = torch.as_tensor(direction_angles(), dtype=clouds.dtype, device=clouds.device)
     directions = torch.stack([torch.cos(angles), torch.sin(angles)])
     return (clouds[..., :2] @ directions).amax(dim=1).numpy(), clouds[..., 2].amax(dim=1).numpy()
 

@@ -38,9 +38,10 @@ CARRIES = 0.5  # least vertical component of the normal of what carries an objec
 
 
 @cached_per_instance
-def surroundings_distance(environment_mesh: trimesh.Trimesh) -> ExactDistance:
+def surroundings_distance(environment_mesh: trimesh.Trimesh, *, device: str = "cpu") -> ExactDistance:
     """Return the exact distance to surroundings; the tree is built once per mesh."""
-    return ExactDistance(environment_mesh.copy(include_cache=True))  # it keeps its mesh, and would keep the key alive
+    # It keeps its mesh, and would keep the key alive.
+    return ExactDistance(environment_mesh.copy(include_cache=True), device=device)
 
 
 def placement_findings(

@@ -65,7 +65,7 @@ def draws(sampler: Sampler, scene: Scene, *, num: int, seed: int, method: Method
     findings = scene.findings(sampler.hand) if own else scene.misplaced
     if wrong := [finding.message for finding in findings if finding.level == "error"]:
         raise SceneError("\n".join(wrong))
-    problem = prepare(scene)
+    problem = prepare(scene, device=sampler.device)
     parts: list[Samples] = []
     drawn = 0
     while drawn < num:

@@ -48,6 +48,7 @@ class Session:
         stage: shows it.
         out: folder below which `save` writes.
         weights: folder of the model; the shipped one unless given.
+        device: see `Sampler`.
 
     Attributes:
         lock: held while anything changes.
@@ -56,7 +57,15 @@ class Session:
         busy: what is done in the background, in words; "" where nothing is.
     """
 
-    def __init__(self, content: Content, stage: Stage, *, out: Path, weights: Path | str | None = None) -> None:
+    def __init__(
+        self,
+        content: Content,
+        stage: Stage,
+        *,
+        out: Path,
+        weights: Path | str | None = None,
+        device: str = "cpu",
+    ) -> None:
         self.lock = threading.RLock()
         self.changed: Callable[[], None] = lambda: None
         self.tell: Callable[[str, str, bool], None] = lambda *_: None
@@ -66,7 +75,7 @@ class Session:
         self.edits = Edits.none(self.scene)
         self.group, self.place, self.together, self.clearance = "", 0, False, False
         self.layers: Layers | None = None
-        self._sampler = Sampler(self.hand, weights=weights)
+        self._sampler = Sampler(self.hand, weights=weights, device=device)
         self._stopping, self._worker = threading.Event(), threading.Thread()
         if self.samples is not None:
             self.select(group=next(iter(self.groups)))

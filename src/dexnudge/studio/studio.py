@@ -25,12 +25,13 @@ class Studio:
         execution: a folder of executions beside that of the result.
         hand: what is sampled where the folder brings no hand.
         weights: folder of the model; the shipped one unless given.
+        device: see `Sampler`.
         out: folder below which the page saves.
         host: address to listen at.
         port: to listen at, or the next free one; 0 for any.
 
     Raises:
-        InputError: what `read_content` and `open_server` refuse.
+        InputError: what `read_content`, `open_server` and `Sampler` refuse.
     """
 
     def __init__(
@@ -40,6 +41,7 @@ class Studio:
         execution: Path | str | None = None,
         hand: str = "shadow_lite",
         weights: Path | str | None = None,
+        device: str = "cpu",
         out: Path | str = "runs",
         host: str = HOST,
         port: int = PORT,
@@ -47,7 +49,7 @@ class Studio:
         content = read_content(folder, execution=execution, hand=hand)
         self._server = open_server(host, port)
         try:
-            self.session = Session(content, Stage(self._server), out=Path(out), weights=weights)
+            self.session = Session(content, Stage(self._server), out=Path(out), weights=weights, device=device)
         except BaseException:
             self._server.stop()
             raise

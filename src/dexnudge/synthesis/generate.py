@@ -11,7 +11,7 @@ from datetime import datetime, timezone
 from functools import partial
 from importlib.metadata import version
 from pathlib import Path
-from typing import Any, Literal
+from typing import Any
 
 import numpy as np
 from rich.progress import Progress, TextColumn
@@ -28,10 +28,10 @@ from dexnudge.dataset.schema import BehaviourCounts
 from dexnudge.dataset.shards import DamagedShardError, is_complete, read_whole, shard_path
 from dexnudge.errors import DatasetError, HandError, InputError, OutputError, what_failed, writing
 from dexnudge.hands.registry import load_hand
+from dexnudge.jobs.engines import Engine, run_tasks_by
 from dexnudge.jobs.folders import remove_leftovers
-from dexnudge.jobs.processes import WorkerDied, run_tasks
+from dexnudge.jobs.processes import WorkerDied
 from dexnudge.jobs.progress import progress
-from dexnudge.jobs.ray_cluster import run_tasks_on_ray
 from dexnudge.objects.sets import BUILTIN_PREFIX, resolve_object_set
 from dexnudge.synthesis.object_data import GenerationConfig, ObjectOutcome, ObjectTask
 from dexnudge.version import __version__
@@ -131,7 +131,6 @@ def generation_log(folder: Path, *, total: int, finished: int) -> Iterator[Gener
         log.end("done")
 
 
-Engine = Literal["processes", "ray"]
 # What the bytes of a dataset depend on, besides its configuration and seed.
 PACKAGES = ("mujoco", "numpy", "pyarrow", "scipy", "torch", "trimesh", "warp-lang")
 
@@ -190,10 +189,7 @@ def generate_dataset(
             for name, reason in damaged.items():
                 log.notify(f"object {name} is generated again: {reason}")
             work = partial(ObjectTask, out.resolve(), replace(manifest, objects={}), config)
-            if engine == "ray":
-                results = run_tasks_on_ray(work, missing, workers=workers, address=ray_address)
-            else:
-                results = run_tasks(work, missing, workers=workers, isolated=True)
+            results = run_tasks_by(engine, work, missing, workers=workers, ray_address=ray_address, isolated=True)
             with closing(results):
                 for entry, result in results:
                     outcome = ObjectOutcome(failed=result.reason) if isinstance(result, WorkerDied) else result

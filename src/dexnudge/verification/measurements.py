@@ -29,7 +29,8 @@ class Measurements:
     @cached_property
     def penetrations(self) -> Penetrations:
         """Depths in object, surroundings and itself [m]."""
-        return PenetrationCheck(self._hands.hand, self._scene)(self._T_world_link, reach=HAND_CONTACT_DISTANCE)
+        check = PenetrationCheck(self._hands.hand, self._scene, device=self._device)
+        return check(self._T_world_link, reach=HAND_CONTACT_DISTANCE)
 
     @cached_property
     def contacts(self) -> list[HandContacts]:
@@ -68,7 +69,11 @@ class Measurements:
     @cached_property
     def margins(self) -> Margins:
         """Force margins of the contacts: the least of those where the object begins to turn and where it begins to slide."""
-        return contact_margins(self._scene, self.contacts)[0]
+        return contact_margins(self._scene, self.contacts, device=self._device)[0]
+
+    @property
+    def _device(self) -> str:
+        return str(self._hands.q.device)
 
     @cached_property
     def _T_world_link(self) -> Float[np.ndarray, "n link 4 4"]:
@@ -76,7 +81,11 @@ class Measurements:
 
 
 def contact_margins(
-    scene: Scene, contacts: Sequence[HandContacts], *, worlds: Sequence[Mapping[str, Any]] = ({},)
+    scene: Scene,
+    contacts: Sequence[HandContacts],
+    *,
+    worlds: Sequence[Mapping[str, Any]] = ({},),
+    device: str = "cpu",
 ) -> list[Margins]:
     """Return the force margins of contacts in each world: the least where the object begins to turn and to slide.
 
@@ -87,7 +96,7 @@ def contact_margins(
         there = scene.carried(way) if way else scene
         T, supports, task = motion.displacement(way), support_contacts(there), sliding_task(there)
         moved = [moved_contacts(each, T) for each in contacts] if way else contacts
-        stages.append([force_margins(moved, supports, replace(task, **world)) for world in worlds])
+        stages.append([force_margins(moved, supports, replace(task, **world), device=device) for world in worlds])
     return [
         Margins(np.min([each.factor for each in world], axis=0), np.all([each.balanced for each in world], axis=0))
         for world in zip(*stages, strict=True)

@@ -9,6 +9,7 @@ import numpy as np
 import trimesh
 from jaxtyping import Float
 
+from dexnudge.geometry.exact_distance import ExactDistance
 from dexnudge.geometry.surface_lattice import Boxes, lattice_in_boxes
 from dexnudge.hands.hand import Hand
 from dexnudge.jobs.cached import cached_per_instance
@@ -46,9 +47,10 @@ class Penetrations:
 class HandSolids:
     """A hand's dense points as a tree, and its links as solids; made once per hand."""
 
-    def __init__(self, hand: Hand) -> None:
+    def __init__(self, hand: Hand, *, device: str = "cpu") -> None:
         self.tree = build_tree(hand.dense_points)
-        self.solids = {i: SolidDistance(mesh) for i, mesh in enumerate(hand.link_meshes) if len(mesh.faces)}
+        meshes = {i: mesh for i, mesh in enumerate(hand.link_meshes) if len(mesh.faces)}
+        self.solids = {i: SolidDistance(mesh, ExactDistance(mesh, device=device)) for i, mesh in meshes.items()}
         # Half-spaces that hold a link: no point is deeper in the link than in the least of them.
         self.extent = {i: (hand.link_meshes[i].vertices @ DIRECTIONS.T).max(axis=0) for i in self.solids}
         count = len(hand.link_meshes)
@@ -58,31 +60,31 @@ class HandSolids:
 
 
 @cached_per_instance
-def hand_solids(hand: Hand) -> HandSolids:
+def hand_solids(hand: Hand, *, device: str = "cpu") -> HandSolids:
     """The hand's solids."""
-    return HandSolids(hand)
+    return HandSolids(hand, device=device)
 
 
 @cached_per_instance
-def solid_distance(mesh: trimesh.Trimesh, *, widest_hole: float = np.inf) -> SolidDistance:
+def solid_distance(mesh: trimesh.Trimesh, *, widest_hole: float = np.inf, device: str = "cpu") -> SolidDistance:
     """Return a mesh of a scene as a solid; made once for all scenes that have it, such as those of a displaced object."""
-    return SolidDistance(mesh, surroundings_distance(mesh), widest_hole=widest_hole)
+    return SolidDistance(mesh, surroundings_distance(mesh, device=device), widest_hole=widest_hole)
 
 
 class SceneSolids:
     """Object and surroundings as solids, and their triangles in the world; made once per scene."""
 
-    def __init__(self, scene: Scene) -> None:
-        self.object = solid_distance(scene.object_mesh)
-        self.environment = solid_distance(scene.environment_mesh, widest_hole=WIDEST_HOLE)
+    def __init__(self, scene: Scene, *, device: str = "cpu") -> None:
+        self.object = solid_distance(scene.object_mesh, device=device)
+        self.environment = solid_distance(scene.environment_mesh, widest_hole=WIDEST_HOLE, device=device)
         self.object_triangles = np.asarray(scene.object_in_world().triangles, dtype=np.float64)
         self.environment_triangles = np.asarray(scene.environment_mesh.triangles, dtype=np.float64)
 
 
 @cached_per_instance
-def scene_solids(scene: Scene) -> SceneSolids:
+def scene_solids(scene: Scene, *, device: str = "cpu") -> SceneSolids:
     """The scene's solids."""
-    return SceneSolids(scene)
+    return SceneSolids(scene, device=device)
 
 
 class PenetrationCheck:
@@ -93,11 +95,11 @@ class PenetrationCheck:
     surroundings is max(0, clearance - signed distance), with `scene.clearance`: for 0 the plain depth.
     """
 
-    def __init__(self, hand: Hand, scene: Scene) -> None:
-        self._hand = hand_solids(hand)
+    def __init__(self, hand: Hand, scene: Scene, *, device: str = "cpu") -> None:
+        self._hand = hand_solids(hand, device=device)
         self._all_links = np.ones(len(hand.link_meshes), dtype=bool)
         self._T_object_world = np.linalg.inv(scene.T_world_object)
-        self._scene, self._clearance = scene_solids(scene), scene.clearance
+        self._scene, self._clearance = scene_solids(scene, device=device), scene.clearance
 
     def __call__(self, T_world_link: Float[np.ndarray, "n link 4 4"], *, reach: float) -> Penetrations:
         """Return the penetrations for the poses of the links; `reach` [m] is how far `near_object` looks."""

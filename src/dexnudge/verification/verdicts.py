@@ -147,6 +147,8 @@ def verify(
     hand: Hand,
     q: Float[np.ndarray, "n coordinates"] | Float[Tensor, "n coordinates"],
     criteria: Sequence[Criterion] | None = None,
+    *,
+    device: str = "cpu",
 ) -> Verdicts:
     """Return the verdicts on configurations q (n, 9 + d) of the hand in the world.
 
@@ -156,6 +158,7 @@ def verify(
         q: [root translation (3) [m] | 6D rotation (6) | joint angles (d) [rad]], world frame.
         criteria: what a configuration must meet to succeed; `default_criteria()` if left out. Add your own to those:
             `[*default_criteria(), MyCriterion()]`. Whatever they are, a configuration must be a pose.
+        device: where kinematics, distances and force balances are computed, and the criteria find the hands.
 
     Raises:
         InputError: an argument of another class, q that is not of shape (n, 9 + d), or a criterion that fails or returns
@@ -165,10 +168,10 @@ def verify(
     check_kind("hand", hand, Hand, 'load_hand("shadow_lite")')
     q = _checked(hand, q)
     chosen = check_criteria(criteria)
-    error, valid, sentence = judge(VALID_POSE, HandBatch(hand, torch.as_tensor(q), dense=True), scene)
+    error, valid, sentence = judge(VALID_POSE, HandBatch(hand, torch.from_numpy(q).to(device), dense=True), scene)
     values, passed = {VALID_POSE.name: error}, {VALID_POSE.name: valid}
     sentences = {} if valid.all() else {VALID_POSE.name: sentence}
-    hands = HandBatch(hand, torch.as_tensor(q[valid]), dense=True)
+    hands = HandBatch(hand, torch.from_numpy(q[valid]).to(device), dense=True)
     for criterion in chosen[1:]:
         name = criterion.name
         values[name] = np.full(len(q), getattr(criterion, "value_without_pose", np.nan))
@@ -198,8 +201,8 @@ def contacts_of(scene: Scene, hand: Hand, q: Float[np.ndarray, "n coordinates"])
         InputError: q is not of shape (n, 9 + d).
     """
     q = _checked(hand, q)
-    valid = judge(VALID_POSE, HandBatch(hand, torch.as_tensor(q)), scene)[1]
-    return _contacts(HandBatch(hand, torch.as_tensor(q[valid])), scene, valid)[0]
+    valid = judge(VALID_POSE, HandBatch(hand, torch.from_numpy(q)), scene)[1]
+    return _contacts(HandBatch(hand, torch.from_numpy(q[valid])), scene, valid)[0]
 
 
 def _checked(hand: Hand, q: object) -> Float[np.ndarray, "n coordinates"]:

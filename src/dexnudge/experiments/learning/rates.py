@@ -92,7 +92,9 @@ def _time_steps(hand: Hand, made: GeneratedObject, config: TrainingConfig) -> tu
         torch.set_num_threads(1)
     network = ConditionalDenoiser(run.model_config)
     network.load_state_dict(run.average)
-    return seconds, DiffusionPrior(network.train(mode=False).requires_grad_(requires_grad=False), run.normaliser)
+    return seconds, DiffusionPrior(
+        network.train(mode=False).requires_grad_(requires_grad=False), run.normaliser.to("cpu")
+    )
 
 
 def _time_trial(hand: Hand, prior: DiffusionPrior, seed: int) -> float:

@@ -52,7 +52,7 @@ class CleanDescent:
         q = step.prior.denormalise(x0_hat)
         step.set_active_contacts(q)
         if self._descent is None:
-            self._descent = HandDescent(step.hand, len(q), steps=self.step_sizes, tied=True)
+            self._descent = HandDescent(step.hand, len(q), steps=self.step_sizes, tied=True, device=step.energy.device)
         pose = pose_from_configuration(q)
         for _ in range(self.inner_steps):
             energy = (step.energy(pose) + step.pull_to_balance())[:, None]

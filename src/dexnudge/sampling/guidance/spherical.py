@@ -15,7 +15,7 @@ import torch
 from jaxtyping import Float, Int
 from torch import Tensor
 
-from dexnudge.diffusion.schedule import ddim_mean_and_sigma
+from dexnudge.diffusion.schedule import ddim_mean_and_sigma, noise_like
 from dexnudge.hands.hand import ROOT_COORDINATES
 from dexnudge.sampling.guidance.rule import (
     SMALLEST_NORM,
@@ -60,7 +60,7 @@ def spherical_step(
     """Return x_{t-1} on the sphere about DDIM's mean: noise turned towards -gradient by `rate`, each coordinate or all."""
     mean, sigma = ddim_mean_and_sigma(step.prior.schedule, step.x_t, x0_hat, step.t, step.t_previous, eta=1.0)
     radius = mean.shape[1] ** 0.5 * sigma
-    noise = sigma * torch.randn(mean.shape, generator=step.generator, device=mean.device, dtype=mean.dtype)
+    noise = sigma * noise_like(mean, step.generator)
     slope = gradient.norm(dim=1, keepdim=True) > SMALLEST_NORM
     mixed = torch.where(slope, noise + rate * (-radius * unit(gradient) - noise), noise)
     return mean + radius * unit(mixed)
@@ -124,6 +124,6 @@ def resampled(
     weight, count = torch.softmax(-energy / temperature, dim=0), len(energy)
     if 1 / (weight**2).sum() >= LEAST_WORTH * count:
         return torch.arange(count, device=energy.device)
-    start = torch.rand(1, generator=generator, device=energy.device)
+    start = torch.rand(1, generator=generator, device="cpu").to(energy.device)
     places = (start + torch.arange(count, device=energy.device)) / count
     return torch.searchsorted(weight.cumsum(0), places.to(weight.dtype)).clamp_max(count - 1)
