@@ -2,7 +2,9 @@
 
 import os
 import signal
+import socket
 import sys
+import threading
 from functools import partial
 
 import pytest
@@ -58,3 +60,29 @@ def test_without_the_package_the_message_says_how_to_get_it(monkeypatch, tmp_pat
 def test_no_cluster_at_the_address(tmp_path):
     with pytest.raises(InputError, match=r"no Ray cluster answers at '127.0.0.1:1' .*ray start --head"):
         next(run_tasks_on_ray(partial(make_fragile, tmp_path), [1], workers=1, address="127.0.0.1:1"))
+
+
+@pytest.mark.parametrize("address", ["127.0.0.1:{port}", "ray://127.0.0.1:{port}"])
+@pytest.mark.parametrize("answer", [b"", b"HTTP/1.1 400 Bad Request\r\n\r\n"])
+def test_what_listens_at_the_address_is_not_ray(tmp_path, monkeypatch, address, answer):
+    """Ray itself would wait for minutes."""
+    monkeypatch.setattr("dexnudge.jobs.ray_cluster.REACHABLE", 0.5)
+    with socket.create_server(("127.0.0.1", 0)) as server:
+        kept = []
+
+        def serve():
+            kept.append(server.accept()[0])  # which else would be closed
+            kept[0].sendall(answer)
+
+        threading.Thread(target=serve, daemon=True).start()
+        address = address.format(port=server.getsockname()[1])
+        with pytest.raises(
+            InputError, match=r"no Ray cluster answers at .* \((timed out|what listens there is not Ray)"
+        ):
+            next(run_tasks_on_ray(partial(make_fragile, tmp_path), [1], workers=1, address=address))
+
+
+@pytest.mark.parametrize("port", ["99999", "ten", ""])
+def test_a_port_that_is_none(tmp_path, port):
+    with pytest.raises(InputError, match=f"no Ray cluster answers at 'localhost:{port}'"):
+        next(run_tasks_on_ray(partial(make_fragile, tmp_path), [1], workers=1, address=f"localhost:{port}"))

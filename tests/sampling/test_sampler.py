@@ -13,7 +13,7 @@ from dexnudge.hands.export import export_hand
 from dexnudge.hands.registry import load_hand
 from dexnudge.results.samples import Sample, Samples
 from dexnudge.sampling.methods import METHODS
-from dexnudge.sampling.sampler import Sampler
+from dexnudge.sampling.sampler import MEMORY_PER_HAND, MEMORY_SHARE, Sampler, call_seed
 from dexnudge.verification.verdicts import verify
 
 RANDOM = "random_start_projection"
@@ -88,8 +88,9 @@ def test_a_place_beyond_the_last_sample_is_refused(drawn):
         drawn[99]
 
 
-def test_another_device_than_the_cpu_is_refused(hand):
-    with pytest.raises(InputError, match="cannot sample on 'cuda'; expected cpu"):
+@pytest.mark.skipif(torch.cuda.is_available(), reason="there is a CUDA device")
+def test_a_device_that_is_not_there_is_refused(hand):
+    with pytest.raises(InputError, match="`device` is 'cuda', but torch and Warp find no CUDA device here"):
         Sampler(hand, device="cuda")
 
 
@@ -170,3 +171,54 @@ def test_the_world_and_the_canonical_frame_agree(hand, problem, starts):
     T = torch.as_tensor(problem.T_world_canonical, dtype=torch.float32)
     carried = hand.keypoints(starts) @ T[:3, :3].T + T[:3, 3]
     torch.testing.assert_close(hand.keypoints(world), carried, atol=1e-5, rtol=0)
+
+
+def runs_out_above(monkeypatch, most, error):
+    """A device whose memory holds `most` draws."""
+    draw = Sampler._draw
+
+    def limited(self, problem, *, num, **options):
+        if num > most:
+            raise error
+        return draw(self, problem, num=num, **options)
+
+    monkeypatch.setattr(Sampler, "_draw", limited)
+
+
+@pytest.mark.parametrize(
+    "error",
+    [
+        torch.OutOfMemoryError("CUDA out of memory"),
+        MemoryError("cannot allocate an array"),
+        RuntimeError("Failed to allocate 100 bytes on device 'cuda:0'"),
+    ],
+)
+def test_a_batch_that_runs_out_of_memory_is_drawn_in_parts(hand, scene, problem, monkeypatch, error):
+    sampler = Sampler(hand)
+    runs_out_above(monkeypatch, 3, error)
+    with pytest.warns(UserWarning, match="drawn in parts of at most 2: 5 at once ran out of the memory of cpu"):
+        samples = sampler.sample(scene, num=5, problem=problem, method=RANDOM)
+    parts = [
+        sampler.draw(problem, num=size, seed=call_seed(0, call), method=RANDOM).q for call, size in enumerate((2, 2, 1))
+    ]
+    assert np.array_equal(np.sort(samples.q, axis=0), np.sort(np.concatenate(parts), axis=0))
+
+
+def test_a_batch_that_would_not_fit_is_not_tried(hand, scene, problem, monkeypatch):
+    monkeypatch.setattr("dexnudge.sampling.sampler.free_memory", lambda _: 2.6 * MEMORY_PER_HAND / MEMORY_SHARE)
+    runs_out_above(monkeypatch, 2, AssertionError("tried"))
+    with pytest.warns(UserWarning, match="drawn in parts of at most 2: 5 at once would not fit into the memory"):
+        samples = Sampler(hand).sample(scene, num=5, problem=problem, method=RANDOM)
+    assert len(samples) == 5
+
+
+def test_not_even_one_draw_fits(hand, scene, problem, monkeypatch):
+    runs_out_above(monkeypatch, 0, MemoryError("no room"))
+    with pytest.raises(InputError, match=r"not even one draw fits into the memory of cpu \(no room\)"):
+        Sampler(hand).sample(scene, num=1, problem=problem, method=RANDOM)
+
+
+def test_other_errors_are_no_want_of_memory(hand, scene, problem, monkeypatch):
+    runs_out_above(monkeypatch, 0, RuntimeError("a bug"))
+    with pytest.raises(RuntimeError, match="a bug"):
+        Sampler(hand).sample(scene, num=2, problem=problem, method=RANDOM)
