@@ -10,7 +10,9 @@ from scipy.spatial.transform import Rotation
 from dexnudge.geometry.surface_lattice import surface_lattice
 from dexnudge.hands.hand import Hand
 from dexnudge.scenes.scene import Scene
-from dexnudge.verification.penetration import DIRECTIONS, SURFACE_SPACING, PenetrationCheck, hand_solids
+from dexnudge.verification.penetration import hand_solids
+from dexnudge.verification.solid_surface import SURFACE_SPACING, TriangleSurface
+from dexnudge.verification.solids import DIRECTIONS
 
 
 def test_directions_are_units_that_come_in_opposite_pairs() -> None:
@@ -53,16 +55,16 @@ def touching(hand: Hand, rng: np.random.Generator, count: int) -> np.ndarray:
 def test_depths_equal_a_query_of_every_surface_point(boxy_hand: Hand, block_scene: Scene) -> None:
     q = touching(boxy_hand, np.random.default_rng(3), 30)
     poses = boxy_hand.forward_kinematics(torch.as_tensor(q)).numpy()
-    check = PenetrationCheck(boxy_hand, block_scene)
+    hand = hand_solids(boxy_hand)
     floor = trimesh.creation.box(bounds=[[-0.1, -0.1, -0.02], [0.1, 0.1, 0.0]])  # small, for the search's sake
     for mesh in (block_scene.object_in_world(), floor):
         triangles = np.asarray(mesh.triangles, dtype=np.float64)
         found = np.zeros(len(q))
-        check._into_links(triangles, poses, found)
+        TriangleSurface(mesh).raise_depths(hand.solids, poses[:, hand.links], found)
         surface, _ = surface_lattice(triangles, spacing=SURFACE_SPACING)
         expected = np.zeros(len(q))
         for row, pose in enumerate(poses):
-            for link, solid in hand_solids(boxy_hand).solids.items():
+            for link, solid in zip(hand.links, hand.solids.each, strict=True):
                 local = trimesh.transform_points(surface, np.linalg.inv(pose[link]))
                 expected[row] = max(expected[row], -solid.query(local).distance.min())
         assert (expected > 1e-3).sum() > 10
@@ -72,11 +74,24 @@ def test_depths_equal_a_query_of_every_surface_point(boxy_hand: Hand, block_scen
 def test_depths_that_are_known_already_are_only_raised(boxy_hand: Hand, block_scene: Scene) -> None:
     q = touching(boxy_hand, np.random.default_rng(4), 20)
     poses = boxy_hand.forward_kinematics(torch.as_tensor(q)).numpy()
-    check = PenetrationCheck(boxy_hand, block_scene)
-    triangles = np.asarray(block_scene.environment_mesh.triangles, dtype=np.float64)
+    hand, surface = hand_solids(boxy_hand), TriangleSurface(block_scene.environment_mesh)
     fresh, known = np.zeros(20), np.full(20, 0.004)
-    check._into_links(triangles, poses, fresh)
-    check._into_links(triangles, poses, known)
+    surface.raise_depths(hand.solids, poses[:, hand.links], fresh)
+    surface.raise_depths(hand.solids, poses[:, hand.links], known)
     np.testing.assert_allclose(known, np.maximum(fresh, 0.004), atol=1e-9)
     assert (fresh > 0.004).any()
     assert (fresh < 0.004).any()
+
+
+def test_a_surface_is_the_same_whatever_was_asked_before(boxy_hand: Hand, block_scene: Scene) -> None:
+    poses = boxy_hand.forward_kinematics(torch.as_tensor(touching(boxy_hand, np.random.default_rng(5), 20))).numpy()
+    hand, mesh = hand_solids(boxy_hand), block_scene.environment_mesh.subdivide_to_size(0.05)
+    away, surface = poses[:, hand.links].copy(), TriangleSurface(mesh)
+    away[..., :3, 3] += [0.0, 0.0, 2.0]
+    depths = [np.zeros(20) for _ in range(3)]
+    surface.raise_depths(hand.solids, away, depths[0])
+    surface.raise_depths(hand.solids, poses[:, hand.links], depths[1], clearance=1e-3)
+    TriangleSurface(mesh).raise_depths(hand.solids, poses[:, hand.links], depths[2], clearance=1e-3)
+    assert not depths[0].any()
+    assert (depths[1] > 1e-3).any()
+    np.testing.assert_array_equal(depths[1], depths[2])

@@ -5,7 +5,9 @@ from scipy.spatial.transform import Rotation
 
 from dexnudge.geometry.surface_points import surface_points
 from dexnudge.hands.hand import LinkPoints
-from dexnudge.verification.point_tree import PointTree, SolidDistance, build_tree, hole_diameter, query_tree
+from dexnudge.verification import point_tree
+from dexnudge.verification.point_tree import PointTree, build_tree, near_points, raise_depths
+from dexnudge.verification.solids import SolidDistance, Solids, hole_diameter
 
 
 @pytest.fixture(scope="module")
@@ -20,7 +22,8 @@ def tree() -> PointTree:
             np.concatenate([part.points for _, part in parts]),
             np.concatenate([part.normals for _, part in parts]),
             np.concatenate([np.full(len(part.points), link, dtype=np.int32) for link, part in parts]),
-        )
+        ),
+        num_links=3,
     )
 
 
@@ -31,32 +34,47 @@ def open_box() -> trimesh.Trimesh:
     return box
 
 
-def test_balls_hold_their_clusters_and_the_last_level_is_the_points(tree: PointTree) -> None:
-    points = tree.points.points
-    below = [[index] for index in range(len(tree.levels[-1].point))]
-    assert sorted(tree.levels[-1].point) == list(range(len(points)))
-    for level in reversed(tree.levels[:-1]):
-        spans = zip(level.first_child, level.children, strict=True)
-        members = [[own for child in below[first : first + count] for own in child] for first, count in spans]
-        for own, point, radius in zip(members, level.point, level.radius, strict=True):
-            index = tree.levels[-1].point[own]
-            assert np.linalg.norm(points[index] - points[point], axis=1).max() <= radius + 1e-12
-            assert len(set(tree.points.link[index])) == 1
-        assert sorted(own for part in members for own in part) == list(range(len(points)))
-        below = members
+def test_balls_hold_what_stands_behind_them_and_every_point_is_there_once(tree: PointTree) -> None:
+    points, count = tree.points.points, len(tree.index)
+    assert sorted(tree.index) == list(range(len(points)))
+    assert tree.first.tolist() == [0, (tree.points.link == 0).sum(), (tree.points.link == 0).sum(), count]
+    assert (tree.radius > 0).any()
+    for node in range(count):
+        own = tree.index[node : tree.after[node]]
+        assert len(own) >= 1
+        assert np.linalg.norm(points[own] - points[tree.index[node]], axis=1).max() <= tree.radius[node] + 1e-12
+        assert len(set(tree.points.link[own])) == 1
 
 
-@pytest.mark.parametrize("solid_mesh", [trimesh.creation.capsule(radius=0.02, height=0.05), open_box()])
-def test_hits_equal_a_query_of_every_point(tree: PointTree, solid_mesh: trimesh.Trimesh) -> None:
+def clashing_box() -> trimesh.Trimesh:
+    """A closed box one of whose triangles is turned round."""
+    box = trimesh.creation.box((0.03, 0.02, 0.03))
+    box.faces[0] = box.faces[0, ::-1]
+    return trimesh.Trimesh(box.vertices, box.faces, process=False)
+
+
+def two_bodies() -> trimesh.Trimesh:
+    """Two closed boxes, one partly in the other."""
+    other = trimesh.creation.box((0.03, 0.01, 0.01))
+    other.apply_translation([0.012, 0.0, 0.005])
+    return trimesh.util.concatenate([trimesh.creation.box((0.02, 0.02, 0.02)), other])
+
+
+@pytest.mark.parametrize(
+    "solid_mesh", [trimesh.creation.capsule(radius=0.02, height=0.05), open_box(), clashing_box(), two_bodies()]
+)
+def test_hits_and_depths_equal_a_query_of_every_point(tree: PointTree, solid_mesh: trimesh.Trimesh) -> None:
     rng = np.random.default_rng(0)
     solid = SolidDistance(solid_mesh)
     poses = np.tile(np.eye(4), (12, 3, 1, 1))
     poses[:, :, :3, :3] = Rotation.random(36, random_state=0).as_matrix().reshape(12, 3, 3, 3)
     poses[:, :, :3, 3] = rng.uniform(-0.04, 0.04, (12, 3, 3))
-    links = np.ones(3, dtype=bool)
-    found = query_tree(tree, poses, solid, links=links, reach=2e-3)
-    deepest = np.zeros(12)
-    query_tree(tree, poses, solid, links=links, reach=0.0, deepest=deepest)
+    found = near_points(tree, poses, solid, reach=2e-3)
+    every, here = np.ones((1, 3), dtype=bool), np.eye(4)[None, None]
+    depths = [np.zeros(12), np.zeros(12)]
+    for deepest, half_spaces in zip(depths, (False, True), strict=True):
+        solids = Solids([solid], half_spaces=half_spaces)
+        raise_depths(tree, poses, here, solids, asked=every, reach=0.0, deepest=deepest)
     for row in range(12):
         own = poses[row, tree.points.link]
         placed = np.einsum("pij,pj->pi", own[:, :3, :3], tree.points.points) + own[:, :3, 3]
@@ -66,15 +84,32 @@ def test_hits_equal_a_query_of_every_point(tree: PointTree, solid_mesh: trimesh.
         order = np.argsort(found.point[mine])
         np.testing.assert_array_equal(found.point[mine][order], near)
         np.testing.assert_array_equal(found.distance[mine][order], hit.distance[near])
-        assert deepest[row] == max(0.0, -hit.distance.min())
-    assert (deepest > 0).any()
+        for deepest in depths:
+            assert deepest[row] == max(0.0, -hit.distance.min())
+    assert (depths[0] > 0).any()
+
+
+def test_hits_are_the_same_however_many_hands_are_asked_for(tree: PointTree, monkeypatch: pytest.MonkeyPatch) -> None:
+    solid = SolidDistance(trimesh.creation.box((0.1, 0.1, 0.1)))
+    poses = np.tile(np.eye(4), (10, 3, 1, 1))
+    poses[:, :, 0, 3] = np.linspace(0.0, 0.08, 10)[:, None]
+    found = near_points(tree, poses, solid, reach=0.0)
+    monkeypatch.setattr(point_tree, "AT_ONCE", 3)
+    monkeypatch.setattr(point_tree, "EXPECTED_HITS", 1)
+    again = near_points(tree, poses, solid, reach=0.0)
+    assert len(found.point) > len(tree.index)
+    for name in ("configuration", "point", "distance", "closest", "normal"):
+        np.testing.assert_array_equal(getattr(again, name), getattr(found, name))
 
 
 def test_only_the_chosen_links_are_asked(tree: PointTree) -> None:
-    solid = SolidDistance(trimesh.creation.box((0.1, 0.1, 0.1)))
+    solids, deepest = Solids([SolidDistance(trimesh.creation.box((0.1, 0.1, 0.1)))]), np.zeros(1)
     poses = np.tile(np.eye(4), (1, 3, 1, 1))
-    found = query_tree(tree, poses, solid, links=np.array([False, False, True]), reach=0.0)
-    assert set(tree.points.link[found.point]) == {2}
+    asked, here = np.array([[False, True, False]]), np.eye(4)[None, None]
+    raise_depths(tree, poses, here, solids, asked=asked, reach=0.0, deepest=deepest)
+    assert deepest == 0.0
+    raise_depths(tree, poses, here, solids, asked=~asked, reach=0.0, deepest=deepest)
+    assert deepest > 0.03
 
 
 def test_the_size_of_holes_is_known() -> None:

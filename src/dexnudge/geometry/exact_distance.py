@@ -62,9 +62,10 @@ class Rays:
         return way.numpy().astype(np.float64), face.numpy()
 
 
-INSIDE_WINDING_NUMBER = 0.5  # a point is inside where the surface winds around it at least half a turn
-WINDING_ACCURACY = 2.0  # Barnes-Hut opening ratio of Warp's fast winding number; 2 is Warp's default
-SEARCH_RADIUS = 1.0e3  # [m] farther than any scene is wide
+INSIDE_WINDING_NUMBER = wp.constant(0.5)  # a point is inside where the surface winds around it at least half a turn
+WINDING_ACCURACY = wp.constant(2.0)  # Barnes-Hut opening ratio of Warp's fast winding number; 2 is Warp's default
+SEARCH_RADIUS = wp.constant(1.0e3)  # [m] farther than any scene is wide
+CLEAR_OF_SURFACE = wp.constant(1.0e-6)  # [m] from where on the way away from the closest point is known
 
 
 @dataclass(frozen=True)
@@ -81,33 +82,61 @@ class ExactHit:
     face: Int[np.ndarray, " n"]
 
 
+@wp.func
+def surface_nearest(mesh: wp.uint64, p: wp.vec3, reach: float):
+    """Return (distance, closest point, face) of a mesh within `reach` of p; infinite where there is none."""
+    hit = wp.mesh_query_point_no_sign(mesh, p, reach)
+    distance = float(wp.inf)
+    closest = p
+    face = 0
+    if hit.result:
+        face = hit.face
+        closest = wp.mesh_eval_position(mesh, face, hit.u, hit.v)
+        distance = wp.length(p - closest)
+    return distance, closest, face
+
+
+@wp.func
+def signed_nearest(mesh: wp.uint64, p: wp.vec3, low: wp.vec3, high: wp.vec3):
+    """Return (signed distance, closest point, face) of a mesh with these bounds."""
+    # Outside the bounding box the winding number of any simple surface, even one with holes, is at most a half.
+    outside = p[0] < low[0] or p[1] < low[1] or p[2] < low[2] or p[0] > high[0] or p[1] > high[1] or p[2] > high[2]
+    if outside:
+        hit = wp.mesh_query_point_no_sign(mesh, p, SEARCH_RADIUS)
+        sign = float(1.0)  # noqa: UP018 - declares a variable of Warp
+    else:
+        hit = wp.mesh_query_point_sign_winding_number(mesh, p, SEARCH_RADIUS, WINDING_ACCURACY, INSIDE_WINDING_NUMBER)
+        sign = float(hit.sign)
+    closest = wp.mesh_eval_position(mesh, hit.face, hit.u, hit.v)
+    return sign * wp.length(p - closest), closest, hit.face
+
+
+@wp.func
+def closed_nearest(mesh: wp.uint64, p: wp.vec3, low: wp.vec3, high: wp.vec3):
+    """Return what `signed_nearest` does, of a closed surface and mostly sooner: a ray that meets nothing begins outside."""
+    distance, closest, face = surface_nearest(mesh, p, SEARCH_RADIUS)
+    if distance > CLEAR_OF_SURFACE:  # noqa: SIM102 - Warp evaluates both sides of an `and`
+        if not wp.mesh_query_ray_anyhit(mesh, p, (p - closest) / distance, SEARCH_RADIUS):
+            return distance, closest, face
+    distance, closest, face = signed_nearest(mesh, p, low, high)
+    return distance, closest, face
+
+
 @wp.kernel(enable_backward=False)
 def _query(
     mesh: wp.uint64,
     points: wp.array(dtype=wp.vec3),
     low: wp.vec3,
     high: wp.vec3,
-    accuracy: float,
-    threshold: float,
-    radius: float,
     distance: wp.array(dtype=float),
     closest: wp.array(dtype=wp.vec3),
     face: wp.array(dtype=int),
 ):
     i = wp.tid()
-    p = points[i]
-    # Outside the bounding box the winding number of any simple surface, even one with holes, is at most a half.
-    outside = p[0] < low[0] or p[1] < low[1] or p[2] < low[2] or p[0] > high[0] or p[1] > high[1] or p[2] > high[2]
-    if outside:
-        hit = wp.mesh_query_point_no_sign(mesh, p, radius)
-        sign = float(1.0)  # noqa: UP018 - declares a variable of Warp
-    else:
-        hit = wp.mesh_query_point_sign_winding_number(mesh, p, radius, accuracy, threshold)
-        sign = float(hit.sign)
-    c = wp.mesh_eval_position(mesh, hit.face, hit.u, hit.v)
-    distance[i] = sign * wp.length(p - c)
+    d, c, f = signed_nearest(mesh, points[i], low, high)
+    distance[i] = d
     closest[i] = c
-    face[i] = hit.face
+    face[i] = f
 
 
 @wp.kernel(enable_backward=False)
@@ -120,13 +149,10 @@ def _query_surface(
     face: wp.array(dtype=int),
 ):
     i = wp.tid()
-    hit = wp.mesh_query_point_no_sign(mesh, points[i], reach)
-    distance[i] = wp.inf
-    if hit.result:
-        c = wp.mesh_eval_position(mesh, hit.face, hit.u, hit.v)
-        distance[i] = wp.length(points[i] - c)
-        closest[i] = c
-        face[i] = hit.face
+    d, c, f = surface_nearest(mesh, points[i], reach)
+    distance[i] = d
+    closest[i] = c
+    face[i] = f
 
 
 class ExactDistance:
@@ -147,7 +173,7 @@ class ExactDistance:
             support_winding_number=True,
         )
         self._low, self._high = (wp.vec3(*corner.tolist()) for corner in (vertices.min(axis=0), vertices.max(axis=0)))
-        self._face_normals = np.asarray(mesh.face_normals)
+        self.face_normals = np.asarray(mesh.face_normals)
         self.mesh = mesh
 
     @property
@@ -157,6 +183,10 @@ class ExactDistance:
         Then the sign can change only where the distance is 0.
         """
         return bool(self.mesh.is_watertight and self.mesh.is_winding_consistent)
+
+    def packed(self) -> tuple[Any, Any, Any]:
+        """Return what `signed_nearest` takes: the mesh about `origin`, and its bounds."""
+        return self._mesh.id, self._low, self._high
 
     def to_surface(self, points: Float[np.ndarray, "n 3"], *, reach: float = SEARCH_RADIUS) -> ExactHit:
         """Return what lies nearest to each point [m, the mesh's frame], without the sign, which takes longer than the rest.
@@ -168,8 +198,7 @@ class ExactDistance:
 
     def __call__(self, points: Float[np.ndarray, "n 3"]) -> ExactHit:
         """Return what lies nearest to each point [m, the mesh's frame]."""
-        bounds = [self._low, self._high, WINDING_ACCURACY, INSIDE_WINDING_NUMBER, SEARCH_RADIUS]
-        return self._launch(_query, points, bounds)
+        return self._launch(_query, points, [self._low, self._high])
 
     def _launch(self, kernel: Any, points: Float[np.ndarray, "n 3"], inputs: list[Any]) -> ExactHit:
         """Run a kernel about the mesh's centre and return what it found, in the mesh's frame."""
@@ -186,6 +215,6 @@ class ExactDistance:
         return ExactHit(
             distance.numpy().astype(np.float64),
             closest.numpy().astype(np.float64) + self.origin,
-            self._face_normals[faces],
+            self.face_normals[faces],
             faces,
         )

@@ -115,6 +115,12 @@ def _plane_axes(
     return corners[:, 0], np.divide(axes, length, out=np.zeros_like(axes), where=length > 0)
 
 
+def in_own_planes(corners: Float[np.ndarray, "face 3 3"]) -> Float[np.ndarray, "face 3 2"]:
+    """Corners of triangles in their own planes: about the first corner, the first axis along the first edge."""
+    origin, plane = _plane_axes(corners)
+    return np.einsum("fkx,fcx->fck", plane, corners - origin[:, None])
+
+
 def _inside(
     corners: Float[np.ndarray, "face 3 3"],
     label: Int[np.ndarray, " face"],
@@ -124,7 +130,7 @@ def _inside(
 ) -> tuple[Float[np.ndarray, "n 3"], Int[np.ndarray, " n"]]:
     """Lattice points in the triangles' own planes, within [low, high] there."""
     origin, plane = _plane_axes(corners)
-    flat = np.einsum("fkx,fcx->fck", plane, corners - origin[:, None])
+    flat = in_own_planes(corners)
     first = np.ceil(np.maximum(flat.min(axis=1), low) / spacing).astype(np.int64)
     last = np.floor(np.minimum(flat.max(axis=1), high) / spacing).astype(np.int64)
     count = np.maximum(last - first + 1, 0)

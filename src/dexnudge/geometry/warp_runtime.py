@@ -7,13 +7,19 @@ stderr that it found no CUDA driver, on every machine without one. That line alo
 import os
 import sys
 import tempfile
+from collections.abc import Sequence
+from concurrent.futures import ThreadPoolExecutor
 from typing import Any
 
 import warp as wp
 
 NO_DRIVER = "Could not find or load the NVIDIA CUDA driver"
 
-__all__ = ["WarpStruct", "wp"]
+__all__ = ["WarpStruct", "launch_in_threads", "wp"]
+
+THREADS = 2  # a launch on the CPU holds one and releases the interpreter
+PARTS = 4  # of a launch for each thread, so that none waits long for the others
+SMALLEST_PART = 4  # items; fewer cost more in launching than they save
 
 WarpStruct = Any  # an instance of a Warp struct: Warp makes no Python type that an annotation could name
 
@@ -38,6 +44,26 @@ def _start() -> None:
         for line in caught.read().decode(errors="replace").splitlines():
             if NO_DRIVER not in line:
                 print(line, file=sys.stderr)
+
+
+def launch_in_threads(kernel: Any, dim: Sequence[int], inputs: Sequence[Any], *, device: str) -> None:
+    """Launch a kernel whose first input is where the first dimension begins, on the CPU in parts of that, on two cores."""
+    count, *others = dim
+    parts = 1
+    if wp.get_device(device).is_cpu:
+        parts = max(1, min(THREADS * PARTS, count // SMALLEST_PART))
+    bounds = [count * part // parts for part in range(parts + 1)]
+
+    def launch(part: int) -> None:
+        first, last = bounds[part], bounds[part + 1]
+        wp.launch(kernel, dim=(last - first, *others), inputs=[first, *inputs], device=device)
+
+    if parts == 1:
+        launch(0)
+        return
+    wp.load_module(kernel.module, device=device)  # compiling is not safe from several threads
+    with ThreadPoolExecutor(THREADS) as pool:
+        list(pool.map(launch, range(parts)))
 
 
 _start()

@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 from dataclasses import dataclass
+from itertools import pairwise
 
 import numpy as np
 from jaxtyping import Float, Int
@@ -55,20 +56,64 @@ def hand_contacts(
     each link's candidates up to 4 are kept: the closest one first, then the one whose closest point is farthest from
     those already chosen, so that they spread over the patch.
     """
+    alone = np.zeros(len(link), dtype=np.int64)
+    return contacts_of_hands(
+        alone, normals, link, num_hands=1, distance=distance, closest=closest, object_normals=object_normals
+    )[0]
+
+
+def contacts_of_hands(
+    hand: Int[np.ndarray, "point"],
+    normals: Float[np.ndarray, "point 3"],
+    link: Int[np.ndarray, "point"],
+    *,
+    num_hands: int,
+    distance: Float[np.ndarray, "point"],
+    closest: Float[np.ndarray, "point 3"],
+    object_normals: Float[np.ndarray, "point 3"],
+) -> list[HandContacts]:
+    """Return the contacts of each of several hands, see `hand_contacts`. hand: whose each point is."""
     facing = np.einsum("px,px->p", normals, object_normals) < 0
     candidates = np.flatnonzero((distance <= HAND_CONTACT_DISTANCE) & facing)
-    chosen: list[int] = []
-    for index in np.unique(link[candidates]):
-        mine = candidates[link[candidates] == index]
-        chosen.extend(mine[_spread(closest[mine], distance[mine])])
-    return HandContacts(points=closest[chosen], normals=object_normals[chosen], link=link[chosen])
+    candidates = candidates[np.lexsort((link[candidates], hand[candidates]))]
+    owner = np.stack([hand[candidates], link[candidates]])
+    begins = np.flatnonzero(np.diff(owner, axis=1, prepend=-1).any(axis=0))
+    patch = np.zeros(len(candidates), dtype=np.int64)
+    patch[begins[1:]] = 1
+    patch = np.cumsum(patch)
+    column = np.arange(len(candidates)) - begins[patch]
+    # A row for each link of each hand, its candidates in front.
+    rows = np.full((len(begins), int(column.max(initial=0)) + 1), -1)
+    rows[patch, column] = candidates
+    chosen, row = _spread(rows, distance, closest)
+    order = np.argsort(row, kind="stable")
+    chosen = chosen[order]
+    points, outward, of_link = closest[chosen], object_normals[chosen], link[chosen]
+    bounds = np.searchsorted(hand[chosen], np.arange(num_hands + 1)).tolist()
+    return [
+        HandContacts(points=points[begin:end], normals=outward[begin:end], link=of_link[begin:end])
+        for begin, end in pairwise(bounds)
+    ]
 
 
-def _spread(points: Float[np.ndarray, "point 3"], distance: Float[np.ndarray, "point"]) -> list[int]:
-    """Return up to 4 indices: the least distance first, then farthest-point selection."""
-    chosen = [int(np.argmin(distance))]
-    gap = np.linalg.norm(points - points[chosen[0]], axis=1)
-    while len(chosen) < POINTS_PER_LINK and gap.max() > DISTINCT_DISTANCE:
-        chosen.append(int(np.argmax(gap)))
-        gap = np.minimum(gap, np.linalg.norm(points - points[chosen[-1]], axis=1))
-    return chosen
+def _spread(
+    rows: Int[np.ndarray, "patch candidate"],
+    distance: Float[np.ndarray, " point"],
+    points: Float[np.ndarray, "point 3"],
+) -> tuple[Int[np.ndarray, " chosen"], Int[np.ndarray, " chosen"]]:
+    """Return up to 4 points of each patch and the patch of each: the least distance first, then farthest-point selection.
+
+    rows: the points of each patch; -1 behind them.
+    """
+    patches, there, places = np.arange(len(rows)), rows >= 0, points[rows]
+    newest = np.where(there, distance[rows], np.inf).argmin(axis=1)
+    chosen, owner = [rows[patches, newest]], [patches]
+    gap = np.where(there, np.inf, -np.inf)
+    for _ in range(POINTS_PER_LINK - 1):
+        gap = np.minimum(gap, np.linalg.norm(places - places[np.arange(len(places)), newest][:, None], axis=2))
+        left = gap.max(axis=1, initial=-np.inf) > DISTINCT_DISTANCE
+        patches, places, gap, rows = patches[left], places[left], gap[left], rows[left]
+        newest = gap.argmax(axis=1) if len(gap) else patches
+        chosen.append(rows[np.arange(len(rows)), newest])
+        owner.append(patches)
+    return np.concatenate(chosen), np.concatenate(owner)

@@ -11,7 +11,7 @@ import numpy as np
 from jaxtyping import Float
 
 from dexnudge.hands.batch import HandBatch
-from dexnudge.mechanics.contacts import HAND_CONTACT_DISTANCE, HandContacts, hand_contacts, moved_contacts
+from dexnudge.mechanics.contacts import HAND_CONTACT_DISTANCE, HandContacts, contacts_of_hands, moved_contacts
 from dexnudge.mechanics.fast_balance import Margins, force_margins
 from dexnudge.mechanics.sliding_task import sliding_task
 from dexnudge.scenes.free_way import FreeWay, free_way
@@ -41,25 +41,21 @@ class Measurements:
         link = points.link[hits.point].astype(np.int64)
         normals = np.einsum("nij,nj->ni", T_world_link[hits.configuration, link, :3, :3], points.normals[hits.point])
         closest, object_normals = hits.closest @ rotation.T + origin, hits.normal @ rotation.T
-        found = []
-        for row in range(len(self._hands)):
-            mine = np.flatnonzero(hits.configuration == row)
-            found.append(
-                hand_contacts(
-                    normals[mine],
-                    link[mine],
-                    distance=hits.distance[mine],
-                    closest=closest[mine],
-                    object_normals=object_normals[mine],
-                )
-            )
-        return found
+        return contacts_of_hands(
+            hits.configuration,
+            normals,
+            link,
+            num_hands=len(self._hands),
+            distance=hits.distance,
+            closest=closest,
+            object_normals=object_normals,
+        )
 
     @cached_property
     def contact_links(self) -> list[list[str]]:
         """Names of the links of each hand that touch the object."""
         names = self._hands.hand.link_names
-        return [[names[link] for link in np.unique(each.link)] for each in self.contacts]
+        return [[names[link] for link in sorted(set(each.link.tolist()))] for each in self.contacts]
 
     @cached_property
     def free_way(self) -> FreeWay:

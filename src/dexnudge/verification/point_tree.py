@@ -1,109 +1,105 @@
-"""A hand's dense points in nested clusters, so that most of them need no distance query."""
+"""A hand's dense points in nested balls, so that most of them need no distance query."""
 
 from dataclasses import dataclass
+from functools import cached_property
+from typing import Any
 
 import numpy as np
-import trimesh
 from jaxtyping import Bool, Float, Int
 
-from dexnudge.geometry.exact_distance import ExactDistance
-from dexnudge.geometry.surface_lattice import distinct_rows
+from dexnudge.geometry.warp_runtime import WarpStruct, launch_in_threads, wp
 from dexnudge.hands.hand import LinkPoints
+from dexnudge.verification.solid_kernel import Hits, Nodes, points_in_solids
+from dexnudge.verification.solids import SolidDistance, Solids
 
-CLUSTER_SIZES = (256, 16)
+CLUSTER_SIZES = (2048, 256, 16)
 """Most points in a cluster at each level; below the last one stand the points themselves."""
-
-
-@dataclass(frozen=True)
-class Level:
-    """Clusters of one size. Each is stood for by one of its own points, so that its distance is also a result.
-
-    point: index of that point. radius: of the ball about it that holds the cluster [m]. first_child, children: the
-    cluster's range in the next level.
-    """
-
-    point: Int[np.ndarray, " cluster"]
-    radius: Float[np.ndarray, " cluster"]
-    first_child: Int[np.ndarray, " cluster"]
-    children: Int[np.ndarray, " cluster"]
+EXPECTED_HITS = 256
+"""Of each hand; where there are more, they are looked for again."""
+AT_ONCE = 1024
+"""Hands whose hits are looked for in one launch, to bound memory."""
 
 
 @dataclass(frozen=True)
 class PointTree:
-    """Clusters of all links' points; no cluster spans two links. Points are indexed as in `points`."""
+    """All points of all links, each with a ball; a cluster is stood for by one of its own points.
+
+    Depth first, link by link: what is in the ball of a node stands right behind it.
+
+    Attributes:
+        points: as in the hand.
+        index: of each node's point. radius: of the ball about it that holds its cluster [m]; 0 for a point alone.
+        after: the first node that is not in the ball.
+        first: where the nodes of each link begin; behind them their number.
+        place: of each node in the order of points by halves, in which hits are returned.
+        device: of Warp.
+    """
 
     points: LinkPoints
-    levels: tuple[Level, ...]
+    index: Int[np.ndarray, " node"]
+    radius: Float[np.ndarray, " node"]
+    after: Int[np.ndarray, " node"]
+    first: Int[np.ndarray, " link_and_one"]
+    place: Int[np.ndarray, " node"]
+    device: str = "cpu"
+
+    @property
+    def num_links(self) -> int:
+        """Of the hand, those without points included."""
+        return len(self.first) - 1
+
+    @cached_property
+    def packed(self) -> WarpStruct:
+        """The tree as the kernel takes it."""
+        nodes = Nodes()
+        nodes.point = wp.array(self.points.points[self.index], dtype=wp.vec3d, device=self.device)
+        nodes.radius = wp.array(self.radius, dtype=wp.float64, device=self.device)
+        nodes.after = wp.array(self.after.astype(np.int32), dtype=int, device=self.device)
+        nodes.first = wp.array(self.first.astype(np.int32), dtype=int, device=self.device)
+        return nodes
 
 
-def build_tree(points: LinkPoints) -> PointTree:
+def build_tree(points: LinkPoints, *, num_links: int, device: str = "cpu") -> PointTree:
     """Split each link's points at the median of their widest direction until the clusters are small."""
-    clusters = [
-        part
-        for link in np.unique(points.link)
-        for part in _split(points.points, np.flatnonzero(points.link == link), CLUSTER_SIZES[0])
+    rows: list[tuple[int, float, int]] = []
+    first = []
+    for link in range(num_links):
+        first.append(len(rows))
+        for cluster in _split(points.points, np.flatnonzero(points.link == link), CLUSTER_SIZES[0]):
+            _add(points.points, cluster, rows)
+    index, radius, after = (np.array(column) for column in zip(*rows, strict=True))
+    order = [
+        _split(points.points, np.flatnonzero(points.link == link), CLUSTER_SIZES[-1]) for link in np.unique(points.link)
     ]
-    levels = []
-    for size in CLUSTER_SIZES[1:]:
-        parts = [_split(points.points, cluster, size) for cluster in clusters]
-        levels.append(_level(points.points, clusters, np.array([len(part) for part in parts])))
-        clusters = [cluster for part in parts for cluster in part]
-    levels.append(_level(points.points, clusters, np.array([len(cluster) for cluster in clusters])))
-    alone = np.concatenate(clusters)
-    levels.append(Level(alone, np.zeros(len(alone)), np.zeros_like(alone), np.zeros_like(alone)))
-    return PointTree(points, tuple(levels))
+    place = np.empty(len(index), dtype=np.int64)
+    place[np.concatenate([part for parts in order for part in parts])] = np.arange(len(index))
+    return PointTree(points, index, radius, after, np.array([*first, len(rows)]), place[index], device)
+
+
+def _add(points: Float[np.ndarray, "p 3"], cluster: Int[np.ndarray, " n"], rows: list[tuple[int, float, int]]) -> None:
+    """Append a cluster: the point that stands for it, then what else is in it."""
+    own = points[cluster]
+    middle = int(np.argmin(np.linalg.norm(own - 0.5 * (own.min(axis=0) + own.max(axis=0)), axis=1)))
+    radius = float(np.linalg.norm(own - own[middle], axis=1).max())
+    place = len(rows)
+    rows.append((int(cluster[middle]), radius, 0))
+    rest = np.delete(cluster, middle)
+    size = next((size for size in CLUSTER_SIZES if size < len(rest)), 1)
+    if size > 1:
+        for part in _split(points, rest, size):
+            _add(points, part, rows)
+    else:
+        rows.extend([(index, 0.0, behind) for behind, index in enumerate(rest.tolist(), start=place + 2)])
+    rows[place] = (*rows[place][:2], len(rows))
 
 
 def _split(points: Float[np.ndarray, "p 3"], cluster: Int[np.ndarray, " n"], size: int) -> list[Int[np.ndarray, " _"]]:
     if len(cluster) <= size:
-        return [cluster]
+        return [cluster] if len(cluster) else []
     widest = int(np.argmax(np.ptp(points[cluster], axis=0)))
     order = cluster[np.argsort(points[cluster, widest], kind="stable")]
     middle = len(order) // 2
     return _split(points, order[:middle], size) + _split(points, order[middle:], size)
-
-
-def _level(
-    points: Float[np.ndarray, "p 3"], clusters: list[Int[np.ndarray, " _"]], count: Int[np.ndarray, " c"]
-) -> Level:
-    centre, radius = [], []
-    for cluster in clusters:
-        own = points[cluster]
-        index = int(np.argmin(np.linalg.norm(own - 0.5 * (own.min(axis=0) + own.max(axis=0)), axis=1)))
-        centre.append(cluster[index])
-        radius.append(np.linalg.norm(own - own[index], axis=1).max())
-    return Level(np.array(centre), np.array(radius), np.cumsum(count) - count, count)
-
-
-class SolidDistance:
-    """Exact signed distance to a mesh, with its bounding box and the size of its holes.
-
-    Where the surface is closed, signed distance is 1-Lipschitz: a ball about a point farther outside than its radius
-    holds no inner point. Through a hole of diameter h the sign may change without the surface being met; then the
-    ball must be h farther away. A mesh whose triangles disagree about the outside has no such bound (infinity).
-    `widest_hole` [m] bounds h: through a wider opening, such as the border of a scan, the sign changes in free air, far
-    from any surface, where it means nothing.
-    """
-
-    def __init__(
-        self, mesh: trimesh.Trimesh, query: ExactDistance | None = None, *, widest_hole: float = np.inf
-    ) -> None:
-        self.query = query or ExactDistance(mesh)
-        self.low, self.high = np.asarray(mesh.bounds, dtype=np.float64)
-        self.hole = min(hole_diameter(mesh), widest_hole)
-
-
-def hole_diameter(mesh: trimesh.Trimesh) -> float:
-    """Largest diagonal of the bounding box of a connected set of open edges [m]; infinite where orientations clash."""
-    if mesh.is_watertight:
-        return 0.0
-    if not mesh.is_winding_consistent:
-        return np.inf
-    edges = np.asarray(mesh.edges_sorted)
-    first, edge = distinct_rows(edges)
-    open_edges = edges[first][np.bincount(edge) % 2 == 1]
-    groups = trimesh.graph.connected_components(open_edges)
-    return max((float(np.linalg.norm(np.ptp(mesh.vertices[group], axis=0))) for group in groups), default=0.0)
 
 
 @dataclass(frozen=True)
@@ -117,42 +113,89 @@ class PointHits:
     normal: Float[np.ndarray, "hit 3"]
 
 
-def query_tree(
-    tree: PointTree,
-    T_solid_link: Float[np.ndarray, "n link 4 4"],
-    solid: SolidDistance,
-    *,
-    links: Bool[np.ndarray, " link"],
-    reach: float,
-    deepest: Float[np.ndarray, " n"] | None = None,
+def near_points(
+    tree: PointTree, T_solid_link: Float[np.ndarray, "n link 4 4"], solid: SolidDistance, *, reach: float
 ) -> PointHits:
-    """Return the hits of all points of the chosen links within `reach` [m] of the solid (those inside it included).
+    """Return the hits of all points within `reach` [m] of the solid (those inside it included), hand by hand."""
+    parts, room = [], EXPECTED_HITS
+    solids, here, every = Solids([solid], device=tree.device), np.eye(4)[None, None], np.ones((1, tree.num_links), bool)
+    for first in range(0, len(T_solid_link), AT_ONCE):
+        poses = T_solid_link[first : first + AT_ONCE]
+        while True:
+            hits = _room_for(len(poses), room, tree.device)
+            _launch(tree, poses, here, solids, every, reach, hits=hits)
+            count = hits.count.numpy()
+            if count.max() <= room:
+                break
+            room = int(count.max())
+        taken = np.arange(room) < count[:, None]
+        configuration, node = np.repeat(np.arange(len(poses)), count), hits.node.numpy()[taken]
+        order = np.lexsort((tree.place[node], configuration))
+        distance, closest, face = (
+            getattr(hits, name).numpy()[taken][order] for name in ("distance", "closest", "face")
+        )
+        parts.append((first + configuration, tree.index[node[order]], distance, closest, face))
+    configuration, point, distance, closest, face = (np.concatenate(column) for column in zip(*parts, strict=True))
+    return PointHits(
+        configuration=configuration,
+        point=point,
+        distance=distance.astype(np.float64),
+        closest=closest.astype(np.float64) + solid.query.origin,
+        normal=solid.query.face_normals[face],
+    )
 
-    deepest: if given, depths [m] already known per configuration; they are raised in place to the greatest depth
-    found in the solid grown by `reach`, and points that cannot be deeper are left out of the hits.
+
+def raise_depths(
+    tree: PointTree,
+    T_frame_link: Float[np.ndarray, "n link 4 4"],
+    T_solid_frame: Float[np.ndarray, "#n solid 4 4"],
+    solids: Solids,
+    *,
+    asked: Bool[np.ndarray, "solid link"],
+    reach: float,
+    deepest: Float[np.ndarray, " n"],
+) -> None:
+    """Raise depths [m] already known to the greatest one of the links' points in the solids grown by `reach` [m].
+
+    T_solid_frame: of each solid, the same for all hands or one of each. asked: whose points are looked for in which solid.
     """
-    level = tree.levels[0]
-    chosen = np.flatnonzero(links[tree.points.link[level.point]])
-    configuration = np.repeat(np.arange(len(T_solid_link)), len(chosen))
-    cluster = np.tile(chosen, len(T_solid_link))
-    for depth, level in enumerate(tree.levels):
-        if depth:
-            above = tree.levels[depth - 1]
-            count = above.children[cluster]
-            place = np.arange(count.sum()) - np.repeat(np.cumsum(count) - count, count)
-            configuration = np.repeat(configuration, count)
-            cluster = np.repeat(above.first_child[cluster], count) + place
-        index, radius = level.point[cluster], level.radius[cluster]
-        T = T_solid_link[configuration, tree.points.link[index]]
-        centre = np.einsum("nij,nj->ni", T[:, :3, :3], tree.points.points[index]) + T[:, :3, 3]
-        margin = (radius + reach)[:, None]
-        kept = np.flatnonzero(np.all((centre >= solid.low - margin) & (centre <= solid.high + margin), axis=1))
-        hit = solid.query(centre[kept])
-        bound = reach + radius[kept] + np.where(radius[kept] > 0, solid.hole, 0.0)
-        inner = hit.distance <= bound
-        if deepest is not None:
-            np.maximum.at(deepest, configuration[kept], reach - hit.distance)
-            inner &= bound - hit.distance >= deepest[configuration[kept]]
-        configuration, cluster = configuration[kept][inner], cluster[kept][inner]
-    index = tree.levels[-1].point[cluster]
-    return PointHits(configuration, index, hit.distance[inner], hit.closest[inner], hit.normal[inner])
+    if not len(deepest):
+        return
+    depths = wp.array(deepest, dtype=wp.float64, device=tree.device)
+    _launch(tree, T_frame_link, T_solid_frame, solids, asked, reach, deepest=depths)
+    deepest[:] = depths.numpy()
+
+
+def _room_for(hands: int, count: int, device: str) -> WarpStruct:
+    hits = Hits()
+    hits.count = wp.zeros(hands, dtype=int, device=device)
+    for name, dtype in (("node", int), ("distance", float), ("closest", wp.vec3), ("face", int)):
+        setattr(hits, name, wp.empty((hands, count), dtype=dtype, device=device))
+    return hits
+
+
+def _launch(
+    tree: PointTree,
+    T_frame_link: Float[np.ndarray, "n link 4 4"],
+    T_solid_frame: Float[np.ndarray, "#n solid 4 4"],
+    solids: Solids,
+    asked: Bool[np.ndarray, "solid link"],
+    reach: float,
+    *,
+    hits: WarpStruct | None = None,
+    deepest: Any = None,
+) -> None:
+    """Look for hits, or raise the depths of an array of Warp's."""
+    device = tree.device
+    inputs = [
+        tree.packed,
+        wp.array(T_frame_link, dtype=wp.mat44d, device=device),
+        wp.array(T_solid_frame, dtype=wp.mat44d, device=device),
+        *solids.packed,
+        wp.array(asked.astype(np.int32), dtype=int, device=device),
+        reach,
+        hits is None,
+        hits or _room_for(0, 0, device),
+        deepest if hits is None else wp.zeros(0, dtype=wp.float64, device=device),
+    ]
+    launch_in_threads(points_in_solids, (len(T_frame_link), len(solids)), inputs, device=device)
