@@ -2,6 +2,8 @@
 PYTHON ?= python3
 VENV := .venv
 BIN := $(VENV)/bin
+COUNT ?= 10000
+KILLS ?= 15
 PIP := $(BIN)/python -m pip install -q -c constraints.txt
 # One file stays on one worker, so that what a file prepares is prepared once.
 PYTEST := $(BIN)/python -m pytest -n 2 --dist loadfile
@@ -33,11 +35,11 @@ test: $(VENV)/.dev.stamp  ## all tests
 test-fast: $(VENV)/.dev.stamp  ## the tests that take seconds
 	$(PYTEST) -m "not slow" $(PYTEST_ARGS)
 
-fuzz: $(VENV)/.dev.stamp  ## 10,000 hostile inputs for all readers, in runs/fuzz; goes on where it was stopped
-	PYTHONPATH=tests $(BIN)/python -m hostile.campaign --count 10000 --out runs/fuzz
+fuzz: $(VENV)/.dev.stamp  ## COUNT=10000 hostile inputs for all readers, in runs/fuzz; goes on where it was stopped
+	PYTHONPATH=tests $(BIN)/python -m hostile.campaign --count $(COUNT) --out runs/fuzz
 
-kills: $(VENV)/.dev.stamp  ## kill long jobs at random moments until they are done, and compare with a run undisturbed
-	$(BIN)/python benchmarks/kills.py
+kills: $(VENV)/.dev.stamp  ## kill long jobs KILLS=15 times each until they are done, and compare with a run undisturbed
+	$(BIN)/python benchmarks/kills.py --kills $(KILLS)
 
 check: $(VENV)/.dev.stamp  ## style, types, import layers
 	$(BIN)/ruff check .

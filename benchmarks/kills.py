@@ -369,7 +369,11 @@ class Benchmark:
         failed = 0
         warm_up()
         with tempfile.TemporaryDirectory() as folder:
-            for job in [job for job in jobs(Path(folder)) if not self.only or job.name in self.only]:
+            known = {job.name: job for job in jobs(Path(folder))}
+            for name in self.only:
+                if name not in known:
+                    raise SystemExit(f"no job {name!r}; expected some of {', '.join(map(repr, known))}")
+            for job in [known[name] for name in self.only or known]:
                 work = Path(folder, job.name.replace(" ", "-"))
                 seconds, outcome = self._killed(job, work, rng)
                 slowest, disk = 0.0, []

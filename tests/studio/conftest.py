@@ -12,7 +12,7 @@ import pytest
 pytest.importorskip("viser", reason="the studio needs viser: pip install 'dexnudge[studio]'")
 
 import dexnudge as dn
-from dexnudge.execution.episode_files import ARRAYS
+from dexnudge.execution.episode_files import ARRAYS, FIGURES
 
 
 @pytest.fixture(scope="session")
@@ -34,6 +34,7 @@ def write_episode(folder: Path, samples: dn.Samples) -> None:
     """Write an episode of three records in which the best hand and the object go 10 mm along the motion each time."""
     best, scene, hand = samples[0], samples.scene, samples.hand
     folder.mkdir(parents=True)
+    (folder / FIGURES).write_text('{"sentence": "success"}')
     palms, objects = np.tile(best.T_world_palm, (3, 1, 1)), np.tile(scene.T_world_object, (3, 1, 1))
     for poses in (palms, objects):
         poses[:, :3, 3] += 0.01 * np.arange(3)[:, None] * scene.motion

@@ -53,6 +53,7 @@ def test_playing_moves_the_hand_by_the_clock(session):
         session.player.toggle()
         session.tick(0.02)
         assert session.figures()["moment"] == "0.02 s  push"
+        assert session.figures()["outcome"] == "success"
         body = next(body for body in session.stage._bodies if body.group == "object")
         assert body.node.position == pytest.approx(session.scene.T_world_object[:3, 3] + 0.01 * session.scene.motion)
     session.play(MOTION)

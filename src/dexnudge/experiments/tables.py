@@ -117,7 +117,7 @@ def interval_chart(title: str, groups: Mapping[str, Mapping[str, Estimate]]) -> 
             axes.text(0.0, place - 0.8, group, weight="bold", va="center", color=INK)
         value, low, high = (100.0 * x for x in (estimate.value, estimate.low, estimate.high))
         axes.barh(place, value, height=0.7, color=colours[group], alpha=0.75)
-        axes.plot([low, high], [place, place], color=INK, linewidth=1.5)
+        axes.plot([low, high], [place, place], "|-", color=INK, linewidth=1.5)  # the ends are seen where both are 0
         axes.text(1.01, place, estimate.percent(), transform=axes.get_yaxis_transform(), va="center", fontsize=8)
         ticks.append((place, name))
         place += 1.0

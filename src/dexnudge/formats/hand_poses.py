@@ -41,7 +41,7 @@ def check_scale(scale: float, radius: float, where: str) -> None:
 def configurations(
     hand: Hand, T_frame_palm: Any, joint_angles: Any, joint_names: Any, *, where: str
 ) -> tuple[Float[np.ndarray, "n coordinates"], dict[int, str]]:
-    """Return q (n, 9 + d) in the frame of the poses, and what is wrong with those that are none; their rows are NaN.
+    """Return q (n, 9 + d) in the frame of the poses, and what is wrong with invalid poses; their rows are NaN.
 
     T_frame_palm: (n, 4, 4) poses of the palm link [m]. joint_angles: (n, d) [rad], [m] of joints that slide.
     joint_names: (d,) in the order of joint_angles, the hand's joints in any order. where: begins the messages.

@@ -78,7 +78,7 @@ def sphere(radius: float) -> trimesh.Trimesh:
 
 MESH_SUFFIXES = (".stl", ".obj", ".dae", ".ply", ".glb")
 MAX_LINK_FACES = 200_000  # MuJoCo reads no more from one STL file; a link needs some hundreds
-MAX_COORDINATE = 1e5  # [m] a link in micrometres; what is longer than a link is told with the link's name
+MAX_COORDINATE = 1e5  # [m] a link in micrometres; what is longer than a link is reported with its name
 MAX_MESH_BYTES = 100_000_000
 PACKAGE_DEPTH = 4  # folders above a description in which its ROS package is looked for
 DESCRIPTION_FOLDERS = ("urdf", "robots", "robot", "xacro", "mjcf", "xml")  # stand beside `meshes` in a ROS package

@@ -133,7 +133,7 @@ def _tree(
         trees[kind] = read_tree(path, kind, packages=packages)
         if hands_in(trees[kind]):
             break
-    else:  # what is wrong is told of the kind that most links have
+    else:  # errors name the kind that most links have
         kind = max(trees, key=lambda each: _solid_links(trees[each]))
     if geometry and not _solid_links(trees[kind]):
         other = next(each for each in GEOMETRIES if each != geometry)

@@ -155,7 +155,7 @@ def levers(robot: Robot) -> Float[np.ndarray, " n"]:
 class RobotClearance(HandClearance):
     """Measures how far a robot is from the surroundings, from the object, and from itself.
 
-    An arm's links count as 7 mm thicker than they are. Its base, which does not move, is looked at by `check_base`. With
+    An arm's links count as 7 mm thicker than they are. `check_base` checks its base, which does not move. With
     `hand` off, distances from surroundings and object are those of the arm's links alone.
     """
 

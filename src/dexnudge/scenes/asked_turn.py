@@ -51,7 +51,7 @@ def with_turn(
     motion_length: of the slide after the turn [m]; that of the scene unless given.
 
     Raises:
-        SceneError: an angle or a point that is none, both turns at once, or a tip of an object that nothing carries.
+        SceneError: an invalid angle or point, both turns at once, or a tip of an object that nothing carries.
     """
     if not check_asked(turn_deg=turn_deg, tip_deg=tip_deg, about=about):
         return scene

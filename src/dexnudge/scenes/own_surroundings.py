@@ -49,7 +49,7 @@ def understood(
     Clean surroundings, and an object that rests on them, come out as they went in.
 
     Raises:
-        SceneError: a noise or a clearance that is none, or another word for `settle`.
+        SceneError: an invalid noise or clearance, or another word for `settle`.
     """
     if settle_object not in SETTLE:
         raise SceneError(f"`settle` is {quote(settle_object)}; expected 'auto' or 'off'")

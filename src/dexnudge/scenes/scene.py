@@ -201,8 +201,9 @@ class Scene:
                 as above; with `turn_deg` or `tip_deg` the object does not slide unless `motion_length` is given.
 
         Raises:
-            SceneError: a malformed pose, a zero motion, a turn that is none or contradicts another, a tip without a support,
-                a number out of its domain, or surroundings that penetrate the object by more than 1 mm or do not touch it.
+            SceneError: a malformed pose, a zero motion, an invalid turn or one that contradicts another, a tip without
+                a support, a number out of its domain, or surroundings that penetrate the object by more than 1 mm or do not
+                touch it.
             MeshError: a mesh cannot be used.
             UnknownNameError: the object is neither a file nor a built-in one.
         """

@@ -47,7 +47,7 @@ class Edits:
         """Return the scene as it is asked for; one whose object or motion changed is understood anew, as one's own is.
 
         Raises:
-            SceneError: the object is inside its surroundings or away from them, or a motion that is none.
+            SceneError: the object is inside its surroundings or away from them, or the motion is invalid.
         """
         before = Edits.none(scene)
         if np.allclose(self.moved, np.eye(4)) and (self.heading, self.turn, self.tip) == (0.0, before.turn, before.tip):

@@ -45,7 +45,8 @@ class Panels:
 
     def _draws(self) -> None:
         gui, session = self._gui, self._session
-        self._group = gui.add_dropdown("show", [NOTHING])
+        hint = "best first, verified ones before others; margins above 1.5 count alike, then decides what presses"
+        self._group = gui.add_dropdown("show", [NOTHING], hint=hint)
         self._place = gui.add_slider("draw", min=1, max=2, step=1, initial_value=1)
         self._step = gui.add_button_group("", ["previous", "next"])
         self._together = gui.add_checkbox("all of them together", initial_value=False)
@@ -129,7 +130,9 @@ class Panels:
 
     def _refresh(self) -> None:
         session, player, groups = self._session, self._session.player, self._session.groups
-        set_values(self._title, content=table({"scene": session.name, "hand": session.hand.name}))
+        set_values(
+            self._title, content=table({"shown": f"{session.name} ({session.scene.name})", "hand": session.hand.name})
+        )
         set_options(self._group, [*groups] or [NOTHING], session.group)
         count = len(groups.get(session.group, ()))
         set_range(self._place, 1, max(2, count), min(session.place + 1, max(count, 1)))

@@ -11,10 +11,11 @@ import numpy as np
 from jaxtyping import Float
 
 from dexnudge.arms.robot import Robot
-from dexnudge.errors import InputError
-from dexnudge.execution.episode_files import ARRAYS, read_episode
+from dexnudge.errors import LONGEST_NAME, InputError
+from dexnudge.execution.episode_files import ARRAYS, FIGURES, read_episode
 from dexnudge.execution.film import with_object_at
 from dexnudge.hands.hand import Hand
+from dexnudge.jobs.json_files import read_json_object
 from dexnudge.results.samples import Sample
 from dexnudge.scenes.scene import Scene
 from dexnudge.trajectories.plan import Plan
@@ -34,7 +35,7 @@ def recordings(folder: Path, scene: Scene, hand: Hand) -> Recordings:
     for depth in ("", "*/", "*/*/"):
         for file in sorted(folder.glob(depth + ARRAYS)):
             if not any((above / PLAN).is_file() for above in (file.parent, *file.parents[1:3])):
-                found[_name(file.parent, folder)] = partial(_played, file.parent, scene, hand)
+                found[_name(file.parent, folder)] = partial(episode_recording, file.parent, scene, hand)
     for depth in ("", "*/"):
         for file in sorted(folder.glob(depth + PLAN)):
             found |= plan_recordings(file.parent, folder)
@@ -52,10 +53,6 @@ def _name(folder: Path, top: Path) -> str:
     return "/".join(folder.relative_to(top).parts) or folder.resolve().name
 
 
-def _played(folder: Path, scene: Scene, hand: Hand) -> Recording:
-    return episode_recording(folder, scene, hand)
-
-
 def _played_plan(folder: Path, plan_folder: Path) -> Recording:
     plan = load_plan(plan_folder)
     return episode_recording(folder, plan.scene, plan.robot.body, robot=plan.robot)
@@ -63,6 +60,8 @@ def _played_plan(folder: Path, plan_folder: Path) -> Recording:
 
 def episode_recording(folder: Path, scene: Scene, hand: Hand, *, robot: Robot | None = None) -> Recording:
     """Return an episode that was executed, from its episode.npz; its chart holds the force of each link that touches.
+
+    Its subtitle says how it ended, as episode.json does; empty without that.
 
     robot: where `hand` is the body of one.
 
@@ -83,7 +82,9 @@ def episode_recording(folder: Path, scene: Scene, hand: Hand, *, robot: Robot | 
         with_object_at(frame, pose, moving=True) for frame, pose in zip(drawn, arrays["T_world_object"], strict=True)
     ]
     forces = dict(zip(links, arrays["link_force"].T, strict=True))
-    return _recording(frames, arrays["time"], arrays["phase"].tolist(), forces)
+    ended = read_json_object(folder / FIGURES, error=InputError) if (folder / FIGURES).is_file() else {}
+    outcome = str(ended.get("sentence", ""))[:LONGEST_NAME]
+    return replace(_recording(frames, arrays["time"], arrays["phase"].tolist(), forces), subtitle=outcome)
 
 
 def intended(plan: Plan) -> Recording:

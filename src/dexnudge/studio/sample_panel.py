@@ -41,7 +41,7 @@ class SamplePanel:
         self._gizmo: Any = None
         gui: Any = server.gui
         session = self._session
-        with gui.add_folder("Another scene", expand_by_default=False):
+        with gui.add_folder("Another scene: object, family, seed", expand_by_default=False):
             self._object = gui.add_dropdown("object", list(KINDS), initial_value=OBJECT)
             self._family = gui.add_dropdown("scene", scene_families(), initial_value=FAMILY)
             self._scene_seed = gui.add_number("scene's seed", 0, min=0, step=1)
@@ -54,7 +54,7 @@ class SamplePanel:
             }
             self._numbers = {"motion_length": self._slider(gui, "motion_length")}
             self._reset = gui.add_button("As it was")
-        with gui.add_folder("Weights and forces", expand_by_default=False):
+        with gui.add_folder("Mass, frictions, force, weights of the energy", expand_by_default=False):
             self._numbers |= {name: self._slider(gui, name) for name in NUMBERS if name != "motion_length"}
             self._own = {name: float(getattr(_method_weights(), name)) for name in BUILTIN_WEIGHTS}
             self._weights = {

@@ -41,7 +41,7 @@ def open_server(host: str = HOST, port: int = PORT) -> Server:
     """Return a server that listens on `port`, or on the next free one; 0 lets the system choose.
 
     Raises:
-        InputError: an address that is not of this machine, or a port that is none or that may not be used.
+        InputError: an address that is not of this machine, or a port that is invalid or may not be used.
     """
     check_integer("port", port, least=0, most=LARGEST_PORT)
     try:

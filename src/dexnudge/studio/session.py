@@ -139,7 +139,8 @@ class Session:
         if (recording := self.player.recording) is not None:
             forces = forces_at(recording, self.player.frame)
             pressing = {name: f"{force:.2f} N" for name, force in forces.items() if force > 0}
-            return {"moment": recording.caption(self.player.frame), **pressing}
+            ended = {"outcome": recording.subtitle} if recording.subtitle else {}
+            return {"moment": recording.caption(self.player.frame), **ended, **pressing}
         index = self.selected
         if self.samples is None or index is None:
             return {}

@@ -78,7 +78,7 @@ def build_scene(
         UnknownNameError: no such family; the message lists those that exist.
         MeshError: the object's file cannot be used.
         InputError: an object that is neither name, file nor mesh, or a seed that is no integer from 0 to 2^63 - 1.
-        SceneError: the object does not fit, a physical number is out of its domain, or a turn that is none.
+        SceneError: the object does not fit, a physical number is out of its domain, or the turn is invalid.
     """
     check_kind("family", family, str, "'table'")
     names = tuple(SCENE_FAMILIES) if family in SCENE_FAMILIES else (*SCENE_FAMILIES, *plugin_names("scene"))
