@@ -13,23 +13,14 @@ import dexnudge as dn
 from dexnudge.simulation.robot_model import load_robot_model, robot_model
 from dexnudge.trajectories.plan import PHASES
 
+from .test_plan_folder import at
+
 
 @pytest.fixture(scope="module")
 def saved(crane_plan, tmp_path_factory) -> Path:
     folder = tmp_path_factory.mktemp("saved") / "PLAN"
     crane_plan.save(folder, pictures=False)
     return folder
-
-
-def at(*keys):
-    """A change of one value in plan.json, deep in it."""
-
-    def change(content, value):
-        for key in keys[:-1]:
-            content = content[key]
-        content[keys[-1]] = value
-
-    return change
 
 
 def each_phase(key, value):

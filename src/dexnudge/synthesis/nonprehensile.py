@@ -9,7 +9,7 @@ from dataclasses import dataclass, replace
 
 import numpy as np
 import torch
-from jaxtyping import Bool, Float, Int
+from jaxtyping import Bool, Float
 from torch import Tensor
 
 from dexnudge.energies import HandEnergy
@@ -126,10 +126,12 @@ def sample_pre_contact(
     for item in range(count):
         chosen = generator.permutation(digits)[: min(sizes[item], digits)]
         touches[item, chosen] = True
-        on_top = intents[item] == "press"
-        target[item], outward[item] = (_upright_targets if upright else _targets)(
-            surface, centre_of_mass, direction[item], chosen, digits, generator, on_top=on_top
+        places = (_upright_places if upright else _places)(
+            surface, centre_of_mass, direction[item], len(chosen), generator, on_top=intents[item] == "press"
         )
+        target[item, chosen] = surface.points[places]
+        total = surface.normals[places].sum(axis=0)
+        outward[item] = total / max(float(np.linalg.norm(total)), 1e-9)
     # A hooking hand comes from ahead of the object and reaches over it; the others come from anywhere.
     heading = generator.uniform(0.0, 2 * np.pi, count)
     against = angle + np.pi + np.radians(generator.normal(0.0, HOOK_SPREAD, count))
@@ -138,17 +140,16 @@ def sample_pre_contact(
     return PreContact(_lifted(hand, pose, float(surface.points[:, 2].min())), target, touches, intents)
 
 
-def _targets(
+def _places(
     surface: SurfacePoints,
     centre_of_mass: Float[np.ndarray, " 3"],
     direction: Float[np.ndarray, " 2"],
-    chosen: Int[np.ndarray, " touching"],
-    digits: int,
+    touching: int,
     generator: np.random.Generator,
     *,
     on_top: bool,
-) -> tuple[Float[np.ndarray, "digit 3"], Float[np.ndarray, " 3"]]:
-    """Targets of the chosen digits and the mean outward normal there."""
+) -> list[int]:
+    """Return the surface points that so many digits should touch."""
     normals, points = surface.normals, surface.points
     if on_top:
         usable = np.flatnonzero(normals[:, 2] > TOP_NORMAL)
@@ -161,29 +162,25 @@ def _targets(
     along = (first[:2] - centre_of_mass[:2]) @ direction
     middle = generator.normal(0.0, LATERAL_SPREAD)
     turn = generator.uniform(-0.6, 0.6)
-    spread = (np.arange(len(chosen)) - (len(chosen) - 1) / 2) * DIGIT_SPREAD * generator.uniform(0.6, 1.3)
-    target, outward = np.zeros((digits, 3)), np.zeros(3)
-    for digit, shift in zip(chosen, spread, strict=True):
+    places = []
+    for shift in _row(touching, generator):
         wanted = (
             centre_of_mass[:2] + (along + shift * np.sin(turn)) * direction + (middle + shift * np.cos(turn)) * lateral
         )
         apart = np.linalg.norm(points[usable, :2] - wanted, axis=1) + 0.5 * np.abs(points[usable, 2] - first[2])
-        nearest = usable[np.argmin(apart)]
-        target[digit] = points[nearest]
-        outward += normals[nearest]
-    return target, outward / max(float(np.linalg.norm(outward)), 1e-9)
+        places.append(int(usable[np.argmin(apart)]))
+    return places
 
 
-def _upright_targets(
+def _upright_places(
     surface: SurfacePoints,
     centre_of_mass: Float[np.ndarray, " 3"],
     direction: Float[np.ndarray, " 2"],
-    chosen: Int[np.ndarray, " touching"],
-    digits: int,
+    touching: int,
     generator: np.random.Generator,
     *,
     on_top: bool,
-) -> tuple[Float[np.ndarray, "digit 3"], Float[np.ndarray, " 3"]]:
+) -> list[int]:
     """The same on an object that stands: digits in a row of any slope on its top, or on its trailing side, mostly high."""
     normals, points = surface.normals, surface.points
     ahead, lateral = np.array([*direction, 0.0]), np.array([-direction[1], direction[0], 0.0])
@@ -195,13 +192,13 @@ def _upright_targets(
     first = first + (generator.normal(0.0, LATERAL_SPREAD) - (first - centre_of_mass) @ lateral) * lateral
     slope = generator.uniform(0.0, np.pi)
     row = np.cos(slope) * lateral + np.sin(slope) * (ahead if on_top else np.array([0.0, 0.0, 1.0]))
-    spread = (np.arange(len(chosen)) - (len(chosen) - 1) / 2) * DIGIT_SPREAD * generator.uniform(0.6, 1.3)
-    target, outward = np.zeros((digits, 3)), np.zeros(3)
-    for digit, shift in zip(chosen, spread, strict=True):
-        nearest = usable[np.argmin(np.linalg.norm(points[usable] - (first + shift * row), axis=1))]
-        target[digit] = points[nearest]
-        outward += normals[nearest]
-    return target, outward / max(float(np.linalg.norm(outward)), 1e-9)
+    wanted = first + _row(touching, generator)[:, None] * row
+    return [int(usable[np.argmin(np.linalg.norm(points[usable] - each, axis=1))]) for each in wanted]
+
+
+def _row(touching: int, generator: np.random.Generator) -> Float[np.ndarray, " touching"]:
+    """Return where digits stand in a row about its middle [m]."""
+    return (np.arange(touching) - (touching - 1) / 2) * DIGIT_SPREAD * generator.uniform(0.6, 1.3)
 
 
 def _poses(
