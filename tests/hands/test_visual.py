@@ -8,7 +8,7 @@ import trimesh
 
 import dexnudge as dn
 from dexnudge.hands.export import export_hand
-from dexnudge.hands.visual import MOST_TRIANGLES, visual_meshes
+from dexnudge.hands.link_meshes import MOST_TRIANGLES, visual_meshes
 
 URDF = """<robot name="toy">
 <link name="palm">{palm}</link><link name="tip">{tip}</link>

@@ -8,10 +8,8 @@ An answer holds joint_names (d,), T_world_palm (n, 4, 4) [m] and joint_angles (n
 
 import hashlib
 import os
-import zipfile
 from dataclasses import dataclass, field
 from pathlib import Path
-from typing import Any
 
 import numpy as np
 from jaxtyping import Float
@@ -21,12 +19,13 @@ from dexnudge.benchmark.tasks import TaskSet
 from dexnudge.errors import LONGEST_NAME, InputError, did_you_mean, is_name, quote
 from dexnudge.formats.hand_poses import configurations
 from dexnudge.hands.hand import Hand
+from dexnudge.jobs.archives import read_arrays
 from dexnudge.jobs.json_files import path_inside, read_json_object
-from dexnudge.results.folder import DAMAGE, read_array
 
 ENTRY, ANSWERS = "entry.json", "answers"
 KEYS = ("T_world_palm", "joint_angles", "joint_names")
 SUFFIXES = (".json", ".npz")
+ARCHIVE = "an npz archive without pickles"
 LARGEST_ANSWER = 2**24  # [bytes] a hundred draws are some 100 kB
 
 
@@ -122,9 +121,10 @@ def read_answer(entry: Entry, name: str, hand: Hand, *, most: int) -> Answer:
     if path.stat().st_size > LARGEST_ANSWER:
         raise InputError(f"the answer has {path.stat().st_size >> 20} MiB; expected at most {LARGEST_ANSWER >> 20} MiB")
     try:
-        content = (
-            read_json_object(path, error=InputError, constant=float) if path.suffix == ".json" else _read_npz(path)
-        )
+        if path.suffix == ".json":
+            content = read_json_object(path, error=InputError, constant=float)
+        else:
+            content = read_arrays(path, folder="an answer", content=ARCHIVE, largest=LARGEST_ANSWER, only=KEYS)
     except InputError as error:  # goes into a report, which is handed on
         raise InputError(str(error).replace(str(path), path.name)) from error
     missing = [key for key in KEYS if key not in content]
@@ -141,17 +141,3 @@ def read_answer(entry: Entry, name: str, hand: Hand, *, most: int) -> Answer:
 def _check_draws(number: int, most: int, where: str) -> None:
     if not 0 < number <= most:
         raise InputError(f"{where} holds {number} draws; expected 1 to {most}")
-
-
-def _read_npz(path: Path) -> dict[str, Any]:
-    """Return the arrays of an archive that are an answer's."""
-    try:
-        with zipfile.ZipFile(path) as archive:
-            size = sum(each.file_size for each in archive.infolist())
-            there = {f"{key}.npy" for key in KEYS if size <= LARGEST_ANSWER} & {*archive.namelist()}
-            arrays = {name.removesuffix(".npy"): read_array(archive, archive.getinfo(name)) for name in there}
-    except DAMAGE as error:
-        raise InputError(f"{path.name} is damaged ({error}); expected an npz archive without pickles") from error
-    if size > LARGEST_ANSWER:
-        raise InputError(f"{path.name} unpacks to {size >> 20} MiB; expected at most {LARGEST_ANSWER >> 20} MiB")
-    return arrays

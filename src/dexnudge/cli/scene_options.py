@@ -196,7 +196,7 @@ class SceneOptions(MeshOptions):
         """Return the findings before sampling; of a family's own, which is built to be right, only sizes and errors."""
         if self.scene is None or self.is_folder or self.turning.given():
             return scene.findings(hand)
-        from dexnudge.scenes.sizes import size_findings
+        from dexnudge.scenes.placement import size_findings
 
         sizes = size_findings(scene.object_mesh, scene.environment_mesh, scene.mass)
         return [*(finding for finding in sizes if finding.level != "error"), *scene.misplaced]

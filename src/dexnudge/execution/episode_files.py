@@ -12,8 +12,8 @@ from dexnudge.errors import InputError
 from dexnudge.execution.grasp_and_lift import LIFT_PHASES
 from dexnudge.geometry.rigid import ROUNDED_TOLERANCE
 from dexnudge.hands.hand import ROOT_COORDINATES
+from dexnudge.jobs.archives import read_arrays
 from dexnudge.planning.outcomes import Outcome
-from dexnudge.results.folder import read_arrays
 from dexnudge.scenes.scene import Scene
 from dexnudge.simulation.model import BASE_FORCE_LIMIT, BASE_TORQUE_LIMIT, SimulationModel
 from dexnudge.simulation.rollout import Trace

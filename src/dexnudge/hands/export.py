@@ -15,9 +15,9 @@ from jaxtyping import Float
 from dexnudge.errors import check_path
 from dexnudge.hands.config import HandConfig, write_hand_config
 from dexnudge.hands.hand import Hand
+from dexnudge.hands.link_meshes import visual_meshes
 from dexnudge.hands.mjcf_export import body_inertia, mjcf_of_hand
 from dexnudge.hands.motors import JointDrives, nominal_drives
-from dexnudge.hands.visual import visual_meshes
 from dexnudge.hands.xml_text import numbers
 
 MESH_FOLDER = "meshes"

@@ -17,14 +17,9 @@ criterion needs beside its name, such as the arm of `reach`.
 """
 
 import json
-import math
 import re
-import sys
 import time
-import tokenize
-import zipfile
-import zlib
-from collections.abc import Sequence
+from collections.abc import Iterable, Sequence
 from contextlib import AbstractContextManager
 from dataclasses import replace
 from pathlib import Path
@@ -37,46 +32,42 @@ from dexnudge.errors import InputError, check_path, is_name, quote
 from dexnudge.hands.export import HAND_FILES, export_hand
 from dexnudge.hands.hand import ROOT_COORDINATES, Hand
 from dexnudge.hands.registry import load_hand
+from dexnudge.jobs.archives import read_arrays
 from dexnudge.jobs.folders import new_folder
 from dexnudge.jobs.json_files import read_json_object
 from dexnudge.jobs.provenance import machine, peak_memory_mb, versions
-from dexnudge.results.criterion_files import FILES as CRITERION_FILES
-from dexnudge.results.criterion_files import OURS, read_criterion, write_criteria
+from dexnudge.planning.reach import Reach
+from dexnudge.plugins import call_foreign, load_plugin, plugin_title
 from dexnudge.results.samples import Samples
 from dexnudge.scenes.files import SCENE_FILES
 from dexnudge.scenes.scene import Scene
-from dexnudge.verification.criteria import FORESIGHT, RESERVED, Criterion, missing_criteria
+from dexnudge.verification.criteria import (
+    FORESIGHT,
+    RESERVED,
+    Criterion,
+    check_criteria,
+    find_criterion,
+    missing_criteria,
+)
 from dexnudge.verification.verdicts import Verdicts, contacts_of, verify
 
 CONFIGURATIONS, SUMMARY = "configurations.npz", "summary.json"
 HAND = Path("hand", "hand.urdf")
 PAGE, PICTURE = "view.html", "view.png"
+CRITERIA = "criteria"
+OURS: dict[str, Any] = {Reach.name: Reach}
+"""Criteria of this package that need more than a name."""
 RESULT_FILES = (
     *SCENE_FILES,
     *(f"{HAND.parent}/{file}" for file in HAND_FILES),
-    *CRITERION_FILES,
+    f"{CRITERIA}/*/*",
     SUMMARY,
     PAGE,
     PICTURE,
 )
 """What a result folder consists of beside configurations.npz, as patterns of paths."""
 BLOCKED = "motion_not_blocked"
-LARGEST_FILE = 2**30
-"""Of configurations.npz, unpacked [bytes]: some million draws; more is no result."""
 LONGEST_QUOTE = 200  # characters of a file's content in a message
-NPY_HEADERS = {(1, 0): np.lib.format.read_array_header_1_0, (2, 0): np.lib.format.read_array_header_2_0}
-DAMAGE = (
-    OSError,
-    ValueError,
-    EOFError,
-    zipfile.BadZipFile,
-    zlib.error,
-    RuntimeError,  # an unknown compression, a password, or a header with too many brackets
-    MemoryError,  # the same, and no lack of memory
-    SyntaxError,
-    tokenize.TokenError,
-)
-"""What reading an archive that numpy.savez did not write may raise."""
 KINDS = {"f": "float", "U": "text", "b": "bool"}
 """How messages call the kinds of arrays."""
 
@@ -172,64 +163,6 @@ def read_configurations(folder: Path) -> tuple[Float[np.ndarray, "n coordinates"
         foresight=foresight,
     )
     return q, tuple(arrays["joint_names"].tolist()), verdicts
-
-
-def read_arrays(path: Path, *, folder: str, content: str) -> dict[str, np.ndarray]:
-    """Return the arrays of an npz archive; no more is read into memory than its table of contents and headers allow.
-
-    folder, content: what messages expect where the file is missing, and in it.
-
-    Raises:
-        InputError: the file is missing or damaged; an entry is no array, is there twice, or is larger than a result can be.
-    """
-    if not path.is_file():
-        raise InputError(f"{path} is missing; expected {folder}")
-    try:
-        return _read_arrays(path)
-    except InputError:
-        raise
-    except DAMAGE as error:
-        raise InputError(f"{path} is damaged ({error}); expected {content}") from error
-
-
-def _read_arrays(path: Path) -> dict[str, np.ndarray]:
-    arrays: dict[str, np.ndarray] = {}
-    with zipfile.ZipFile(path) as archive:
-        entries = archive.infolist()
-        size = sum(entry.file_size for entry in entries)
-        if size > LARGEST_FILE:
-            raise InputError(
-                f"{path} unpacks to {size / 2**20:.0f} MiB; expected at most {LARGEST_FILE >> 20} MiB; sample again"
-            )
-        for entry in entries:
-            key, shown = entry.filename.removesuffix(".npy"), repr(entry.filename[:LONGEST_QUOTE])
-            if key in arrays:
-                raise InputError(f"{path} holds {shown} twice; expected one array of each name; sample again")
-            if key == entry.filename:
-                raise InputError(f"{path} holds {shown}, which is no array; expected arrays only; sample again")
-            arrays[key] = read_array(archive, entry)
-    return arrays
-
-
-def read_array(archive: zipfile.ZipFile, entry: zipfile.ZipInfo) -> np.ndarray:
-    """Return the array of an entry; ValueError where its header announces anything but what follows."""
-    with archive.open(entry) as file:
-        read_header = NPY_HEADERS.get(np.lib.format.read_magic(file))
-        if read_header is None:
-            raise ValueError("an array is written in an unknown version of the npy format")
-        shape, _, dtype = read_header(file)
-        if dtype.hasobject:
-            raise ValueError("an array holds pickled objects")
-        announced, size = math.prod(shape) * dtype.itemsize, entry.file_size - file.tell()
-        if not dtype.itemsize or announced != size:
-            raise ValueError(f"the header of an array announces {announced} bytes, and {size} follow")
-        file.seek(0)
-        array: np.ndarray = np.lib.format.read_array(file, allow_pickle=False)
-    if dtype.kind == "U":
-        codes = array.reshape(-1).view(np.dtype(np.uint32).newbyteorder(dtype.byteorder))
-        if codes.max(initial=0) > sys.maxunicode:
-            raise ValueError("a text holds what is no character")
-    return array
 
 
 def count_draws(verdicts: Verdicts) -> dict[str, Any]:
@@ -381,3 +314,33 @@ def _read_summary(folder: Path) -> dict[str, Any]:
             what = "an object" if kind is dict else "a list"
             raise InputError(f"{path}: {key} is {str(summary[key])[:LONGEST_QUOTE]}; expected {what}; sample again")
     return summary
+
+
+def write_criteria(folder: Path, criteria: Iterable[Criterion], hand: Hand) -> None:
+    """Have each criterion that has parameters save them."""
+    for criterion in criteria:
+        if hasattr(criterion, "save"):
+            own = folder / CRITERIA / criterion.name
+            own.mkdir(parents=True, exist_ok=True)
+            call_foreign(f"criterion '{criterion.name}' cannot be saved", criterion.save, own, hand)
+
+
+def read_criterion(folder: Path, name: str) -> Criterion:
+    """Return the criterion of that name: from its own folder where it has one, else by its name alone.
+
+    Raises:
+        UnknownNameError: no such criterion.
+        InputError: its files are missing or damaged.
+    """
+    own = folder / CRITERIA / name
+    if name in OURS:
+        return OURS[name].load(own)
+    if not own.is_dir():
+        return find_criterion(name)
+    kind = load_plugin("criterion", name)
+    what = plugin_title("criterion", name)
+    if not hasattr(kind, "load"):
+        raise InputError(f"{what} has no `load`; expected the class whose `save` wrote {own}; install that version")
+    found = call_foreign(f"{what} cannot be read from {own}", kind.load, own)
+    check_criteria([found])
+    return found

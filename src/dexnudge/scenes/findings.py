@@ -12,10 +12,10 @@ from dexnudge.geometry.near_faces import faces_near
 from dexnudge.hands.hand import Hand
 from dexnudge.scenes.free_way import TIPPING, carried_way, free_way, outside_of
 from dexnudge.scenes.motion import Turn
+from dexnudge.scenes.placement import size_findings
 from dexnudge.scenes.plane_fit import EXACT
 from dexnudge.scenes.room import room_findings
 from dexnudge.scenes.scene import Scene
-from dexnudge.scenes.sizes import size_findings
 from dexnudge.scenes.support_contacts import (
     MOTION_TOLERANCE,
     UPWARD,

@@ -24,10 +24,9 @@ from dexnudge.perception.depth_view import DepthView
 from dexnudge.scenes.files import LARGEST_NUMBER, MARGINS, NUMBERS, read_scene, write_scene
 from dexnudge.scenes.motion import FARTHEST_AXIS, SMALLEST_TURN, Motion, Turn
 from dexnudge.scenes.own_surroundings import check_margins, understood, without_hole_below
-from dexnudge.scenes.placement import placement_findings
+from dexnudge.scenes.placement import placement_findings, size_findings
 from dexnudge.scenes.poses import load_pose, unit_motion
 from dexnudge.scenes.resting import long_side_along_x
-from dexnudge.scenes.sizes import size_findings
 from dexnudge.scenes.supports import TOUCHING, Support, all_supports
 from dexnudge.scenes.uncertainty import Uncertainty
 

@@ -6,7 +6,7 @@ from jaxtyping import Float, UInt8
 
 from dexnudge.arms.arm import Arm
 from dexnudge.arms.robot import Robot
-from dexnudge.hands.visual import visual_meshes
+from dexnudge.hands.link_meshes import visual_meshes
 from dexnudge.viewer.camera import framing_camera
 from dexnudge.viewer.hand_view import BASE_COLOUR, DIGIT_COLOURS, PALM_COLOUR
 from dexnudge.viewer.picture import arrange, render_array

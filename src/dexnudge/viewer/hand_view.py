@@ -12,7 +12,7 @@ from jaxtyping import Float
 from dexnudge.geometry.exact_distance import Rays
 from dexnudge.hands.closing import closing
 from dexnudge.hands.hand import Hand
-from dexnudge.hands.visual import visual_meshes
+from dexnudge.hands.link_meshes import visual_meshes
 from dexnudge.jobs.cached import cached_per_instance
 from dexnudge.viewer.camera import framing_camera
 from dexnudge.viewer.page import write_template

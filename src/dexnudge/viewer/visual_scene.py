@@ -20,7 +20,7 @@ from dexnudge.errors import InputError
 from dexnudge.geometry.near_faces import faces_near
 from dexnudge.geometry.thinning import thinned
 from dexnudge.hands.hand import Hand
-from dexnudge.hands.visual import visual_meshes
+from dexnudge.hands.link_meshes import visual_meshes
 from dexnudge.scenes.boxes import joined
 from dexnudge.scenes.scene import Scene
 
