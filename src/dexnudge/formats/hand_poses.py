@@ -9,6 +9,7 @@ from jaxtyping import Float
 from dexnudge.errors import InputError, SceneError, quote
 from dexnudge.geometry.rigid import real_numbers, rigid_transform
 from dexnudge.hands.hand import Hand
+from dexnudge.planning.hand_motion import palm_pose
 
 SCALES = (
     2.0  # times by which a scale may differ from the object's radius: meshes fill a unit ball, or a box of its diagonal
@@ -82,14 +83,7 @@ def checked_configurations(
 
 def palm_poses(q: Float[np.ndarray, "n coordinates"]) -> Float[np.ndarray, "n 4 4"]:
     """Return the poses of the palm in the frame of q [m]."""
-    poses = np.tile(np.eye(4), (len(q), 1, 1))
-    first, second = q[:, 3:6].astype(np.float64), q[:, 6:9].astype(np.float64)
-    first /= np.linalg.norm(first, axis=1, keepdims=True)
-    second = second - (first * second).sum(axis=1, keepdims=True) * first
-    second /= np.linalg.norm(second, axis=1, keepdims=True)
-    poses[:, :3, :3] = np.stack([first, second, np.cross(first, second)], axis=2)
-    poses[:, :3, 3] = q[:, :3]
-    return poses
+    return np.array([palm_pose(row) for row in q.astype(np.float64)]).reshape(-1, 4, 4)
 
 
 def _columns(hand: Hand, names: Any, where: str) -> list[int]:

@@ -97,8 +97,7 @@ def scene_from_depth(
     else:
         mesh = object_mesh
         T_world_object = load_pose(object_pose) if isinstance(object_pose, str | Path) else rigid_transform(object_pose)
-    body = mesh.copy()
-    body.apply_transform(T_world_object)
+    body = mesh.copy().apply_transform(T_world_object)
     own = object_pixels(views, body)
     low, high = body.bounds
     way_low, way_high = np.minimum(low, low + way), np.maximum(high, high + way)

@@ -54,8 +54,7 @@ def understood(
     if settle_object not in SETTLE:
         raise SceneError(f"`settle` is {quote(settle_object)}; expected 'auto' or 'off'")
     check_margins(surface_noise=surface_noise or 0.0, clearance=clearance)
-    body = mesh.copy()
-    body.apply_transform(T_world_object)
+    body = mesh.copy().apply_transform(T_world_object)
     below = MOST_SHIFT + float(np.sin(MOST_TURN)) * 0.5 * float(np.linalg.norm(mesh.extents))
     supports = all_supports(body, environment, below=below, around=AROUND)
     if surface_noise is not None and "origin" in environment.metadata:  # assumed planes are flat, what is around is not

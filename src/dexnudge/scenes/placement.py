@@ -61,7 +61,7 @@ def placement_findings(
     object would touch after a mistake that is often made with poses and scans, the remedy names that mistake.
     """
     surroundings = surroundings_distance(environment_mesh)
-    body = _placed(object_mesh, T_world_object)
+    body = object_mesh.copy().apply_transform(T_world_object)
     if (share := _scanned_too(body, surroundings)) > MOST_SCANNED:
         sentence = (
             f"{share:.0%} of the object's upper side coincides with a surface of the surroundings; expected none there"
@@ -134,12 +134,6 @@ def _remedy(
     return f"{mistake}; if not, {move}" if mistake else move
 
 
-def _placed(mesh: trimesh.Trimesh, pose: Float[np.ndarray, "4 4"]) -> trimesh.Trimesh:
-    placed = mesh.copy()
-    placed.apply_transform(pose)
-    return placed
-
-
 def _mistakes(
     object_mesh: trimesh.Trimesh, surroundings: ExactDistance, T_world_object: Float[np.ndarray, "4 4"], wrong_by: float
 ) -> Iterator[str]:
@@ -161,7 +155,7 @@ def _mistakes(
         if gap <= limit and _carried(placed, hit, limit, mistake.turn):
             found.append((gap, mistake))
     for _, mistake in sorted(found, key=lambda entry: entry[0]):  # the best explanation first
-        if deepest_overlap(_placed(object_mesh, mistake.pose), surroundings)[0] <= limit:
+        if deepest_overlap(object_mesh.copy().apply_transform(mistake.pose), surroundings)[0] <= limit:
             yield f"{mistake.question}: it would touch there"
 
 

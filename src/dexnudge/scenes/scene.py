@@ -109,9 +109,7 @@ class Scene:
 
     def object_in_world(self) -> trimesh.Trimesh:
         """Return a copy of the object's mesh in the world frame, metres."""
-        mesh = self.object_mesh.copy()
-        mesh.apply_transform(self.T_world_object)
-        return mesh
+        return self.object_mesh.copy().apply_transform(self.T_world_object)
 
     @cached_property
     def centre_of_mass(self) -> Float[np.ndarray, "3"]:
@@ -227,8 +225,7 @@ class Scene:
             bounds = np.stack([points.min(axis=0) - reach, points.max(axis=0) + reach])
         environment = coarsened_far(environment, *bounds)
         environment = turned_toward(environment, _above_middle(mesh, pose))
-        body = mesh.copy()
-        body.apply_transform(pose)
+        body = mesh.copy().apply_transform(pose)
         environment, around = without_hole_below(environment, body)
         fields = understood(
             mesh,

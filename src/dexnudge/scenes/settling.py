@@ -144,8 +144,7 @@ def settle(
     given = np.asarray(T_world_object, dtype=np.float64)
     pose = given.copy()
     reach = MOST_SHIFT + float(np.sin(MOST_TURN)) * 0.5 * float(np.linalg.norm(mesh.extents))
-    body = mesh.copy()
-    body.apply_transform(given)
+    body = mesh.copy().apply_transform(given)
     near = faces_near(surroundings, body.bounds + np.array([[-2 * reach], [2 * reach]]))
     if len(near) == 0:
         return Settled(given, 0.0, 0.0, rests=False)

@@ -8,7 +8,6 @@ from contextlib import nullcontext
 from html import escape
 from typing import Any
 
-from dexnudge.errors import DexnudgeError
 from dexnudge.studio.session import Session
 
 FOLDERS = re.compile(r"(?<![\w.~])(?:[A-Za-z]:)?[\\/](?:[^\s\\/'\"]+[\\/])+")  # of an absolute path
@@ -42,13 +41,8 @@ class Reactions:
             if event.client is None:  # the page itself set it
                 return
             try:
-                with self.session.lock if locked else nullcontext():
+                with self.session.telling(), self.session.lock if locked else nullcontext():
                     act(event)
-            except DexnudgeError as error:
-                self.session.tell("Not possible", str(error), True)
-            except Exception:
-                self.session.tell("A bug", "something failed inside; the terminal tells what", True)
-                raise
             finally:
                 self.after()
 

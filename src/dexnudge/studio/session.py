@@ -4,7 +4,8 @@ from __future__ import annotations
 
 import re
 import threading
-from collections.abc import Callable, Mapping
+from collections.abc import Callable, Iterator, Mapping
+from contextlib import contextmanager
 from pathlib import Path
 from typing import Any
 
@@ -284,6 +285,17 @@ class Session:
         """Whether something is done in the background."""
         return self._worker.is_alive()
 
+    @contextmanager
+    def telling(self) -> Iterator[None]:
+        """Show what the block refuses, and that there is a bug where it fails otherwise."""
+        try:
+            yield
+        except DexnudgeError as error:
+            self.tell("Not possible", str(error), True)
+        except Exception:
+            self.tell("A bug", "something failed inside; the terminal says what", True)
+            raise
+
     def _check_idle(self) -> None:
         if self.busy:
             raise InputError(f"the studio is busy: {self.busy}; expected nothing under way; stop it, or wait")
@@ -291,12 +303,8 @@ class Session:
     def _begin(self, what: str, task: Callable[[], None]) -> None:
         def run() -> None:
             try:
-                task()
-            except DexnudgeError as error:
-                self.tell("Not possible", str(error), True)
-            except Exception:
-                self.tell("A bug", "something failed inside; the terminal tells what", True)
-                raise
+                with self.telling():
+                    task()
             finally:
                 with self.lock:
                     self.busy = ""

@@ -12,7 +12,7 @@ from jaxtyping import Float, Int
 
 from dexnudge.dataset.info import known_hand
 from dexnudge.dataset.manifest import Manifest, read_manifest
-from dexnudge.dataset.schema import BEHAVIOURS, INFEASIBLE, TURNS, BehaviourCounts
+from dexnudge.dataset.schema import INFEASIBLE, TURNS, BehaviourCounts
 from dexnudge.dataset.shards import (
     DamagedShardError,
     Shard,
@@ -56,12 +56,16 @@ TOLERANCES = {
 BATCH = 256  # rows verified together: what memory a worker needs does not grow with the shard
 
 
-class RowCheck:
-    """Verifies the rows of one object after another, with the hand loaded once."""
+class _OfObjects:
+    """What is done with the rows of one object after another, with the hand loaded once."""
 
     def __init__(self, folder: Path, manifest: Manifest, meshes: ObjectMeshes) -> None:
         self._folder, self._manifest, self._meshes = folder, manifest, meshes
         self._hand = manifest.load_hand(folder)
+
+
+class RowCheck(_OfObjects):
+    """Verifies the rows of an object."""
 
     def __call__(self, task: tuple[str, Int[np.ndarray, " picked"]]) -> list[str]:
         """Return every difference between an object's rows in the shard and what is found now, in words.
@@ -132,12 +136,8 @@ def _numbers(what: str, stored: Any, found: Float[np.ndarray, "*shape"] | float 
     return [f"{what}{place} is {theirs[worst]:.5f} in the file, {ours[worst]:.5f} found"]
 
 
-class TurnLabels:
-    """Judges how the rows of one object after another can turn it, and writes that into their shard."""
-
-    def __init__(self, folder: Path, manifest: Manifest, meshes: ObjectMeshes) -> None:
-        self._folder, self._manifest, self._meshes = folder, manifest, meshes
-        self._hand = manifest.load_hand(folder)
+class TurnLabels(_OfObjects):
+    """Judges how the rows of an object can turn it, and writes that into their shard."""
 
     def __call__(self, name: str) -> int:
         """Return how many rows can turn or tip the object.
@@ -214,7 +214,9 @@ def check_dataset(
             differences.append(str(shard))
         else:
             shards[name] = shard
-            differences += _count_again(shard, manifest)
+            if manifest.objects[name] not in (None, shard.mesh_hash):
+                own = manifest.objects[name]
+                differences.append(f"{name}: its shard is of the mesh {shard.mesh_hash}, manifest: {own}")
     counts = totals({name: shard.counts for name, shard in shards.items()})
     for behaviour, claimed in manifest.counts.items():  # empty until generation has ended
         found = asdict(counts.get(behaviour, BehaviourCounts()))
@@ -252,18 +254,3 @@ def _pick(rows: dict[str, int], num: int | None, seed: int) -> dict[str, Int[np.
     chosen = np.arange(total) if num is None else np.sort(np.random.default_rng(seed).permutation(total)[:num])
     parts = np.split(chosen, np.searchsorted(chosen, ends[1:-1])) if rows else []
     return {name: part - start for name, part, start in zip(rows, parts, ends, strict=False) if len(part)}
-
-
-def _count_again(shard: Shard, manifest: Manifest) -> list[str]:
-    """Where attempts, rows and the manifest contradict each other."""
-    differences = []
-    name, labels = shard.object_name, shard.table.column("behaviour").to_pylist()
-    for behaviour in BEHAVIOURS:
-        count, rows = shard.counts.get(behaviour, BehaviourCounts()), labels.count(behaviour)
-        if count.kept != rows:
-            differences.append(f"{name}: {count.kept} of {behaviour} counted as kept, {rows} rows in the file")
-        if count.attempted != count.accounted:
-            differences.append(f"{name}: the attempts of {behaviour} do not add up: {asdict(count)}")
-    if manifest.objects[name] not in (None, shard.mesh_hash):
-        differences.append(f"{name}: its shard is of the mesh {shard.mesh_hash}, manifest: {manifest.objects[name]}")
-    return differences
