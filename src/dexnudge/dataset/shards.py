@@ -60,7 +60,7 @@ class _ShardHeader:
     versions: dict[str, str]
     object: str
     mesh_sha256: str
-    counts: dict[str, dict[str, Any]]
+    counts: dict[str, BehaviourCounts]
     turns: tuple[tuple[float, ...] | None, ...] | None = None
 
 
@@ -183,12 +183,6 @@ def read_shard(
     table, header = _read_table(path, manifest, object_name, configuration_schema(len(manifest.joint_names)))
     check_rows(table, manifest, str(path), links=links)
     found = from_fields(header, _ShardHeader, f"{path}: its header", error=DamagedShardError, again=AGAIN)
-    counts = {
-        behaviour: from_fields(
-            count, BehaviourCounts, f"{path}: counts of {behaviour!r}", error=DamagedShardError, again=AGAIN
-        )
-        for behaviour, count in found.counts.items()
-    }
     rotation = column_matrix(table, "q")[:, 3:POSE_DIMENSIONS].reshape(-1, 2, 3)
     sizes = [pc.list_value_length(table.column(name)).to_numpy() for name in ("contact_links", "contact_points")]
     for what, wrong in (
@@ -202,16 +196,16 @@ def read_shard(
         if wrong.any():
             raise DamagedShardError(f"{path}, row {np.argmax(wrong)} is a row {what}; {AGAIN}")
     kept = Counter(table.column("behaviour").to_pylist())
-    if kept != {behaviour: count.kept for behaviour, count in counts.items() if count.kept}:
+    if kept != {behaviour: count.kept for behaviour, count in found.counts.items() if count.kept}:
         raise DamagedShardError(f"{path} has other rows than its counts say were kept: {dict(kept)}; {AGAIN}")
-    for behaviour, count in counts.items():
+    for behaviour, count in found.counts.items():
         count.validate(behaviour)
     turns = None
     if found.turns is not None and "turn_margin" in table.schema.names:
         if len(found.turns) != len(TURNS) or any(twist is not None and len(twist) != 6 for twist in found.turns):
             raise DamagedShardError(f"{path}: turns of its header are no {len(TURNS)} twists of 6 numbers; {AGAIN}")
         turns = np.array([twist or [np.nan] * 6 for twist in found.turns], dtype=np.float64)
-    return Shard(object_name=object_name, table=table, counts=counts, mesh_hash=found.mesh_sha256, turns=turns)
+    return Shard(object_name=object_name, table=table, counts=found.counts, mesh_hash=found.mesh_sha256, turns=turns)
 
 
 def read_whole(

@@ -36,14 +36,8 @@ def resting_pose(mesh: trimesh.Trimesh) -> Float[np.ndarray, "4 4"]:
     """
     rotation = _face_down(_most_stable_direction(mesh))
     placed = np.asarray(mesh.convex_hull.vertices) @ rotation.T
-    rotation = long_side_along_x(placed[:, :2]) @ rotation
     # All vertices, not the hull's: the lowest one decides to the last digit.
-    placed = np.asarray(mesh.vertices) @ rotation.T
-    low, high = placed.min(axis=0), placed.max(axis=0)
-    pose = np.eye(4)
-    pose[:3, :3] = rotation
-    pose[:3, 3] = [-(low[0] + high[0]) / 2, -(low[1] + high[1]) / 2, -low[2]]
-    return pose
+    return _placed(np.asarray(mesh.vertices), long_side_along_x(placed[:, :2]) @ rotation)
 
 
 def standing_pose(mesh: trimesh.Trimesh) -> Float[np.ndarray, "4 4"] | None:
@@ -67,14 +61,17 @@ def standing_pose(mesh: trimesh.Trimesh) -> Float[np.ndarray, "4 4"] | None:
         if steady > steadiest * (1 + TIE):
             rotation = long_side_along_x(turned[ConvexHull(turned[:, :2]).vertices, :2]) @ end
             best, steadiest = rotation, steady
-    if best is None:
-        return None
-    placed = placed @ best.T
-    low, high = placed.min(axis=0), placed.max(axis=0)
+    return None if best is None else _placed(placed, best) @ lying
+
+
+def _placed(vertices: Float[np.ndarray, "n 3"], rotation: Float[np.ndarray, "3 3"]) -> Float[np.ndarray, "4 4"]:
+    """Return the pose that turns the vertices so, their lowest on z = 0 and the centre of their box above the origin."""
+    turned = vertices @ rotation.T
+    low, high = turned.min(axis=0), turned.max(axis=0)
     pose = np.eye(4)
-    pose[:3, :3] = best
+    pose[:3, :3] = rotation
     pose[:3, 3] = [-(low[0] + high[0]) / 2, -(low[1] + high[1]) / 2, -low[2]]
-    return np.asarray(pose @ lying)
+    return pose
 
 
 def _most_stable_direction(mesh: trimesh.Trimesh) -> Float[np.ndarray, "3"]:

@@ -23,8 +23,7 @@ from dexnudge.scenes.families.edge import edge
 from dexnudge.scenes.families.layers import layers, slot
 from dexnudge.scenes.families.shelf import deep, shelf
 from dexnudge.scenes.families.stack import stack
-from dexnudge.scenes.families.table import ramp, table
-from dexnudge.scenes.families.turn import turn
+from dexnudge.scenes.families.table import ramp, table, turn
 from dexnudge.scenes.motion import check_asked
 from dexnudge.scenes.scene import Scene, check_physics
 
