@@ -72,7 +72,6 @@ def test_every_voxel_is_counted_once(fused):
     counts = np.ceil((HIGH - LOW) / VOXEL - 1e-9).astype(int)
     assert fused.free + fused.seen + fused.unseen == counts.prod()
     assert min(fused.free, fused.seen, fused.unseen) > 1000
-    assert fused.specks == 0
 
 
 def test_the_frame_of_the_world_does_not_matter(views, fused):
@@ -184,11 +183,10 @@ def test_single_pixels_that_drop_out_are_bridged_and_holes_are_not(camera):
     assert not inside(found, above_hole).any()
 
 
-def test_specks_that_float_are_dropped_and_counted(camera):
+def test_specks_that_float_are_dropped(camera):
     speck = ((0.0, 0.1, 0.1), (0.008, 0.108, 0.108))
     eyes = [*EYES, (0, 0.01, 0.6)]
     found = fuse([camera((TABLE, speck), eye, (0, 0, 0.03), focal=300.0) for eye in eyes], LOW, HIGH, voxel=VOXEL)
-    assert found.specks == 1
     assert vertices_of(found, SEEN)[:, 2].max() < 0.01
 
 

@@ -89,7 +89,7 @@ class FusedSurface:
 
     `mesh`: closed, normals toward free space. `origin` of each face: SEEN, ASSUMED (its depth was completed), or UNSEEN
     (the border of space that no view looked into, and of the box). `free`, `seen`, `unseen`: voxels known to be free, to
-    be solid, and not known. `specks`: floating bodies too small to be real that were dropped. `voxel` [m].
+    be solid, and not known. `voxel` [m].
     """
 
     mesh: trimesh.Trimesh
@@ -97,7 +97,6 @@ class FusedSurface:
     free: int
     seen: int
     unseen: int
-    specks: int
     voxel: float
 
 
@@ -153,7 +152,7 @@ def fuse(
     distance[inner][not_seen] = -1.0 if unseen == "solid" else 1.0
     if empty is not None:
         _empty(distance[inner], not_seen, low, voxel, empty)
-    specks = _without_specks(distance[inner])
+    _drop_specks(distance[inner])
     _close(distance)
     vertices, faces, nodes = isosurface(distance)
     first, second = (tuple(nodes[:, end].T) for end in (0, 1))
@@ -166,7 +165,6 @@ def fuse(
         free=not_seen.size - seen_voxels - int(not_seen.sum()),
         seen=seen_voxels,
         unseen=int(not_seen.sum()),
-        specks=specks,
         voxel=voxel,
     )
 
@@ -255,16 +253,13 @@ def _gaps(known: Bool[np.ndarray, "x y z"], distance: Float[np.ndarray, "x y z"]
     return (closed > 0) & ~known
 
 
-def _without_specks(distance: Float[np.ndarray, "x y z"]) -> int:
-    """Turn bodies that float, and bubbles, below SPECK voxels into what surrounds them; return how many bodies."""
-    dropped = 0
+def _drop_specks(distance: Float[np.ndarray, "x y z"]) -> None:
+    """Turn bodies that float, and bubbles, below SPECK voxels into what surrounds them."""
     for body in (True, False):
         parts, _ = label((distance < 0) == body)
         small = np.bincount(parts.ravel()) < SPECK
         small[0] = False
         distance[small[parts]] = 1.0 if body else -1.0
-        dropped += int(small.sum()) if body else 0
-    return dropped
 
 
 def _close(distance: Float[np.ndarray, "x y z"]) -> None:

@@ -28,13 +28,12 @@ BATCH = 256  # states that are measured at once
 class PlanPenetrations:
     """Depths [m] along a plan, 0 where nothing penetrates.
 
-    time: [s] of object and environment; of the object where it is at that time. self_time: of self_collision, 10 ms apart.
+    time: [s] of object and environment; of the object where it is at that time. self_collision: 10 ms apart.
     """
 
     time: Float[np.ndarray, " t"]
     object: Float[np.ndarray, " t"]
     environment: Float[np.ndarray, " t"]
-    self_time: Float[np.ndarray, " s"]
     self_collision: Float[np.ndarray, " s"]
 
     @property
@@ -64,7 +63,6 @@ def plan_penetrations(plan: Plan) -> PlanPenetrations:
         time=time[chosen],
         object=measured(chosen, lambda rows: check.in_object(T_object[rows, None] @ T_world_link[rows])[0]),
         environment=measured(chosen, lambda rows: check.in_environment(T_world_link[rows])),
-        self_time=time[apart],
         self_collision=measured(apart, lambda rows: check.in_itself(T_world_link[rows])),
     )
 
