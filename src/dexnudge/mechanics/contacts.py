@@ -2,11 +2,13 @@
 
 from __future__ import annotations
 
+from collections.abc import Hashable, Sequence
 from dataclasses import dataclass
 from itertools import pairwise
+from typing import Any, overload
 
 import numpy as np
-from jaxtyping import Float, Int
+from jaxtyping import Bool, Float, Int
 
 HAND_CONTACT_DISTANCE = 2e-3
 """A hand point this close to the object is in contact [m]: what fingertips yield, and what a position controller
@@ -30,6 +32,81 @@ class HandContacts:
     points: Float[np.ndarray, "contact 3"]
     normals: Float[np.ndarray, "contact 3"]
     link: Int[np.ndarray, "contact"]
+
+
+class ContactBatch(Sequence[HandContacts]):
+    """Contacts of several configurations in one array after another; an entry is those of one configuration.
+
+    Attributes:
+        every: the contacts of all. begins: where those of each configuration begin, and behind them their number.
+        owner: whose each contact is.
+        derived: what others have computed of these contacts, kept as long as the batch lives.
+    """
+
+    def __init__(self, every: HandContacts, begins: Int[np.ndarray, "configuration_and_one"]) -> None:
+        self.every, self.begins = every, begins
+        self.owner = np.repeat(np.arange(len(begins) - 1), np.diff(begins))
+        self.derived: dict[Hashable, Any] = {}
+
+    @classmethod
+    def of(cls, contacts: Sequence[HandContacts]) -> ContactBatch:
+        """Return contacts as a batch; a batch as it is."""
+        if isinstance(contacts, ContactBatch):
+            return contacts
+        nothing = HandContacts(points=np.zeros((0, 3)), normals=np.zeros((0, 3)), link=np.zeros(0, dtype=np.int64))
+        parts = [nothing, *contacts]
+        every = {
+            name: np.concatenate([getattr(part, name) for part in parts]) for name in ("points", "normals", "link")
+        }
+        return cls(HandContacts(**every), np.cumsum([len(part.link) for part in parts]))
+
+    def __len__(self) -> int:
+        return len(self.begins) - 1
+
+    @overload
+    def __getitem__(self, place: int) -> HandContacts: ...
+    @overload
+    def __getitem__(self, place: slice) -> list[HandContacts]: ...
+    def __getitem__(self, place: int | slice) -> HandContacts | list[HandContacts]:
+        if isinstance(place, slice):
+            return [self[each] for each in range(len(self))[place]]
+        place = range(len(self))[place]
+        own = slice(self.begins[place], self.begins[place + 1])
+        return HandContacts(points=self.every.points[own], normals=self.every.normals[own], link=self.every.link[own])
+
+    def moved(self, T: Float[np.ndarray, "4 4"]) -> ContactBatch:
+        """Return the contacts of hands and objects that are moved together by the rigid transform T (world)."""
+        return ContactBatch(moved_contacts(self.every, T), self.begins)
+
+    def some(self, kept: Bool[np.ndarray, " contact"]) -> ContactBatch:
+        """Return those of all contacts that are kept."""
+        every = HandContacts(
+            points=self.every.points[kept], normals=self.every.normals[kept], link=self.every.link[kept]
+        )
+        return ContactBatch(every, np.concatenate([[0], np.cumsum(kept)])[self.begins])
+
+    def reduced(
+        self, ufunc: np.ufunc, values: Float[np.ndarray, " contact"], *, empty: float
+    ) -> Float[np.ndarray, " configuration"]:
+        """Return what a function such as `np.add` makes of each configuration's values; `empty` without any."""
+        found, some = np.full(len(self), empty), np.diff(self.begins) > 0
+        if some.any():
+            found[some] = ufunc.reduceat(values, self.begins[:-1][some])
+        return found
+
+    def mean(
+        self, values: Float[np.ndarray, " contact"], *, empty: float = np.nan
+    ) -> Float[np.ndarray, " configuration"]:
+        """Return the mean of each configuration's values, rounded as theirs alone would be; `empty` without any."""
+        parts = (values[begin:end] for begin, end in pairwise(self.begins.tolist()))
+        return np.array([part.mean() if len(part) else empty for part in parts])
+
+    def link_places(self) -> tuple[Int[np.ndarray, " contact"], Int[np.ndarray, " configuration"]]:
+        """Return the place of each contact's link among those of its configuration, and how many links each has."""
+        most = int(self.every.link.max(initial=0)) + 1
+        pairs, place = np.unique(self.owner * most + self.every.link, return_inverse=True)
+        count = np.bincount(pairs // most, minlength=len(self))
+        return place - (np.cumsum(count) - count)[self.owner], count
 
 
 def moved_contacts(contacts: HandContacts, T: Float[np.ndarray, "4 4"]) -> HandContacts:

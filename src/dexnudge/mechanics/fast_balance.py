@@ -11,7 +11,7 @@ from jaxtyping import Bool, Float
 
 from dexnudge.geometry.warp_runtime import WarpStruct, wp
 from dexnudge.mechanics.balance import balance_problem, problem_margin, solve_balance
-from dexnudge.mechanics.contacts import HandContacts
+from dexnudge.mechanics.contacts import ContactBatch, HandContacts
 from dexnudge.mechanics.friction_cone import EDGE_COUNT
 from dexnudge.mechanics.margin_kernel import FAILED_MARGIN, MEMORY_TYPES, Memory, margin_kernel
 from dexnudge.mechanics.sliding_task import SlidingTask
@@ -46,7 +46,7 @@ def force_margins(
     gives up on is passed to that reference. twists: the task's own by default.
     device: "cpu" or "cuda:0". threads: CPU threads, each running its share of the problems.
     """
-    twists = [task.twist] if twists is None else twists
+    twists, contacts = [task.twist] if twists is None else twists, ContactBatch.of(contacts)
     count, shape = len(contacts) * len(twists), (len(contacts), len(twists))
     if count == 0:
         return Margins(np.zeros(shape), np.zeros(shape, dtype=bool))
@@ -76,7 +76,7 @@ def force_margins(
         with ThreadPoolExecutor(shares) as pool:
             list(pool.map(run, range(shares)))
     margins = Margins(factor.numpy().reshape(shape).copy(), balanced.numpy().reshape(shape).astype(bool))
-    for row, twist in np.argwhere(margins.factor == FAILED_MARGIN):
+    for row, twist in np.argwhere(margins.factor == FAILED_MARGIN).tolist():
         problem = balance_problem(contacts[row], supports, task.moving(twists[twist]))
         margins.factor[row, twist] = problem_margin(problem)
         margins.balanced[row, twist] = solve_balance(problem, factor=1.0) is not None
@@ -84,7 +84,7 @@ def force_margins(
 
 
 def _inputs(
-    contacts: Sequence[HandContacts],
+    contacts: ContactBatch,
     supports: SupportContacts,
     task: SlidingTask,
     twists: Sequence[Twist],
@@ -104,13 +104,13 @@ def _inputs(
     def scaled(points: Float[np.ndarray, "point 3"]) -> Float[np.ndarray, "point 3"]:
         return (points - task.centre) / task.half_length
 
-    links = [np.unique(each.link, return_inverse=True) for each in contacts]
+    link, count = contacts.link_places()
     return [
-        vectors(scaled(np.concatenate([each.points for each in contacts]))),
-        vectors(np.concatenate([each.normals for each in contacts])),
-        integers(np.concatenate([inverse.reshape(-1) for _, inverse in links])),
-        integers(np.cumsum([0] + [len(each.points) for each in contacts])),
-        integers([len(unique) for unique, _ in links]),
+        vectors(scaled(contacts.every.points)),
+        vectors(contacts.every.normals),
+        integers(link),
+        integers(contacts.begins),
+        integers(count),
         vectors(scaled(supports.points)),
         vectors(supports.normals),
         vectors(np.stack([twist.linear for twist in about_centre])),
@@ -121,11 +121,9 @@ def _inputs(
     ]
 
 
-def _memory(
-    contacts: Sequence[HandContacts], supports: SupportContacts, workers: int, device: str, *, edges: int
-) -> WarpStruct:
+def _memory(contacts: ContactBatch, supports: SupportContacts, workers: int, device: str, *, edges: int) -> WarpStruct:
     """Return what the workers write on: wrench columns, up to `edges` a support, keys per link, and the working basis."""
-    most, memory, carrying = max(len(each.points) for each in contacts), Memory(), edges * len(supports.points)
+    most, memory, carrying = int(np.diff(contacts.begins).max()), Memory(), edges * len(supports.points)
     columns = {"edges": EDGE_COUNT * most, "normal": carrying, "friction": carrying}
     columns |= dict.fromkeys(("key", "key_value", "key_price"), most)
     for name, dtype in MEMORY_TYPES.items():

@@ -9,9 +9,9 @@ from dataclasses import replace
 import numpy as np
 from jaxtyping import Float
 
-from dexnudge.mechanics.contacts import HandContacts, moved_contacts
+from dexnudge.mechanics.contacts import ContactBatch, HandContacts
 from dexnudge.mechanics.fast_balance import force_margins
-from dexnudge.mechanics.friction_cone import helping, pressing, some_contacts
+from dexnudge.mechanics.friction_cone import helping, pressing
 from dexnudge.mechanics.sliding_task import sliding_task
 from dexnudge.planning.object_path import push_length, station
 from dexnudge.scenes.scene import Scene
@@ -37,11 +37,25 @@ def path_margins(
 def _margins_at(
     scene: Scene, contacts: Sequence[HandContacts], ways: Sequence[float]
 ) -> Float[np.ndarray, "configuration place"]:
-    task, margins = sliding_task(scene), []
-    for here in (station(scene, way) for way in ways):
-        there = [moved_contacts(each, here.T) for each in contacts]
-        margins.append(force_margins(there, here.supports, here.task(task)).factor[:, 0])
+    batch, task, margins = ContactBatch.of(contacts), sliding_task(scene), []
+    for way in ways:
+        known = batch.derived.get((_margins_at, way))
+        if known is None or known[0] is not scene:
+            here = station(scene, way)
+            found = force_margins(batch.moved(here.T), here.supports, here.task(task)).factor[:, 0]
+            known = batch.derived[_margins_at, way] = scene, found
+        margins.append(known[1])
     return np.stack(margins, axis=1)
+
+
+def pressing_contacts(scene: Scene, contacts: Sequence[HandContacts]) -> ContactBatch:
+    """Return those contacts that are `pressing` where the motion begins."""
+    batch = ContactBatch.of(contacts)
+    known = batch.derived.get(pressing_contacts)
+    if known is None or known[0] is not scene:
+        some = batch.some(pressing(batch.every, scene.object_motion.twist()))
+        known = batch.derived[pressing_contacts] = scene, some
+    return known[1]
 
 
 def pressing_margins(scene: Scene, contacts: Sequence[HandContacts]) -> Float[np.ndarray, " configuration"]:
@@ -52,8 +66,7 @@ def pressing_margins(scene: Scene, contacts: Sequence[HandContacts]) -> Float[np
     if not len(contacts):
         return np.zeros(0)
     length = 0.0 if _carried_alike(scene) else push_length(scene)
-    alone = [some_contacts(each, pressing(each, scene.object_motion.twist())) for each in contacts]
-    return path_margins(scene, alone, length=length).min(axis=1)
+    return path_margins(scene, pressing_contacts(scene, contacts), length=length).min(axis=1)
 
 
 def careful_margins(scene: Scene, contacts: Sequence[HandContacts]) -> Float[np.ndarray, " configuration"]:
@@ -63,7 +76,7 @@ def careful_margins(scene: Scene, contacts: Sequence[HandContacts]) -> Float[np.
     mean of its normals: a hand that needs one point at a rounded edge to push another way than its neighbours, or a whole
     fingertip to hold a moment, does not hold in physics.
     """
-    blunt, motion = [_blunted(each) for each in contacts], scene.object_motion
+    blunt, motion = ContactBatch.of([_blunted(each) for each in contacts]), scene.object_motion
     slippery = (replace(scene, friction_hand=share * scene.friction_hand) for share in CAREFUL)
     ways = [*motion.beginnings, motion.length]
     return np.mean([_margins_at(each, blunt, ways).min(axis=1) for each in slippery], axis=0)
@@ -79,9 +92,8 @@ def _blunted(contacts: HandContacts) -> HandContacts:
 
 def mean_help(scene: Scene, contacts: Sequence[HandContacts]) -> Float[np.ndarray, " configuration"]:
     """How far the contacts of each configuration press or push: the mean of `helping`, -1 without any."""
-    return np.array(
-        [helping(each, scene.object_motion.twist()).mean() if len(each.points) else -1.0 for each in contacts]
-    )
+    batch = ContactBatch.of(contacts)
+    return batch.mean(helping(batch.every, scene.object_motion.twist()), empty=-1.0)
 
 
 def forward_offset(scene: Scene, contacts: Sequence[HandContacts]) -> Float[np.ndarray, " configuration"]:
@@ -89,9 +101,9 @@ def forward_offset(scene: Scene, contacts: Sequence[HandContacts]) -> Float[np.n
 
     As the object comes over an edge, what presses near its centre keeps it on what carries it.
     """
-    centre = sliding_task(scene).centre
-    ahead = [(each.points - centre) @ scene.motion for each in contacts]
-    return np.array([max(0.0, each.mean()) if len(each) else np.inf for each in ahead])
+    batch = ContactBatch.of(contacts)
+    ahead = (batch.every.points - sliding_task(scene).centre) @ scene.motion
+    return np.maximum(0.0, batch.mean(ahead, empty=np.inf))
 
 
 def _carried_alike(scene: Scene) -> bool:

@@ -20,11 +20,11 @@ from typing import Any
 import numpy as np
 from jaxtyping import Float
 
-from dexnudge.mechanics.contacts import HandContacts
-from dexnudge.mechanics.friction_cone import helping, pressing, some_contacts
+from dexnudge.mechanics.contacts import ContactBatch, HandContacts
+from dexnudge.mechanics.friction_cone import helping
 from dexnudge.mechanics.sliding_task import sliding_task
 from dexnudge.planning.object_path import push_length, station
-from dexnudge.results.path_margins import path_margins
+from dexnudge.results.path_margins import path_margins, pressing_contacts
 from dexnudge.scenes.scene import Scene
 from dexnudge.scenes.support_contacts import carrying_normal, touching_contacts
 
@@ -37,28 +37,31 @@ def features(scene: Scene, contacts: Sequence[HandContacts]) -> dict[str, Float[
 
     Lengths over half the object's longest side. "ahead" is along the motion from the centre of mass, "aside" across it.
     """
-    task, length = sliding_task(scene), push_length(scene)
+    task, length, batch = sliding_task(scene), push_length(scene), ContactBatch.of(contacts)
+    every, alone = batch.every, pressing_contacts(scene, batch)
     normal = carrying_normal(touching_contacts(scene))
     across = np.cross(normal, scene.motion)
-    alone = [some_contacts(each, pressing(each, task.twist)) for each in contacts]
-    along, pressed = path_margins(scene, contacts, length=length), path_margins(scene, alone, length=length)
+    along, pressed = path_margins(scene, batch, length=length), path_margins(scene, alone, length=length)
     supports = station(scene, length).supports.points
     carried = (supports - task.centre) @ scene.motion / task.half_length if len(supports) else np.zeros(1)
-    found: dict[str, list[Any]] = {name: [] for name in ("links", "pressing_links", "help", "least_help", "on_top")}
-    found |= {name: [] for name in ("ahead", "aside", "spread_ahead", "spread_aside", "height")}
-    for each, press in zip(contacts, alone, strict=True):
-        arm, help_of_each = (each.points - task.centre) / task.half_length, helping(each, task.twist)
-        ahead, aside, height = arm @ scene.motion, arm @ across, arm @ normal
-        found["links"].append(len(np.unique(each.link)))
-        found["pressing_links"].append(len(np.unique(press.link)))
-        found["help"].append(help_of_each.mean())
-        found["least_help"].append(help_of_each.min())
-        found["on_top"].append((each.normals @ normal).mean())
-        found["ahead"].append(ahead.mean())
-        found["aside"].append(abs(aside.mean()))
-        found["spread_ahead"].append(np.ptp(ahead))
-        found["spread_aside"].append(np.ptp(aside))
-        found["height"].append(height.mean())
+    arm, help_of_each = (every.points - task.centre) / task.half_length, helping(every, task.twist)
+    ahead, aside = arm @ scene.motion, arm @ across
+
+    def spread(values: Float[np.ndarray, " contact"]) -> Float[np.ndarray, " configuration"]:
+        return batch.reduced(np.maximum, values, empty=0.0) - batch.reduced(np.minimum, values, empty=0.0)
+
+    found = {
+        "links": batch.link_places()[1],
+        "pressing_links": alone.link_places()[1],
+        "help": batch.mean(help_of_each),
+        "least_help": batch.reduced(np.minimum, help_of_each, empty=np.nan),
+        "on_top": batch.mean(every.normals @ normal),
+        "ahead": batch.mean(ahead),
+        "aside": np.abs(batch.mean(aside)),
+        "spread_ahead": spread(ahead),
+        "spread_aside": spread(aside),
+        "height": batch.mean(arm @ normal),
+    }
     extents = np.sort(scene.object_mesh.extents)
     same = {
         "push_length": length / task.half_length,
@@ -70,7 +73,7 @@ def features(scene: Scene, contacts: Sequence[HandContacts]) -> dict[str, Float[
         "weight": task.weight / task.max_normal_force,
     }
     return {
-        **{name: np.array(values, dtype=np.float64) for name, values in found.items()},
+        **{name: values.astype(np.float64) for name, values in found.items()},
         "margin": along[:, 0],
         "margin_at_end": along[:, -1],
         "least_margin": along.min(axis=1),

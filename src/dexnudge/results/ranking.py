@@ -7,6 +7,7 @@ from jaxtyping import Float, Int
 
 from dexnudge.hands.hand import Hand
 from dexnudge.mechanics.balance import MAX_FACTOR
+from dexnudge.mechanics.contacts import ContactBatch
 from dexnudge.results.path_margins import careful_margins, forward_offset, mean_help, pressing_margins
 from dexnudge.results.probability import AGREEMENT as PROBABILITY_AGREEMENT
 from dexnudge.results.probability import probabilities
@@ -56,10 +57,11 @@ def ranking(scene: Scene, verdicts: Verdicts, hand: Hand, q: Float[np.ndarray, "
     that press apart from one another, or from two sides, turns it: what holds with less friction and blunter
     contacts comes first (`careful_margins`), then the margin as far as it goes.
     """
-    keys = _keys(scene, verdicts)
-    foresight, tolerance = {}, {}
     verified = np.flatnonzero(verdicts.success)
-    if (found := probabilities(scene, [verdicts.contacts[row] for row in verified])) is not None:
+    contacts = ContactBatch.of([verdicts.contacts[row] for row in verified])
+    keys = _keys(scene, verdicts, contacts)
+    foresight, tolerance = {}, {}
+    if (found := probabilities(scene, contacts)) is not None:
         foresight["probability"], tolerance["probability"] = np.full(len(q), np.nan), PROBABILITY_AGREEMENT
         foresight["probability"][verified] = found
     agreement = [0.0, MARGIN_AGREEMENT, MARGIN_AGREEMENT, 1e-6, 1e-6, 1e-6]
@@ -71,12 +73,11 @@ def ranking(scene: Scene, verdicts: Verdicts, hand: Hand, q: Float[np.ndarray, "
     return Ranking(keys, np.array(agreement), foresight, tolerance)
 
 
-def _keys(scene: Scene, verdicts: Verdicts) -> Float[np.ndarray, "key draw"]:
-    """Return what draws are ranked by where all is certain."""
+def _keys(scene: Scene, verdicts: Verdicts, contacts: ContactBatch) -> Float[np.ndarray, "key draw"]:
+    """Return what draws are ranked by where all is certain. contacts: of those that are verified."""
     margin, verified = np.asarray(verdicts.force_margin), np.flatnonzero(verdicts.success)
     pressing, ahead, helping = np.zeros((3, len(margin)))
     if len(verified) > 1:
-        contacts = [verdicts.contacts[row] for row in verified]
         helping[verified] = mean_help(scene, contacts)
         if scene.turn is None:
             pressing[verified] = pressing_margins(scene, contacts)

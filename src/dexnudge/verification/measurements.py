@@ -11,7 +11,7 @@ import numpy as np
 from jaxtyping import Float
 
 from dexnudge.hands.batch import HandBatch
-from dexnudge.mechanics.contacts import HAND_CONTACT_DISTANCE, HandContacts, contacts_of_hands, moved_contacts
+from dexnudge.mechanics.contacts import HAND_CONTACT_DISTANCE, ContactBatch, HandContacts, contacts_of_hands
 from dexnudge.mechanics.fast_balance import Margins, force_margins
 from dexnudge.mechanics.sliding_task import sliding_task
 from dexnudge.scenes.free_way import FreeWay, free_way
@@ -87,11 +87,11 @@ def contact_margins(
 
     worlds: numbers in place of the scene's own, by their names in `SlidingTask`.
     """
-    motion, stages = scene.object_motion, []
+    motion, stages, batch = scene.object_motion, [], ContactBatch.of(contacts)
     for way in motion.beginnings:
         there = scene.carried(way) if way else scene
         T, supports, task = motion.displacement(way), support_contacts(there), sliding_task(there)
-        moved = [moved_contacts(each, T) for each in contacts] if way else contacts
+        moved = batch.moved(T) if way else batch
         stages.append([force_margins(moved, supports, replace(task, **world), device=device) for world in worlds])
     return [
         Margins(np.min([each.factor for each in world], axis=0), np.all([each.balanced for each in world], axis=0))
