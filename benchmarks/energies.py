@@ -8,6 +8,7 @@ from dataclasses import dataclass, replace
 import numpy as np
 import torch
 import tyro
+from floor import CHAINS, FUSED, ITEMS, LOOKUP, TRANSFORM, multiply_add
 from torch_energy import TorchEnergy
 
 from dexnudge.cli.arguments import stdout, table
@@ -24,23 +25,7 @@ from dexnudge.synthesis.nonprehensile import NonPrehensileConfig, sample_pre_con
 from dexnudge.synthesis.object_data import TARGET_SPACING, at_rest
 
 COPIED = 64 * 1024**2  # float32 values: larger than the caches
-CHAINS, FUSED, ITEMS = 64, 4096, 500  # independent sums, multiply-adds in each, launches: neither memory nor latency
-TRANSFORM, LOOKUP = 18, 60  # operations to move a point, and to find a distance and its gradient between eight corners
 VALUES = 8 * 4  # bytes of the eight corners
-
-
-Sums = wp.types.vector(length=CHAINS, dtype=wp.float32)
-
-
-@wp.kernel(enable_backward=False)
-def multiply_add(factor: float, count: int, out: wp.array(dtype=float)):
-    """Nothing but multiply-adds."""
-    i = wp.tid()
-    sums = Sums(1.0)
-    step = Sums(factor)
-    for _ in range(count):
-        sums = sums * factor + step
-    out[i] = wp.dot(sums, sums)
 
 
 @dataclass(frozen=True)

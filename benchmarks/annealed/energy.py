@@ -89,15 +89,14 @@ class AnnealEnergy(HandEnergy):
         """Replaces the candidates that touch."""
         self._chosen.copy_(torch.from_numpy(contact_index))
 
-    def _evaluate(self, part: tuple[int, int]) -> None:
-        first, count = part
-        links = len(self.hand.link_names)
-        hand, scene, model, state = self._model, self.scene, self._anneal_model, self._state
-        wp.launch(kinematics, dim=count, inputs=[hand, state, first])
-        wp.launch(penetrations, dim=(count, links), inputs=[hand, scene, model, state, first])
-        wp.launch(crowding, dim=(count, links), inputs=[hand, model, state, first])
-        wp.launch(contacts, dim=count, inputs=[scene, model, state, self._chosen_array, first])
-        wp.launch(reduce_gradient, dim=count, inputs=[hand, state, first])
+    def _evaluate(self, rows: wp.array) -> None:
+        count, links = len(rows), len(self.hand.link_names)
+        hand, scene, model, state = self.model, self.scene, self._anneal_model, self.state
+        wp.launch(kinematics, dim=count, inputs=[hand, state, rows])
+        wp.launch(penetrations, dim=(count, links), inputs=[hand, scene, model, state, rows])
+        wp.launch(crowding, dim=(count, links), inputs=[hand, model, state, rows])
+        wp.launch(contacts, dim=count, inputs=[scene, model, state, self._chosen_array, rows])
+        wp.launch(reduce_gradient, dim=count, inputs=[hand, state, rows])
 
     def evaluate(
         self, pose: HandPose, contact_index: Int[np.ndarray, "batch contact"]

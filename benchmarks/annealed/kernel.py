@@ -62,10 +62,10 @@ def depth_in_hand(hand: HandModel, state: State, i: int, p: wp.vec3) -> float:
 
 
 @wp.kernel(enable_backward=False)
-def penetrations(hand: HandModel, scene: SceneFields, model: AnnealModel, state: State, first: int):
+def penetrations(hand: HandModel, scene: SceneFields, model: AnnealModel, state: State, rows: wp.array(dtype=int)):
     """E_pen of one hand's link; clears the energies of the link."""
     b, l = wp.tid()
-    i = first + b
+    i = rows[b]
     for term in range(NUM_TERMS):
         state.link_energy[i, l, term] = 0.0
     if hand.radius[l] < 0.0:
@@ -91,10 +91,10 @@ def penetrations(hand: HandModel, scene: SceneFields, model: AnnealModel, state:
 
 
 @wp.kernel(enable_backward=False)
-def crowding(hand: HandModel, model: AnnealModel, state: State, first: int):
+def crowding(hand: HandModel, model: AnnealModel, state: State, rows: wp.array(dtype=int)):
     """E_spen between the keypoints of one hand's link and those of its partners."""
     b, l = wp.tid()
-    i = first + b
+    i = rows[b]
     rotation = state.link_rotation[i, l]
     translation = state.link_translation[i, l]
     centre = translation + rotation * hand.centre[l]
@@ -117,9 +117,11 @@ def crowding(hand: HandModel, model: AnnealModel, state: State, first: int):
 
 
 @wp.kernel(enable_backward=False)
-def contacts(scene: SceneFields, model: AnnealModel, state: State, chosen: wp.array2d(dtype=int), first: int):
+def contacts(
+    scene: SceneFields, model: AnnealModel, state: State, chosen: wp.array2d(dtype=int), rows: wp.array(dtype=int)
+):
     """E_fc and E_dis of one hand over its chosen candidates; E_fc's gradient holds the normals fixed."""
-    i = first + wp.tid()
+    i = rows[wp.tid()]
     header = scene.grids.headers[OBJECT_GRID]
     force = wp.vec3()
     torque = wp.vec3()

@@ -83,6 +83,27 @@ def test_samples_do_not_feel_their_neighbours(hand):
     torch.testing.assert_close(configuration_from_pose(together)[1:2], configuration_from_pose(alone))
 
 
+def test_steps_equal_adam_written_out(hand):
+    """Moments per kind, bias corrected, as in Kingma and Ba (2015); the moves by `retract`."""
+    sizes, decay, joints = StepSizes(), (0.7, 0.9), hand.num_joints
+    size = torch.tensor([sizes.translation] * 3 + [sizes.rotation] * 3 + [sizes.joints] * joints)
+    pose = expected = random_pose(hand)
+    descent = HandDescent(hand, BATCH, decay=decay, tied=True)
+    generator = torch.Generator().manual_seed(6)
+    first, second = torch.zeros(BATCH, 6 + joints), torch.zeros(BATCH, 6 + joints)
+    for count in range(1, 6):
+        gradient = torch.randn(BATCH, 6 + joints, generator=generator)
+        kinds = [
+            part.square().mean(dim=1, keepdim=True).expand_as(part) for part in gradient.split((3, 3, joints), dim=1)
+        ]
+        first = decay[0] * first + (1 - decay[0]) * gradient
+        second = decay[1] * second + (1 - decay[1]) * torch.cat(kinds, dim=1)
+        move = -0.5 * size * (first / (1 - decay[0] ** count)) / (second / (1 - decay[1] ** count)).sqrt()
+        expected = retract(hand, expected, move, tied=True)
+        pose = descent.step(pose, gradient, scale=0.5)
+    torch.testing.assert_close(configuration_from_pose(pose), configuration_from_pose(expected), atol=1e-5, rtol=0.0)
+
+
 def test_it_reaches_targets_that_a_hand_can_reach(hand):
     wanted = random_pose(hand, seed=4)
     away = torch.randn(BATCH, 6 + hand.num_joints, generator=torch.Generator().manual_seed(5))

@@ -1,9 +1,11 @@
 """Guidance rules: their formulas, and what they do to hands that need no guidance."""
 
 from dataclasses import replace
+from itertools import pairwise
 
 import pytest
 import torch
+from diffusers import DPMSolverMultistepScheduler
 
 from dexnudge.diffusion.prior import DiffusionPrior
 from dexnudge.diffusion.schedule import ddim_mean_and_sigma
@@ -137,6 +139,27 @@ def test_spherical_guidance_ends_at_the_clean_estimate(make_step, rule):
     _, mean, radius = sphere(step, rule)
     assert radius == 0.0
     torch.testing.assert_close(rule()(make_step(t=20, t_previous=-1)), mean)
+
+
+@pytest.mark.filterwarnings("ignore:__array__ implementation:DeprecationWarning")  # of diffusers
+def test_ours_takes_the_mean_of_the_second_order_solver(make_step, prior, starts):
+    """Against diffusers' SDE-DPM-Solver++(2M), where nothing is steered and the noise is taken off."""
+    alphas = prior.schedule.alphas_cumprod
+    betas = torch.cat([1.0 - alphas[:1], 1.0 - alphas[1:] / alphas[:-1]])
+    theirs = DPMSolverMultistepScheduler(
+        trained_betas=betas.tolist(), algorithm_type="sde-dpmsolver++", prediction_type="sample", euler_at_final=True
+    )
+    timesteps = [700, 600, 450, 300]
+    theirs.set_timesteps(timesteps=timesteps)
+    rule, x = CleanSpherical(rate=0.0), prior.noise(BATCH, generator=torch.Generator().manual_seed(0))
+    noise = torch.randn(x.shape, generator=torch.Generator().manual_seed(1))
+    for place, (t, t_previous) in enumerate(pairwise([*timesteps, -1])):
+        use = Knowing(prior, starts[place : place + BATCH])
+        step = make_step(t=t, t_previous=t_previous, use=use, x_t=x)
+        _, sigma = ddim_mean_and_sigma(prior.schedule, x, x, t, t_previous, eta=1.0)
+        ours = rule(step) - x.shape[1] ** 0.5 * sigma * unit(noise)
+        x = theirs.step(use.predict_clean(), t, x, variance_noise=torch.zeros_like(x)).prev_sample
+        torch.testing.assert_close(ours, x, atol=1e-4, rtol=1e-4)
 
 
 def test_ours_steers_joints_less_and_hands_that_are_almost_right_less():

@@ -53,7 +53,7 @@ def test_one_free_fingertip_is_drawn_and_where_it_arrives_the_residual_falls_by_
     place = int(gain.argmax())
     tips = torch.full((1, 4, 3), 0.3)
     tips[0, 3] = helpful.places[place]
-    drawn, target = helpful(untouched, tips)
+    drawn, target = helpful(untouched.wrench, untouched.loaded, tips)
     assert drawn.tolist() == [[False, False, False, True]]
     assert ((target - tips).norm(dim=2) <= STRIDE + 1e-6).all()
     reached = int((helpful.places - target[0, 3]).norm(dim=1).argmin())
@@ -66,7 +66,7 @@ def test_one_free_fingertip_is_drawn_and_where_it_arrives_the_residual_falls_by_
     before, after = (0.5 * float(each.residual.square()) for each in (untouched, touched))
     assert before - after >= float(gain[reached]) - 1e-3
     assert touched.loaded.tolist() == [[False, False, False, True]]
-    assert not helpful(touched, tips)[0][0, 3], "what carries force stays"
+    assert not helpful(touched.wrench, touched.loaded, tips)[0][0, 3], "what carries force stays"
 
 
 @pytest.mark.slow

@@ -1,12 +1,16 @@
 """Adam on hand poses: translation, rotation (on SO(3)) and joint angles, within limits and couplings."""
 
+from collections.abc import Sequence
 from dataclasses import dataclass
 
+import numpy as np
 import torch
-from jaxtyping import Float
+from jaxtyping import Float, Int
 from torch import Tensor
 
+from dexnudge.energies.descent_kernel import Moments, descend_all
 from dexnudge.geometry.transforms import matrix_to_rotation_6d, rotation_6d_to_matrix, rotation_vector_to_matrix
+from dexnudge.geometry.warp_runtime import WarpStruct, wp
 from dexnudge.hands.hand import ROOT_COORDINATES, Hand
 
 
@@ -31,7 +35,7 @@ class StepSizes:
     joints: float = 0.020  # [rad] of `Hand.joint_scales`
 
 
-FIRST_MOMENT, SECOND_MOMENT, FLOOR = 0.9, 0.98, 1.0e-10
+SLOW_DECAY = (0.9, 0.98)
 
 
 class HandDescent:
@@ -40,40 +44,65 @@ class HandDescent:
     It descends in translation, rotation vector and joint angles over `Hand.joint_scales`: a slide moves like a finger.
     The second moment is kept per kind and sample, not per coordinate: a hand then moves along its gradient within a kind,
     and a sample never feels its neighbours.
+    `decay` is what a step keeps of the first and of the second moment.
     With `tied` both joints of each tendon turn alike (see `Hand.equalise_tendon_joints`).
+
+    Attributes:
+        moments: a `Moments` of the kernel, for those who descend there.
     """
 
+    moments: WarpStruct
+
     def __init__(
-        self, hand: Hand, batch: int, *, steps: StepSizes = StepSizes(), tied: bool = False, device: str = "cpu"
+        self,
+        hand: Hand,
+        batch: int,
+        *,
+        steps: StepSizes = StepSizes(),
+        decay: tuple[float, float] = SLOW_DECAY,
+        tied: bool = False,
+        device: str = "cpu",
     ) -> None:
-        self.hand, self.tied = hand, tied
-        joints = hand.num_joints
+        self.device, joints = device, hand.num_joints
+        self._kept = torch.zeros(batch, 6 + joints, device=device), torch.zeros(batch, 3, device=device)
+        self._count = torch.zeros(batch, dtype=torch.int32, device=device)
+        scales = [1.0] * 6 + hand.joint_scales.tolist()
         sizes = [steps.translation] * 3 + [steps.rotation] * 3 + [steps.joints] * joints
-        self._scales = torch.tensor([1.0] * 6 + hand.joint_scales.tolist(), device=device)
-        self._sizes = torch.tensor(sizes, device=device) * self._scales
-        self._first = torch.zeros(batch, 6 + joints, device=device)
-        self._second = torch.zeros(batch, 6 + joints, device=device)
-        self._count = 0
+
+        def array(values: Sequence[float] | np.ndarray, dtype: type) -> wp.array:
+            return wp.array(np.asarray(values), dtype=dtype, device=device)
+
+        self.moments = moments = Moments()
+        moments.first, moments.second = map(wp.from_torch, self._kept)
+        moments.count = wp.from_torch(self._count)
+        moments.sizes, moments.scales = array(np.multiply(sizes, scales), wp.float32), array(scales, wp.float32)
+        moments.lower, moments.upper = array(hand.lower, wp.float32), array(hand.upper, wp.float32)
+        moments.coupled = array(hand.coupled_indices.reshape(-1, 2), wp.int32)
+        moments.tied, (moments.first_decay, moments.second_decay) = int(tied), decay
+
+    def forget(self, rows: Int[Tensor, " row"]) -> None:
+        """Begin the moments of these hands anew."""
+        for kept in (*self._kept, self._count):
+            kept[rows] = 0
 
     def step(
         self, pose: HandPose, gradient: Float[Tensor, "batch tangent"], *, scale: float | Tensor = 1.0
     ) -> HandPose:
         """Return the next pose; `scale` (a number or (batch, 1)) multiplies the step sizes, 0 holds a hand still."""
-        self._count += 1
-        gradient = gradient * self._scales
-        self._first.lerp_(gradient, 1 - FIRST_MOMENT)
-        square = torch.cat(
-            [
-                gradient[:, low:high].square().mean(dim=1, keepdim=True).expand(-1, high - low)
-                for low, high in ((0, 3), (3, 6), (6, gradient.shape[1]))
-            ],
-            dim=1,
+        moved = HandPose(pose.translation.clone(), pose.rotation.clone(), pose.joint_angles.clone())
+        scales = (
+            torch.as_tensor(scale, dtype=torch.float32, device=self.device).expand(len(gradient), 1)[:, 0].contiguous()
         )
-        self._second.lerp_(square, 1 - SECOND_MOMENT)
-        first = self._first / (1 - FIRST_MOMENT**self._count)
-        second = self._second / (1 - SECOND_MOMENT**self._count)
-        move = -scale * self._sizes * first / (second + FLOOR).sqrt()
-        return retract(self.hand, pose, move, tied=self.tied)
+        inputs = [
+            self.moments,
+            wp.from_torch(moved.translation, dtype=wp.vec3),
+            wp.from_torch(moved.rotation, dtype=wp.mat33),
+            wp.from_torch(moved.joint_angles),
+            wp.from_torch(gradient.contiguous()),
+            wp.from_torch(scales),
+        ]
+        wp.launch(descend_all, dim=len(gradient), inputs=inputs, device=self.device)
+        return moved
 
 
 def retract(hand: Hand, pose: HandPose, move: Float[Tensor, "batch tangent"], *, tied: bool = False) -> HandPose:

@@ -10,7 +10,7 @@ from torch import Tensor
 
 from dexnudge.energies import hand_kernel
 from dexnudge.energies.descent import HandPose
-from dexnudge.energies.force_residual import ForceResidual, SlidingBalance
+from dexnudge.energies.force_residual import Contacts, ForceResidual, SlidingBalance
 from dexnudge.energies.hand_kernel import contacts, energies, kinematics, reduce_gradient
 from dexnudge.energies.hand_model import build_hand_model
 from dexnudge.energies.kernel_structs import NUM_TERMS, EnergyWeights, State, state_fields
@@ -55,6 +55,8 @@ class HandEnergy:
     contact_weight: Float[Tensor, "batch link"]
     target: Float[Tensor, "batch link 3"]
     target_weight: Float[Tensor, "batch link"]
+    link_rotation: Float[Tensor, "batch link 3 3"]
+    link_translation: Float[Tensor, "batch link 3"]
     extra_force: Float[Tensor, "batch link 3"]
     contact_point: Float[Tensor, "batch link 3"]
     contact_distance: Float[Tensor, "batch link"]
@@ -78,28 +80,29 @@ class HandEnergy:
     ) -> None:
         self.hand, self.scene, self.batch, self.device, self.terms = hand, scene, batch, device, terms
         self._clearance = clearance
-        self._model = build_hand_model(hand, device=device)
+        self.model = build_hand_model(hand, device=device)
         wp.load_module(hand_kernel, device=device)  # compiling is not safe from several threads
         links, joints = len(hand.link_names), hand.num_joints
         own_shape = {"joint_angles": (joints,), "energy": (NUM_TERMS,), "link_energy": (links, NUM_TERMS)}
         own_shape |= {"gradient": (6 + joints,), "active": (), "root_translation": (), "root_rotation": ()}
-        self._state = State()
+        self.state = State()
         for name, kind in state_fields().items():
             inner = {wp.vec3: (3,), wp.mat33: (3, 3)}.get(kind, ())
             shape = (batch, *own_shape.get(name, (links,)), *inner)
             tensor = torch.zeros(shape, dtype=torch.int32 if kind is wp.int32 else torch.float32, device=device)
             setattr(self, name, tensor)
-            setattr(self._state, name, wp.from_torch(tensor, dtype=kind))
+            setattr(self.state, name, wp.from_torch(tensor, dtype=kind))
         self.active.fill_(1)
-        tips = hand.fingertip_indices
-        self.force = ForceResidual(balances, self.active, len(tips), device=device) if balances else None
+        self._tips = hand.fingertip_indices
+        self._fingertips = wp.array(self._tips, dtype=wp.int32, device=device)
+        self.force = ForceResidual(balances, self.active, len(self._tips), device=device) if balances else None
         self.term_energy = torch.zeros(batch, device=device)
         self.set_weights(weights or TermWeights())
-        self._fingertips = wp.array(tips, dtype=wp.int32, device=device)
+        self._every_row = wp.array(range(batch), dtype=wp.int32, device=device)
         # A launch on the CPU holds one thread and releases the interpreter.
         parts = min(torch.get_num_threads(), max(1, batch // SMALLEST_PART)) if device == "cpu" else 1
         bounds = [round(batch * part / parts) for part in range(parts + 1)]
-        self._parts = [(low, high - low) for low, high in pairwise(bounds)]
+        self._parts = [wp.array(range(*part), dtype=wp.int32, device=device) for part in pairwise(bounds)]
         self._pool = ThreadPoolExecutor(parts) if parts > 1 else None
 
     def set_weights(self, weights: TermWeights) -> None:
@@ -118,7 +121,7 @@ class HandEnergy:
         Raises:
             InputError: a term of the user's that fails, see `TermEnergy`.
         """
-        self._place(pose)
+        self.place(pose)
         self._in_parts(self._evaluate)
         total = self.energy.sum(dim=1)
         if self.terms is None:
@@ -138,37 +141,54 @@ class HandEnergy:
         """Solve `force` at the wanted contacts of the last evaluation; the next ones pull them to where they balance."""
         if self.force is None:
             return
-        tips = self.hand.fingertip_indices
-        wanted = (self.contact_weight[:, tips] > 0).float()
-        self.force(self.contact_point[:, tips], self.contact_normal[:, tips], wanted, sweeps=sweeps)
-        self.extra_force[:, tips] = self.weights.force * self.force.gradient
+        for launch in self.balance_launches(self._every_row, sweeps=sweeps):
+            launch.launch()
 
     def find_fingertip_contacts(self, pose: HandPose) -> None:
         """Set contact_distance, contact_point and contact_normal of all fingertips, and no energy: a third of the time."""
-        self._place(pose)
+        self.place(pose)
         self._in_parts(self._find_contacts)
 
-    def _place(self, pose: HandPose) -> None:
+    def place(self, pose: HandPose) -> None:
+        """Set the pose that is evaluated next."""
         self.root_translation.copy_(pose.translation)
         self.root_rotation.copy_(pose.rotation)
         self.joint_angles.copy_(pose.joint_angles)
 
-    def _in_parts(self, launch: Callable[[tuple[int, int]], None]) -> None:
+    @property
+    def pose(self) -> HandPose:
+        """The pose of the last evaluation, or where a kernel has moved it since; not copied."""
+        return HandPose(self.root_translation, self.root_rotation, self.joint_angles)
+
+    def energy_launch(self, rows: wp.array, scene: WarpStruct) -> wp.Launch:
+        """Return the launch that finds all terms and wrenches of the hands `rows`, whose links are placed already."""
+        inputs = [self.model, scene, self._kernel_weights, self.state, rows]
+        dim = (len(rows), len(self.hand.link_names))
+        return wp.launch(energies, dim=dim, inputs=inputs, device=self.device, record_cmd=True)
+
+    def balance_launches(self, rows: wp.array, *, sweeps: int) -> list[wp.Launch]:
+        """Return the launches of `balance_forces` for the hands `rows`; none without a balance."""
+        if self.force is None:
+            return []
+        contacts = Contacts()
+        contacts.links, contacts.wanted = self._fingertips, self.state.contact_weight
+        contacts.points, contacts.normals = self.state.contact_point, self.state.contact_normal
+        contacts.pull, contacts.pull_weight = self.state.extra_force, self.weights.force
+        return self.force.launches(contacts, rows, sweeps=sweeps)
+
+    def _in_parts(self, launch: Callable[[wp.array], None]) -> None:
         if self._pool is None:
             launch(self._parts[0])
         else:
             list(self._pool.map(launch, self._parts))
 
-    def _evaluate(self, part: tuple[int, int]) -> None:
-        first, count = part
-        links = len(self.hand.link_names)
-        wp.launch(kinematics, dim=count, inputs=[self._model, self._state, first], device=self.device)
-        inputs = [self._model, self.scene, self._kernel_weights, self._state, first]
-        wp.launch(energies, dim=(count, links), inputs=inputs, device=self.device)
-        wp.launch(reduce_gradient, dim=count, inputs=[self._model, self._state, first], device=self.device)
+    def _evaluate(self, rows: wp.array) -> None:
+        inputs = [self.model, self.state, rows]
+        wp.launch(kinematics, dim=len(rows), inputs=inputs, device=self.device)
+        self.energy_launch(rows, self.scene).launch()
+        wp.launch(reduce_gradient, dim=len(rows), inputs=inputs, device=self.device)
 
-    def _find_contacts(self, part: tuple[int, int]) -> None:
-        first, count = part
-        wp.launch(kinematics, dim=count, inputs=[self._model, self._state, first], device=self.device)
-        inputs = [self._model, self.scene, self._kernel_weights, self._state, self._fingertips, first]
-        wp.launch(contacts, dim=(count, len(self._fingertips)), inputs=inputs, device=self.device)
+    def _find_contacts(self, rows: wp.array) -> None:
+        wp.launch(kinematics, dim=len(rows), inputs=[self.model, self.state, rows], device=self.device)
+        inputs = [self.model, self.scene, self._kernel_weights, self.state, self._fingertips, rows]
+        wp.launch(contacts, dim=(len(rows), len(self._fingertips)), inputs=inputs, device=self.device)

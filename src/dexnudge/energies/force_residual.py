@@ -7,8 +7,8 @@ what the motion needs,
 
 A the wrenches of the friction cones' edges and of the supports, g gravity's wrench, all in units of the object's
 weight, torques over half of the object's length. By the envelope theorem dE/dc = f x r_torque / half_length for a contact
-at c with force f: no differentiation of the solver. Solved by cyclic coordinate descent, each coordinate exactly, warm
-from the last call. It guides, with one contact per link; verification has a balance of its own.
+at c with force f: no differentiation of the solver. Solved by cyclic coordinate descent with over-relaxation (projected
+SOR), warm from the last call. It guides, with one contact per link; verification has a balance of its own.
 """
 
 from collections.abc import Sequence
@@ -18,9 +18,10 @@ import torch
 from jaxtyping import Bool, Float, Int
 from torch import Tensor
 
-from dexnudge.geometry.warp_runtime import wp
+from dexnudge.geometry.warp_runtime import WarpStruct, wp
 
 CONE_EDGES = wp.constant(8)
+RELAXATION = wp.constant(1.5)  # of a coordinate's step; at 1 each is set to its best, above 1 fewer sweeps do
 SMALLEST_COLUMN = wp.constant(1.0e-9)  # squared length under which a column is no contact
 SMALLEST_FORCE = 0.01  # [weights of the object] less does not count as a contact's force
 SMALLEST_RESIDUAL = wp.constant(1.0e-10)  # squared; further sweeps would change nothing that matters
@@ -67,11 +68,12 @@ def sweep(
     i: int,
     r: Vector6,
     columns: wp.array2d(dtype=Vector6),
+    inverse: wp.array2d(dtype=float),
     multipliers: wp.array2d(dtype=float),
     support: wp.array(dtype=Vector6),
     max_normal: float,
 ) -> Vector6:
-    """Return the residual after each multiplier of hand i has been set to its best, in turn; a link's share one limit."""
+    """Return the residual after a step of each multiplier of hand i in turn; a link's share one limit."""
     contacts = columns.shape[1] / CONE_EDGES
     for c in range(contacts):
         normal_force = float(0.0)  # noqa: UP018 - declares a variable of Warp
@@ -79,68 +81,96 @@ def sweep(
             normal_force += multipliers[i, c * CONE_EDGES + edge]
         for edge in range(CONE_EDGES):
             k = c * CONE_EDGES + edge
-            column = columns[i, k]
-            square = wp.dot(column, column)
-            if square > SMALLEST_COLUMN:
+            if inverse[i, k] > 0.0:
+                column = columns[i, k]
                 old = multipliers[i, k]
-                new = wp.clamp(old - wp.dot(column, r) / square, 0.0, max_normal - normal_force + old)
+                new = wp.clamp(
+                    old - RELAXATION * wp.dot(column, r) * inverse[i, k], 0.0, max_normal - normal_force + old
+                )
                 r += (new - old) * column
                 normal_force += new - old
                 multipliers[i, k] = new
     for s in range(support.shape[0]):
         k = columns.shape[1] + s
         old = multipliers[i, k]
-        new = wp.max(0.0, old - wp.dot(support[s], r) / wp.dot(support[s], support[s]))
+        new = wp.max(0.0, old - RELAXATION * wp.dot(support[s], r) * inverse[i, k])
         r += (new - old) * support[s]
         multipliers[i, k] = new
     return r
 
 
+@wp.struct
+class Contacts:
+    """Contacts of a batch of hands, and what the balance does to them."""
+
+    links: wp.array(dtype=int)  # (C,) columns of the arrays below that may touch
+    points: wp.array2d(dtype=wp.vec3)  # (B, L) [m]
+    normals: wp.array2d(dtype=wp.vec3)  # (B, L) out of the object
+    wanted: wp.array2d(dtype=float)  # (B, L) above 0 where a contact counts
+    pull: wp.array2d(dtype=wp.vec3)  # (B, L) gradient times `pull_weight`
+    pull_weight: float
+
+
+@wp.struct
+class Balance:
+    """One balance, the multipliers of a batch of hands, and what came of it."""
+
+    support: wp.array(dtype=Vector6)
+    gravity: wp.vec3
+    centre: wp.vec3
+    half_length: float
+    friction: float
+    max_normal: float
+    is_first: int  # 1 where `square` and `gradient` begin with this balance, 0 where it adds to them
+    columns: wp.array2d(dtype=Vector6)  # (B, 8 C)
+    inverse: wp.array2d(dtype=float)  # (B, 8 C + supports) of the squared lengths; 0 where there is no contact
+    multipliers: wp.array2d(dtype=float)  # (B, 8 C + supports)
+    residual: wp.array(dtype=Vector6)  # (B,)
+    square: wp.array(dtype=float)  # (B,) of the residuals of all balances
+    gradient: wp.array2d(dtype=wp.vec3)  # (B, C) of all balances
+
+
 @wp.kernel(enable_backward=False)
 def solve_balance(
-    active: wp.array(dtype=int),
-    points: wp.array2d(dtype=wp.vec3),
-    normals: wp.array2d(dtype=wp.vec3),
-    counts: wp.array2d(dtype=float),
-    support: wp.array(dtype=Vector6),
-    gravity: wp.vec3,
-    centre: wp.vec3,
-    half_length: float,
-    friction: float,
-    max_normal: float,
-    sweeps: int,
-    columns: wp.array2d(dtype=Vector6),
-    multipliers: wp.array2d(dtype=float),
-    residual: wp.array(dtype=Vector6),
-    gradient: wp.array2d(dtype=wp.vec3),
+    contacts: Contacts, balance: Balance, active: wp.array(dtype=int), sweeps: int, rows: wp.array(dtype=int)
 ):
     """One hand: cyclic coordinate descent over cone edges and supports."""
-    i = wp.tid()
+    i = rows[wp.tid()]
     if active[i] == 0:
         return
-    contacts = points.shape[1]
-    supports = support.shape[0]
+    count = contacts.links.shape[0]
+    supports = balance.support.shape[0]
+    gravity = balance.gravity
     r = Vector6(gravity[0], gravity[1], gravity[2], 0.0, 0.0, 0.0)
-    for c in range(contacts):
-        arm = (points[i, c] - centre) / half_length
+    for c in range(count):
+        link = contacts.links[c]
+        counts = wp.where(contacts.wanted[i, link] > 0.0, 1.0, 0.0)
+        arm = (contacts.points[i, link] - balance.centre) / balance.half_length
         for edge in range(CONE_EDGES):
             k = c * CONE_EDGES + edge
-            columns[i, k] = counts[i, c] * contact_wrench(normals[i, c], arm, friction, edge)
-            r += multipliers[i, k] * columns[i, k]
+            column = counts * contact_wrench(contacts.normals[i, link], arm, balance.friction, edge)
+            square = wp.dot(column, column)
+            balance.columns[i, k] = column
+            balance.inverse[i, k] = wp.where(square > SMALLEST_COLUMN, 1.0 / square, 0.0)
+            r += balance.multipliers[i, k] * column
     for s in range(supports):
-        r += multipliers[i, contacts * CONE_EDGES + s] * support[s]
+        r += balance.multipliers[i, count * CONE_EDGES + s] * balance.support[s]
     for _ in range(sweeps):
         if wp.dot(r, r) < SMALLEST_RESIDUAL:
             break
-        r = sweep(i, r, columns, multipliers, support, max_normal)
-    residual[i] = r
+        r = sweep(i, r, balance.columns, balance.inverse, balance.multipliers, balance.support, balance.max_normal)
+    balance.residual[i] = r
+    kept = wp.where(balance.is_first > 0, 0.0, 1.0)
+    balance.square[i] = kept * balance.square[i] + wp.dot(r, r)
     torque = wp.vec3(r[3], r[4], r[5])
-    for c in range(contacts):
+    for c in range(count):
         force = wp.vec3()
         for edge in range(CONE_EDGES):
-            k = c * CONE_EDGES + edge
-            force += multipliers[i, k] * wp.vec3(columns[i, k][0], columns[i, k][1], columns[i, k][2])
-        gradient[i, c] = wp.cross(force, torque) / half_length
+            column = balance.columns[i, c * CONE_EDGES + edge]
+            force += balance.multipliers[i, c * CONE_EDGES + edge] * wp.vec3(column[0], column[1], column[2])
+        gradient = kept * balance.gradient[i, c] + wp.cross(force, torque) / balance.half_length
+        balance.gradient[i, c] = gradient
+        contacts.pull[i, contacts.links[c]] = contacts.pull_weight * gradient
 
 
 def support_wrenches(
@@ -158,7 +188,7 @@ class ForceResidual:
     contacts, and E is the sum.
 
     Attributes:
-        residual: (batch,) distance to balance [weights of the object]; of several the root of the sum of squares.
+        square: (batch,) squared distance to balance [weights of the object, squared]; of several the sum.
         gradient: (batch, contact, 3) of E in the contacts' positions [1/m].
         active: (batch,) as given: a hand with 0 is skipped and keeps the results of its last call.
     """
@@ -166,25 +196,48 @@ class ForceResidual:
     def __init__(
         self, balances: Sequence[SlidingBalance], active: Int[Tensor, " batch"], contacts: int, *, device: str = "cpu"
     ) -> None:
-        self.active = active
-        self._stages = [_Stage(balance, len(active), contacts, device=device) for balance in balances]
-        self.gradient = torch.zeros(len(active), contacts, 3, device=device)
+        batch, columns = len(active), contacts * CONE_EDGES
+        self.active, self.device = active, device
+        self.square = torch.zeros(batch, device=device)
+        self.gradient = torch.zeros(batch, contacts, 3, device=device)
+        self._residual = torch.zeros(batch, len(balances), 6, device=device)
+        self._multipliers = [
+            torch.zeros(batch, columns + len(each.support_wrenches), device=device) for each in balances
+        ]
+        self._active, self._every_row = wp.from_torch(active), wp.array(range(batch), dtype=wp.int32, device=device)
+        self._balances = []
+        for place, (balance, multipliers) in enumerate(zip(balances, self._multipliers, strict=True)):
+            packed = Balance()
+            support = balance.support_wrenches.contiguous().to(device)
+            packed.support = wp.from_torch(support, dtype=Vector6)
+            packed.inverse = wp.from_torch(
+                torch.cat([multipliers[:, :columns], support.square().sum(dim=1).reciprocal().expand(batch, -1)], dim=1)
+            )
+            packed.gravity = wp.vec3(*balance.gravity.tolist())
+            packed.centre = wp.vec3(*balance.centre_of_mass.tolist())
+            packed.half_length, packed.friction = balance.half_length, balance.friction_hand
+            packed.max_normal, packed.is_first = balance.max_normal, int(place == 0)
+            packed.columns = wp.zeros((batch, columns), dtype=Vector6, device=device)
+            packed.multipliers = wp.from_torch(multipliers)
+            packed.residual = wp.from_torch(self._residual[:, place], dtype=Vector6)
+            packed.square, packed.gradient = wp.from_torch(self.square), wp.from_torch(self.gradient, dtype=wp.vec3)
+            self._balances.append(packed)
 
     @property
     def residual(self) -> Float[Tensor, " batch"]:
         """Length of the residual wrench [weights of the object]."""
-        return self.wrench.flatten(1).norm(dim=1)
+        return self.square.sqrt()
 
     @property
     def wrench(self) -> Float[Tensor, "batch balance 6"]:
         """Residual wrench of each balance [weights of the object]."""
-        return torch.stack([stage.residual for stage in self._stages], dim=1)
+        return self._residual
 
     @property
     def loaded(self) -> Bool[Tensor, "batch contact"]:
         """Whether a contact carries a force in any of the balances."""
         count = self.gradient.shape[1] * CONE_EDGES
-        forces = torch.stack([stage.multipliers[:, :count].unflatten(1, (-1, CONE_EDGES)) for stage in self._stages])
+        forces = torch.stack([each[:, :count].unflatten(1, (-1, CONE_EDGES)) for each in self._multipliers])
         return forces.sum(dim=3).amax(dim=0) > SMALLEST_FORCE
 
     def __call__(
@@ -195,48 +248,25 @@ class ForceResidual:
         *,
         sweeps: int,
     ) -> None:
-        """Update `residual` and `gradient`; `normals` point out of the object, `counts` is 1 where a contact counts."""
-        contacts = (
-            wp.from_torch(self.active),
-            wp.from_torch(points.contiguous(), dtype=wp.vec3),
-            wp.from_torch(normals.contiguous(), dtype=wp.vec3),
-            wp.from_torch(counts.contiguous()),
-        )
-        for stage in self._stages:
-            stage.solve(contacts, sweeps=sweeps)
-        self.gradient = torch.stack([stage.gradient for stage in self._stages]).sum(dim=0)
+        """Update residual and gradient; `normals` point out of the object, `counts` is 1 where a contact counts."""
+        contacts = Contacts()
+        contacts.links = wp.array(range(points.shape[1]), dtype=int, device=self.device)
+        contacts.points = wp.from_torch(points.contiguous(), dtype=wp.vec3)
+        contacts.normals = wp.from_torch(normals.contiguous(), dtype=wp.vec3)
+        contacts.wanted = wp.from_torch(counts.contiguous())
+        contacts.pull, contacts.pull_weight = wp.zeros_like(contacts.points), 1.0
+        for launch in self.launches(contacts, self._every_row, sweeps=sweeps):
+            launch.launch()
 
-
-class _Stage:
-    """One balance of a batch of hands, its multipliers, residual wrenches and gradient."""
-
-    def __init__(self, balance: SlidingBalance, batch: int, contacts: int, *, device: str) -> None:
-        columns = contacts * CONE_EDGES
-        self.balance, self.device = balance, device
-        self.multipliers = torch.zeros(batch, columns + len(balance.support_wrenches), device=device)
-        self.residual = torch.zeros(batch, 6, device=device)
-        self.gradient = torch.zeros(batch, contacts, 3, device=device)
-        self._columns = wp.zeros((batch, columns), dtype=Vector6, device=device)
-        self._support = wp.from_torch(balance.support_wrenches.contiguous().to(device), dtype=Vector6)
-
-    def solve(self, contacts: tuple[wp.array, ...], *, sweeps: int) -> None:
-        balance = self.balance
-        wp.launch(
-            solve_balance,
-            dim=len(self.residual),
-            inputs=[
-                *contacts,
-                self._support,
-                wp.vec3(*balance.gravity.tolist()),
-                wp.vec3(*balance.centre_of_mass.tolist()),
-                balance.half_length,
-                balance.friction_hand,
-                balance.max_normal,
-                sweeps,
-                self._columns,
-                wp.from_torch(self.multipliers),
-                wp.from_torch(self.residual, dtype=Vector6),
-                wp.from_torch(self.gradient, dtype=wp.vec3),
-            ],
-            device=self.device,
-        )
+    def launches(self, contacts: WarpStruct, rows: wp.array, *, sweeps: int) -> list[wp.Launch]:
+        """Return launches, in their order, that solve the balances at the `Contacts` of the hands `rows`."""
+        return [
+            wp.launch(
+                solve_balance,
+                dim=len(rows),
+                inputs=[contacts, balance, self._active, sweeps, rows],
+                device=self.device,
+                record_cmd=True,
+            )
+            for balance in self._balances
+        ]

@@ -39,12 +39,9 @@ from dexnudge.geometry.warp_runtime import wp
 from dexnudge.hands.kinematics import place_links
 
 
-@wp.kernel(enable_backward=False)
-def kinematics(hand: HandModel, state: State, first: int):
-    """T_world_link of every link of one hand; clears the wrenches."""
-    i = first + wp.tid()
-    if state.active[i] == 0:
-        return
+@wp.func
+def place_hand(hand: HandModel, state: State, i: int):
+    """Sets T_world_link of every link of hand i; clears the wrenches."""
     place_links(
         hand.tree,
         state.root_rotation[i],
@@ -61,10 +58,18 @@ def kinematics(hand: HandModel, state: State, first: int):
 
 
 @wp.kernel(enable_backward=False)
-def energies(hand: HandModel, scene: SceneFields, weights: EnergyWeights, state: State, first: int):
+def kinematics(hand: HandModel, state: State, rows: wp.array(dtype=int)):
+    """Places one hand's links."""
+    i = rows[wp.tid()]
+    if state.active[i] > 0:
+        place_hand(hand, state, i)
+
+
+@wp.kernel(enable_backward=False)
+def energies(hand: HandModel, scene: SceneFields, weights: EnergyWeights, state: State, rows: wp.array(dtype=int)):
     """All terms of one hand's link, and their gradient as a wrench on the link."""
     b, l = wp.tid()
-    i = first + b
+    i = rows[b]
     if state.active[i] == 0:
         return
     for term in range(NUM_TERMS):
@@ -121,7 +126,7 @@ def energies(hand: HandModel, scene: SceneFields, weights: EnergyWeights, state:
     deepest_self = float(0.0)
     for n in range(hand.first_partner[l], hand.first_partner[l + 1]):
         other = hand.partner[n]
-        if links_come_close(hand, state, i, l, other, weights.clearance_self):
+        if weights.self > 0.0 and links_come_close(hand, state, i, l, other, weights.clearance_self):
             found = points_in_other_link(hand, state, weights, i, l, other)
             energy_self += found[0]
             deepest_self = wp.max(deepest_self, found[1])
@@ -141,11 +146,16 @@ def energies(hand: HandModel, scene: SceneFields, weights: EnergyWeights, state:
 
 @wp.kernel(enable_backward=False)
 def contacts(
-    hand: HandModel, scene: SceneFields, weights: EnergyWeights, state: State, links: wp.array(dtype=int), first: int
+    hand: HandModel,
+    scene: SceneFields,
+    weights: EnergyWeights,
+    state: State,
+    links: wp.array(dtype=int),
+    rows: wp.array(dtype=int),
 ):
     """The point of one hand's link that is nearest to the object."""
     b, n = wp.tid()
-    i = first + b
+    i = rows[b]
     if state.active[i] == 0:
         return
     state.contact_distance[i, links[n]] = FAR
@@ -153,12 +163,9 @@ def contacts(
         points_on_object(hand, scene, weights, state, i, links[n])
 
 
-@wp.kernel(enable_backward=False)
-def reduce_gradient(hand: HandModel, state: State, first: int):
-    """Sums energies over links and carries the wrenches from the tips to the root."""
-    i = first + wp.tid()
-    if state.active[i] == 0:
-        return
+@wp.func
+def sum_gradient(hand: HandModel, state: State, i: int):
+    """Sums the energies of hand i over its links and carries the wrenches from the tips to the root."""
     links = hand.tree.parent.shape[0]
     for term in range(NUM_TERMS):
         total = float(0.0)
@@ -187,3 +194,11 @@ def reduce_gradient(hand: HandModel, state: State, first: int):
                 else:
                     along = wp.dot(axis, moment - wp.cross(state.link_translation[i, l], force))
                 state.gradient[i, 6 + hand.tree.joint[l]] += hand.tree.multiplier[l] * along
+
+
+@wp.kernel(enable_backward=False)
+def reduce_gradient(hand: HandModel, state: State, rows: wp.array(dtype=int)):
+    """Energy and gradient of one hand."""
+    i = rows[wp.tid()]
+    if state.active[i] > 0:
+        sum_gradient(hand, state, i)

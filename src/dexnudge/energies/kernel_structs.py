@@ -56,7 +56,6 @@ class SceneFields:
     environment_clusters: Clusters
     has_environment: int
     has_sweep: int  # 1 where the environment's grids also stand swept along the motion, nowhere above the plain ones
-    environment_jumps: int  # 1 where its distances are not continuous, so that one says nothing of its surroundings
 
 
 @wp.struct

@@ -169,7 +169,10 @@ def environment_distance(scene: SceneFields, p: wp.vec3, near_grid: int) -> wp.v
 
 @wp.func
 def least_environment_distance(scene: SceneFields, centre: wp.vec3, radius: float, near_grid: int) -> float:
-    """Lower bound [m] of the distances to the environment in a sphere."""
+    """Lower bound [m] of the distances to the environment in a sphere.
+
+    Of occluded space, whose depth begins with a jump, it knows only what the sphere's centre sees: guidance needs no more.
+    """
     near = scene.grids.headers[near_grid]
     if inside_box(near, centre - wp.vec3(radius, radius, radius)) and inside_box(
         near, centre + wp.vec3(radius, radius, radius)
@@ -200,11 +203,8 @@ def points_in_environment(
     force = wp.vec3()
     moment = wp.vec3()
     for c in range(hand.first_cluster[l], hand.first_cluster[l + 1]):
-        least = float(0.0)
-        if scene.environment_jumps == 0:
-            centre = translation + rotation * hand.clusters.centre[c]
-            least = least_environment_distance(scene, centre, hand.clusters.radius[c], lowest)
-        if least < widest:
+        centre = translation + rotation * hand.clusters.centre[c]
+        if least_environment_distance(scene, centre, hand.clusters.radius[c], lowest) < widest:
             for k in range(hand.clusters.first[c], hand.clusters.first[c + 1]):
                 p = translation + rotation * hand.points[k]
                 hit = environment_distance(scene, p, lowest)

@@ -123,7 +123,7 @@ def build_guided_fields(
         for points in (spread, edge_points)
     )
 
-    def fields(grids: list[DistanceGrid], *, jumps: bool) -> WarpStruct:
+    def fields(grids: list[DistanceGrid]) -> WarpStruct:
         packed = SceneFields()
         # Occlusion belongs to where the hand stands now, so it is not swept; but nothing swept is above it.
         lowest = [
@@ -135,11 +135,10 @@ def build_guided_fields(
         packed.environment_points, packed.environment_clusters = on_edges
         packed.has_environment = int(environment_mesh is not None)
         packed.has_sweep = int(bool(swept))
-        packed.environment_jumps = int(jumps)
         return packed
 
-    plain = fields(environment, jumps=False)
-    return plain, fields(occluded, jumps=True) if guiding and environment_mesh is not None else plain
+    plain = fields(environment)
+    return plain, fields(occluded) if guiding and environment_mesh is not None else plain
 
 
 def sharp_edge_points(

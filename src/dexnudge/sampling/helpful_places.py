@@ -8,7 +8,7 @@ import torch
 from jaxtyping import Bool, Float
 from torch import Tensor
 
-from dexnudge.energies.force_residual import ForceResidual, SlidingBalance
+from dexnudge.energies.force_residual import SlidingBalance
 from dexnudge.mechanics.friction_cone import friction_cone_edges, wrenches
 
 REACH = 0.04  # [m] at which a place is worth half as much to a fingertip as where it is
@@ -46,18 +46,21 @@ class HelpfulPlaces:
         return (force * slope - 0.5 * force.square() * square).amax(dim=-1).sum(dim=1)
 
     def __call__(
-        self, force: ForceResidual, tips: Float[Tensor, "batch digit 3"]
+        self,
+        residual: Float[Tensor, "batch balance 6"],
+        loaded: Bool[Tensor, "batch digit"],
+        tips: Float[Tensor, "batch digit 3"],
     ) -> tuple[Bool[Tensor, "batch digit"], Float[Tensor, "batch digit 3"]]:
         """Return which fingertip of each hand should go elsewhere, and where to: the one without force that would help most.
 
-        tips: where the keypoints are [m].
+        residual, loaded: of the balances, see `ForceResidual`. tips: where the keypoints are [m].
         """
         way = self.places - tips[:, :, None]
         # A fingertip behind the surface has to go around it.
         behind = torch.einsum("bdpx,px->bdp", way, self.normals).clamp_min(0.0)
         far = way.norm(dim=3) + DETOUR * behind
-        worth = self.help(force.wrench)[:, None] / (1.0 + (far / REACH).square())
-        worth[force.loaded] = 0.0
+        worth = self.help(residual)[:, None] / (1.0 + (far / REACH).square())
+        worth[loaded] = 0.0
         best, place = worth.max(dim=2)
         drawn = (best > 0.0) & (best == best.amax(dim=1, keepdim=True))
         step = way.gather(2, place[..., None, None].expand(-1, -1, 1, 3))[:, :, 0]
