@@ -38,7 +38,7 @@ WITHOUT_WEIGHTS = "random_start_projection"
 MAX_DRAWS_FACTOR = 32  # a search for K verified draws gives up after this many draws each, unless told otherwise
 LARGEST_CALL = 10_000  # draws that are in memory, and in one batch, at once
 SMALLEST_CALL = 4  # draws: fewer take as long, since a call's own steps cost more than their arithmetic
-MEMORY_PER_HAND = 1.0e6  # bytes that drawing and verifying take for each hand of a batch
+MEMORY_PER_HAND = 2.0e5  # bytes for each hand of a batch: three times what drawing and verifying 2,048 took
 MEMORY_SHARE = 0.8  # of what is free that a batch may take
 NOT_CONVERGED = 10.0  # added to the residual of a draw that the projection could not finish, so that it comes last
 
@@ -271,7 +271,7 @@ class Sampler:
         if size == 1:
             raise InputError(
                 f"not even one draw fits into the memory of {self.device} ({error}); expected about "
-                f"{MEMORY_PER_HAND / 1e6:.0f} MB beside what the scene takes; free some, or choose another `device`"
+                f"{MEMORY_PER_HAND / 1e6:.1f} MB beside what the scene takes; free some, or choose another `device`"
             ) from error
         _warn_of_split(size // 2, f"{size} at once ran out of the memory of {self.device}")
         return size // 2
