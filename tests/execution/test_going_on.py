@@ -9,6 +9,7 @@ from dexnudge.execution.executor import MOST_REGRASPS, Executor
 from dexnudge.planning.approach import Approach
 from dexnudge.planning.hand_clearance import Blocked
 from dexnudge.planning.outcomes import Outcome
+from dexnudge.scenes.motion import Turn
 from dexnudge.simulation.model import scene_model
 from dexnudge.simulation.open_loop import OpenLoop
 
@@ -46,8 +47,21 @@ def test_a_push_that_falls_short_goes_on(executor, pad_grasp):
     assert on.verdict.length_reached > 0.8 * LENGTH
     assert set(on.trace.attempt) == {1, 2}
     assert set(on.trace.attempt) <= set(range(1, 2 + MOST_REGRASPS))
+    assert on.trace.phase[-1] != "release"  # a hand that is there does not let go
     count = len(once.trace.time)
     np.testing.assert_array_equal(on.trace.qpos[:count], once.trace.qpos)
+
+
+@pytest.mark.parametrize("slide_length", [0.0, LENGTH])
+def test_what_is_left_of_a_motion_that_turns_is_its_length_less_what_is_made(pad_hand, block_scene, slide_length):
+    turn = Turn(0.5, np.array([0.0, 0.0, 1.0]), np.add(block_scene.centre_of_mass, [0.01, 0.02, 0.0]))
+    scene = replace(block_scene, turn=turn, motion_length=slide_length)
+    length, turn_length = scene.object_motion.length, scene.object_motion.turn_length
+    executor = Executor(scene, scene_model(pad_hand, scene))
+    for way in np.linspace(0.0, 0.99 * length, 7):
+        there = scene.carried(float(way))
+        assert executor._left(there) == pytest.approx(length - way)
+        assert executor._there(there) == (slide_length > 0 and way >= turn_length + 0.8 * slide_length)
 
 
 @pytest.mark.parametrize("number", [0, 2])

@@ -27,7 +27,7 @@ FRICTION_HAND, FRICTION_ENVIRONMENT = 0.8, 0.4
 PALM_BOTTOM = 0.11  # [m] from the palm's origin down to the lower face of its box
 LIMIT = 10.0  # [N] of a link
 LEAST = FRICTION_ENVIRONMENT * MASS * GRAVITY / (FRICTION_HAND - FRICTION_ENVIRONMENT)  # [N] that drags a block: 1.47
-X = np.array([1.0, 0.0, 0.0])
+X, Y = np.eye(3)[:2]
 
 
 @pytest.fixture(scope="module")
@@ -276,6 +276,34 @@ def test_the_height_of_a_pinch_is_kept_and_that_of_a_press_follows(simulation, p
     sunk = observation(pose(), pose(position=Q[:3] - [0.0, 0.0, 0.003]))
     commands = [loop.command(sunk) for _ in PATH.phase]
     assert commands[-1].q[2] == pytest.approx(height, abs=1e-5)
+
+
+TIPPED = push_path(np.zeros(1), Q[None], motion=Motion(Turn(0.3, Y, np.zeros(3)), X, 0.03, radius=0.1), length=0.06)
+
+
+def test_a_pinch_that_closes_follows_along_the_axis_of_its_tip_and_keeps_what_it_came_to(simulation):
+    loop = OpenLoop()
+    loop.start(PushPlan(TIPPED, replace(pressing(simulation, 4.0), pinches=True), HandDrive.of(simulation)))
+    for phase, position in zip(TIPPED.phase, TIPPED.position, strict=True):
+        aside = np.array([0.002, 0.003 if phase in {"approach", SQUEEZE} else -0.003, 0.002])
+        told = loop.command(observation(pose(), pose(position=position + aside)))
+        if phase == PUSH:
+            np.testing.assert_allclose(told.q[:3] - position, [0.0, 0.003, 0.0], atol=1e-4)
+
+
+@pytest.mark.parametrize(("felt", "given_up"), [(0.0, True), (0.3, True), (0.5, False), (2.0, False)])
+def test_a_pinch_is_given_up_where_its_links_feel_too_little_of_what_they_should(simulation, felt, given_up):
+    loop = Feedback()
+    loop.start(PushPlan(TIPPED, replace(pressing(simulation, 4.0), pinches=True), HandDrive.of(simulation)))
+    start, phases = pose(position=(0.0, 0.0, HEIGHT / 2)), []
+    for step in range(len(TIPPED.phase)):
+        palm = pose(position=TIPPED.position[step])
+        told = loop.command(observation(TIPPED.displacement[step] @ start, palm, force=4.0 * felt))
+        if told is None:
+            break
+        phases.append(told.phase)
+    assert phases.count(SQUEEZE) == np.count_nonzero(TIPPED.phase == SQUEEZE)
+    assert (phases.count(PUSH) < 10) == given_up
 
 
 def test_a_correction_turns_the_hand_about_the_object(simulation):

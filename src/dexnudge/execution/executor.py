@@ -89,8 +89,8 @@ class Executor:
         """Push with q (world); the same q gives the same result, whatever was executed before.
 
         Where no free way leads to q, the push begins with the first of the `alternatives` to which one does. An object that
-        only slides, and falls short, is pushed on: with q or one of the `alternatives`, whichever balances
-        best where the object lies then. None: it is not.
+        falls short is pushed on: with q or one of the `alternatives`, whichever balances best where the object lies then,
+        or the first of those that fit where it turns. None: it is not.
         """
         seconds: dict[str, float] = {}
         clock = time.perf_counter()
@@ -145,7 +145,7 @@ class Executor:
         times, way = approach.last_stretch if isinstance(approach, Approach) else (np.zeros(1), q[None])
         rollout = Rollout(simulation, way[0])
         rollout.push(push_path(times, way, motion=self._scene.object_motion, length=self._length), forces, self._policy)
-        if isinstance(approach, Approach) and alternatives is not None and self._scene.turn is None:
+        if isinstance(approach, Approach) and alternatives is not None:
             self._go_on(rollout, simulation, approach, np.stack([q, *alternatives]))
         return rollout
 
@@ -158,20 +158,29 @@ class Executor:
     ) -> None:
         """Back off and push with one of the configurations after another until the object is there, or none fits."""
         stage = SceneRollout(self._scene, simulation, rollout)
-        slide = Slide(stage, q, self._policy, length=self._left)
+        slide = Slide(stage, q, self._policy, length=self._left, there=self._there)
         for attempt in range(2, 2 + MOST_REGRASPS):
-            if self._left(stage.scene_now()) <= (1 - LEAST_ADVANCE) * self._length or stage.why_over():
+            if self._there(stage.scene_now()) or stage.why_over():
                 return
             if attempt == 2:
                 stage.back_off(approach)
+                if self._there(stage.scene_now()):
+                    return
             rollout.attempt = attempt
             if slide(stage.scene_now(), Attempt(attempt, "slide", Outcome.SUCCESS)).configuration < 0:
                 return
 
+    def _there(self, scene: Scene) -> bool:
+        """Return whether the object in `scene` has made enough of its turn, of which none is left then, and of its slide."""
+        slide_length = self._scene.object_motion.slid(self._length)
+        return scene.turn is None and self._left(scene) <= (1 - LEAST_ADVANCE) * slide_length
+
     def _left(self, scene: Scene) -> float:
-        """Return how much of the push is left where the object is in `scene` [m]."""
-        moved = sliding_task(scene).centre - self._task.centre
-        return self._length - float(moved @ self._scene.motion)
+        """Return how much of the push is left where the object is in `scene` [m], what it has to turn included."""
+        motion, moved = self._scene.object_motion, scene.T_world_object @ np.linalg.inv(self._scene.T_world_object)
+        fixed = self._task.centre if motion.turn is None else motion.turn.point  # which a turn alone leaves where it is
+        slid = float((moved[:3, :3] @ fixed + moved[:3, 3] - fixed) @ motion.direction)
+        return scene.object_motion.turn_length + motion.slid(self._length) - slid
 
     def _judge(self, rollout: Rollout) -> PushVerdict:
         return judge_push(

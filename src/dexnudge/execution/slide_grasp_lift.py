@@ -124,7 +124,8 @@ class Slide:
     """Slides the object of a stage along the scene's motion with configurations q, each of them once, in their order.
 
     policy: what decides step by step; feedback unless given. length: how far to push [m] in a scene, or why not; to where
-    the object can be grasped unless given.
+    the object can be grasped unless given. there: whether the object is where the hand need not let go of it; nowhere unless
+    given.
     """
 
     def __init__(
@@ -134,8 +135,9 @@ class Slide:
         policy: Policy | None = None,
         *,
         length: Callable[[Scene], float | Outcome] | None = None,
+        there: Callable[[Scene], bool] = lambda _: False,
     ) -> None:
-        self._policy, self._length = policy or Feedback(), length or to_be_graspable
+        self._policy, self._length, self._there = policy or Feedback(), length or to_be_graspable, there
         self._stage, self._waiting = stage, dict(enumerate(np.asarray(q, dtype=np.float64)))
 
     def __call__(self, scene: Scene, attempt: Attempt) -> Attempt:
@@ -158,7 +160,8 @@ class Slide:
         with rollout.elsewhere():
             forces = push_forces(self._stage.model_at(scene), q, contacts, stations(scene, length), task)
         rollout.push(push_path(*approach.last_stretch, motion=scene.object_motion, length=length), forces, self._policy)
-        self._stage.back_off(approach)
+        if not self._there(self._stage.scene_now()):
+            self._stage.back_off(approach)
         outcome, detail, force = self._judged(scene)
         return replace(
             attempt,
@@ -174,14 +177,15 @@ class Slide:
         """Return the first configuration that fits the object where it lies now, its q and a way there, or why none does.
 
         Once the hand has begun, each may go where it has come to with the object, or where it was drawn, under which the
-        object has slid away; those come first that balance best from here to the end.
+        object has slid away; those come first that balance best from here to the end, or in their order where it turns.
         """
         moved = scene.T_world_object @ np.linalg.inv(self._stage.first.T_world_object)
         waiting = [(index, transform_configurations(moved, q[None])[0]) for index, q in self._waiting.items()]
         if self._stage.begun and waiting:
             waiting += list(self._waiting.items())
-            least = self._least_margins(scene, length, np.array([q for _, q in waiting]))
-            waiting = [waiting[place] for place in np.argsort(-least, kind="stable")]
+            if scene.turn is None:
+                least = self._least_margins(scene, length, np.array([q for _, q in waiting]))
+                waiting = [waiting[place] for place in np.argsort(-least, kind="stable")]
         planner = ApproachPlanner(self._stage.hand, scene)
         failed = Outcome.NO_CONFIGURATION, ""
         for index, q in waiting[:MOST_PLANNED]:

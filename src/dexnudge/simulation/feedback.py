@@ -146,15 +146,17 @@ class Feedback:
         self._way = max(self._way, way)
         self._moving += TIMESTEP / STILL_TIME * (advance / (SPEED * TIMESTEP) - self._moving)
         self._off = float(np.linalg.norm(across[3:]))
-        self._aim += advance / limits.aim_way * across
+        if not self._plan.forces.pinches:  # turned against what stands beside it, it wedges
+            self._aim += advance / limits.aim_way * across
         for part, most in ((slice(0, 3), limits.aside), (slice(3, 6), limits.turned)):
             self._aim[part] *= min(1.0, most / max(float(np.linalg.norm(self._aim[part])), most))
 
     def _pace(self, step: int, lag: float) -> None:
         """Go on with the plan, slower where the object stays behind; at its end push on until the object is there."""
         limits, length = self.limits, self._plan.path.length
-        lost, end = (self._slip > limits.lost and self._moving < 0.05) or self._off > limits.most_off, self._ends[0]
-        if lost:  # the end of the plan may be far: a target there would tear at the object
+        stuck, end = self._slip > limits.lost and self._moving < 0.05, self._ends[0]
+        if stuck or self._off > limits.most_off or self._grip(step) < limits.grip:
+            # The end of the plan may be far: a target there would tear at the object.
             self._clock, self._last = self._ends[-1] + 1, step
         elif step < end:
             pressing = self._press < self._most_press[step] or self._slipping > 0.5
@@ -172,6 +174,11 @@ class Feedback:
         else:
             self._rate = 0.0
             self._further += TIMESTEP * SPEED * min(1.0, lag / (2 * limits.close))
+
+    def _grip(self, step: int) -> float:
+        """Return the share of what the links should pinch the object with that they do; 1 where it is not pinched."""
+        share = self._share[step]
+        return float(np.minimum(self._force, share).sum() / share.sum()) if self._plan.forces.pinches else 1.0
 
     def _share_out(self, step: int) -> None:
         """Bring what the links press with to what they should, by the torques of their fingers and by the base's wrench."""

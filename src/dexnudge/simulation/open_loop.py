@@ -4,7 +4,7 @@ import numpy as np
 from jaxtyping import Float
 from scipy.spatial.transform import Rotation
 
-from dexnudge.simulation.hand_path import SQUEEZE, interpolated
+from dexnudge.simulation.hand_path import LEAST_TURNING, SQUEEZE, interpolated, twists
 from dexnudge.simulation.model import TIMESTEP
 from dexnudge.simulation.policy import Command, Observation, PushPlan
 
@@ -18,7 +18,8 @@ class OpenLoop:
 
     Pressing, the base is told a force and no height: as fingers give way the hand sinks, and a target that stayed would
     pull it up by as much as it should press. So the target's height follows, by up to 5 mm. Not that of a pinch: its height
-    is what keeps a tipped object at its tilt.
+    is what keeps a tipped object at its tilt. While a pinch closes it follows along the axis of the tip instead, so that it
+    comes to press from both sides.
     """
 
     def start(self, plan: PushPlan) -> None:
@@ -39,7 +40,8 @@ class OpenLoop:
         self.wrench = np.einsum("sxy,sky->skx", self._carried, wrench).reshape(-1, 6)
         self._pressing = in_base(to_base, self.wrench) / drive.base_stiffness
         self.torque = interpolated(path.done, forces.done, forces.motor_torque)
-        self._followed = 0.0
+        axis = twists(path)[0, 3:] if forces.pinches else np.array([0.0, 0.0, 1.0])
+        self._yields, self._followed = axis / max(float(np.linalg.norm(axis)), LEAST_TURNING), 0.0
 
     def command(self, seen: Observation) -> Command | None:
         """Return the next step of the plan."""
@@ -57,11 +59,11 @@ class OpenLoop:
         path, forces, drive = self.plan.path, self.plan.forces, self.plan.drive
         closed, loaded = self._closed[step], self._loaded[step]
         position = path.position[step] + closed * (self._carried[step] @ forces.base_closing)
-        if loaded > 0 and not forces.pinches:
-            sunk = seen.T_world_palm[2, 3] - position[2]
+        if loaded > 0 and (not forces.pinches or path.phase[step] == SQUEEZE):
+            sunk = self._yields @ (seen.T_world_palm[:3, 3] - position)
             self._followed += TIMESTEP / FOLLOW_TIME * (sunk - self._followed)
             self._followed = float(np.clip(self._followed, -MOST_FOLLOWED, MOST_FOLLOWED))
-            position[2] += self._followed
+        position += self._followed * self._yields
         offset = closed * forces.closing + loaded * self.torque[step] / drive.motor_gain
         ctrl = np.clip(self._place[step] + offset, drive.lower, drive.upper)
         ctrl[drive.base_motor] = rate * self._moving[step] + loaded * self._pressing[step]

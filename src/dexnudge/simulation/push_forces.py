@@ -12,7 +12,7 @@ from dataclasses import dataclass, replace
 import mujoco
 import numpy as np
 import torch
-from jaxtyping import Float
+from jaxtyping import Float, Int
 from scipy.linalg import block_diag
 from scipy.optimize import nnls
 
@@ -82,10 +82,13 @@ CONE_SHARES = (0.5, 0.7, 0.85, 1.0)  # of the hand's friction that the forces us
 SURPLUS = 1.4  # times the forces that balance: an object then follows even where its support is rougher than planned
 UPRIGHT = 0.999  # cosine of the tilt below which an object counts as tipped
 PRELOAD = 1.0  # [N] with which every link that touches should press: a finger that rests keeps the object from turning
-PINCH = 3.0  # [N] the same of what pulls a tipped object: nothing but friction on its sides keeps it from tipping on
+PINCH = (
+    3.0  # [N] the same of each digit that pulls a tipped object: only friction on its sides keeps it from tipping on
+)
 BALANCE = 100.0  # weight of the net wrench against the size of the forces: balance comes first
 TENDON = 3.0  # weight of torques that a shared tendon cannot make
 PRESSING = 0.5  # weight of the preload
+CARRIED = 1.0  # weight of each support force on what is pinched: an object that leans on what stands beside it wedges
 LIKENESS = 1.0  # weight of each contact's difference from forces to be near to
 EVENNESS = 0.1  # weight of each edge's own size: forces spread over contacts
 ROOM = 0.7  # of the limit of a link that is planned for where that balances: the rest is left to control
@@ -282,13 +285,15 @@ def _balanced(
     if like.any():
         near, size = LIKENESS * block_diag(*edges.transpose(0, 2, 1)), LIKENESS / task.weight * like.ravel()
     else:
-        preload = PINCH if pushed.pinches else PRELOAD
-        near, size = PRESSING * of_link, np.full(len(of_link), PRESSING * preload / task.weight)
+        preload = PINCH / _beside(pushed) if pushed.pinches else np.full(len(of_link), PRELOAD)
+        near, size = PRESSING * of_link, PRESSING / task.weight * preload
+    carried = CARRIED * np.eye(len(support) if pushed.pinches else 0, count + others, count)
     rows = np.concatenate(
         [
             BALANCE * np.concatenate([hand.T, support.T, np.zeros((6, slack.shape[1]))], axis=1),
             TENDON / LEVER * np.concatenate([mismatch, np.zeros((len(mismatch), len(support))), slack], axis=1),
             EVENNESS * np.eye(count, count + others),
+            carried,
             np.pad(near, ((0, 0), (0, others))),
         ]
     )
@@ -307,6 +312,14 @@ def _balanced(
         for link in sorted(over):  # a link above its limit is held at it
             row = np.concatenate([BALANCE * (links == link), np.zeros(others)])
             rows, wanted = np.concatenate([rows, row[None]]), np.append(wanted, BALANCE * problem.cap)
+
+
+def _beside(pushed: _Pushed) -> Int[np.ndarray, " link"]:
+    """Return of each link that touches how many of its digit do, of which one alone may come to press; 1 of a palm."""
+    hand = pushed.simulation.hand
+    names = [hand.link_names[link] for link in np.unique(pushed.contacts.link)]
+    digits = np.array([hand.digit_of_link[name] or name for name in names])
+    return (digits == digits[:, None]).sum(axis=1)
 
 
 def _tendon_rows(
