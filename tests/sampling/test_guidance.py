@@ -162,6 +162,12 @@ def test_ours_takes_the_mean_of_the_second_order_solver(make_step, prior, starts
         torch.testing.assert_close(ours, x, atol=1e-4, rtol=1e-4)
 
 
+def test_ours_does_not_steer_before_the_estimate_means_something(make_step):
+    steered, plain = (CleanSpherical(rate=rate)(make_step(t=980, t_previous=900)) for rate in (1.0, 0.0))
+    assert make_step(t=980).alpha_bar < CleanSpherical().begin < make_step().alpha_bar
+    torch.testing.assert_close(steered, plain)
+
+
 def test_ours_steers_joints_less_and_hands_that_are_almost_right_less():
     rule, energy = CleanSpherical(rate=0.8, joints=0.5, negligible=1e-3), torch.tensor([0.0, 1e-3, 1.0])
     rates = rule.rates(energy, ROOT_COORDINATES + 4)

@@ -24,7 +24,7 @@ CONE_EDGES = wp.constant(8)
 RELAXATION = wp.constant(1.5)  # of a coordinate's step; at 1 each is set to its best, above 1 fewer sweeps do
 SMALLEST_COLUMN = wp.constant(1.0e-9)  # squared length under which a column is no contact
 SMALLEST_FORCE = 0.01  # [weights of the object] less does not count as a contact's force
-SMALLEST_RESIDUAL = wp.constant(1.0e-10)  # squared; further sweeps would change nothing that matters
+SMALLEST_RESIDUAL = wp.constant(1.0e-8)  # squared; further sweeps would change nothing that matters
 
 
 @dataclass(frozen=True)

@@ -47,7 +47,7 @@ PROJECTION_WEIGHTS = TermWeights(
 
 NEGLIGIBLE_TERMS = 1.0e-6  # [m^2] energy of the user's terms that is not worth a step: one point 1 mm off
 NOWHERE = 2.0  # no normal has such a z
-LARGEST_GROUP, PACK_STEPS = 8, 4  # hands that one thread moves together; steps after which those that are done leave
+LARGEST_GROUP, PACK_STEPS = 16, 4  # hands that one thread moves together; steps after which those that are done leave
 SMALLEST_FALL, STALLED_STEPS = 0.01, 10  # relative fall in so many steps under which the user's terms have settled
 
 
@@ -68,7 +68,7 @@ class ProjectionConfig:
     depth_tolerance: float = 0.0001  # [m] that a guiding point may still be inside something
     force_tolerance: float = 0.05  # residual [weights of the object] that counts as balanced
     force_sweeps: int = 12  # of the balance solver per step, warm-started
-    first_force_sweeps: int = 200  # before the first step, from a cold start
+    first_force_sweeps: int = 60  # before the first step, from a cold start
     idle_steps: int = (
         60  # first steps, in which idle fingertips are drawn to where they can push, and hands wait for it
     )
@@ -77,8 +77,8 @@ class ProjectionConfig:
         40  # first steps, in which the user's terms pull; the others must still get a hand out of what it penetrates
     )
     arrival: float = 0.012  # [m] from a helpful place at which a fingertip that goes there begins to touch
-    patience: int = 15  # steps without progress after which a hand that is clean and touching waits for nothing else
-    endurance: int = 35  # steps without progress after which any other hand is given up
+    patience: int = 30  # steps without progress after which a hand that is clean and touching waits for nothing else
+    endurance: int = 60  # steps without progress after which any other hand is given up
 
 
 def project(
@@ -95,11 +95,11 @@ def project(
     run = _Projection(hand, problem, q, config)
     run.descend()
     projected = configuration_from_pose(run.energy.pose)
-    moved = (hand.keypoints(projected) - hand.keypoints(q)).norm(dim=2).mean(dim=1)
+    before, after = hand.keypoints(torch.cat([q, projected])).chunk(2)
     report = {
         "projection_converged": run.converged > 0,
         "projection_iterations": run.iterations,
-        "projection_moved_mm": 1e3 * moved,
+        "projection_moved_mm": 1e3 * (after - before).norm(dim=2).mean(dim=1),
         "contacts_before": run.contacts_before,
         "contacts_after": run.touching().sum(dim=1),
         "force_residual_before": run.residual_before,
@@ -140,6 +140,7 @@ class _Projection:
         self.depth_before, self.terms_before = energy.depth.amax(dim=(1, 2)), energy.term_energy.clone()
         self.contacts_before = self.touching().sum(dim=1)
         self.residual_before = torch.zeros(batch, device=device)
+        self._packed = self._structs()
 
     @property
     def residual(self) -> Float[Tensor, " batch"]:
@@ -177,7 +178,7 @@ class _Projection:
             energy.balance_launches(indices, sweeps=sweeps) if self.force is not None else []
             for sweeps in (config.first_force_sweeps, config.force_sweeps)
         )
-        inputs = [energy.model, energy.state, self.descent.moments, *self._structs(), indices]
+        inputs = [energy.model, energy.state, self.descent.moments, *self._packed, indices]
         advance = wp.launch(
             projection_kernel.advance, dim=len(rows), inputs=inputs, device=energy.device, record_cmd=True
         )

@@ -77,20 +77,24 @@ class CleanSpherical:
     alone (DDPM), half as many steps leave draws that are more alike.
 
     rate: in [0, 1]; 0 keeps the noise, 1 replaces it where the energy is high. joints: share of that for joint angles.
-    negligible: energy [m^2] at which half of it is left.
+    negligible: energy [m^2] at which half of it is left. begin: share of signal (alpha bar) from which on noise is steered;
+    before, the estimate is an average over all modes and means nothing.
     """
 
     rate: float = 0.85
     joints: float = 0.5
     negligible: float = 8.0e-4
+    begin: float = 0.02
     _last: tuple[float, Tensor] | None = field(default=None, init=False, repr=False)
 
     def __call__(self, step: ReverseStep) -> Float[Tensor, "batch dimension"]:
         """Return x_{t-1} on the sphere about the solver's mean."""
         x0_hat = step.clean_estimate()
+        extrapolated = self._extrapolated(step, x0_hat)
+        if step.alpha_bar < self.begin:
+            return spherical_step(step, extrapolated, torch.zeros_like(x0_hat), rate=0.0)
         energy, gradient = gradient_at_clean_estimate(step, x0_hat)
-        rate = self.rates(energy, x0_hat.shape[1])
-        return spherical_step(step, self._extrapolated(step, x0_hat), gradient, rate=rate)
+        return spherical_step(step, extrapolated, gradient, rate=self.rates(energy, x0_hat.shape[1]))
 
     def _extrapolated(
         self, step: ReverseStep, x0_hat: Float[Tensor, "batch dimension"]
