@@ -131,3 +131,22 @@ def test_the_help_lists_the_commands(dexnudge, arguments):
     assert (outcome.code, outcome.err) == (0, "")
     names = [name for name in COMMANDS if arguments[0] != "dataset" or name.startswith("dataset ")]
     assert re.findall(r"^  (\S+(?: \S+)?)  +\S", outcome.out, re.MULTILINE) == names
+
+
+@pytest.mark.parametrize(
+    ("options", "said"),
+    [
+        (
+            ["--device", "cuda"],
+            "--device is 'cuda' with --engine ray, whose workers are given cores alone; expected cpu",
+        ),
+        (["--ray-address", "127.0.0.1:1"], "no Ray cluster answers at '127.0.0.1:1' ([Errno "),
+    ],
+)
+def test_an_evaluation_on_ray_that_cannot_be(dexnudge, tmp_path, options, said):
+    outcome = dexnudge(
+        "evaluate", "--objects", "builtin:test", "--out", str(tmp_path / "out"), "--engine", "ray", *options
+    )
+    assert (outcome.code, outcome.out) == (2, "")
+    assert outcome.err.startswith(f"dexnudge: {said}")
+    assert outcome.err.count("\n") == 1
