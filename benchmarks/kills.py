@@ -68,7 +68,7 @@ IMPORT = "import signal; signal.signal(signal.SIGINT, signal.default_int_handler
 PATIENCE = 600.0  # [s] for any start
 WALL_CLOCK = (
     *("seconds", "minutes", "max_minutes", "train/steps_per_s", "seconds_total", "peak_memory_mb", "time"),
-    *("verified_per_second", "seconds_per_verified"),
+    *("verified_per_second", "seconds_per_verified", "At equal time on the wall clock"),
 )
 NOT_COMPARED = ("log.jsonl", "clock.json", "tensorboard")  # how the run went, not its result
 PAGES = (".md", ".html", ".csv", ".svg")  # have wall-clock times in them: they only have to be there
