@@ -122,6 +122,8 @@ class Makers(TorchFunctionMode):
             return func(*args, **{**kwargs, "device": "cpu"}).to(SECOND)  # torch gives `meta` no values
         if func is torch.Tensor.tolist and isinstance(args[0], OnSecond):
             return args[0].held.tolist()  # torch refuses it to subclasses
+        if func is torch.Tensor.numpy and isinstance(args[0], OnSecond) and kwargs.get("force"):
+            return args[0].held.detach().numpy().copy()
         if func in INDEXING and isinstance(args[0], OnSecond):
             args = args[0], tree_map(_as_index, args[1], is_leaf=lambda each: isinstance(each, list)), *args[2:]
         return func(*args, **kwargs)

@@ -69,7 +69,7 @@ def check(hand, prior, scene, second, *, terms=(), poses=None, **options):
         np.testing.assert_array_equal(there.verdicts.values[name], value)
 
 
-SHORT = {"max_steps": 8, "turning_steps": 8, "idle_steps": 6, "guided_steps": 3, "term_steps": 4}
+SHORT = {"max_steps": 8, "turning_factor": 1, "idle_steps": 6, "guided_steps": 3, "term_steps": 4}
 
 
 def short(name: str):
