@@ -6,12 +6,14 @@ import numpy as np
 import pytest
 
 from dexnudge.execution.executor import MOST_REGRASPS, Executor
+from dexnudge.execution.scene_rollout import SceneRollout
 from dexnudge.planning.approach import Approach
 from dexnudge.planning.hand_clearance import Blocked
 from dexnudge.planning.outcomes import Outcome
 from dexnudge.scenes.motion import Turn
 from dexnudge.simulation.model import scene_model
 from dexnudge.simulation.open_loop import OpenLoop
+from dexnudge.simulation.rollout import Rollout
 
 LENGTH, STRIDE = 0.06, 0.025  # [m]
 
@@ -27,6 +29,15 @@ class Stride(OpenLoop):
         if self._begun is None:
             self._begun = seen.T_world_object[0, 3]
         return None if seen.T_world_object[0, 3] > self._begun + STRIDE else super().command(seen)
+
+
+class Stopped(Rollout):
+    """One in which the object is where it is said to be."""
+
+    T_world_object = None
+
+    def __init__(self, T_world_object):
+        self.T_world_object = T_world_object
 
 
 @pytest.fixture(scope="module")
@@ -61,7 +72,10 @@ def test_what_is_left_of_a_motion_that_turns_is_its_length_less_what_is_made(pad
     for way in np.linspace(0.0, 0.99 * length, 7):
         there = scene.carried(float(way))
         assert executor._left(there) == pytest.approx(length - way)
-        assert executor._there(there) == (slide_length > 0 and way >= turn_length + 0.8 * slide_length)
+        assert executor._there(there) == (way >= (turn_length + 0.8 * slide_length if slide_length else 0.8 * length))
+        stage = SceneRollout(scene, executor._simulation, Stopped(there.T_world_object))
+        assert executor._left(stage.scene_now()) == pytest.approx(length - way, abs=0.2 * turn_length)
+        assert executor._there(stage.scene_now()) == executor._there(there)
 
 
 @pytest.mark.parametrize("number", [0, 2])

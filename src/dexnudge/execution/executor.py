@@ -171,16 +171,19 @@ class Executor:
                 return
 
     def _there(self, scene: Scene) -> bool:
-        """Return whether the object in `scene` has made enough of its turn, of which none is left then, and of its slide."""
-        slide_length = self._scene.object_motion.slid(self._length)
-        return scene.turn is None and self._left(scene) <= (1 - LEAST_ADVANCE) * slide_length
+        """Return whether the object in `scene` has made enough of its turn and of its slide."""
+        motion, here = self._scene.object_motion, scene.object_motion
+        slide_left = self._left(scene) - here.turn_length
+        stages = ((here.turn_length, motion.turn_length), (slide_left, motion.slid(self._length)))
+        return all(left <= (1 - LEAST_ADVANCE) * whole for left, whole in stages if whole > 0)
 
     def _left(self, scene: Scene) -> float:
         """Return how much of the push is left where the object is in `scene` [m], what it has to turn included."""
         motion, moved = self._scene.object_motion, scene.T_world_object @ np.linalg.inv(self._scene.T_world_object)
         fixed = self._task.centre if motion.turn is None else motion.turn.point  # which a turn alone leaves where it is
         slid = float((moved[:3, :3] @ fixed + moved[:3, 3] - fixed) @ motion.direction)
-        return scene.object_motion.turn_length + motion.slid(self._length) - slid
+        slide_length = motion.slid(self._length)
+        return scene.object_motion.turn_length + (slide_length - slid if slide_length > 0 else 0.0)
 
     def _judge(self, rollout: Rollout) -> PushVerdict:
         return judge_push(

@@ -58,19 +58,16 @@ class SceneRollout:
         return self.rollout.q if self.begun else None
 
     def scene_now(self) -> Scene:
-        """Return the scene with the object where it is, and what is left of its turn, unless that is next to nothing."""
+        """Return the scene with the object where it is, and what is left of its turn: none of little before a slide."""
         if not self.begun:
             return self.first
         first, here = self.first, self.rollout.T_world_object
         turn, moved = first.turn, here @ np.linalg.inv(first.T_world_object)
         if turn is not None:
             made = float(Rotation.from_matrix(moved[:3, :3]).as_rotvec() @ turn.axis)
-            left = min(turn.angle, turn.angle - made)
-            turn = (
-                Turn(left, turn.axis, (moved @ np.append(turn.point, 1.0))[:3])
-                if left > max(MOST_LEFT * turn.angle, SMALLEST_TURN)
-                else None
-            )
+            left = max(min(turn.angle, turn.angle - made), SMALLEST_TURN)
+            slides = first.motion_length > 0 and left <= max(MOST_LEFT * turn.angle, SMALLEST_TURN)
+            turn = None if slides else Turn(left, turn.axis, (moved @ np.append(turn.point, 1.0))[:3])
         return replace(first, T_world_object=here, turn=turn)
 
     def model_at(self, scene: Scene) -> SimulationModel:
