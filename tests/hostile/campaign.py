@@ -125,16 +125,8 @@ def main() -> int:
     parser.add_argument("--readers", nargs="*", default=[], help="some readers only, such as obj urdf")
     parser.add_argument("--real", type=int, default=REAL, help="one input in so many in a Python of its own")
     parser.add_argument("--out", type=Path, default=Path("runs/fuzz"), help="folder of outcomes.csv and summary.json")
-    parser.add_argument("--modules", nargs="*", default=MODULES, help="some of them only, such as plans options")
-    options = parser.parse_args()
-    rows = campaign(
-        options.out,
-        seed=options.seed,
-        count=options.count,
-        readers=options.readers,
-        real=options.real,
-        names=options.modules,
-    )
+    parser.add_argument("--modules", nargs="*", default=MODULES, choices=MODULES, dest="names", help="some of them")
+    rows = campaign(**vars(parser.parse_args()))
     for reader, counts in summary(rows).items():
         print(f"{reader:<14}" + ", ".join(f"{number} {verdict}" for verdict, number in counts.items()))
     return int(any(row["verdict"] not in ("refused", "accepted") for row in rows))
