@@ -75,3 +75,15 @@ def test_a_table_under_a_turn_changes_nothing():
     table = ExactDistance(trimesh.creation.box((4.0, 4.0, 0.02)))
     grid = distance_grid(table, np.full(3, -0.1), np.full(3, 0.1), cell=COARSE)
     np.testing.assert_allclose(carried_grid(grid, turning(1.0, UP, 0.05)).values, grid.values, atol=1e-5)
+
+
+@pytest.mark.parametrize("turn", [0.6, np.pi])
+def test_only_distances_beyond_what_is_relevant_may_be_too_large(clutter, turn):
+    near, far = grids(clutter)
+    motion = turning(turn, UP, 0.05)
+    whole = carried_grid(near, motion, around=far).values
+    found = carried_grid(near, motion, around=far, relevant=0.02).values
+    larger = found != whole
+    assert (whole[larger] > 0.02 - 2 * near.cell).all()
+    assert (found >= whole).all()
+    np.testing.assert_array_equal(found[whole < 0.02 - 2 * near.cell], whole[whole < 0.02 - 2 * near.cell])

@@ -157,6 +157,18 @@ def test_sign_and_distance_are_those_asked_for_at_every_corner(name):
     np.testing.assert_array_equal(grid.values, expected.astype(np.float32))
 
 
+@pytest.mark.parametrize("name", BOARDS)
+def test_only_distances_beyond_what_is_relevant_are_rounded_down(name):
+    exact = ExactDistance(BOARDS[name]())
+    whole = distance_grid(exact, np.full(3, -0.08), np.full(3, 0.08), cell=0.004).values
+    found = distance_grid(exact, np.full(3, -0.08), np.full(3, 0.08), cell=0.004, relevant=0.02).values
+    rounded = found != whole
+    assert (whole[rounded] > 0.02).all()
+    assert (found[rounded] > 0.02).all()
+    assert (found[rounded] <= whole[rounded]).all()
+    assert (found[rounded] >= whole[rounded] - 2 * 0.004 * np.sqrt(3)).all()
+
+
 def test_the_box_is_covered_to_its_end(phone):
     mesh, _, grid = phone
     reached = [axis[-1] for axis in axes_of(grid)]

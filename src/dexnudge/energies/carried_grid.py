@@ -7,11 +7,14 @@ from jaxtyping import Float
 
 from dexnudge.energies.grid_kernel import PackedGrids, grid_distance, inside_box, pack_grids
 from dexnudge.geometry.distance_grid import DistanceGrid, grid_corners, in_threads
+from dexnudge.geometry.exact_distance import SEARCH_RADIUS
 from dexnudge.geometry.warp_runtime import wp
 from dexnudge.scenes.motion import Motion
 
 
-def carried_grid(grid: DistanceGrid, motion: Motion, *, around: DistanceGrid | None = None) -> DistanceGrid:
+def carried_grid(
+    grid: DistanceGrid, motion: Motion, *, around: DistanceGrid | None = None, relevant: float = np.inf
+) -> DistanceGrid:
     """Return the least distance [m] that each corner of a grid meets while it is carried along a motion.
 
     It is looked up at poses between which no corner moves farther than a cell.
@@ -20,6 +23,7 @@ def carried_grid(grid: DistanceGrid, motion: Motion, *, around: DistanceGrid | N
         grid: signed distances [m] to the environment.
         motion: in the frame of the grid.
         around: a larger grid of the same distances, looked up where a corner is carried out of `grid`.
+        relevant: above this [m] a value may be more than the least distance; that is then above it, too, up to two cells.
     """
     corners = grid_corners(grid)
     poses = np.stack([motion.displacement(way) for way in _ways(motion, corners, grid.cell)])
@@ -30,7 +34,7 @@ def carried_grid(grid: DistanceGrid, motion: Motion, *, around: DistanceGrid | N
     def least(points: Float[np.ndarray, "m 3"]) -> Float[np.ndarray, " m"]:
         found = wp.zeros(len(points), dtype=float, device="cpu")
         given = wp.array(points.astype(np.float32), dtype=wp.vec3, device="cpu")
-        inputs = [packed, frames, grid.cell, given, found]
+        inputs = [packed, frames, grid.cell, min(relevant, SEARCH_RADIUS), given, found]
         wp.launch(least_distances, dim=len(points), inputs=inputs, device="cpu")
         return found.numpy()
 
@@ -53,6 +57,7 @@ def least_distances(
     grids: PackedGrids,
     poses: wp.array(dtype=wp.mat44),
     step: float,
+    relevant: float,
     points: wp.array(dtype=wp.vec3),
     least: wp.array(dtype=float),
 ):
@@ -68,5 +73,5 @@ def least_distances(
         distance = grid_distance(looked_up, grids.values, p)[0]
         found = wp.min(found, distance)
         # No nearer can be reached sooner: distances are 1-Lipschitz, looked up to within a cell.
-        pose += wp.max(1, int((distance - found) / step) - 1)
+        pose += wp.max(1, int((distance - wp.min(found, relevant)) / step) - 1)
     least[i] = found

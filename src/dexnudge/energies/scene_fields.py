@@ -19,7 +19,7 @@ from dexnudge.scenes.motion import Motion
 
 def _swept(grid: DistanceGrid, motion: Motion, *, around: DistanceGrid | None = None) -> DistanceGrid:
     if motion.turn is not None:
-        return carried_grid(grid, motion, around=around)
+        return carried_grid(grid, motion, around=around, relevant=RELEVANT)
     return swept_grid(grid, motion.slide_length * motion.direction, around=around)
 
 
@@ -67,6 +67,7 @@ OBJECT_PADDING = 0.008  # [m]
 OBJECT_POINT_SPACING = 0.006  # [m] of the object's points that are tested against the links
 NEAR_CELL, NEAR_PADDING = 0.004, 0.05  # [m] environment around the object
 FAR_CELL, FAR_REACH = 0.012, 0.34  # [m] environment wherever the hand can be while it touches the object
+RELEVANT = 0.08  # [m] of the environment's distances: more than the largest clearance and a coarse cell
 EDGE_POINT_SPACING = 0.004  # [m] along the environment's sharp edges
 SHARP_EDGE = np.radians(30.0)  # dihedral angle above which an edge can dig into a link between two of its points
 NO_ENVIRONMENT = 10.0  # [m] distance everywhere when there is none
@@ -108,7 +109,7 @@ def build_guided_fields(
     if environment_mesh is not None:
         around = ExactDistance(environment_mesh, device=device)
         environment = [
-            distance_grid(around, lower - padding, upper + padding, cell=cell)
+            distance_grid(around, lower - padding, upper + padding, cell=cell, relevant=RELEVANT)
             for padding, cell in ((NEAR_PADDING, NEAR_CELL), (FAR_REACH, FAR_CELL))
         ]
         if motion is not None:

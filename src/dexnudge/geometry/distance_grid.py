@@ -14,6 +14,7 @@ from dexnudge.geometry.exact_distance import ExactDistance
 from dexnudge.geometry.warp_runtime import wp
 
 BUILD_THREADS = 2  # Warp's CPU queries hold one thread each and release the interpreter
+STRIDE = 3  # corners from one exact distance to the next where all are far from the surface
 REGION_MARGIN = 0.01  # of a cell, more than half of one, that keeps rounding out
 
 
@@ -42,13 +43,22 @@ def grid_box(
 
 
 def distance_grid(
-    exact: ExactDistance, lower: Float[np.ndarray, " 3"], upper: Float[np.ndarray, " 3"], *, cell: float
+    exact: ExactDistance,
+    lower: Float[np.ndarray, " 3"],
+    upper: Float[np.ndarray, " 3"],
+    *,
+    cell: float,
+    relevant: float = np.inf,
 ) -> DistanceGrid:
-    """Samples the exact distance over the box of `grid_box` [m] with cells of edge `cell` [m]."""
+    """Samples the exact distance over the box of `grid_box` [m] with cells of edge `cell` [m].
+
+    Outside a closed surface, a value above `relevant` [m] may be less than the distance: what is left of that at a corner
+    nearby.
+    """
     origin, counts = grid_box(lower, upper, cell=cell)
     corners = _corners(origin, counts, cell)
     if exact.closed:
-        values = _signed_by_region(exact, corners, cell)
+        values = _signed_by_region(exact, corners, cell, relevant)
     else:
         values = in_threads(lambda points: exact(points).distance, corners.reshape(-1, 3)).reshape(counts)
     return DistanceGrid(values.astype(np.float32), origin, float(cell))
@@ -65,23 +75,43 @@ def _corners(origin: Float[np.ndarray, " 3"], counts: Sequence[int], cell: float
 
 
 def _signed_by_region(
-    exact: ExactDistance, corners: Float[np.ndarray, "x y z 3"], cell: float
+    exact: ExactDistance, corners: Float[np.ndarray, "x y z 3"], cell: float, relevant: float
 ) -> Float[np.ndarray, "x y z"]:
     """Return the signed distance [m] at the corners of a grid, whose sign is asked for at few of them.
 
     No surface passes between two neighbouring corners that are both farther than half a cell from it, so a whole region
     of such corners has one sign. The sign, by the winding number, takes several times longer than the distance.
     """
-    values = in_threads(lambda points: exact.to_surface(points).distance, corners.reshape(-1, 3))
-    values = values.reshape(corners.shape[:3])
+
+    def unsigned(places: Float[np.ndarray, "*n 3"]) -> Float[np.ndarray, "*n"]:
+        return in_threads(lambda points: exact.to_surface(points).distance, places.reshape(-1, 3)).reshape(
+            places.shape[:-1]
+        )
+
+    values = np.full(corners.shape[:3], -np.inf)
+    if relevant < np.inf:
+        values = _left_nearby(unsigned(corners[::STRIDE, ::STRIDE, ::STRIDE]), corners.shape[:3], cell)
+    roughly = values > relevant
+    values[~roughly] = unsigned(corners[~roughly])
     far = values > (0.5 + REGION_MARGIN) * cell
     region, count = label(far)
     member = np.zeros(count + 1, dtype=np.int64)  # a corner of each region; region 0 is what is near
     member[region.ravel()] = np.arange(region.size)
-    inside = exact(corners.reshape(-1, 3)[member]).distance < 0.0
-    values[inside[region] & far] *= -1.0
+    inside = (exact(corners.reshape(-1, 3)[member]).distance < 0.0)[region] & far
+    values[inside & roughly] = unsigned(corners[inside & roughly])
+    values[inside] *= -1.0
     values[~far] = in_threads(lambda points: exact(points).distance, corners[~far])
     return values
+
+
+def _left_nearby(values: Float[np.ndarray, "i j k"], counts: Sequence[int], cell: float) -> Float[np.ndarray, "x y z"]:
+    """Return lower bounds of the distances at a grid's corners, from those at each third one: distances are 1-Lipschitz."""
+    places = [
+        np.minimum((np.arange(count) + 1) // STRIDE, size - 1) for count, size in zip(counts, values.shape, strict=True)
+    ]
+    ways = [cell * (np.arange(count) - STRIDE * place) for count, place in zip(counts, places, strict=True)]
+    x, y, z = np.meshgrid(*(way**2 for way in ways), indexing="ij", sparse=True)
+    return values[np.ix_(*places)] - np.sqrt(x + y + z)
 
 
 def in_threads(

@@ -24,7 +24,7 @@ from dexnudge.hands.hand import Hand
 from dexnudge.results.samples import Samples
 from dexnudge.sampling.denoise import denoise
 from dexnudge.sampling.methods import Method, find_method
-from dexnudge.sampling.problem import SamplingProblem, prepare
+from dexnudge.sampling.problem import PreparedScene, SamplingProblem
 from dexnudge.sampling.projection import project
 from dexnudge.sampling.starts import TrainingPoses, nearest_pose_start, random_start
 from dexnudge.scenes.scene import Scene
@@ -62,6 +62,8 @@ class Draws:
 class Sampler:
     """Draws configurations of one hand. Weights and stored poses are loaded when a method first needs them.
 
+    The scene of the last call stays prepared: another call with it begins to draw at once.
+
     Args:
         hand: what is sampled.
         terms: energy terms of your own, felt by guidance and projection beside the built-in ones.
@@ -89,6 +91,7 @@ class Sampler:
         check_kind("hand", hand, Hand, 'load_hand("shadow_lite")')
         self.hand, self.device, self.terms = hand, check_device(device), check_terms(terms)
         self._weights, self._poses = weights, poses
+        self._prepared = PreparedScene(self.device)
 
     @classmethod
     def from_pretrained(cls, hand: Hand, **options: Any) -> Sampler:
@@ -221,7 +224,7 @@ class Sampler:
         seconds: Counter[str] = Counter()
         if problem is None:
             start = time.perf_counter()
-            problem = prepare(scene, device=self.device)
+            problem = self._prepared(scene)
             seconds.update({"prepare": time.perf_counter() - start})
         drawn = succeeded = 0
         most = self._most_at_once(method, min(num, limit))
