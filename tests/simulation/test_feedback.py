@@ -156,6 +156,18 @@ def test_feedback_presses_harder_where_the_plan_slips(simulation, changed, least
     assert pressed[-100:].mean() > 0.97 * least
 
 
+def test_a_press_that_rises_to_its_most_goes_over_to_the_reserve(simulation):
+    loop, planned, reserve = Feedback(), pressing(simulation, 2.0), pressing(simulation, 5.0)
+    loop.start(PushPlan(PATH, replace(planned, reserve=reserve), HandDrive.of(simulation)))
+    step, most = len(PATH.phase) - 1, FeedbackLimits().press[1]
+    hardest = FeedbackLimits().room * LIMIT
+    for press, normal in ((0.5, 1.0), (1.0, 2.0), (most, hardest), ((1 + most) / 2, (1 + most) / 2 + hardest / 2)):
+        loop._press = press
+        links, _, wrench = loop._pressed(step)
+        assert links[0] == pytest.approx(normal)
+        assert wrench[2] == pytest.approx(-normal)
+
+
 def test_where_no_press_moves_it_nothing_is_broken(simulation):
     world, forces = changed_physics(simulation, friction_hand=0.45), pressing(simulation, 4.0, limit=5.0)
     moved, witness = pushed(world, forces, Feedback())  # mu_h < mu_e: impossible

@@ -15,7 +15,7 @@ from dexnudge.planning.object_path import station, stations
 from dexnudge.scenes.boxes import box
 from dexnudge.scenes.scene import Scene
 from dexnudge.simulation.model import scene_model
-from dexnudge.simulation.push_forces import ROOM, SURPLUS, push_forces
+from dexnudge.simulation.push_forces import HARDER, ROOM, SURPLUS, forces_with_reserve, push_forces
 
 LENGTH, HEIGHT = 0.15, 0.02  # [m] of the block, whose front end is flush with the table's edge at x = 0
 WAY = 0.06  # [m]
@@ -42,10 +42,10 @@ def forces(pad_hand, scene, contacts):
     return forces_in(pad_hand, scene, contacts)
 
 
-def forces_in(pad_hand, scene, contacts):
+def forces_in(pad_hand, scene, contacts, made=push_forces):
     simulation = scene_model(pad_hand, scene)
     q = np.array([-LENGTH / 2, 0.0, 0.2, 1.0, 0.0, 0.0, 0.0, 1.0, 0.0, 0.0, 0.0])
-    return push_forces(simulation, q, contacts, stations(scene, WAY), sliding_task(scene))
+    return made(simulation, q, contacts, stations(scene, WAY), sliding_task(scene))
 
 
 def unbalanced(scene: Scene, contacts: HandContacts, force: np.ndarray, way: float) -> float:
@@ -74,6 +74,21 @@ def test_the_hand_makes_more_than_that_but_no_more_than_a_link_may(pad_hand, sce
     light = forces_in(pad_hand, replace(scene, mass=0.5 * scene.mass), contacts)
     assert (light.force[:, :, 2].sum(axis=1) > -scene.max_normal_force).all()
     np.testing.assert_array_equal(light.surplus, SURPLUS)
+
+
+def test_the_reserve_balances_where_the_surroundings_are_rougher_and_is_left_out_where_nothing_does(
+    pad_hand, scene, contacts
+):
+    light = replace(scene, mass=0.5 * scene.mass)
+    rougher = replace(light, friction_environment=HARDER * light.friction_environment)
+    found = forces_in(pad_hand, light, contacts, forces_with_reserve)
+    for place, way in enumerate(np.linspace(0.0, WAY, 7)):
+        planned, reserve = (made.force[place] / made.surplus[place] for made in (found, found.reserve))
+        assert unbalanced(light, contacts, planned, way) < 0.03
+        assert unbalanced(rougher, contacts, planned, way) > 0.1
+        assert unbalanced(rougher, contacts, reserve, way) < 0.03
+    slippery = replace(light, friction_hand=1.2 * light.friction_environment)
+    assert forces_in(pad_hand, slippery, contacts, forces_with_reserve).reserve is None
 
 
 def test_the_block_would_tip_over_the_edge_under_the_forces_of_the_beginning(scene, contacts, forces):

@@ -21,7 +21,7 @@ from dexnudge.simulation.hand_path import push_path
 from dexnudge.simulation.model import SimulationModel
 from dexnudge.simulation.open_loop import OpenLoop
 from dexnudge.simulation.policy import Policy
-from dexnudge.simulation.push_forces import PushForces, push_forces
+from dexnudge.simulation.push_forces import PushForces, forces_with_reserve
 from dexnudge.simulation.rollout import Divergence, Rollout, Trace
 from dexnudge.simulation.success import LEAST_ADVANCE, PushVerdict, judge_push
 from dexnudge.verification.verdicts import contacts_of
@@ -97,7 +97,7 @@ class Executor:
         began_with, q, approach = self._approached(q, alternatives)
         seconds["approach"], clock = time.perf_counter() - clock, time.perf_counter()
         (contacts,) = contacts_of(self._scene, self._hand, q[None])
-        forces = push_forces(self._simulation, q, contacts, self._stations, hardest_task(self._scene))
+        forces = forces_with_reserve(self._simulation, q, contacts, self._stations, hardest_task(self._scene))
         seconds["forces"], clock = time.perf_counter() - clock, time.perf_counter()
         rollout = self._play(self._simulation, q, approach, forces, alternatives)
         seconds["simulation"] = time.perf_counter() - clock

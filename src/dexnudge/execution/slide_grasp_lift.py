@@ -29,7 +29,7 @@ from dexnudge.simulation.hand_path import push_path
 from dexnudge.simulation.hold import LiftRehearsal
 from dexnudge.simulation.model import SimulationModel
 from dexnudge.simulation.policy import Policy
-from dexnudge.simulation.push_forces import push_forces
+from dexnudge.simulation.push_forces import forces_with_reserve
 from dexnudge.simulation.rollout import Divergence, Trace
 from dexnudge.simulation.success import (
     FORCE_TOLERANCE,
@@ -158,7 +158,7 @@ class Slide:
         (contacts,) = contacts_of(scene, self._stage.hand, q[None])
         task = sliding_task(scene)
         with rollout.elsewhere():
-            forces = push_forces(self._stage.model_at(scene), q, contacts, stations(scene, length), task)
+            forces = forces_with_reserve(self._stage.model_at(scene), q, contacts, stations(scene, length), task)
         rollout.push(push_path(*approach.last_stretch, motion=scene.object_motion, length=length), forces, self._policy)
         if not self._there(self._stage.scene_now()):
             self._stage.back_off(approach)

@@ -4,6 +4,8 @@ The plan says where the object should be at every step, as a rigid motion. What 
 motion, a lag in metres of way, and across it; so slides, turns and tips are treated alike.
 """
 
+from dataclasses import replace
+
 import numpy as np
 from jaxtyping import Float
 from scipy.spatial.transform import Rotation
@@ -13,6 +15,7 @@ from dexnudge.simulation.hand_path import PUSH, SETTLE, SPEED, interpolated, sta
 from dexnudge.simulation.model import TIMESTEP
 from dexnudge.simulation.open_loop import OpenLoop, in_base
 from dexnudge.simulation.policy import Command, Observation, PushPlan
+from dexnudge.simulation.push_forces import PushForces
 
 FEEL_TIME = 0.03  # [s] over which forces and speeds are smoothed: contacts chatter from one step to the next
 PULL_TIME = 0.1  # [s] the same for the ratio of pull to press
@@ -27,8 +30,9 @@ class Feedback:
     """Follows the plan, corrected by what is felt and seen.
 
     - **Press**: torques of the fingers and wrench of the base are scaled up while the object slips behind the palm, or while
-      the base pulls more per newton of press than planned; down while the object tilts. A tipped object that is pulled is
-      pinched: it is pressed harder where it tilts, and the base lifts as planned.
+      the base pulls more per newton of press than planned; as they come to their most, those of the reserve, for which more
+      links press, take their place. They are scaled down while the object tilts. A tipped object that is pulled is pinched:
+      it is pressed harder where it tilts, and the base lifts as planned.
     - **Links**: what each presses with is brought to its share, below its limit, by its fingers' torques and by the base.
     - **Way**: the target of the base leads by what its springs give way; it slows down for an object that stays behind, and
       pushes on at the end. The push ends early where the object stands still, or has turned too far.
@@ -50,9 +54,8 @@ class Feedback:
         self._twist = twists(path)
         # What pinches harder must not lift more: the fingers would slip off.
         self._lifts = forces.pinches & (self._loop.wrench[:, 2] > 0)
-        self._share = interpolated(path.done, forces.done, forces.link_force)  # planned force of each link [N]
-        room = self.limits.room * forces.limit / np.maximum(self._share.max(axis=1), LEAST)
-        self._most_press = np.clip(room, 1.0, self.limits.press[1])
+        self._share, self._most_press = self._shares(forces)
+        self._reserve = None if forces.reserve is None else self._at_most(forces.reserve)
         self._ends = stage_ends(path)
         self._beyond = np.zeros(6)  # by what the stages that are over took the hand beyond the plan [m, rad]
         self._clock, self._rate, self._waited = 0.0, 1.0, 0.0  # step of the plan, its pace, [s]
@@ -63,6 +66,30 @@ class Feedback:
         self._way, self._moving, self._off, self._over = 0.0, 1.0, 0.0, False
         self._aim, self._wrench = np.zeros((2, 6))
         self._force, self._extra = np.zeros((2, forces.link_force.shape[1]))
+
+    def _shares(self, forces: PushForces) -> tuple[Float[np.ndarray, "step link"], Float[np.ndarray, " step"]]:
+        """Return the planned force of each link [N], and how many times that may be, step by step."""
+        share = interpolated(self._plan.path.done, forces.done, forces.link_force)
+        room = self.limits.room * forces.limit / np.maximum(share.max(axis=1), LEAST)
+        return share, np.clip(room, 1.0, self.limits.press[1])
+
+    def _at_most(self, reserve: PushForces) -> tuple[Float[np.ndarray, "step column"], ...]:
+        """Return what `_pressed` does, at every step, for a reserve that presses as hard as it may."""
+        share, press = self._shares(reserve)
+        loop = OpenLoop()
+        loop.start(replace(self._plan, forces=reserve))
+        return tuple(press[:, None] * each for each in (share, loop.torque, loop.wrench))
+
+    def _pressed(self, step: int) -> tuple[Float[np.ndarray, " column"], ...]:
+        """Return forces of links [N], torques of motors and wrench of the base at a step: what is planned, times the press.
+
+        As the press rises to its most, those of the reserve take their place.
+        """
+        planned = [self._press * each[step] for each in (self._share, self._loop.torque, self._loop.wrench)]
+        if self._reserve is None or self._press <= 1.0:
+            return tuple(planned)
+        over = min(1.0, (self._press - 1.0) / max(self._most_press[step] - 1.0, 1e-6))
+        return tuple((1.0 - over) * one + over * other[step] for one, other in zip(planned, self._reserve, strict=True))
 
     def command(self, seen: Observation) -> Command | None:
         """Return the plan's step, corrected; None when the push is over."""
@@ -187,7 +214,7 @@ class Feedback:
         self._over = bool(self._force.max() > limits.most * forces.limit)
         if self._over:
             self._press = max(limits.press[0], self._press - TIMESTEP * limits.press_rate)
-        wanted = self._loop.loaded(step) * np.minimum(self._press * self._share[step], most)
+        wanted = self._loop.loaded(step) * np.minimum(self._pressed(step)[0], most)
         off = wanted - self._force
         off = np.sign(off) * np.maximum(np.abs(off) - limits.band * np.maximum(wanted, 1.0), 0.0)
         off = np.where(self._share[step] > LEAST / 6, off, np.minimum(0.0, most - self._force))
@@ -209,13 +236,13 @@ class Feedback:
 
     def _corrected(self, told: Command, step: int) -> Command:
         drive, forces = self._plan.drive, self._plan.forces
-        more = self._loop.loaded(step) * (self._press - 1.0)
-        torque = more * self._loop.torque[step] + self._extra @ forces.link_torque
+        loaded, (_, torque, wrench) = self._loop.loaded(step), self._pressed(step)
+        torque = loaded * (torque - self._loop.torque[step]) + self._extra @ forces.link_torque
         ctrl = np.clip(told.ctrl + torque / drive.motor_gain, drive.lower, drive.upper)
         target = Rotation.from_quat(told.quaternion, scalar_first=True)
-        scaled = 0.0 if self._lifts[step] else more
-        wrench = in_base(target.inv(), (scaled * self._loop.wrench[step] + self._wrench)[None])[0]
-        ctrl[drive.base_motor] = told.ctrl[drive.base_motor] + wrench / drive.base_stiffness
+        more = 0.0 if self._lifts[step] else loaded * (wrench - self._loop.wrench[step])
+        added = in_base(target.inv(), (more + self._wrench)[None])[0]
+        ctrl[drive.base_motor] = told.ctrl[drive.base_motor] + added / drive.base_stiffness
         off = self._aim + self._beyond + self._ahead(step)
         pivot, turn = self._pivot(step), Rotation.from_rotvec(off[3:])
         rotation, q = turn * target, told.q.copy()

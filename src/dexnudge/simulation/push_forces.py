@@ -6,6 +6,8 @@ joints, and only a joint's end stop, or the order of the two joints, can carry a
 over an edge above all, and gravity turns in the hand as an object tips, so the forces are chosen anew at places along it.
 """
 
+from __future__ import annotations
+
 from collections.abc import Iterable, Sequence
 from dataclasses import dataclass, replace
 
@@ -80,11 +82,10 @@ def _gap(simulation: SimulationModel, link: int) -> tuple[float, Float[np.ndarra
 
 CONE_SHARES = (0.5, 0.7, 0.85, 1.0)  # of the hand's friction that the forces use; the first that balances is taken
 SURPLUS = 1.4  # times the forces that balance: an object then follows even where its support is rougher than planned
+HARDER = 1.5  # times the surroundings' friction: where the reserve takes more links than the one that suffices
 UPRIGHT = 0.999  # cosine of the tilt below which an object counts as tipped
 PRELOAD = 1.0  # [N] with which every link that touches should press: a finger that rests keeps the object from turning
-PINCH = (
-    3.0  # [N] the same of each digit that pulls a tipped object: only friction on its sides keeps it from tipping on
-)
+PINCH = 3.0  # [N] the same of each digit that pulls a tipped object: only friction on its sides holds it
 BALANCE = 100.0  # weight of the net wrench against the size of the forces: balance comes first
 TENDON = 3.0  # weight of torques that a shared tendon cannot make
 PRESSING = 0.5  # weight of the preload
@@ -111,6 +112,7 @@ class PushForces:
     closing: of each motor until the pressing links touch [rad], sliding ones [m], and base_closing of the base [m].
     link_force: normal force per link [N]. link_torque, link_wrench: torques and wrench that add one newton to it, at the
     beginning; zero for links without contacts. limit: of each link [N]. pinches: whether a tipped object is pulled by them.
+    reserve: forces for harder pushes; None where there are none.
     """
 
     done: Float[np.ndarray, " place"]
@@ -126,6 +128,7 @@ class PushForces:
     link_wrench: Float[np.ndarray, "link 6"]
     limit: float
     pinches: bool = False
+    reserve: PushForces | None = None
 
 
 @dataclass(frozen=True)
@@ -141,6 +144,26 @@ class _Pushed:
 
 
 _Found = tuple[Float[np.ndarray, "contact 3"], float]
+
+
+def forces_with_reserve(
+    simulation: SimulationModel,
+    q: Float[np.ndarray, " coordinates"],
+    contacts: HandContacts,
+    stations: Sequence[Station],
+    task: SlidingTask,
+) -> PushForces:
+    """Return `push_forces`, and as their reserve those at `HARDER` times the surroundings' friction.
+
+    There is none where these do not balance all along, nor where the object turns: other links press there than where it
+    slides, and those that come to press at once, and hard, hit it.
+    """
+    planned = push_forces(simulation, q, contacts, stations, task)
+    if any(station.twist.angular.any() for station in stations):
+        return planned
+    harder = replace(task, friction_environment=HARDER * task.friction_environment)
+    reserve = push_forces(simulation, q, contacts, stations, harder)
+    return replace(planned, reserve=reserve if reserve.cone_share.all() else None)
 
 
 def push_forces(
