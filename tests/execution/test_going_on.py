@@ -90,3 +90,14 @@ def test_a_push_begins_with_another_configuration_where_no_free_way_leads_to_its
     listed = np.insert(np.array([1, 2]), number, 0)  # places of `below`, `below` again, and `q` in a caller's list
     assert listed[instead.number_of_first(number)] == 2
     np.testing.assert_array_equal(instead.trace.qpos[0], executor(q).trace.qpos[0])
+
+
+def test_an_object_that_slid_too_far_and_turned_too_little_has_its_turn_left(pad_hand, block_scene):
+    turn = Turn(0.5, np.array([0.0, 0.0, 1.0]), np.asarray(block_scene.centre_of_mass))
+    scene = replace(block_scene, turn=turn, motion_length=LENGTH)
+    executor = Executor(scene, scene_model(pad_hand, scene))
+    T_world_object = np.array(scene.T_world_object)
+    T_world_object[:3, 3] += 2 * scene.object_motion.length * scene.motion
+    there = SceneRollout(scene, executor._simulation, Stopped(T_world_object)).scene_now()
+    assert executor._left(there) == pytest.approx(scene.object_motion.turn_length)
+    assert not executor._there(there)

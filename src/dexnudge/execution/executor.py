@@ -178,12 +178,15 @@ class Executor:
         return all(left <= (1 - LEAST_ADVANCE) * whole for left, whole in stages if whole > 0)
 
     def _left(self, scene: Scene) -> float:
-        """Return how much of the push is left where the object is in `scene` [m], what it has to turn included."""
+        """Return how much of the push is left where the object is in `scene` [m], what it has to turn included.
+
+        An object that has slid too far has nothing left to slide; it may still have to turn.
+        """
         motion, moved = self._scene.object_motion, scene.T_world_object @ np.linalg.inv(self._scene.T_world_object)
         fixed = self._task.centre if motion.turn is None else motion.turn.point  # which a turn alone leaves where it is
         slid = float((moved[:3, :3] @ fixed + moved[:3, 3] - fixed) @ motion.direction)
         slide_length = motion.slid(self._length)
-        return scene.object_motion.turn_length + (slide_length - slid if slide_length > 0 else 0.0)
+        return scene.object_motion.turn_length + (max(0.0, slide_length - slid) if slide_length > 0 else 0.0)
 
     def _judge(self, rollout: Rollout) -> PushVerdict:
         return judge_push(
