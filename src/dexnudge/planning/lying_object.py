@@ -3,7 +3,7 @@
 from dataclasses import dataclass
 
 import numpy as np
-from jaxtyping import Float
+from jaxtyping import Bool, Float
 from scipy.spatial import ConvexHull, QhullError
 from trimesh.transformations import rotation_matrix
 
@@ -72,11 +72,14 @@ class LyingObject:
         lower = self.lower + shift + self._lift * self.normal
         return self._environment(lower, -self.normal, reach=SEEN + self._lift + INSET) - self._lift - INSET
 
-    def front_is_carried(self, shift: Float[np.ndarray, "3"], direction: Float[np.ndarray, "3"], room: float) -> bool:
-        """Return whether the foremost points of the lower side have less than `room` [m] below; quicker than `below`."""
+    def front_is_carried(
+        self, shifts: Float[np.ndarray, "n 3"], direction: Float[np.ndarray, "3"], room: float
+    ) -> Bool[np.ndarray, " n"]:
+        """Return for each shift whether the foremost points of the lower side have less than `room` [m] below."""
         along = self.lower @ direction
-        front = self.lower[along > along.max() - SIDE_SPACING] + shift + self._lift * self.normal
-        return bool((self._environment(front, -self.normal, reach=SEEN) < room + self._lift + INSET).any())
+        front = self.lower[along > along.max() - SIDE_SPACING] + shifts[:, None] + self._lift * self.normal
+        ways = self._environment(front.reshape(-1, 3), -self.normal, reach=SEEN).reshape(front.shape[:2])
+        return (ways < room + self._lift + INSET).any(axis=1)
 
     def above(self, shift: Float[np.ndarray, "3"]) -> Float[np.ndarray, " n"]:
         """Return the way [m] from each point of the upper side straight up to the surroundings, up to `SEEN`."""

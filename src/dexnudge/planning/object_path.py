@@ -118,6 +118,7 @@ def _known(_: Scene) -> dict[float, Station]:
 
 STEP = 0.0025  # [m] between the places that are tried
 BALANCE_STEPS = 4  # of these per check of the balance: where support ends is found 10 mm too late at most
+FRONTS = 16  # of these whose fronts are looked at in one query
 STOP_SHORT = 0.001  # [m] kept from what ends a free way
 LEAST_FREE = 0.020  # [m] least length of the free part: a fingertip's
 LONGEST = 1.0  # [m] of the whole motion
@@ -184,11 +185,13 @@ def plan_object_motion(scene: Scene, limits: GraspableLimits = DEFAULT_LIMITS) -
 def _distance(lying: LyingObject, direction: np.ndarray, limits: GraspableLimits) -> float | Outcome:
     """Return the least way [m] along a direction to where the object is graspable."""
     free_way = lying.free_travel(direction, reach=LONGEST + STOP_SHORT) - STOP_SHORT
-    for index, way in enumerate(np.arange(0.0, free_way, STEP)):
-        place = way * direction
+    places = np.arange(0.0, free_way, STEP)[:, None] * direction
+    for index, place in enumerate(places):
+        if index % FRONTS == 0:
+            carried = lying.front_is_carried(places[index : index + FRONTS], direction, limits.room)
         if index % BALANCE_STEPS == 0 and lying.at_rest(place, least=limits.balance).margin < limits.balance:
             return Outcome.WOULD_TIP
-        if lying.front_is_carried(place, direction, limits.room):
+        if carried[index % FRONTS]:
             continue
         overhang, free_length = _free_part(lying, place, direction, limits.room)
         if overhang > limits.overhang[1]:
@@ -196,7 +199,7 @@ def _distance(lying: LyingObject, direction: np.ndarray, limits: GraspableLimits
         if overhang >= limits.overhang[0] and free_length >= LEAST_FREE:
             if lying.at_rest(place, least=limits.balance).margin < limits.balance:
                 return Outcome.WOULD_TIP
-            return float(way)
+            return index * STEP
     return Outcome.OBSTRUCTED if free_way < LONGEST - STEP else Outcome.NO_EDGE
 
 
