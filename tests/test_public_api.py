@@ -1,6 +1,7 @@
 """`import dexnudge as dn`: every public name is there, and nothing heavy is loaded before it is used."""
 
 import ast
+import os
 import subprocess
 import sys
 from pathlib import Path
@@ -10,6 +11,7 @@ import pytest
 import trimesh
 
 import dexnudge as dn
+from dexnudge.jobs.processes import SPIN_COUNT, THREAD_VARIABLES, available_cores
 
 HEAVY = ("torch", "warp", "trimesh", "mujoco", "scipy", "numpy")
 
@@ -41,6 +43,30 @@ def test_importing_it_loads_nothing_heavy():
     code = f"import sys, dexnudge; print([name for name in {HEAVY} if name in sys.modules])"
     done = subprocess.run([sys.executable, "-c", code], capture_output=True, text=True, check=True)
     assert done.stdout.strip() == "[]"
+
+
+@pytest.mark.parametrize(
+    ("before", "given", "threads", "spin"),
+    [
+        ("", {}, str(available_cores()), SPIN_COUNT),
+        ("", {"OMP_NUM_THREADS": "7", "GOMP_SPINCOUNT": "5"}, "7", "5"),
+        ("", {"OMP_WAIT_POLICY": "active"}, str(available_cores()), "None"),
+        ("sys.modules['torch'] = sys", {}, "None", "None"),
+    ],
+)
+def test_importing_it_before_torch_sets_its_threads_unless_the_user_has(before, given, threads, spin):
+    names = (*THREAD_VARIABLES, "GOMP_SPINCOUNT", "OMP_WAIT_POLICY")
+    environment = {name: value for name, value in os.environ.items() if name not in names} | given
+    code = (
+        f"import os, sys; {before}\nimport dexnudge; print(*map(os.environ.get, ('OMP_NUM_THREADS', 'GOMP_SPINCOUNT')))"
+    )
+    done = subprocess.run([sys.executable, "-c", code], capture_output=True, text=True, check=True, env=environment)
+    assert done.stdout.split() == [threads, spin]
+
+
+def test_the_page_on_performance_gives_the_number_that_is_set():
+    page = Path(__file__).parents[1] / "docs/concepts/performance.md"
+    assert f'os.environ.setdefault("GOMP_SPINCOUNT", "{SPIN_COUNT}")' in page.read_text(encoding="utf-8")
 
 
 def test_a_scene_takes_a_name_a_file_or_a_mesh(tmp_path):

@@ -49,9 +49,7 @@ def warm_up() -> None:
     """Import what commands need, so that a forked child need not; no thread may be left that a fork would lose."""
     os.environ.update(OMP_NUM_THREADS="1", DEXNUDGE_CACHE="off")
     import dexnudge as dn
-    from dexnudge.jobs.processes import limit_threads
 
-    limit_threads()
     for module in pkgutil.walk_packages(dn.__path__, "dexnudge."):
         if not module.name.endswith("__main__"):
             import_module(module.name)

@@ -15,7 +15,6 @@ from io import StringIO
 from typing import Any
 
 from dexnudge.errors import DexnudgeError, InputError, UnknownNameError, check_path, did_you_mean, printable, shortened
-from dexnudge.jobs.processes import limit_threads
 from dexnudge.version import __version__
 
 DONE = 0
@@ -214,7 +213,6 @@ def run() -> None:
     """
     warnings.simplefilter("ignore", RuntimeWarning)
     signal.signal(signal.SIGTERM, lambda *_: sys.exit(TERMINATED))
-    limit_threads()
     with ended_after_signal(_interrupted(sys.argv[1:])):
         code = main()
     sys.exit(code)

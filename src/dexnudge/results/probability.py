@@ -6,7 +6,7 @@ A logistic regression of executed pushes on figures of the contacts and of the b
 
 x clipped to the range that it was fitted on. `benchmarks/execution_probability.py` fits it and measures how well it holds on
 objects that did not help to fit it, and writes `execution_probability.json`, which says on what. Without that file nothing
-is foretold.
+is predicted.
 """
 
 from __future__ import annotations

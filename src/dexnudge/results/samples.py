@@ -56,7 +56,7 @@ class Sample:
 
     @property
     def probability(self) -> float:
-        """Probability that it holds in physics, foretold without playing it; NaN where it is not verified."""
+        """Probability that it holds in physics, predicted without playing it; NaN where it is not verified."""
         return self.foresight.get("probability", np.nan)
 
     @property
