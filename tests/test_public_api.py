@@ -109,6 +109,12 @@ def test_what_a_hand_says_of_itself(boxy_hand):
     assert repr(boxy_hand) == "Hand 'boxy': 4 joints, 5 links, digits a, b, 1 couplings"
 
 
+def test_what_a_sampler_says_of_itself(boxy_hand, tmp_path):
+    assert repr(dn.Sampler(dn.load_hand("shadow_lite"))) == "Sampler of shadow_lite on cpu, weights: shipped"
+    assert repr(dn.Sampler(boxy_hand)) == "Sampler of boxy on cpu, weights: none"
+    assert repr(dn.Sampler(boxy_hand, weights=tmp_path)) == f"Sampler of boxy on cpu, weights: {tmp_path}"
+
+
 MISTAKEN = """
 import numpy as np
 import dexnudge as dn

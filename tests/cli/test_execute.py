@@ -7,6 +7,7 @@ import mujoco
 import numpy as np
 import pytest
 
+from dexnudge.cli.execute import _print_pushes
 from dexnudge.results.folder import read_configurations, write_configurations
 
 
@@ -64,6 +65,18 @@ def test_folders_that_cannot_be_executed_are_refused(dexnudge, sampled, tmp_path
     assert outcome.code == 2
     assert "none of the 8 configurations is verified; expected at least one" in outcome.err
     assert not (none / "execution").exists()
+
+
+def test_how_far_an_object_went_aside_stands_beside_pushes_that_turn(capsys):
+    row = {"configuration": 0, "outcome": "drifted", "detail": "23.4 mm", "angle_asked": 1.0, "angle_reached": 0.9}
+    row |= {"length_asked": 0.0, "length_reached": 0.0, "turned_deg": 3.0, "aside": 0.0234, "hand_environment": 0.0}
+    summary = {"configurations": [row], "succeeded": 0, "attempted": 1}
+    _print_pushes(summary)
+    shown = capsys.readouterr().out
+    assert "aside" in shown
+    assert " 23.4 " in shown
+    _print_pushes(summary | {"configurations": [row | {"angle_asked": 0.0, "length_asked": 0.1}]})
+    assert "aside" not in capsys.readouterr().out
 
 
 def test_a_folder_that_is_not_there_is_refused(dexnudge, tmp_path):

@@ -44,6 +44,15 @@ def test_a_push_says_what_was_asked_and_what_was_reached(episode, sample):
     assert repr(episode) == f"Push of pads in '{sample.scene.name}': success; {reached} of 40 mm"
 
 
+def test_a_push_says_how_far_its_object_drifted_and_how_often_the_hand_took_hold_again(episode):
+    trace, verdict = episode.trace, replace(episode.result.verdict, outcome=Outcome.DRIFTED, aside=0.0234)
+    attempt = np.where(np.arange(len(trace.time)) < np.flatnonzero(trace.phase == "push")[3], 1, 2)
+    played = replace(episode.result, verdict=verdict, trace=replace(trace, attempt=attempt))
+    assert replace(episode, result=played).detail == "23.4 mm, took hold again 1 time"
+    released = replace(trace, attempt=np.where(trace.phase == "stop", 2, 1))  # and pushed no more
+    assert replace(episode, result=replace(episode.result, trace=released)).detail == ""
+
+
 def test_what_is_saved_is_what_was_played(episode, tmp_path):
     out = episode.save(tmp_path / "out", pictures=False)
     summary = json.loads((out / "summary.json").read_text(encoding="utf-8"))

@@ -42,9 +42,9 @@ def test_a_node_that_dies_costs_no_trial_and_doubles_none(cluster, tmp_path, mon
     ((_, here),) = TrialRunner([SamplingTrial()], CONFIG, tmp_path / "here").run(workers=2)
     dead = []
 
-    def kill_a_node(_kind, _record, finished, total):
+    def kill_a_node(_kind, records, total):
         assert total == TRIALS
-        if finished == 1:
+        if len(records) == 1:
             dead.append(next(iter(cluster.worker_nodes)))
             cluster.remove_node(dead[0], allow_graceful=False)
 

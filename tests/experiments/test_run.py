@@ -50,8 +50,8 @@ def test_a_second_run_computes_only_what_is_missing(tmp_path):
     file = tmp_path / "out" / "toy" / FILE
     lines = file.read_bytes().splitlines(keepends=True)
     file.write_bytes(b"".join(lines[:40]) + lines[40][:25])
-    assert run(tmp_path / "out", on_record=lambda kind, record, *counts: seen.append(counts)) == records
-    assert seen == [(41, SIZE), (42, SIZE)]
+    assert run(tmp_path / "out", on_record=lambda _, so_far, total: seen.append((so_far, total))) == records
+    assert seen == [(records[:41], SIZE), (records, SIZE)]
     assert file.read_bytes().splitlines(keepends=True) == lines
 
 

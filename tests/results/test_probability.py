@@ -2,6 +2,7 @@
 
 import importlib.util
 import json
+from dataclasses import replace
 from pathlib import Path
 
 import numpy as np
@@ -10,9 +11,10 @@ import trimesh
 
 from dexnudge.mechanics.contacts import HandContacts
 from dexnudge.results import probability
-from dexnudge.results.probability import features, probabilities
+from dexnudge.results.probability import calibrated, features, probabilities
 from dexnudge.results.samples import Samples
 from dexnudge.scenes.boxes import box
+from dexnudge.scenes.motion import Turn
 from dexnudge.scenes.scene import Scene
 from dexnudge.verification.verdicts import verify
 
@@ -33,7 +35,8 @@ def scene():
 def fitted(monkeypatch, tmp_path):
     """A model of two features."""
     of = {"mean": 0.5, "scale": 2.0, "least": 0.0, "greatest": 1.5}
-    model = {"bias": 0.3, "features": {"links": of | {"weight": 0.7}, "ahead": of | {"weight": -4.0, "least": -1.0}}}
+    model = {"calibrated": {"hand": "boxy"}, "bias": 0.3}
+    model |= {"features": {"links": of | {"weight": 0.7}, "ahead": of | {"weight": -4.0, "least": -1.0}}}
     path = tmp_path / "model.json"
     path.write_text(json.dumps(model))
     monkeypatch.setattr(probability, "MODEL", path)
@@ -68,13 +71,23 @@ def test_without_a_model_nothing_is_foretold(scene, monkeypatch, tmp_path):
 def test_the_probability_is_the_logistic_sum_of_the_file(scene, fitted):
     several = [touching((0.0, 0.0, SIZE[2])), touching((0.02, 0.03, SIZE[2]), (-0.04, 0.01, SIZE[2]))]
     found = features(scene, several)
-    for row, foretold in enumerate(probabilities(scene, several)):
+    for row, shown in enumerate(probabilities(scene, several)):
         score = fitted["bias"]
         for name, of in fitted["features"].items():
             inside = min(max(found[name][row], of["least"]), of["greatest"])
             score += of["weight"] * (inside - of["mean"]) / of["scale"]
-        assert foretold == pytest.approx(1 / (1 + np.exp(-score)))
+        assert shown == pytest.approx(1 / (1 + np.exp(-score)))
     assert probabilities(scene, []).shape == (0,)
+
+
+@pytest.mark.usefixtures("fitted")
+def test_only_slides_of_the_hand_of_the_fit_have_a_probability(scene, boxy_hand):
+    """Its fit knows nothing else: elsewhere it is an order, which nothing shows as a probability."""
+    figures = {"probability": 0.9, "share_of_worlds": 0.5}
+    assert calibrated(figures, scene, boxy_hand) == figures
+    assert calibrated(figures, scene, replace(boxy_hand, name="other")) == {"share_of_worlds": 0.5}
+    turning = replace(scene, turn=Turn(1.0, np.array([0.0, 0.0, 1.0]), np.zeros(3)))
+    assert calibrated(figures, turning, boxy_hand) == {"share_of_worlds": 0.5}
 
 
 @pytest.mark.usefixtures("fitted")

@@ -152,6 +152,12 @@ def test_a_criterion_of_ones_own_is_a_column(shown, tmp_path):
     assert [row[2:4] for row in page.rows[1:]] == [["2.00", "0.01234"], ["1.00", "–"]]
 
 
+def test_percentages_have_no_decimals(shown, tmp_path):
+    figures = [Figures(True, {"probability": 0.923, "share_of_worlds": 0.5})]
+    page = Parsed(write_page(shown[:1], tmp_path / "percent.html", title="percent", figures=figures))
+    assert page.rows[1][2:4] == ["92", "50"]
+
+
 def test_only_the_first_of_very_many_are_shown(shown, figures, tmp_path):
     page = Parsed(write_page(shown * 20, tmp_path / "many.html", title="many", figures=figures * 20))
     assert len(page.rows) - 1 == len(page.data["configurations"]) == 500

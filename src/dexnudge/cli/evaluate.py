@@ -1,5 +1,6 @@
 """`dexnudge evaluate`: success over many objects and scenes, with intervals."""
 
+from collections.abc import Sequence
 from dataclasses import dataclass, field
 from pathlib import Path
 from typing import TYPE_CHECKING, Annotated, Any
@@ -165,12 +166,10 @@ class Evaluate(DeviceOptions, EngineOptions, SetOptions):
         out, kinds = Path(self.out), self._kinds()
         with progress() as bars:
             tasks = {kind: bars.add_task(kind.title, total=None) for kind in kinds}
-            succeeded = dict.fromkeys(kinds, 0)
 
-            def show(kind: "TrialKind[Any]", record: Any, finished: int, total: int) -> None:
-                succeeded[kind] += record.succeeded
-                text = f"{kind.title}: {succeeded[kind]} top-ranked succeed"
-                bars.update(tasks[kind], completed=finished, total=total, description=text)
+            def show(kind: "TrialKind[Any]", records: Sequence[Any], total: int) -> None:
+                text = f"{kind.title}: {sum(each.succeeded for each in records)} top-ranked succeed"
+                bars.update(tasks[kind], completed=len(records), total=total, description=text)
 
             runner = TrialRunner(kinds, self._config(), out)
             run = runner.run(workers=self.workers, engine=self.engine, ray_address=self.ray_address, on_record=show)

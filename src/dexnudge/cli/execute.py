@@ -31,11 +31,12 @@ class Execute:
     """Play the best verified configurations, or a plan, out in MuJoCo: close in, squeeze, push.
 
     A push is as long as the motion, or ends where the object can be grasped. It succeeds if the object makes 80 % of its
-    turn and of its slide, its orientation stays within 15 degrees of those of its motion, it is not dropped, the hand enters
-    the surroundings by no more than 2 mm, and no link presses harder than allowed. With --then-grasp the object is pushed
-    until it can be grasped, grasped, lifted by 10 cm and held for 2 s, in one continuous simulation. Of a plan, arm and hand
-    move by their own motors alone, and what holds for the hand holds for the arm; with --then-grasp the plan goes on from
-    where the object then lies. Exit code 3: nothing succeeds.
+    turn and of its slide, its orientation stays within 15 degrees of those of its motion, its centre goes no more than 20 mm
+    below its path and, where it turns, no more than 20 mm beside it, the hand enters the surroundings by no more than 2 mm,
+    and no link presses harder than allowed. With --then-grasp the object is pushed until it can be grasped, grasped, lifted
+    by 10 cm and held for 2 s, in one continuous simulation. Of a plan, arm and hand move by their own motors alone, and what
+    holds for the hand holds for the arm; with --then-grasp the plan goes on from where the object then lies. Exit code 3:
+    nothing succeeds.
     """
 
     folder: ResultFolder
@@ -189,6 +190,8 @@ def _print_phases(summary: dict[str, Any]) -> None:
 
 
 def _print_pushes(summary: dict[str, Any]) -> None:
+    from dexnudge.simulation.success import MOST_ASIDE
+
     rows = summary["configurations"]
     made = {  # heading: keys of what was asked and reached, factor; a scene's object turns, slides, or does both
         heading: keys
@@ -198,9 +201,12 @@ def _print_pushes(summary: dict[str, Any]) -> None:
         }.items()
         if any(row.get(keys[0]) for row in rows)
     }
-    shown = table("configuration", "outcome", *made, "orientation off [deg]", "hand in surroundings [mm]")
+    turns = any(row.get("angle_asked") for row in rows)
+    beside = [f"aside [mm], limit {1e3 * MOST_ASIDE:.0f}"] * turns
+    headings = (*made, "orientation off [deg]", *beside, "hand in surroundings [mm]")
+    shown = table("configuration", "outcome", *headings)
     for row in rows:
-        figures = [""] * (len(made) + 2)
+        figures = [""] * len(headings)
         if "length_reached" in row:
             figures = [
                 *(
@@ -208,6 +214,7 @@ def _print_pushes(summary: dict[str, Any]) -> None:
                     for asked, reached, factor in made.values()
                 ),
                 f"{row['turned_deg']:.1f}",
+                *[f"{1e3 * row['aside']:.1f}"] * turns,
                 f"{1e3 * row['hand_environment']:.2f}",
             ]
         shown.add_row(str(row["configuration"]), _outcome(row), *figures)

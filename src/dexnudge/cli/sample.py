@@ -5,7 +5,7 @@ from __future__ import annotations
 import time
 from dataclasses import dataclass, field, replace
 from pathlib import Path
-from typing import TYPE_CHECKING, Annotated, Any
+from typing import Annotated, Any
 
 from dexnudge.cli.arguments import (
     NOTHING_SUCCEEDED,
@@ -27,9 +27,6 @@ from dexnudge.cli.arguments import (
 from dexnudge.cli.arm_options import ArmOptions
 from dexnudge.cli.scene_options import RUNS, SceneOptions, say_findings, stop_at_errors
 from dexnudge.errors import InputError
-
-if TYPE_CHECKING:
-    from dexnudge.sampling.sampler import Sampler
 
 
 @dataclass(frozen=True, kw_only=True)
@@ -159,7 +156,7 @@ class Sample(DeviceOptions, SceneOptions):
             "energy": method.weights(),
             "terms": {term.name: term.weight for term in terms},
             "seed": self.seed,
-            "weights": _weights_of(sampler) if method.start == "prior" else "none",
+            "weights": sampler.weights_name if method.start == "prior" else "none",
             "device": sampler.device,
         }
         if scene.uncertainty is not None and samples.num_verified:
@@ -172,13 +169,6 @@ class Sample(DeviceOptions, SceneOptions):
             )
         title = f"{name}, {scene.name}"
         return write_results(folder, samples, title=title, seconds=seconds, details=details)
-
-
-def _weights_of(sampler: Sampler) -> str:
-    from dexnudge.diffusion.checkpoint import SHIPPED_WEIGHTS
-
-    folder = sampler.weights_folder
-    return "shipped" if folder.parent == SHIPPED_WEIGHTS else str(folder)
 
 
 def _print(summary: dict[str, Any]) -> None:
@@ -195,7 +185,7 @@ def _print(summary: dict[str, Any]) -> None:
     best = summary["best_force_margin"]
     say(f"{summary['object']}, {summary['scene']}, {summary['hand']}; weights: {summary['weights']}")
     stdout().print(counts)
-    say(with_flags(nothing_verified(summary), Sample) if best is None else f"best force margin: {best:.2f}")
+    say(with_flags(nothing_verified(summary), Sample) if best is None else f"force margin of the best draw: {best:.2f}")
     if (probability := summary["best_foresight"].get("probability")) is not None:
         say(f"probability that the best holds in physics: {probability:.0%}")
     say(*([with_flags(summary["uncertain"], Sample)] if "uncertain" in summary else []))

@@ -61,7 +61,12 @@ class Episode:
     @property
     def detail(self) -> str:
         """What the outcome leaves open, for people; often empty."""
-        return "" if isinstance(self.result, Execution) else self.result.attempts[-1].detail
+        if not isinstance(self.result, Execution):
+            return self.result.attempts[-1].detail
+        drifted = [f"{1e3 * self.result.verdict.aside:.1f} mm"] * (self.outcome is Outcome.DRIFTED)
+        times = self.result.took_hold_again
+        again = [f"took hold again {times} time{'s' * (times > 1)}"] * (times > 0)
+        return ", ".join(drifted + again)
 
     @property
     def success(self) -> bool:

@@ -17,7 +17,7 @@ from dexnudge.planning.object_path import push_length, stations
 from dexnudge.planning.outcomes import Outcome
 from dexnudge.scenes.scene import Scene
 from dexnudge.simulation.feedback import Feedback
-from dexnudge.simulation.hand_path import push_path
+from dexnudge.simulation.hand_path import PUSH, push_path
 from dexnudge.simulation.model import SimulationModel
 from dexnudge.simulation.open_loop import OpenLoop
 from dexnudge.simulation.policy import Policy
@@ -47,6 +47,11 @@ class Execution:
     approach: Approach | Blocked
     seconds: dict[str, float]
     began_with: int = 0
+
+    @property
+    def took_hold_again(self) -> int:
+        """How often the hand pushed on after its first push."""
+        return len(np.unique(self.trace.attempt[self.trace.phase == PUSH])[1:])
 
     def number_of_first(self, number: int) -> int:
         """Return the place of what the push began with in the list of this configuration, `number`, and the alternatives."""

@@ -239,9 +239,9 @@ def reproduce(
         finished: list[tuple[Part, list[SamplingRecord]]] = []
         for number, part in enumerate(chosen):
 
-            def show(_: Any, record: TrialRecord, done: int, __: int, before: int = sum(sizes[:number])) -> None:
+            def show(_: Any, records: Sequence[TrialRecord], __: int, before: int = sum(sizes[:number])) -> None:
                 if on_record:
-                    on_record(record, before + done, sum(sizes))
+                    on_record(records[-1], before + len(records), sum(sizes))
 
             runner = TrialRunner([SamplingTrial()], part.config, out / part.folder)
             for kind, records in runner.run(workers=workers, on_record=show):

@@ -19,8 +19,8 @@ from dexnudge.jobs.processes import WorkerDied
 FILE = "experiment.json"
 FORMAT_VERSION = 3  # of the file and of the records beside it
 
-OnRecord = Callable[[TrialKind[Any], Any, int, int], None]
-"""Of kind, record, finished and total."""
+OnRecord = Callable[[TrialKind[Any], Sequence[Any], int], None]
+"""Of kind, all its records so far, the new one last, and how many there will be."""
 
 
 @dataclass(frozen=True)
@@ -80,7 +80,7 @@ class TrialRunner:
                 writer.append(record)
                 records[record.key] = record
                 if on_record:
-                    on_record(kind, record, len(records), len(keys))
+                    on_record(kind, list(records.values()), len(keys))
 
             for key in [key for key in keys if key in drawn and key not in records]:
                 if not (known := drawn[key]).verified:

@@ -220,7 +220,7 @@ def write_results(
     seconds = {**seconds, **samples.seconds, "picture": time.perf_counter() - start}
     summary = {
         **count_draws(samples.verdicts),
-        "best_foresight": samples[0].foresight if samples.num_verified else {},
+        "best_foresight": samples[0].calibrated if samples.num_verified else {},
         "reasons": {reason: samples.verdicts.sentences[reason] for reason in samples.rejections()},
         "criteria": list(samples.verdicts.values),
         **details,

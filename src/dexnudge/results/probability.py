@@ -12,7 +12,7 @@ is predicted.
 from __future__ import annotations
 
 import json
-from collections.abc import Sequence
+from collections.abc import Mapping, Sequence
 from functools import cache
 from pathlib import Path
 from typing import Any
@@ -20,6 +20,7 @@ from typing import Any
 import numpy as np
 from jaxtyping import Float
 
+from dexnudge.hands.hand import Hand
 from dexnudge.mechanics.contacts import ContactBatch, HandContacts
 from dexnudge.mechanics.friction_cone import helping
 from dexnudge.mechanics.sliding_task import sliding_task
@@ -88,6 +89,16 @@ def features(scene: Scene, contacts: Sequence[HandContacts]) -> dict[str, Float[
 def fitted_model(path: Path) -> dict[str, Any] | None:
     """Return bias, and mean, scale, weight, least and greatest value of each feature; None without a file."""
     return json.loads(path.read_text(encoding="utf-8")) if path.exists() else None
+
+
+def calibrated(foresight: Mapping[str, Any], scene: Scene, hand: Hand) -> dict[str, Any]:
+    """Return the figures of `foresight` that mean what they say: a probability only for slides of the hand of the fit.
+
+    For other hands, and motions that turn or tip, it is an order rather than a probability.
+    """
+    fitted = fitted_model(MODEL)
+    known = fitted is not None and scene.turn is None and hand.name == fitted["calibrated"]["hand"]
+    return {name: value for name, value in foresight.items() if name != "probability" or known}
 
 
 def probabilities(scene: Scene, contacts: Sequence[HandContacts]) -> Float[np.ndarray, " configuration"] | None:

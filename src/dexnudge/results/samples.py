@@ -41,7 +41,7 @@ class Sample:
         values: what each criterion measured, by its name.
         contacts: with the object.
         contact_links: names of the hand links that touch it.
-        foresight: what it was ranked by beside those, see `Samples.foresight`.
+        foresight: what is predicted of it beside those, see `Samples.foresight`.
     """
 
     scene: Scene
@@ -56,8 +56,18 @@ class Sample:
 
     @property
     def probability(self) -> float:
-        """Probability that it holds in physics, predicted without playing it; NaN where it is not verified."""
+        """Probability that it holds in physics, predicted without playing it; NaN where it is not verified.
+
+        It is one for slides of `shadow_lite`; for other hands, and motions that turn or tip, no more than an order.
+        """
         return self.foresight.get("probability", np.nan)
+
+    @property
+    def calibrated(self) -> dict[str, float]:
+        """`foresight` without a probability where that is only an order."""
+        from dexnudge.results.probability import calibrated
+
+        return calibrated(self.foresight, self.scene, self.hand)
 
     @property
     def share_of_worlds(self) -> float:
@@ -82,7 +92,8 @@ class Sample:
 
     def __repr__(self) -> str:
         verdict = "verified" if self.success else f"rejected ({self.reason})"
-        verdict += "" if np.isnan(self.probability) else f", holds in physics with {self.probability:.0%}"
+        probability = self.calibrated.get("probability", np.nan)
+        verdict += "" if np.isnan(probability) else f", holds in physics with {probability:.0%}"
         verdict += "" if np.isnan(self.share_of_worlds) else f" in {self.share_of_worlds:.0%} of the worlds"
         touching = ", ".join(self.contact_links) or "nothing"
         return (
@@ -128,7 +139,7 @@ class Samples:
 
     @property
     def foresight(self) -> dict[str, Float[np.ndarray, " n"]]:
-        """What draws are ranked by beside what the criteria measure, by name.
+        """What is predicted of draws beside what the criteria measure, by name; they are ranked by the share alone.
 
         probability: that a verified draw holds in physics, see `results.probability`; NaN for others.
         share_of_worlds: where something is uncertain (`Scene.uncertainty`), the share of the worlds in which each draw is
@@ -277,10 +288,11 @@ class Samples:
             InputError: there are no samples.
             OutputError: the file cannot be written.
         """
+        from dexnudge.results.probability import calibrated
         from dexnudge.viewer.page import Figures, write_page
 
         values = {name: value for name, value in self.verdicts.values.items() if name not in NOT_ON_PAGE}
-        values |= self.foresight
+        values |= calibrated(self.foresight, self.scene, self.hand)
         found, shown = self.verdicts, self._visual_scenes[:MOST_ON_PAGE]
         figures = [
             Figures(

@@ -128,6 +128,19 @@ class Sampler:
         beside = self.hand.source.parent / WEIGHTS_FOLDER if self.hand.source else None
         return beside if beside and (beside / CONFIG_NAME).is_file() else SHIPPED_WEIGHTS / self.hand.name
 
+    @property
+    def weights_name(self) -> str:
+        """Where the prior comes from: "shipped", a folder, "in memory", or "none"."""
+        if isinstance(self._weights, DiffusionPrior):
+            return "in memory"
+        folder = self.weights_folder
+        if folder.parent != SHIPPED_WEIGHTS:
+            return str(folder)
+        return "shipped" if folder.is_dir() else "none"
+
+    def __repr__(self) -> str:
+        return f"Sampler of {self.hand.name} on {self.device}, weights: {self.weights_name}"
+
     @cached_property
     def prior(self) -> DiffusionPrior:
         """The learned prior; CheckpointError where there are no usable weights for this hand."""

@@ -37,7 +37,7 @@ def figures(sample: Sample, rank: int, layers: Layers, *, sentence: str = "") ->
             continue
         depth = name.startswith("penetration_")
         rows[name.replace("_", " ")] = f"{1e3 * value:.2f} mm" if depth else f"{value:.3g}"
-    for name, value in sample.foresight.items():
+    for name, value in sample.calibrated.items():
         if not np.isnan(value):
             rows[name.replace("_", " ")] = f"{value:.0%}"
     rows["touches with"] = ", ".join(sample.contact_links) or "nothing"

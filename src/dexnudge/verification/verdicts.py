@@ -41,7 +41,7 @@ class Verdicts:
         contact_links: names of the links in contact with the object.
         sentences: what a failure means, by the name of each criterion that some configuration fails.
         criteria: what judged, in this order.
-        foresight: what they are ranked by beside the values, by name; see `Samples.foresight`.
+        foresight: what is predicted of them beside the values, by name; see `Samples.foresight`.
     """
 
     success: Bool[np.ndarray, " n"]

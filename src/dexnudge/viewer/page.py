@@ -231,7 +231,10 @@ def _row(index: int, figures: Figures, names: Sequence[str]) -> str:
 def _number(name: str, value: float) -> str:
     if not math.isfinite(value):
         return "&ndash;"
-    return f"{HEADINGS[name][1] * value:.2f}" if name in HEADINGS else f"{value:.4g}"
+    if name not in HEADINGS:
+        return f"{value:.4g}"
+    factor = HEADINGS[name][1]
+    return f"{factor * value:.{0 if factor == PERCENT else 2}f}"
 
 
 def write_recording_page(recording: Recording, path: Path | str) -> Path:

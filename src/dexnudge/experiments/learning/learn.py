@@ -9,7 +9,7 @@ import math
 import shutil
 import threading
 import time
-from collections.abc import Callable, Iterator
+from collections.abc import Callable, Iterator, Sequence
 from contextlib import contextmanager, suppress
 from dataclasses import asdict, dataclass, replace
 from pathlib import Path
@@ -274,8 +274,8 @@ def _run_trials(config: ExperimentConfig, out: Path, *, workers: int) -> None:
     with progress() as bars:
         bar = bars.add_task(f"evaluation, {config.scenes[0]}", total=None)
 
-        def show(_kind: Any, _record: Any, finished: int, total: int) -> None:
-            bars.update(bar, completed=finished, total=total)
+        def show(_kind: Any, records: Sequence[Any], total: int) -> None:
+            bars.update(bar, completed=len(records), total=total)
 
         for _ in TrialRunner([kind], config, out).run(workers=workers, on_record=show):
             write_report(kind, out)
