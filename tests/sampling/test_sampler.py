@@ -222,3 +222,12 @@ def test_other_errors_are_no_want_of_memory(hand, scene, problem, monkeypatch):
     runs_out_above(monkeypatch, 0, RuntimeError("a bug"))
     with pytest.raises(RuntimeError, match="a bug"):
         Sampler(hand).sample(scene, num=2, problem=problem, method=RANDOM)
+
+
+@pytest.mark.parametrize("mode", [torch.no_grad, torch.inference_mode])
+def test_draws_are_the_same_in_whatever_mode_the_caller_is(sampler, scene, drawn, mode):
+    with mode():
+        found = sampler.sample(scene, num=16, seed=3, method=RANDOM)
+        guided = sampler.sample(scene, num=2, seed=3)
+    np.testing.assert_array_equal(found.q, drawn.q)
+    np.testing.assert_array_equal(guided.q, sampler.sample(scene, num=2, seed=3).q)

@@ -119,3 +119,7 @@ def test_the_size_of_holes_is_known() -> None:
     clashing = open_box()
     clashing.faces[0] = clashing.faces[0, ::-1]
     assert hole_diameter(trimesh.Trimesh(clashing.vertices, clashing.faces, process=False)) == np.inf
+    closed = trimesh.creation.box((1, 1, 1))
+    closed.faces = [face[::-1] if number == 3 else face for number, face in enumerate(closed.faces)]
+    assert closed.is_watertight
+    assert hole_diameter(trimesh.Trimesh(closed.vertices, closed.faces, process=False)) == np.inf

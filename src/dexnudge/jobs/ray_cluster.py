@@ -79,7 +79,10 @@ def _connect(workers: int, address: str | None) -> Any:
             "the engine 'ray' needs the package ray, which is not installed; "
             "install it with `pip install 'dexnudge[cluster]'`, or use the engine 'processes'"
         ) from error
-    options: dict[str, Any] = {"address": address} if address else {"num_cpus": workers, "include_dashboard": False}
+    if address == "":
+        raise InputError("the address of the Ray cluster is empty; expected host:port of its head; or leave it out")
+    here = {"address": "local", "num_cpus": workers, "include_dashboard": False}  # whatever RAY_ADDRESS says
+    options: dict[str, Any] = {"address": address} if address else here
     try:
         if address and ":" in address:
             _check_answers(address.removeprefix(CLIENT))

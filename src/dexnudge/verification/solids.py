@@ -83,10 +83,10 @@ class Solids:
 
 def hole_diameter(mesh: trimesh.Trimesh) -> float:
     """Largest diagonal of the bounding box of a connected set of open edges [m]; infinite where orientations clash."""
-    if mesh.is_watertight:
-        return 0.0
     if not mesh.is_winding_consistent:
         return np.inf
+    if mesh.is_watertight:
+        return 0.0
     edges = np.asarray(mesh.edges_sorted)
     first, edge = distinct_rows(edges)
     open_edges = edges[first][np.bincount(edge) % 2 == 1]
