@@ -105,7 +105,7 @@ def test_a_refused_scan_is_a_record_and_the_run_resumes(config, tmp_path, monkey
     kind = ScanTrial(replace(EXACT, pose_mm=50.0))
     ((_, first),) = TrialRunner([kind], config, tmp_path).run()
     assert [(each.refused[:12], each.status, each.verified) for each in first] == [("SceneError: ", "done", 0)]
-    monkeypatch.setattr("dexnudge.experiments.run.run_tasks_by", None)  # nothing is run again
+    monkeypatch.setattr("dexnudge.experiments.run.run_tasks_by", pytest.fail)  # nothing is run again
     ((_, again),) = TrialRunner([kind], config, tmp_path).run()
     assert again == first == read_records(tmp_path / "scan", ScanRecord)
     claim = json.loads((tmp_path / "scan" / "experiment.json").read_text())
@@ -114,7 +114,7 @@ def test_a_refused_scan_is_a_record_and_the_run_resumes(config, tmp_path, monkey
 
 def in_this_process(engine, start, keys, **options):
     run = start()
-    return [(key, run(key)) for key in keys]
+    yield from ((key, run(key)) for key in keys)
 
 
 def test_errors_of_understanding_are_measured_at_the_objects_centre():
