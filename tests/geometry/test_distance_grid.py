@@ -165,8 +165,8 @@ def test_only_distances_beyond_what_is_relevant_are_rounded_down(name):
     rounded = found != whole
     assert (whole[rounded] > 0.02).all()
     assert (found[rounded] > 0.02).all()
-    assert (found[rounded] <= whole[rounded]).all()
-    assert (found[rounded] >= whole[rounded] - 2 * 0.004 * np.sqrt(3)).all()
+    assert (found[rounded] <= whole[rounded] + 1e-8).all()  # two roundings of float32 at 0.1 m
+    assert (found[rounded] >= whole[rounded] - 2 * 0.004 * np.sqrt(3) - 1e-8).all()
 
 
 def test_the_box_is_covered_to_its_end(phone):
