@@ -13,7 +13,7 @@ import dexnudge as dn
 from dexnudge.jobs.provenance import machine
 
 FOLDER = Path(__file__).parent / "frozen"
-SCENES, SEEDS = range(31), range(10)
+SCENES, SEEDS = range(31), range(13)
 TOLERANCE = 1e-9
 MEASURED = {
     "penetration_object": "penetration_object",

@@ -70,12 +70,12 @@ def test_the_example_brings_one_of_each(example):
     found = {}
     for terms in ((), (term,)):
         sampler = dn.Sampler(hand, terms=terms)
-        samples = sampler.sample(scene, num=64, seed=0, method=RANDOM, criteria=[*dn.default_criteria(), criterion])
+        samples = sampler.sample(scene, num=8, seed=0, method=RANDOM, criteria=[*dn.default_criteria(), criterion])
         found[len(terms)] = samples.verdicts.values["palm_height"]
         low = samples.verdicts.values["palm_height"] < 0.06
         assert not samples.success[low].any()
         assert [samples.reasons[row] for row in np.flatnonzero(low)].count("") == 0
-    assert found[1].mean() > found[0].mean()
+    assert found[1].min() > found[0].min()
     arm, panda = dn.load_arm("careful_panda", base=np.eye(4)), dn.load_arm("panda")
     np.testing.assert_allclose(3 * arm.limits.velocity, panda.limits.velocity)
 

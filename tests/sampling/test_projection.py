@@ -1,5 +1,7 @@
 """Projection against the exact check that it knows nothing of, and what every projected hand must keep."""
 
+import subprocess
+import sys
 from dataclasses import replace
 
 import igl
@@ -143,3 +145,30 @@ def test_the_start_is_not_changed(hand, problem, starts):
     before = starts.clone()
     project(hand, problem, starts, config=replace(CONFIG, max_steps=3))
     assert torch.equal(starts, before)
+
+
+UNLOADED_KERNELS = """
+import torch
+import dexnudge as dn
+from dexnudge.energies import force_residual, hand_kernel
+from dexnudge.sampling import projection, projection_kernel
+
+KERNELS = hand_kernel.kinematics, hand_kernel.energies, force_residual.solve_balance, projection_kernel.advance
+
+class Pool(projection.ThreadPoolExecutor):
+    def map(self, *work):
+        print([kernel.key for kernel in KERNELS if not kernel.module.execs])
+        return super().map(*work)
+
+projection.ThreadPoolExecutor, torch.get_num_threads = Pool, lambda: 2
+num = 2 * projection.LARGEST_GROUP
+dn.Sampler(dn.load_hand("shadow_lite")).sample(
+    dn.build_scene("table", "phone", seed=0), num=num, seed=0, method="random_start_projection"
+)
+"""
+
+
+def test_every_kernel_is_loaded_before_threads_launch_it():
+    """Two threads that load one module at the same time have ended the process."""
+    done = subprocess.run([sys.executable, "-c", UNLOADED_KERNELS], capture_output=True, text=True, check=True)
+    assert done.stdout.splitlines() == ["[]"]

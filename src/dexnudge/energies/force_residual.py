@@ -197,6 +197,7 @@ class ForceResidual:
         self, balances: Sequence[SlidingBalance], active: Int[Tensor, " batch"], contacts: int, *, device: str = "cpu"
     ) -> None:
         batch, columns = len(active), contacts * CONE_EDGES
+        wp.load_module(solve_balance.module, device=device)  # loading is not safe from several threads
         self.active, self.device = active, device
         self.square = torch.zeros(batch, device=device)
         self.gradient = torch.zeros(batch, contacts, 3, device=device)

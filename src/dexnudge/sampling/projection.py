@@ -59,6 +59,7 @@ class ProjectionConfig:
     turning_factor: int = (
         3  # on all counts of steps where the object turns: fingertips go farther, and have to come clear again
     )
+    terms_factor: int = 2  # the same where the user has terms: they and the others settle one after the other
     steps: StepSizes = StepSizes(translation=0.002, rotation=0.015, joints=0.03)
     decay: tuple[float, float] = (0.7, 0.8)  # of the moments: see `HandDescent`
     final_scale: float = 0.1
@@ -79,6 +80,11 @@ class ProjectionConfig:
     arrival: float = 0.012  # [m] from a helpful place at which a fingertip that goes there begins to touch
     patience: int = 30  # steps without progress after which a hand that is clean and touching waits for nothing else
     endurance: int = 60  # steps without progress after which any other hand is given up
+
+    def factor(self, problem: SamplingProblem) -> int:
+        """Return what all counts of steps are multiplied by."""
+        turning = self.turning_factor if problem.helpful is not None else 1
+        return max(turning, self.terms_factor if problem.terms else 1)
 
 
 def project(
@@ -123,7 +129,7 @@ class _Projection:
         self.tips, self.terms = hand.fingertip_indices, energy.terms
         self.force = energy.force if config.weights.force > 0 else None
         self.helpful = problem.helpful if self.force is not None else None
-        self.factor = 1 if problem.helpful is None else config.turning_factor
+        self.factor = config.factor(problem)
         self.iterations, self.converged = (torch.zeros(batch, dtype=torch.int32, device=device) for _ in range(2))
         self.descent = HandDescent(hand, batch, steps=config.steps, decay=config.decay, tied=True, device=device)
         self._settling = Settling(batch, device=device)
