@@ -177,14 +177,25 @@ def test_a_container_may_lend_fewer_cores_than_the_machine_has(monkeypatch, tmp_
     assert processes.available_cores() == cores
 
 
-def test_the_users_number_of_threads_stands(monkeypatch):
-    monkeypatch.setenv("OMP_NUM_THREADS", "7")
-    for name in ("MKL_NUM_THREADS", "GOMP_SPINCOUNT"):
-        monkeypatch.setenv(name, "x")
-        monkeypatch.delenv(name)
+@pytest.mark.parametrize(
+    ("said", "threads"), [("7", "7"), ("7,2", "7"), (None, str(processes.available_cores())), ("many", None)]
+)
+def test_the_users_number_of_threads_stands_for_all_libraries(monkeypatch, said, threads):
+    for name in (*processes.THREAD_VARIABLES, "GOMP_SPINCOUNT"):
+        monkeypatch.setenv(name, said or "x")
+        if name != "OMP_NUM_THREADS" or said is None:
+            monkeypatch.delenv(name)
     processes.limit_threads()
-    assert os.environ["OMP_NUM_THREADS"] == "7"
-    assert os.environ["MKL_NUM_THREADS"] == str(processes.available_cores())
+    assert os.environ["OMP_NUM_THREADS"] == (said or threads)
+    assert os.environ["MKL_NUM_THREADS"] == (threads or str(processes.available_cores()))
+
+
+def test_who_says_one_thread_gets_one_of_torch_and_of_warp():
+    code = "import dexnudge, torch; from dexnudge.geometry.warp_runtime import THREADS; print(torch.get_num_threads(), THREADS)"
+    names = (*processes.THREAD_VARIABLES, "GOMP_SPINCOUNT")
+    environment = {name: value for name, value in os.environ.items() if name not in names} | {"OMP_NUM_THREADS": "1"}
+    done = subprocess.run([sys.executable, "-c", code], capture_output=True, text=True, check=True, env=environment)
+    assert done.stdout.split() == ["1", "1"]
 
 
 @pytest.mark.parametrize("policy", [None, "active"])

@@ -11,9 +11,8 @@ from scipy.ndimage import label
 
 from dexnudge.geometry.disk_cache import cached_array
 from dexnudge.geometry.exact_distance import ExactDistance
-from dexnudge.geometry.warp_runtime import wp
+from dexnudge.geometry.warp_runtime import THREADS, wp
 
-BUILD_THREADS = 2  # Warp's CPU queries hold one thread each and release the interpreter
 STRIDE = 3  # corners from one exact distance to the next where all are far from the surface
 REGION_MARGIN = 0.01  # of a cell, more than half of one, that keeps rounding out
 
@@ -117,9 +116,9 @@ def _left_nearby(values: Float[np.ndarray, "i j k"], counts: Sequence[int], cell
 def in_threads(
     query: Callable[[Float[np.ndarray, "m 3"]], Shaped[np.ndarray, " m"]], points: Float[np.ndarray, "n 3"]
 ) -> Shaped[np.ndarray, " n"]:
-    """Return what a query that releases the interpreter finds for each point, on two cores."""
-    with ThreadPoolExecutor(BUILD_THREADS) as pool:
-        return np.concatenate(list(pool.map(query, np.array_split(points, BUILD_THREADS))))
+    """Return what a query that releases the interpreter finds for each point, asked by `THREADS`."""
+    with ThreadPoolExecutor(THREADS) as pool:
+        return np.concatenate(list(pool.map(query, np.array_split(points, THREADS))))
 
 
 FORMAT = "dexnudge distance grid 2"  # another number for other values for the same mesh

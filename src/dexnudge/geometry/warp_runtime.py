@@ -15,9 +15,10 @@ import warp as wp
 
 NO_DRIVER = "Could not find or load the NVIDIA CUDA driver"
 
-__all__ = ["WarpStruct", "launch_in_threads", "wp"]
+__all__ = ["THREADS", "WarpStruct", "launch_in_threads", "wp"]
 
-THREADS = 2  # a launch on the CPU holds one and releases the interpreter
+# A launch on the CPU holds one and releases the interpreter.
+THREADS = 1 if os.environ.get("OMP_NUM_THREADS") == "1" else 2
 PARTS = 4  # of a launch for each thread, so that none waits long for the others
 SMALLEST_PART = 4  # items; fewer cost more in launching than they save
 
@@ -47,7 +48,7 @@ def _start() -> None:
 
 
 def launch_in_threads(kernel: Any, dim: Sequence[int], inputs: Sequence[Any], *, device: str) -> None:
-    """Launch a kernel whose first input is where the first dimension begins, on the CPU in parts of that, on two cores."""
+    """Launch a kernel whose first input is where the first dimension begins, on the CPU in parts of that, by `THREADS`."""
     count, *others = dim
     parts = 1
     if wp.get_device(device).is_cpu:

@@ -45,10 +45,16 @@ def _cpu_quota() -> float:
     return math.inf if quota == "max" or int(quota) <= 0 else int(quota) / int(period)
 
 
+def thread_count() -> int:
+    """Return how many threads a computation takes: what the user says by OMP_NUM_THREADS, else `available_cores`."""
+    said = os.environ.get("OMP_NUM_THREADS", "").partition(",")[0]  # with commas: of loops in loops
+    return max(1, int(said)) if said.isdecimal() else available_cores()
+
+
 def limit_threads() -> None:
-    """Let libraries that are imported from now on use no more threads than `available_cores`, unless the user has said."""
+    """Let libraries that are imported from now on use no more threads than `thread_count`, unless the user has said."""
     for name in THREAD_VARIABLES:
-        os.environ.setdefault(name, str(available_cores()))
+        os.environ.setdefault(name, str(thread_count()))
     if "OMP_WAIT_POLICY" not in os.environ:
         os.environ.setdefault("GOMP_SPINCOUNT", SPIN_COUNT)
 

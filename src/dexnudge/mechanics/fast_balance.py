@@ -9,7 +9,7 @@ from typing import Any, NamedTuple
 import numpy as np
 from jaxtyping import Bool, Float
 
-from dexnudge.geometry.warp_runtime import WarpStruct, wp
+from dexnudge.geometry.warp_runtime import THREADS, WarpStruct, wp
 from dexnudge.mechanics.balance import balance_problem, problem_margin, solve_balance
 from dexnudge.mechanics.contacts import ContactBatch, HandContacts
 from dexnudge.mechanics.friction_cone import EDGE_COUNT
@@ -38,7 +38,7 @@ def force_margins(
     *,
     twists: Sequence[Twist] | None = None,
     device: str = "cpu",
-    threads: int = 2,
+    threads: int = THREADS,
 ) -> Margins:
     """Return the force margin of every configuration's contacts for every twist.
 

@@ -8,7 +8,7 @@ import numpy as np
 from jaxtyping import Float
 
 from dexnudge.geometry.warp_runtime import wp
-from dexnudge.jobs.processes import available_cores
+from dexnudge.jobs.processes import thread_count
 
 # mypy: ignore-errors
 # Warp's declarations are values, not types, and what a kernel computes with is not what Python sees.
@@ -149,7 +149,7 @@ def parallel_launch(kernel: wp.Kernel, count: int, arguments: Sequence[Any]) -> 
 
     Every item must write only its own outputs; then the result does not depend on the number of cores.
     """
-    workers = available_cores()
+    workers = thread_count()
     band = max(SMALLEST_BAND, -(-count // (workers * BANDS_PER_WORKER)))
 
     def launch(first: int) -> None:
