@@ -191,7 +191,8 @@ def test_the_users_number_of_threads_stands_for_all_libraries(monkeypatch, said,
 
 
 def test_who_says_one_thread_gets_one_of_torch_and_of_warp():
-    code = "import dexnudge, torch; from dexnudge.geometry.warp_runtime import THREADS; print(torch.get_num_threads(), THREADS)"
+    code = "import dexnudge, torch; from dexnudge.geometry import warp_runtime; "
+    code += "print(torch.get_num_threads(), warp_runtime.THREADS)"
     names = (*processes.THREAD_VARIABLES, "GOMP_SPINCOUNT")
     environment = {name: value for name, value in os.environ.items() if name not in names} | {"OMP_NUM_THREADS": "1"}
     done = subprocess.run([sys.executable, "-c", code], capture_output=True, text=True, check=True, env=environment)
