@@ -1,6 +1,8 @@
 """0 done, 2 bad input with one message on stderr, 1 a bug with its traceback."""
 
+import errno
 import os
+import resource
 import signal
 import subprocess
 import sys
@@ -10,6 +12,7 @@ import pytest
 from dexnudge.cli import main as entry
 from dexnudge.cli.hand import HandCommand
 from dexnudge.errors import InputError
+from dexnudge.geometry import devices
 
 
 def test_a_deliberate_error_is_one_line_on_stderr_and_exit_2(dexnudge, monkeypatch):
@@ -29,6 +32,42 @@ def test_a_bug_passes_through_with_its_traceback(dexnudge, monkeypatch):
     monkeypatch.setattr(HandCommand, "run", _raise(ZeroDivisionError("steered_noise")))
     with pytest.raises(ZeroDivisionError, match="steered_noise"):
         dexnudge("hand", "shadow_lite")
+
+
+@pytest.mark.parametrize(
+    ("error", "said"),
+    [
+        (MemoryError(), "no more was given"),
+        (MemoryError("Unable to allocate 8 GiB"), "Unable to allocate 8 GiB"),
+        (RuntimeError("x: DefaultCPUAllocator: can't allocate memory: 9 bytes\nmore"), "9 bytes"),
+        (RuntimeError("can't start new thread"), "can't start new thread"),
+        (OSError(errno.ENOMEM, "Cannot allocate memory"), "[Errno 12] Cannot allocate memory"),
+    ],
+)
+def test_a_lack_of_memory_is_one_line(dexnudge, monkeypatch, error, said):
+    monkeypatch.setattr(HandCommand, "run", _raise(error))
+    outcome = dexnudge("hand", "shadow_lite")
+    assert outcome.code == 2
+    assert outcome.err.startswith("dexnudge: ran out of memory (")
+    assert outcome.err.endswith(f"{said}); free some, raise its limit, or ask for less\n")
+
+
+def test_a_small_limit_of_address_space_is_refused_before_libraries_are_loaded(tmp_path):
+    command = f"ulimit -v 1500000; exec {sys.executable} -m dexnudge sample phone --out {tmp_path / 'out'}"
+    done = subprocess.run(["/bin/bash", "-c", command], capture_output=True, text=True, check=False)
+    assert (done.returncode, done.stdout) == (2, "")
+    assert done.stderr == (
+        "dexnudge: the address space of this process is limited to 1.54 GB; expected at least 2.1 GB; raise the limit with "
+        "`ulimit -v unlimited`\n"
+    )
+
+
+def test_memory_that_is_free_stays_below_the_limit_of_address_space(monkeypatch):
+    before = devices.free_memory("cpu")
+    monkeypatch.setattr(resource, "getrlimit", lambda _: (10**12, -1))
+    assert devices.free_memory("cpu") == pytest.approx(before, rel=0.2)
+    monkeypatch.setattr(resource, "getrlimit", lambda _: (1, -1))
+    assert devices.free_memory("cpu") < 0
 
 
 def test_the_process_exits_1_on_a_bug():

@@ -8,6 +8,7 @@ import pytest
 import torch
 from safetensors.torch import load_file, save_file
 
+from dexnudge.diffusion import checkpoint
 from dexnudge.diffusion.checkpoint import CONFIG_NAME, WEIGHTS_NAME, load_model, read_provenance, save_model
 from dexnudge.errors import CheckpointError
 
@@ -28,6 +29,18 @@ def test_round_trip(folder, network, normaliser, config):
     assert torch.equal(found.std, normaliser.std)
     assert read_provenance(folder) == {"objects": 3}
     assert sorted(path.name for path in folder.iterdir()) == [CONFIG_NAME, WEIGHTS_NAME]
+
+
+def test_no_memory_for_the_bytes_is_a_lack_of_memory(network, normaliser, config, tmp_path, monkeypatch):
+    class PanicException(BaseException):
+        pass
+
+    def panic(*_):
+        raise PanicException
+
+    monkeypatch.setattr(checkpoint, "save", panic)
+    with pytest.raises(MemoryError, match="MB of weights to write"):
+        save_model(tmp_path, config, network.state_dict(), normaliser)
 
 
 def test_float32_keeps_every_bit(network, normaliser, config, tmp_path):
@@ -78,6 +91,7 @@ def test_missing_files(folder, name):
         (lambda content: content["model"].update(config_version=7), "model config has version 7, expected 1 or 2"),
         (lambda content: content["model"].update(surprise=7), r"missing or unexpected fields \(.*surprise"),
         (lambda content: content["model"].pop("architecture"), r"missing or unexpected fields \('architecture'"),
+        (lambda content: content["model"].update(architecture="deep"), r"missing or unexpected fields \(dictionary"),
         (
             lambda content: content["model"]["architecture"].update(depth=3),
             r"network.blocks.2.attention_out.bias has shape no entry, expected \(32,\)",

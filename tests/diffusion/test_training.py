@@ -159,7 +159,17 @@ def test_a_truncated_state_is_named(dataset_folder, short, uninterrupted, tmp_pa
 
 @pytest.mark.parametrize(
     ("key", "value"),
-    [("step", -1), ("step", None), ("minutes", "x"), ("loss", []), ("validation", 5), ("config", 3), ("config", {})],
+    [
+        ("step", -1),
+        ("step", None),
+        ("minutes", "x"),
+        ("loss", []),
+        ("validation", 5),
+        ("validation", {"loss": 10**400}),
+        ("validation", {"[/]": 1.0}),
+        ("config", 3),
+        ("config", {}),
+    ],
 )
 def test_a_state_of_another_header_is_named(uninterrupted, tmp_path, key, value):
     save_state(tmp_path, {}, read_state_header(uninterrupted) | {key: value})

@@ -43,9 +43,9 @@ def ask(monkeypatch):
     exec(compile(code, PAGE.name, "exec"), namespace)  # noqa: S102 - our own page
     service = namespace["app"]
 
-    def ask(**asked):
-        async def content():
-            return asked
+    def ask(body="", **asked):
+        async def content():  # as Starlette's Request.json
+            return json.loads(body or json.dumps(asked))
 
         return asyncio.run(service(SimpleNamespace(json=content)))
 
@@ -73,12 +73,21 @@ def test_the_service_answers_by_verified_configurations(ask):
         ({"num": 0}, "`num` is"),
         ({"num": 10_001}, "at most 10000"),
         ({"seed": -1}, "`seed` is"),
+        ({"scene": [], "seed": {}}, "`family` is"),
     ],
 )
 def test_a_request_that_makes_no_sense_is_refused_by_the_message(ask, wrong, said):
     status, answer = ask(**{"scene": "table", "object": "phone", **wrong})
     assert status == 400
     assert said in answer["error"]
+
+
+@pytest.mark.slow
+@pytest.mark.parametrize(
+    "body", ["{", "no", '"text"', "[1, 2]", "null", b"\xff", "[" * 100_000], ids=lambda body: str(body[:9])
+)
+def test_a_body_that_is_no_json_object_is_refused(ask, body):
+    assert ask(body) == (400, {"error": "expected a JSON object"})
 
 
 @pytest.mark.slow

@@ -298,6 +298,7 @@ def test_what_a_collada_may_not_hold(tmp_path):
     ("name", "content", "fault"),
     [
         ("far.obj", b"v 0 0 0\nv 1 0 0\nv 0 1 0\nf -1 -2 -99\n", "a face names vertex -99, but 3 stand before it"),
+        ("e.obj", b"v 0 0 0\nv 1 0 0\nv 0 1 0\nf -1 -2 -1e300\n", "a face names vertex -1e300, but 3 stand before it"),
         (
             "short.stl",
             b"solid\nfacet\nvertex 0 0\nvertex 0 0 1 1\nvertex 0 1 0\nendfacet\n",

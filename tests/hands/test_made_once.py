@@ -2,9 +2,10 @@
 
 import gc
 import weakref
-from dataclasses import replace
+from dataclasses import dataclass, replace
 
 import pytest
+import trimesh
 
 from dexnudge.hands.hand import Hand
 from dexnudge.jobs.cached import cached_per_instance
@@ -41,6 +42,23 @@ def test_made_once_for_each_hand(made, small):
     assert make(small).name == small.name
     assert calls == [small.name, "other", small.name]
     assert make.__doc__ == "Makes it."
+
+
+def test_made_anew_where_a_mesh_was_changed_in_place():
+    @dataclass(frozen=True)
+    class Held:
+        mesh: trimesh.Trimesh
+
+    @cached_per_instance
+    def volume(held: Held) -> float:
+        return held.mesh.volume
+
+    held = Held(trimesh.creation.box((1, 1, 1)))
+    assert volume(held) == pytest.approx(1.0)
+    held.mesh.vertices[:, 2] *= 2
+    assert volume(held) == pytest.approx(2.0)
+    held.mesh.apply_scale(2.0)
+    assert volume(held) == pytest.approx(16.0)
 
 
 def test_two_functions_do_not_share_what_they_made(small):

@@ -38,6 +38,24 @@ MODULES = (
 )
 """Each has DRAWS, by reader, and HANDMADE."""
 REAL = 200  # one input in so many is run by a Python of its own
+PAGE = Path(__file__).parents[2] / "docs/concepts/trust.md"
+BEGIN, END = "<!-- campaign:begin -->", "<!-- campaign:end -->"
+KINDS = {
+    "arms": ("arm",),
+    "datasets": ("dataset",),
+    "depth images and point clouds": ("depth", "cloud npy", "cloud pcd", "cloud ply"),
+    "episodes": ("episode",),
+    "hands' descriptions": ("urdf", "mjcf", "xacro", "yaml"),
+    "models": ("model",),
+    "object meshes": ("obj", "stl", "ply", "off", "glb", "dae"),
+    "options": ("options",),
+    "packages": ("plugins",),
+    "plans": ("plan",),
+    "result folders": ("result",),
+    "surroundings, scenes, poses": ("environment", "scene.json", "pose"),
+    "training states": ("state",),
+}
+"""What the page calls them, and their readers."""
 COLUMNS = ("number", "reader", "name", "verdict", "code", "seconds", "megabytes")
 
 
@@ -101,6 +119,21 @@ def summary(rows: Sequence[dict[str, str]]) -> dict[str, dict[str, int]]:
     return {reader: dict(found) for reader, found in sorted(counts.items())}
 
 
+def write_page(rows: Sequence[dict[str, str]], *, seed: int) -> None:
+    """Put what came of the inputs into the page, between its marks."""
+    from dexnudge.jobs.provenance import machine, versions
+
+    lines = ["| input | tried | refused | accepted | wrong |", "|---|---|---|---|---|"]
+    for kind, readers in {**KINDS, "all": tuple(itertools.chain.from_iterable(KINDS.values()))}.items():
+        verdicts = Counter(row["verdict"] for row in rows if row["reader"] in readers)
+        told = verdicts["refused"], verdicts["accepted"]
+        lines.append(f"| {kind} | {verdicts.total()} | {told[0]} | {told[1]} | {verdicts.total() - sum(told)} |")
+    made = "; ".join(f"{key} {value}" for key, value in {**machine(), **versions()}.items())
+    text = "\n".join([f"The first {len(rows):,} inputs of seed {seed}.", "", *lines, "", f"Made with {made}."])
+    before, _, rest = PAGE.read_text(encoding="utf-8").partition(BEGIN)
+    PAGE.write_text(f"{before}{BEGIN}\n{text}\n{END}{rest.partition(END)[2]}", encoding="utf-8")
+
+
 def _rows(table: Path) -> list[dict[str, str]]:
     if not table.is_file():
         return []
@@ -126,7 +159,12 @@ def main() -> int:
     parser.add_argument("--real", type=int, default=REAL, help="one input in so many in a Python of its own")
     parser.add_argument("--out", type=Path, default=Path("runs/fuzz"), help="folder of outcomes.csv and summary.json")
     parser.add_argument("--modules", nargs="*", default=MODULES, choices=MODULES, dest="names", help="some of them")
-    rows = campaign(**vars(parser.parse_args()))
+    parser.add_argument("--page", action="store_true", help="only write what OUT holds so far into the page on trust")
+    options = vars(parser.parse_args())
+    if options.pop("page"):
+        write_page(_rows(options["out"] / "outcomes.csv"), seed=options["seed"])
+        return 0
+    rows = campaign(**options)
     for reader, counts in summary(rows).items():
         print(f"{reader:<14}" + ", ".join(f"{number} {verdict}" for verdict, number in counts.items()))
     return int(any(row["verdict"] not in ("refused", "accepted") for row in rows))

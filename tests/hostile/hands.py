@@ -275,6 +275,7 @@ MODELS = {
     "NaN": (MJCF.replace('pos="0 0 .05"', 'pos="nan 0 .05"', 1), "refused", ""),
     "an axis of length 0": (MJCF.replace('axis="0 1 0"', 'axis="0 0 0"', 1), "refused", ""),
     "a body of 1 km": (MJCF.replace('size=".03 .03 .01"', 'size="1000 1000 1000"'), "refused", ""),
+    "a mesh of 1e12 m": (MJCF.replace('scale="0.001 0.001 0.001"', 'scale="0.001 0.001 1e12"'), "refused", "corners"),
     "bodies nested 2,000 deep": (MJCF.replace("<site", "<body>" * 2000 + "</body>" * 2000 + "<site", 1), "refused", ""),
     "defaults nested 10,000 deep": (MJCF.replace("<asset>", "<default>" * 10_000 + "</default>" * 10_000 + "<asset>"), "refused", ""),
     "an entity": ('<!DOCTYPE x [<!ENTITY a "b">]>' + MJCF, "refused", "DOCTYPE"),
@@ -315,7 +316,7 @@ CONFIGS = {
     "a name of markup": (f"name: {MARKUP}\n{YAML}", "accepted", ""),
     "tabs": (YAML.replace("palm: ", "\tpalm:\t"), "refused", ""),
     "100,001 bytes": (YAML + "#" * 100_000, "refused", "too large"),
-    "100,000 unknown keys": ("\n".join(f"k{i}: 1" for i in range(10_000)), "refused", "unknown"),
+    "10,000 unknown keys": (YAML + "\n".join(f"k{i}: 1" for i in range(10_000)), "refused", "unknown"),
 }
 XACROS = {
     "10 GB of text": XACRO.replace('value="0.01"', """value="${'x' * 10000000000}\""""),

@@ -14,8 +14,10 @@ import subprocess
 import sys
 import time
 import traceback
+from contextlib import redirect_stderr, suppress
 from dataclasses import dataclass
 from importlib import import_module
+from io import StringIO
 from pathlib import Path
 
 from hostile.case import MARKUP, MISSING_HAND, Hostile
@@ -55,7 +57,16 @@ def warm_up() -> None:
             import_module(module.name)
     import collada  # noqa: F401 - a reader that trimesh imports when it is needed
     import mujoco  # noqa: F401 - of the simulations
+    import torch._dynamo
+    from tyro import _unsafe_cache
 
+    from dexnudge.cli.main import COMMANDS, command_class, parse
+
+    torch.set_num_threads(1)  # threads do not survive a fork
+    _unsafe_cache.clear_cache = lambda: None  # it empties what was read of docstrings at the end of each command
+    for name in COMMANDS:
+        with suppress(SystemExit), redirect_stderr(StringIO()):
+            parse(name, command_class(name), ["--help-me"])
     dn.load_arm("panda")
     dn.build_scene("table", "phone").findings(dn.load_hand("shadow_lite"))
     gc.freeze()  # a collection in a child would copy all pages
@@ -144,7 +155,8 @@ def _ended(child: int) -> tuple[int, resource.struct_rusage]:
 def _verdict(case: Hostile, code: int, out: str, err: str) -> str:
     """Return what is wrong with how a command ended, in a word or two; nothing where all is well."""
     raised = case.reader == "plugins" and "no memory" in case.name  # a package's own, of which there is enough
-    if "bad_alloc" in err or ("MemoryError" in err and "Traceback" in err and not raised):
+    told = "dexnudge: ran out of memory" in err and case.reader != "options"  # which may ask for more than there is
+    if "bad_alloc" in err or ((told or ("MemoryError" in err and "Traceback" in err)) and not raised):
         return "memory"
     if "Traceback" in err or code == 1:
         return "traceback"

@@ -1,6 +1,10 @@
 """The sampler as its users see it: errors, seeds, and a whole draw without a model."""
 
 import shutil
+import subprocess
+import sys
+from contextlib import contextmanager
+from functools import partial
 from pathlib import Path
 
 import numpy as np
@@ -224,10 +228,66 @@ def test_other_errors_are_no_want_of_memory(hand, scene, problem, monkeypatch):
         Sampler(hand).sample(scene, num=2, problem=problem, method=RANDOM)
 
 
-@pytest.mark.parametrize("mode", [torch.no_grad, torch.inference_mode])
+@contextmanager
+def doubles():
+    torch.set_default_dtype(torch.float64)
+    try:
+        yield
+    finally:
+        torch.set_default_dtype(torch.float32)
+
+
+MODES = {
+    "no_grad": torch.no_grad,
+    "inference": torch.inference_mode,
+    "float64": doubles,
+    "meta": partial(torch.device, "meta"),
+    "autocast": partial(torch.autocast, "cpu"),
+}
+
+
+@pytest.mark.parametrize("mode", MODES.values(), ids=MODES)
 def test_draws_are_the_same_in_whatever_mode_the_caller_is(sampler, scene, drawn, mode):
+    expected = sampler.sample(scene, num=2, seed=3)
     with mode():
+        before = torch.get_default_dtype(), torch.get_default_device(), torch.is_autocast_enabled("cpu")
         found = sampler.sample(scene, num=16, seed=3, method=RANDOM)
         guided = sampler.sample(scene, num=2, seed=3)
+        verdicts = verify(scene, sampler.hand, drawn.q)
+        Sampler.from_pretrained(load_hand("shadow_lite"))
+        after = torch.get_default_dtype(), torch.get_default_device(), torch.is_autocast_enabled("cpu")
     np.testing.assert_array_equal(found.q, drawn.q)
-    np.testing.assert_array_equal(guided.q, sampler.sample(scene, num=2, seed=3).q)
+    np.testing.assert_array_equal(guided.q, expected.q)
+    np.testing.assert_array_equal(verdicts.force_margin, drawn.verdicts.force_margin)
+    assert before == after
+
+
+FORKED = """
+import multiprocessing, sys, torch
+import dexnudge as dn
+
+def draw():
+    scene, hand = dn.build_scene("table", "phone"), dn.load_hand("shadow_lite")
+    return dn.Sampler(hand).sample(scene, num=2, method="random_start_projection")
+
+def work():
+    torch.set_num_threads(int(sys.argv[1]))
+    try:
+        print(len(draw()), flush=True)
+    except dn.InputError as error:
+        print(error, flush=True)
+
+torch.set_num_threads(2)
+draw()
+process = multiprocessing.get_context("fork").Process(target=work)
+process.start()
+process.join(100)
+process.kill()
+"""
+
+
+@pytest.mark.slow
+@pytest.mark.parametrize(("threads", "said"), [(2, "this process was forked from one"), (1, "2\n")])
+def test_a_forked_process_is_told_to_stand_alone(threads, said):
+    done = subprocess.run([sys.executable, "-c", FORKED, str(threads)], capture_output=True, text=True, check=True)
+    assert done.stdout.startswith(said)

@@ -1,7 +1,7 @@
 """Criteria of one's own beside the built-in ones: what they decide, and what is wrong with bad ones."""
 
 import sys
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 from pathlib import Path
 
 import numpy as np
@@ -68,6 +68,17 @@ def test_the_values_are_those_of_a_verification_without_it(boxy_hand, block_scen
     for name, value in plain.values.items():
         np.testing.assert_array_equal(more.values[name], value)
     assert more.reasons == plain.reasons
+
+
+def test_an_object_that_was_changed_in_place_is_judged_as_it_is_now(boxy_hand, block_scene, presses):
+    scene, other = (replace(block_scene, object_mesh=block_scene.object_mesh.copy()) for _ in range(2))
+    assert dn.verify(scene, boxy_hand, presses).success[0]
+    for each in (scene, other):
+        each.object_mesh.vertices[:, 2] += 0.004
+    found, expected = (dn.verify(each, boxy_hand, presses) for each in (scene, other))
+    assert not found.success[0]
+    for name, value in expected.values.items():
+        np.testing.assert_allclose(found.values[name], value, atol=1e-8)  # [m] float32 in another order
 
 
 def test_penetrations_and_contacts_are_measured_once(boxy_hand, block_scene, presses, monkeypatch):

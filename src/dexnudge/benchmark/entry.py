@@ -20,7 +20,7 @@ from dexnudge.errors import LONGEST_NAME, InputError, did_you_mean, is_name, quo
 from dexnudge.formats.hand_poses import configurations
 from dexnudge.hands.hand import Hand
 from dexnudge.jobs.archives import read_arrays
-from dexnudge.jobs.json_files import path_inside, read_json_object
+from dexnudge.jobs.json_files import MAX_TABLE_BYTES, path_inside, read_json_object
 
 ENTRY, ANSWERS = "entry.json", "answers"
 KEYS = ("T_world_palm", "joint_angles", "joint_names")
@@ -122,7 +122,7 @@ def read_answer(entry: Entry, name: str, hand: Hand, *, most: int) -> Answer:
         raise InputError(f"the answer has {path.stat().st_size >> 20} MiB; expected at most {LARGEST_ANSWER >> 20} MiB")
     try:
         if path.suffix == ".json":
-            content = read_json_object(path, error=InputError, constant=float)
+            content = read_json_object(path, error=InputError, constant=float, largest=MAX_TABLE_BYTES)
         else:
             content = read_arrays(path, folder="an answer", content=ARCHIVE, largest=LARGEST_ANSWER, only=KEYS)
     except InputError as error:  # goes into a report, which is handed on

@@ -22,7 +22,7 @@ from dexnudge.hands.export import HAND_FILES, export_hand
 from dexnudge.hands.hand import Hand
 from dexnudge.hands.registry import load_hand
 from dexnudge.jobs.folders import new_folder
-from dexnudge.jobs.json_files import read_json_object
+from dexnudge.jobs.json_files import MAX_TABLE_BYTES, read_json_object
 from dexnudge.jobs.provenance import versions
 from dexnudge.objects.builtin import builtin_object, is_builtin
 from dexnudge.objects.sets import ObjectEntry, resolve_object_set
@@ -108,7 +108,9 @@ def load_tasks(folder: Path | str) -> TaskSet:
     """
     folder, again = Path(folder), "make the tasks again with `dexnudge benchmark make`"
     expected = "the folder that `dexnudge benchmark make` wrote"
-    content = read_json_object(folder / MANIFEST, error=InputError, expected=expected, again=again)
+    content = read_json_object(
+        folder / MANIFEST, error=InputError, expected=expected, again=again, largest=MAX_TABLE_BYTES
+    )
     if content.get("format_version") != FORMAT_VERSION or not isinstance(content.get("not_made"), dict):
         raise InputError(f"{folder / MANIFEST} is of another format; expected format_version {FORMAT_VERSION}; {again}")
     suite = suite_from(content.get("suite"), f"{folder / MANIFEST}: suite")

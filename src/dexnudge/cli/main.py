@@ -11,6 +11,7 @@ import warnings
 from collections.abc import Iterator, Sequence
 from contextlib import contextmanager, redirect_stderr
 from importlib import import_module
+from importlib.util import find_spec
 from io import StringIO
 from typing import Any
 
@@ -21,6 +22,7 @@ DONE = 0
 BAD_INPUT = 2  # also what argument errors exit with
 INTERRUPTED = 130  # 128 + SIGINT, as shells report it
 TERMINATED = 143  # 128 + SIGTERM
+LEAST_ADDRESS_SPACE = 2_100_000_000  # bytes; 32 draws for a phone on a table took 2.09 GB, 0.76 GB of it resident
 
 # Module and class of each command, imported when it is called, and what it does.
 COMMANDS = {
@@ -54,8 +56,8 @@ UNCERTAIN = "--uncertain"
 def main(argv: Sequence[str] | None = None) -> int:
     """Run `dexnudge` with these arguments, or the process's own, and return the exit code.
 
-    0 done, 2 bad input (one message on stderr), 3 done and written but nothing succeeded, 130 interrupted. Any other
-    exception is a bug and passes through.
+    0 done, 2 bad input or too little memory (one message on stderr), 3 done and written but nothing succeeded, 130
+    interrupted. Any other exception is a bug and passes through.
 
     Raises:
         SystemExit: 2 on arguments that do not parse, 0 after the --help of a command.
@@ -70,6 +72,7 @@ def main(argv: Sequence[str] | None = None) -> int:
             print(help_text, end="")
             return DONE
         name = find_command(arguments)
+        _check_address_space()
         kind = command_class(name)
         return parse(name, kind, arguments[len(name.split()) :]).run()
     except DexnudgeError as error:
@@ -80,9 +83,31 @@ def main(argv: Sequence[str] | None = None) -> int:
             message = with_flags(message, kind)
         print(f"dexnudge: {shortened(printable(message))}", file=sys.stderr)
         return BAD_INPUT
+    except (MemoryError, RuntimeError, OSError) as error:
+        from dexnudge.geometry.devices import ran_out_of_memory
+
+        if not ran_out_of_memory(error):
+            raise
+        said = shortened(printable(str(error).split("\n")[0])) or "no more was given"
+        print(f"dexnudge: ran out of memory ({said}); free some, raise its limit, or ask for less", file=sys.stderr)
+        return BAD_INPUT
     except KeyboardInterrupt:
         print(_interrupted(arguments), file=sys.stderr)
         return INTERRUPTED
+
+
+def _check_address_space() -> None:
+    """Refuse a limit under which libraries cannot even be loaded: they would end in tracebacks of many kinds; InputError."""
+    if find_spec("resource") is None:  # Windows
+        return
+    import resource
+
+    limit = resource.getrlimit(resource.RLIMIT_AS)[0]
+    if 0 <= limit < LEAST_ADDRESS_SPACE:
+        raise InputError(
+            f"the address space of this process is limited to {limit / 1e9:.2f} GB; expected at least "
+            f"{LEAST_ADDRESS_SPACE / 1e9:.1f} GB; raise the limit with `ulimit -v unlimited`"
+        )
 
 
 def _interrupted(arguments: Sequence[str]) -> str:

@@ -14,7 +14,7 @@ from dexnudge.errors import DatasetError
 from dexnudge.hands.hand import Hand
 from dexnudge.hands.registry import load_hand
 from dexnudge.jobs.folders import replace_atomically
-from dexnudge.jobs.json_files import from_fields, read_json_object
+from dexnudge.jobs.json_files import MAX_TABLE_BYTES, from_fields, read_json_object
 
 MANIFEST_NAME = "manifest.json"
 UNITS = {"length": "m", "angle": "rad"}
@@ -97,7 +97,9 @@ def read_manifest(folder: Path | str) -> Manifest:
     """Read `manifest.json`; raises DatasetError when it is missing, broken, or of another version or unit."""
     path = Path(folder) / MANIFEST_NAME
     expected = f"a dataset folder with a {MANIFEST_NAME}; make one with `dexnudge dataset generate` or correct the path"
-    content = read_json_object(path, error=DatasetError, expected=expected, again="generate the dataset again")
+    content = read_json_object(
+        path, error=DatasetError, expected=expected, again="generate the dataset again", largest=MAX_TABLE_BYTES
+    )
     if content.get("format_version") != FORMAT_VERSION:
         raise DatasetError(
             f"{path} has format version {content.get('format_version')!r}, expected {FORMAT_VERSION}; "

@@ -5,6 +5,7 @@ A model folder holds `model.safetensors` (weights and normaliser) and `config.js
 
 import hashlib
 import json
+import re
 from collections.abc import Iterator
 from contextlib import contextmanager
 from pathlib import Path
@@ -13,14 +14,15 @@ from typing import Any
 import torch
 from safetensors import SafetensorError, safe_open
 from safetensors.torch import load as parse_tensors
-from safetensors.torch import save as serialise_tensors
+from safetensors.torch import save
 from torch import Tensor
 
 from dexnudge.diffusion.config import SLIDES_ONLY, ModelConfig
 from dexnudge.diffusion.network import ConditionalDenoiser, Normaliser
 from dexnudge.errors import LARGEST_SEED, CheckpointError, quote
+from dexnudge.geometry.devices import own_modes
 from dexnudge.jobs.folders import replace_atomically
-from dexnudge.jobs.json_files import read_json_object
+from dexnudge.jobs.json_files import read_json_object, unique_keys
 
 SHIPPED_WEIGHTS = Path(__file__).parent.parent / "weights"  # a model folder for each hand, by its name
 WEIGHTS_NAME = "model.safetensors"
@@ -55,7 +57,7 @@ def save_model(
     for name, tensor in tensors.items():
         if not torch.isfinite(tensor).all():
             raise CheckpointError(f"weight {name} is not finite as {dtype}; store it as float32 or train again.")
-    data = serialise_tensors(tensors)  # save_file makes the file private, and raises an error of its own on a full disk
+    data = _bytes(tensors)
     with replace_atomically(folder / WEIGHTS_NAME) as temporary:
         temporary.write_bytes(data)
     digest = hashlib.sha256(data).hexdigest()
@@ -65,12 +67,25 @@ def save_model(
     return folder
 
 
+def _bytes(tensors: dict[str, Tensor], metadata: dict[str, str] | None = None) -> bytes:
+    """Return the content of a safetensors file: `save_file` makes it private, and has an error of its own on a full disk."""
+    try:
+        return save(tensors, metadata)
+    except BaseException as error:
+        if type(error).__name__ != "PanicException":  # of Rust, where there is no memory; it has no name to import
+            raise
+        raise MemoryError(
+            f"{sum(each.nbytes for each in tensors.values()) / 1e6:.0f} MB of weights to write"
+        ) from error
+
+
 def shipped_or_given(model: str) -> Path:
     """Return the model folder that `model` means: the shipped weights of a hand by its name, else the path of a folder."""
     shipped = SHIPPED_WEIGHTS / model
     return shipped if Path(model).name == model and (shipped / CONFIG_NAME).is_file() else Path(model)
 
 
+@own_modes()
 def load_model(folder: Path | str) -> tuple[ConditionalDenoiser, Normaliser]:
     """Read a model folder; the network comes in evaluation mode, float32, without gradients of its weights.
 
@@ -162,13 +177,14 @@ def _read_config(path: Path) -> dict[str, Any]:
 
 MODEL_FOLDER, LOG_NAME = "model", "train.jsonl"  # in the folder of a run, beside its state
 STATE_NAME = "training_state.safetensors"
+FIGURE = re.compile(r"[\w/.-]+")  # names in a state's header
 STATE_VERSION = 1  # raised whenever the optimiser or the order of random draws changes
 
 
 def save_state(folder: Path, tensors: dict[str, Tensor], header: dict[str, Any]) -> None:
     """Write a run's tensors and its header: step, minutes, validation, loss, and what names it (`TrainingRun.identity`)."""
     on_cpu = {name: tensor.detach().cpu().contiguous() for name, tensor in tensors.items()}
-    data = serialise_tensors(on_cpu, {"training": json.dumps({"version": STATE_VERSION, **header})})
+    data = _bytes(on_cpu, {"training": json.dumps({"version": STATE_VERSION, **header})})
     with replace_atomically(folder / STATE_NAME) as temporary:
         temporary.write_bytes(data)
 
@@ -212,7 +228,7 @@ def _opened(path: Path) -> Iterator[tuple[dict[str, Any], Any]]:
     """Header and tensors of a state file; CheckpointError when it is damaged."""
     try:
         with safe_open(path, framework="pt") as file:
-            header = json.loads(file.metadata()["training"])
+            header = json.loads(file.metadata()["training"], object_pairs_hook=unique_keys)
             _check_header(header)
             yield header, file
     except (SafetensorError, KeyError, TypeError, ValueError, AttributeError, RecursionError) as error:
@@ -230,10 +246,15 @@ def _check_header(header: dict[str, Any]) -> None:
     wrong = [
         (name, value) for name, value, kinds in counts if type(value) not in kinds or not 0 <= value <= LARGEST_SEED
     ]
-    wrong += [] if type(loss) in (int, float) else [("loss", loss)]
-    wrong += [] if type(header.get("validation", {})) is dict else [("validation", header["validation"])]
+    validation = header.get("validation", {})
+    figures = {"loss": loss, **(validation if type(validation) is dict else {"validation": None})}
+    wrong += [each for each in figures.items() if not FIGURE.fullmatch(each[0]) or not _is_figure(each[1])]
     if wrong:
         raise ValueError(f"{wrong[0][0]} is {quote(wrong[0][1])}")
+
+
+def _is_figure(value: Any) -> bool:
+    return type(value) is float or (type(value) is int and abs(value) <= LARGEST_SEED)  # NaN where a run has diverged
 
 
 def _flat(values: dict[str, Any]) -> dict[str, Any]:

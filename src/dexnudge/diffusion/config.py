@@ -171,7 +171,7 @@ class ModelConfig:
             return cls(**values)
         except InputError as error:
             raise CheckpointError(f"model config cannot be used: {error} Copy the model again.") from error
-        except (KeyError, TypeError) as error:
+        except (KeyError, TypeError, ValueError) as error:
             raise CheckpointError(
                 f"model config has missing or unexpected fields ({error}); train the model again."
             ) from error

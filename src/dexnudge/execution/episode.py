@@ -14,6 +14,7 @@ from dexnudge.execution.episode_files import ARRAYS, forces_of_acts, forces_used
 from dexnudge.execution.executor import Execution, Executor, chosen_policy
 from dexnudge.execution.film import film_of_trace, save_film, write_film
 from dexnudge.execution.slide_grasp_lift import GRASP_DRAWS, Attempt, SlideGraspLift, SlideGraspLiftResult
+from dexnudge.geometry.devices import own_modes
 from dexnudge.jobs.folders import new_folder
 from dexnudge.jobs.provenance import machine, versions
 from dexnudge.planning.approach import Approach
@@ -137,6 +138,7 @@ class Episode:
         subtitle = repr(self).partition(": ")[2]
         return film_of_trace(self.scene, self.simulation, self.trace, title=title, subtitle=subtitle)
 
+    @own_modes()
     def film(self, path: Path | str, *, title: str = "") -> Path:
         """Write the episode as an animation (.gif), a strip of pictures (.png), or a 3-D page to play (.html).
 
@@ -146,6 +148,7 @@ class Episode:
         """
         return save_film(self.recording(title), path)
 
+    @own_modes()
     def save(self, folder: Path | str, *, overwrite: bool = False, pictures: bool = True) -> Path:
         """Write scene.xml, episode.npz, episode.json, the film and summary.json into a new folder.
 
@@ -241,6 +244,7 @@ class Episode:
         }
 
 
+@own_modes()
 def execute(
     sample: Sample,
     *,

@@ -64,11 +64,20 @@ def read_triangles(path: Path, *, max_faces: int = MAX_FACES) -> trimesh.Trimesh
                 f"({max_faces:,} faces); decimate the mesh first"
             )
         data = path.read_bytes()
+    except MemoryError as error:
+        raise _no_memory(path.name, size) from error
     except OSError as error:
         raise MeshError(
             f"{path.name[:80]}: the mesh file cannot be read ({error.strerror}); check its name and its permissions"
         ) from error
     return parse_triangles(data, kind, path.name, max_faces=max_faces)
+
+
+def _no_memory(name: str, size: int) -> MeshError:
+    return MeshError(
+        f"{name}: the memory does not suffice to read its {size / 1e6:.0f} MB; decimate the mesh, or write it as "
+        "binary STL, which is read with least"
+    )
 
 
 def parse_triangles(
@@ -91,10 +100,7 @@ def parse_triangles(
         found = announced(data, kind, name, max_faces=max_faces)
         mesh = _parsed(found.data, kind, name, keep_order=keep_order)
     except MemoryError as error:
-        raise MeshError(
-            f"{name}: the memory does not suffice to read its {len(data) / 1e6:.0f} MB; decimate the mesh, or write it as "
-            "binary STL, which is read with least"
-        ) from error
+        raise _no_memory(name, len(data)) from error
     if kind in ("off", "ply") and found.faces is not None and len(mesh.faces) < found.faces:
         raise damaged(name, kind, f"{found.faces} faces announced, {len(mesh.faces)} read")
     if len(mesh.vertices) == 0:

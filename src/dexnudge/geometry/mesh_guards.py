@@ -15,7 +15,7 @@ from typing import Any
 
 import numpy as np
 
-from dexnudge.errors import MeshError, quote
+from dexnudge.errors import MeshError
 
 MAX_FACES = 200_000  # of an object or a link: a BVH over so many is built in under a second
 MAX_SURROUNDINGS_FACES = 2_000_000  # of a scanned room: read, repaired and prepared in some ten seconds
@@ -100,8 +100,8 @@ def _absolute_indices(text: bytes, name: str) -> bytes:
         return b"/".join(b"%d" % first(part, count) if part[:1] == b"-" else part for part, count in parts)
 
     def first(part: bytes, count: int) -> int:
-        if count + int(part) < 0:
-            raise damaged(name, "obj", f"a face names vertex {quote(int(part))}, but {count} stand before it")
+        if not re.fullmatch(rb"-\d{1,18}", part) or count + int(part) < 0:
+            raise damaged(name, "obj", f"a face names vertex {part.decode()[:60]}, but {count} stand before it")
         return count + 1 + int(part)
 
     for line in text.split(b"\n"):

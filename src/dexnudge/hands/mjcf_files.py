@@ -1,6 +1,7 @@
 """An MJCF file compiled by MuJoCo, once nothing in it opens other files or asks for much."""
 
 import re
+import warnings
 from collections.abc import Iterator, Mapping
 from contextlib import contextmanager
 from pathlib import Path
@@ -36,11 +37,13 @@ def compiled_model(path: Path, packages: Mapping[str, Path | str], notes: list[s
 
 @contextmanager
 def _quiet() -> Iterator[None]:
-    """Keep MuJoCo from writing warnings to stderr and to MUJOCO_LOG.TXT in the current folder."""
+    """Keep MuJoCo from writing warnings to stderr and to MUJOCO_LOG.TXT in the current folder, and from raising them."""
     before = mujoco.get_mju_user_warning()
     mujoco.set_mju_user_warning(lambda _: None)
     try:
-        yield
+        with warnings.catch_warnings():
+            warnings.simplefilter("ignore")
+            yield
     finally:
         mujoco.set_mju_user_warning(before)
 

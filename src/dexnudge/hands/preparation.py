@@ -14,6 +14,7 @@ from jaxtyping import Float
 
 from dexnudge.errors import HandError, check_path
 from dexnudge.finding import Finding, length_text
+from dexnudge.geometry.devices import own_modes
 from dexnudge.hands.anatomy import LEAST_DIGITS, LONGEST_DIGIT, HandPart, hand_at, hands_in, why_no_hand
 from dexnudge.hands.checks import direction_numbers, hand_findings
 from dexnudge.hands.closing import Closing, closing, tip_distance
@@ -54,6 +55,7 @@ class PreparedHand:
         return (*self.assumptions, *notes, *hand_findings(self.hand, self.closing))
 
 
+@own_modes()
 def prepare_hand(
     name_or_path: str | Path,
     *,

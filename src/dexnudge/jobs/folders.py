@@ -19,7 +19,7 @@ from pathlib import Path
 from typing import Any
 
 from dexnudge.errors import DexnudgeError, InputError, OutputError, check_path, what_failed, writing
-from dexnudge.jobs.json_files import read_json_object
+from dexnudge.jobs.json_files import MAX_TABLE_BYTES, read_json_object
 from dexnudge.jobs.provenance import machine, versions
 
 TEMPORARY_PREFIX = ".writing-"
@@ -174,7 +174,9 @@ def read_claim(folder: Path, file: str, *, format_version: int) -> dict[str, Any
     """
     path = folder / file
     expected = "the file that `dexnudge evaluate` or `dexnudge reproduce` wrote"
-    content = read_json_object(path, error=InputError, expected=expected, again="choose another `out`")
+    content = read_json_object(
+        path, error=InputError, expected=expected, again="choose another `out`", largest=MAX_TABLE_BYTES
+    )
     if content.get("format_version") != format_version:
         raise InputError(f"{path} is of another format; expected format_version {format_version}; choose another `out`")
     return content

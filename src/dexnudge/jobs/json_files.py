@@ -14,7 +14,8 @@ from typing import Annotated, Any, Literal, TypeVar, Union, get_args, get_origin
 from dexnudge.errors import LARGEST_SEED, InputError, SceneError, did_you_mean, is_name, quote
 
 LARGEST_NUMBER = sys.float_info.max
-MAX_BYTES = 32_000_000  # of a JSON file; read, it is at most some thirty times as large: lists of empty lists
+MAX_BYTES = 1_000_000  # of a pose, a scene, settings; read, they are at most some thirty times as large: empty lists
+MAX_TABLE_BYTES = 32_000_000  # of what lists objects, draws or tasks
 
 
 def refuse_constant(text: str) -> float:

@@ -7,6 +7,7 @@ from typing import Any
 
 import numpy as np
 
+from dexnudge.geometry.devices import own_modes
 from dexnudge.results.folder import LONGEST_QUOTE, count_draws, read_result
 from dexnudge.results.ranking import Ranking, ranking
 from dexnudge.results.samples import Samples
@@ -46,6 +47,7 @@ class Check:
         return not self.differences
 
 
+@own_modes()
 def check(folder: Path | str) -> Check:
     """Verify the configurations of a result folder again, with the hand, the scene and the criteria of that folder.
 

@@ -29,12 +29,13 @@ import numpy as np
 from jaxtyping import Float
 
 from dexnudge.errors import InputError, check_path, is_name, quote
+from dexnudge.geometry.devices import own_modes
 from dexnudge.hands.export import HAND_FILES, export_hand
 from dexnudge.hands.hand import ROOT_COORDINATES, Hand
 from dexnudge.hands.registry import load_hand
 from dexnudge.jobs.archives import read_arrays
 from dexnudge.jobs.folders import new_folder
-from dexnudge.jobs.json_files import read_json_object
+from dexnudge.jobs.json_files import MAX_TABLE_BYTES, read_json_object
 from dexnudge.jobs.provenance import machine, peak_memory_mb, versions
 from dexnudge.planning.reach import Reach
 from dexnudge.plugins import call_foreign, load_plugin, plugin_title
@@ -250,6 +251,7 @@ def save_samples(samples: Samples, out: Path, *, title: str, overwrite: bool) ->
     return written
 
 
+@own_modes()
 def load_samples(folder: Path | str) -> Samples:
     """Read a result folder that `dexnudge sample` or `Samples.save` wrote; nothing is verified again (see `check`).
 
@@ -306,7 +308,7 @@ def _is_criterion(name: str) -> bool:
 def _read_summary(folder: Path) -> dict[str, Any]:
     path = folder / SUMMARY
     expected = "the folder that `dexnudge sample` or Samples.save wrote"
-    summary = read_json_object(path, error=InputError, expected=expected, again="sample again")
+    summary = read_json_object(path, error=InputError, expected=expected, again="sample again", largest=MAX_TABLE_BYTES)
     if not isinstance(summary.get("rejected"), dict):
         raise InputError(f"{path} has no counts; expected drawn, verified and rejected; sample again")
     for key, kind in (("reasons", dict), ("seconds", dict), ("sampler", list)):

@@ -15,6 +15,7 @@ from torch import Tensor
 
 from dexnudge.arms.arm import Arm
 from dexnudge.errors import InputError, check_integer, check_path, quote
+from dexnudge.geometry.devices import own_modes
 from dexnudge.hands.hand import ROOT_COORDINATES, Hand
 from dexnudge.mechanics.contacts import HandContacts
 from dexnudge.scenes.scene import Scene
@@ -161,6 +162,7 @@ class Samples:
         """Return the number of rejected draws by reason, most frequent first."""
         return self.verdicts.rejections()
 
+    @own_modes()
     def rank(self, by: Arm | Criterion, *, mount: Any = None) -> Samples:
         """Return the samples judged by one more criterion and ranked anew: those first that pass every one.
 
@@ -245,6 +247,7 @@ class Samples:
             lines.append(f"  best: {self[0]!r}")
         return "\n".join(lines)
 
+    @own_modes()
     def save(self, out: Path | str, *, title: str = "", overwrite: bool = False) -> Samples:
         """Write a result folder: scene, hand, configurations, summary, page and picture, as `dexnudge sample` does.
 
@@ -267,6 +270,7 @@ class Samples:
 
         return save_samples(self, Path(out), title=title, overwrite=overwrite)
 
+    @own_modes()
     def picture(self, path: Path | str, *, index: int = 0) -> Path:
         """Write a PNG of one configuration in its scene, the best one unless told otherwise.
 
@@ -281,6 +285,7 @@ class Samples:
         check_integer("index", index, least=-len(self), most=len(self) - 1)
         return render_png(self._visual_scenes[index], path)
 
+    @own_modes()
     def page(self, path: Path | str, *, title: str = "") -> Path:
         """Write a self-contained 3-D page of at most 500 configurations.
 

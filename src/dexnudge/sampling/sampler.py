@@ -9,7 +9,7 @@ from collections.abc import Callable, Sequence
 from dataclasses import dataclass, replace
 from functools import cached_property
 from pathlib import Path
-from typing import Any, ParamSpec, TypeVar
+from typing import Any
 
 import numpy as np
 import torch
@@ -19,7 +19,7 @@ from dexnudge.diffusion.checkpoint import CONFIG_NAME, SHIPPED_WEIGHTS
 from dexnudge.diffusion.prior import DiffusionPrior
 from dexnudge.energies.terms import EnergyTerm, check_terms
 from dexnudge.errors import CheckpointError, InputError, check_integer, check_kind, check_path, check_seed
-from dexnudge.geometry.devices import check_device, free_memory, ran_out_of_memory, torch_stream
+from dexnudge.geometry.devices import check_device, free_memory, own_modes, ran_out_of_memory, torch_stream
 from dexnudge.hands.hand import Hand
 from dexnudge.results.samples import Samples
 from dexnudge.sampling.denoise import denoise
@@ -41,15 +41,6 @@ SMALLEST_CALL = 4  # draws: fewer take as long, since a call's own steps cost mo
 MEMORY_PER_HAND = 2.0e5  # bytes for each hand of a batch: three times what drawing and verifying 2,048 took
 MEMORY_SHARE = 0.8  # of what is free that a batch may take
 NOT_CONVERGED = 10.0  # added to the residual of a draw that the projection could not finish, so that it comes last
-
-
-Arguments = ParamSpec("Arguments")
-Result = TypeVar("Result")
-
-
-def _whatever_modes(function: Callable[Arguments, Result]) -> Callable[Arguments, Result]:
-    """Return the function with torch's modes as guidance needs them, under `no_grad` and `inference_mode` too."""
-    return torch.inference_mode(mode=False)(torch.enable_grad()(function))
 
 
 @dataclass(frozen=True)
@@ -113,7 +104,7 @@ class Sampler:
         sampler.load(DEFAULT_METHOD)
         return sampler
 
-    @_whatever_modes
+    @own_modes()
     def load(self, *methods: str | Method) -> None:
         """Load what these methods start from, so that what is missing is said before anything slow begins.
 
@@ -185,7 +176,7 @@ class Sampler:
             )
         return self._poses if isinstance(self._poses, TrainingPoses) else TrainingPoses.load(self._poses, self.hand)
 
-    @_whatever_modes
+    @own_modes()
     def sample(
         self,
         scene: Scene,
@@ -303,7 +294,7 @@ class Sampler:
         _warn_of_split(size // 2, f"{size} at once ran out of the memory of {self.device}")
         return size // 2
 
-    @_whatever_modes
+    @own_modes()
     def draw(self, problem: SamplingProblem, *, num: int, seed: int, method: str | Method = DEFAULT_METHOD) -> Draws:
         """Return `num` draws for a prepared scene, not verified.
 

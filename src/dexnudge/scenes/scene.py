@@ -4,7 +4,6 @@ from __future__ import annotations
 
 from collections.abc import Iterable, Sequence
 from dataclasses import dataclass, field, replace
-from functools import cached_property
 from numbers import Real
 from pathlib import Path
 from typing import Any
@@ -19,6 +18,7 @@ from dexnudge.geometry.far_surroundings import coarsened_far
 from dexnudge.geometry.mesh_repair import turned_toward
 from dexnudge.geometry.meshes import centre_of_mass, checked_environment, load_environment
 from dexnudge.geometry.rigid import rigid_transform
+from dexnudge.jobs.cached import cached_per_instance
 from dexnudge.objects.sets import object_mesh
 from dexnudge.perception.depth_view import DepthView
 from dexnudge.scenes.files import LARGEST_NUMBER, MARGINS, NUMBERS, read_scene, write_scene
@@ -111,7 +111,8 @@ class Scene:
         """Return a copy of the object's mesh in the world frame, metres."""
         return self.object_mesh.copy().apply_transform(self.T_world_object)
 
-    @cached_property
+    @property
+    @cached_per_instance
     def centre_of_mass(self) -> Float[np.ndarray, "3"]:
         """Of the object, world [m]."""
         return np.asarray(self.T_world_object[:3, :3] @ centre_of_mass(self.object_mesh) + self.T_world_object[:3, 3])
@@ -123,7 +124,8 @@ class Scene:
             trimesh.transform_points(trimesh.bounds.corners(self.object_mesh.bounds), self.T_world_object)
         )
 
-    @cached_property
+    @property
+    @cached_per_instance
     def object_motion(self) -> Motion:
         """The turn and the slide as one motion of the object."""
         points = trimesh.transform_points(self.object_mesh.vertices, self.T_world_object)
@@ -353,7 +355,8 @@ class Scene:
         check_path("folder", folder, SceneError)
         return cls(**read_scene(Path(folder)))
 
-    @cached_property
+    @property
+    @cached_per_instance
     def supports(self) -> tuple[Support, ...]:
         """Flat surfaces that the object touches, those below it first."""
         found = all_supports(self.object_in_world(), self.environment_mesh, below=TOUCHING)
@@ -397,7 +400,8 @@ class Scene:
         for finding in self.misplaced:
             raise SceneError(finding.message)
 
-    @cached_property
+    @property
+    @cached_per_instance
     def misplaced(self) -> tuple[Finding, ...]:
         """The errors without whose mending nothing else can be said: of size, or of place (`placement_findings`)."""
         sizes = size_findings(self.object_mesh, self.environment_mesh, self.mass)

@@ -19,6 +19,7 @@ from dexnudge.arms.arm import Arm
 from dexnudge.arms.inverse_kinematics import InverseKinematics
 from dexnudge.arms.standing import DEEPEST, standing_depth
 from dexnudge.errors import InputError, OutputError, check_kind, check_path, writing
+from dexnudge.geometry.devices import own_modes
 from dexnudge.hands.batch import HandBatch
 from dexnudge.jobs.folders import new_folder
 from dexnudge.planning.reach import LEAST_MARGIN, STARTS, Reach, arm_margins, flange_ways
@@ -141,6 +142,7 @@ def map_folder(out: Path | str, *, overwrite: bool) -> AbstractContextManager[Pa
     return new_folder(out, overwrite=overwrite, marker=ARRAYS, ours=(BASE, PICTURE))
 
 
+@own_modes()
 def find_base(
     samples: Samples,
     arm: Arm,

@@ -11,6 +11,7 @@ from dexnudge.execution.episode import EPISODE_FILES, MODEL_FILE, provenance, wr
 from dexnudge.execution.episode_files import ARRAYS, forces_used, write_arrays, write_figures
 from dexnudge.execution.film import film_of_trace, save_film, write_film
 from dexnudge.execution.grasp_and_lift import HOLD_TIME, LIFT
+from dexnudge.geometry.devices import own_modes
 from dexnudge.jobs.folders import new_folder
 from dexnudge.planning.outcomes import Outcome
 from dexnudge.results.folder import write_summary
@@ -89,6 +90,7 @@ class PlanEpisode:
             self.plan.scene, self.model.simulation, self.trace, title=title, subtitle=subtitle, push_phases=PUSH_PHASES
         )
 
+    @own_modes()
     def film(self, path: Path | str, *, title: str = "") -> Path:
         """Write the episode as an animation (.gif), a strip of pictures (.png), or a 3-D page to play (.html).
 
@@ -98,6 +100,7 @@ class PlanEpisode:
         """
         return save_film(self.recording(title), path)
 
+    @own_modes()
     def save(self, folder: Path | str, *, overwrite: bool = False, pictures: bool = True) -> Path:
         """Write scene.xml, episode.npz, episode.json, the film and summary.json into a new folder.
 
@@ -155,6 +158,7 @@ class PlanEpisode:
         }
 
 
+@own_modes()
 def execute_plan(plan: Plan, *, xml: str | None = None) -> PlanEpisode:
     """Play a plan out in MuJoCo by the motors of arm and hand.
 

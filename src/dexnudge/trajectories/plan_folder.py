@@ -18,6 +18,7 @@ import numpy as np
 from dexnudge.arms.export import ROBOT_FILES, export_robot
 from dexnudge.errors import OutputError, check_kind, check_path
 from dexnudge.execution.film import write_film
+from dexnudge.geometry.devices import own_modes
 from dexnudge.jobs.folders import new_folder, replace_atomically
 from dexnudge.jobs.json_files import path_inside
 from dexnudge.scenes.files import SCENE_FILES
@@ -48,6 +49,7 @@ PLAN_FILES = (
 TEMPLATE = Path(__file__).with_name("plan_readme.md")
 
 
+@own_modes()
 def save_plan(plan: Plan, path: Path | str, *, overwrite: bool = False, pictures: bool = True) -> None:
     """Write a plan's folder, or plan.json alone where `path` ends in .json; see `Plan.save`.
 
@@ -100,6 +102,7 @@ def _check(text: str, path: Path, plan: Plan) -> None:
     check_effort(trajectory, plan.robot, path)
 
 
+@own_modes()
 def load_plan(path: Path | str) -> Plan:
     """Read a plan's folder, given itself or by its plan.json, trusting nothing in it.
 

@@ -14,6 +14,7 @@ from dexnudge.arms.mounting import mount as mounted
 from dexnudge.arms.robot import Robot
 from dexnudge.arms.standing import check_base, with_floor
 from dexnudge.errors import InputError, PlanningError, check_integer, check_kind
+from dexnudge.geometry.devices import own_modes
 from dexnudge.planning.arm_approach import NoWay
 from dexnudge.planning.object_path import check_slides, push_length
 from dexnudge.planning.outcomes import Outcome
@@ -55,6 +56,7 @@ class Failure:
     reason: str
 
 
+@own_modes()
 def plan(
     samples: Samples | Sample,
     arm: Arm,

@@ -13,6 +13,7 @@ from jaxtyping import Bool, Float, Int
 from torch import Tensor
 
 from dexnudge.errors import InputError, check_kind
+from dexnudge.geometry.devices import own_modes
 from dexnudge.hands.batch import HandBatch
 from dexnudge.hands.hand import ROOT_COORDINATES, Hand
 from dexnudge.mechanics.contacts import HandContacts
@@ -142,6 +143,7 @@ class Verdicts:
         return self.values[name]
 
 
+@own_modes()
 def verify(
     scene: Scene,
     hand: Hand,

@@ -30,7 +30,7 @@ from dexnudge.experiments.sampling_trial import SamplingTrial
 from dexnudge.hands.hand import Hand
 from dexnudge.hands.registry import PREPARED_NAME, load_hand
 from dexnudge.jobs.folders import owned_folder, remove_leftovers, replace_atomically
-from dexnudge.jobs.json_files import from_fields, read_json_object
+from dexnudge.jobs.json_files import MAX_TABLE_BYTES, from_fields, read_json_object
 from dexnudge.jobs.processes import MOST_WORKERS, available_cores
 from dexnudge.jobs.progress import progress
 from dexnudge.jobs.provenance import machine, versions
@@ -284,7 +284,7 @@ def _run_trials(config: ExperimentConfig, out: Path, *, workers: int) -> None:
 def _follow(file: Path, hand: str) -> None:
     """Let an experiment of this same hand know where the folder is now, if it was moved."""
     if file.is_file():
-        content = read_json_object(file)
+        content = read_json_object(file, largest=MAX_TABLE_BYTES)
         config = content.get("config")
         if isinstance(config, dict) and config.get("hand") != hand:
             config["hand"] = hand
