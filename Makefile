@@ -5,8 +5,8 @@ BIN := $(VENV)/bin
 COUNT ?= 10000
 KILLS ?= 15
 PIP := $(BIN)/python -m pip install -q -c constraints.txt
-# One file stays on one worker, so that what a file prepares is prepared once.
-PYTEST := $(BIN)/python -m pytest -n 2 --dist loadfile
+# One file stays on one worker, so that what a file prepares is prepared once; the order is that of tests/conftest.py.
+PYTEST := $(BIN)/python -m pytest -n 2 --dist loadfile --no-loadscope-reorder
 
 .PHONY: help demo test test-fast fuzz kills check docs bench results scans clean
 .DEFAULT_GOAL := help

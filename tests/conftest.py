@@ -5,6 +5,7 @@ import os
 import re
 import shlex
 import signal
+from collections import Counter
 from collections.abc import Callable
 from contextlib import redirect_stdout
 from io import StringIO
@@ -30,7 +31,7 @@ def checkable_modules() -> list[str]:
     return [".".join(file.relative_to(SOURCE).with_suffix("").parts) for file in checkable]
 
 
-# Tests neither read nor write what the developer's own runs have cached; commands that they start inherit this.
+# Tests neither read nor write what the developer's own runs have cached; `one_cache_per_run` gives them a folder.
 os.environ["DEXNUDGE_CACHE"] = "off"
 
 # A run in the background may ignore Ctrl-C; processes that tests start and interrupt must not inherit that.
@@ -44,6 +45,12 @@ settings.load_profile("dexnudge")
 install_import_hook(checkable_modules(), "beartype.beartype")
 
 
+def pytest_collection_modifyitems(items: list[pytest.Item]) -> None:
+    """Files with slow tests come first, so that no worker ends minutes after the others."""
+    slow = Counter(item.path for item in items if item.get_closest_marker("slow"))
+    items.sort(key=lambda item: -slow[item.path])
+
+
 @pytest.fixture(scope="session", autouse=True)
 def one_torch_thread_per_worker(request: pytest.FixtureRequest) -> None:
     """Workers share the cores; more threads than cores would only wait for each other."""
@@ -51,6 +58,15 @@ def one_torch_thread_per_worker(request: pytest.FixtureRequest) -> None:
         import torch
 
         torch.set_num_threads(1)
+
+
+@pytest.fixture(scope="session", autouse=True)
+def one_cache_per_run(request: pytest.FixtureRequest, tmp_path_factory: pytest.TempPathFactory) -> None:
+    """A folder of this run's own, where workers and the commands that tests start find each other's grids and pieces."""
+    folder = tmp_path_factory.getbasetemp()
+    if hasattr(request.config, "workerinput"):
+        folder = folder.parent
+    os.environ["DEXNUDGE_CACHE"] = str(folder / "cache")
 
 
 @pytest.fixture(scope="session")

@@ -6,11 +6,10 @@ from pathlib import Path
 import pytest
 
 from dexnudge.hands.hand import Hand
-from dexnudge.hands.named.shadow_lite import shadow_lite
 
 sys.path.append(str(Path(__file__).parents[2] / "benchmarks"))
 
 
 @pytest.fixture(scope="session")
-def hand() -> Hand:
-    return shadow_lite()
+def hand(shadow_hand: Hand) -> Hand:
+    return shadow_hand

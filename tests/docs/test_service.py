@@ -15,8 +15,8 @@ import dexnudge as dn
 PAGE = Path(__file__).parents[2] / "docs" / "concepts" / "machines.md"
 
 
-@pytest.fixture
-def ask(monkeypatch):
+@pytest.fixture(scope="module")
+def ask():
     """Ask the service on the page; returns its answer's status and content."""
 
     def deployment(**options):
@@ -32,15 +32,16 @@ def ask(monkeypatch):
         "starlette.requests": {"Request": object},
         "starlette.responses": {"JSONResponse": respond},
     }
-    for name, content in shown.items():
-        module = ModuleType(name)
-        vars(module).update(content)
-        monkeypatch.setitem(sys.modules, name, module)
     (code,) = re.findall(
         r'^```py title="service.py"\n(.*?)^```$', PAGE.read_text(encoding="utf-8"), re.MULTILINE | re.DOTALL
     )
     namespace = {"__name__": "service"}
-    exec(compile(code, PAGE.name, "exec"), namespace)  # noqa: S102 - our own page
+    with pytest.MonkeyPatch.context() as patch:
+        for name, content in shown.items():
+            module = ModuleType(name)
+            vars(module).update(content)
+            patch.setitem(sys.modules, name, module)
+        exec(compile(code, PAGE.name, "exec"), namespace)  # noqa: S102 - our own page
     service = namespace["app"]
 
     def ask(body="", **asked):

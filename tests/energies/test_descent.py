@@ -14,15 +14,14 @@ from dexnudge.energies.descent import (
     retract,
 )
 from dexnudge.geometry.transforms import rotation_vector_to_matrix
-from dexnudge.hands.named.shadow_lite import shadow_lite
 
 BATCH = 5
 ROUNDING = 1e-6
 
 
 @pytest.fixture(scope="module")
-def hand():
-    return shadow_lite()
+def hand(shadow_hand):
+    return shadow_hand
 
 
 def random_pose(hand, seed: int = 0) -> HandPose:

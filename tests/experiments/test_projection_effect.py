@@ -6,7 +6,6 @@ import numpy as np
 import pytest
 
 from dexnudge.experiments.comparisons import projection_effect, stage_figures
-from dexnudge.hands.named.shadow_lite import shadow_lite
 from dexnudge.mechanics.contacts import HandContacts
 from dexnudge.objects.builtin import builtin_object
 from dexnudge.sampling.methods import find_method
@@ -19,9 +18,8 @@ METHOD = find_method("random_start_projection")
 
 
 @pytest.fixture(scope="module")
-def setting():
-    hand = shadow_lite()
-    return Sampler(hand), hand, build_scene("table", builtin_object("phone"), seed=0)
+def setting(shadow_hand):
+    return Sampler(shadow_hand), shadow_hand, build_scene("table", builtin_object("phone"), seed=0)
 
 
 def test_projection_gets_hands_out_and_into_contact(setting):

@@ -171,6 +171,13 @@ def test_switched_off_it_leaves_no_trace(folder, monkeypatch):
     assert not folder.parent.exists()
 
 
+def test_it_lies_in_the_folder_that_is_named_by_an_absolute_path(folder, monkeypatch, tmp_path):
+    monkeypatch.setenv("DEXNUDGE_CACHE", str(tmp_path / "mine"))
+    assert cache_folder() == tmp_path / "mine"
+    monkeypatch.setenv("DEXNUDGE_CACHE", "relative/path")
+    assert cache_folder() == folder
+
+
 def test_without_a_cache_home_it_lies_in_the_home(folder, monkeypatch, tmp_path):
     monkeypatch.setenv("HOME", str(tmp_path / "home"))
     for unusable in ("", "relative/path"):

@@ -93,8 +93,8 @@ def small(small_urdf: Path) -> Hand:
 
 
 @pytest.fixture(scope="session")
-def lite() -> Hand:
-    return load_hand("shadow_lite")
+def lite(shadow_hand: Hand) -> Hand:
+    return shadow_hand
 
 
 @pytest.fixture(scope="session")

@@ -9,7 +9,6 @@ from dexnudge.diffusion.config import Architecture, ModelConfig
 from dexnudge.diffusion.network import ConditionalDenoiser, Normaliser
 from dexnudge.diffusion.prior import DiffusionPrior
 from dexnudge.hands.hand import Hand
-from dexnudge.hands.named.shadow_lite import shadow_lite
 from dexnudge.objects.builtin import builtin_object
 from dexnudge.sampling.problem import SamplingProblem, prepare
 from dexnudge.sampling.starts import random_start
@@ -20,8 +19,8 @@ SMALL = Architecture(width=32, depth=2, num_heads=2, mlp_ratio=2, encoder_widths
 
 
 @pytest.fixture(scope="session")
-def hand() -> Hand:
-    return shadow_lite()
+def hand(shadow_hand: Hand) -> Hand:
+    return shadow_hand
 
 
 @pytest.fixture(scope="session")

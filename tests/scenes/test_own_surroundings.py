@@ -262,16 +262,15 @@ def test_vertices_that_a_file_repeats_are_one_surface() -> None:
     assert np.abs(found.supports[0].height(found.environment_mesh.vertices[under & around])).max() < 1e-9
 
 
-def test_draws_verified_in_a_scan_hold_in_the_true_world() -> None:
+def test_draws_verified_in_a_scan_hold_in_the_true_world(shadow_hand) -> None:
     """Noise of 1 mm, a pose that is off by 2 mm and 1 degree."""
     true = clean("shelf")
     pose = turned(true, 1.0)
     pose[:3, 3] += 0.002 / np.sqrt(3)
     scan = understood(true, environment=as_scanned(true.environment_mesh, noise=0.001), object_pose=pose)
-    hand = dn.load_hand("shadow_lite")
-    samples = dn.Sampler(hand).sample(scan, num=16, seed=0)
+    samples = dn.Sampler(shadow_hand).sample(scan, num=16, seed=0)
     assert samples.success.sum() >= 12
-    judged = dn.verify(true, hand, samples.q)
+    judged = dn.verify(true, shadow_hand, samples.q)
     assert judged.success[:3].all()  # the best first
     assert (judged.success & samples.success).sum() >= 9
 

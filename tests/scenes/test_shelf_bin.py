@@ -51,7 +51,7 @@ def test_the_tissue_box_is_a_box_on_the_floor(scene):
 
 
 @pytest.mark.slow
-def test_it_can_be_pulled_out_by_a_hand_in_what_was_seen(scene):
+def test_it_can_be_pulled_out_by_a_hand_in_what_was_seen(scene, shadow_hand):
     assert free_way(scene).length == pytest.approx(0.1)
-    samples = dn.Sampler(dn.load_hand("shadow_lite")).sample(scene, num=8, seed=0)
+    samples = dn.Sampler(shadow_hand).sample(scene, num=8, seed=0)
     assert samples.success.any()

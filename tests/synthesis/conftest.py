@@ -9,15 +9,14 @@ import torch
 import trimesh
 
 from dexnudge.hands.hand import Hand
-from dexnudge.hands.named.shadow_lite import shadow_lite
 from dexnudge.objects.builtin import builtin_object
 from dexnudge.synthesis.generate import generate_dataset
 from dexnudge.synthesis.object_data import GenerationConfig, at_rest, generate_object
 
 
 @pytest.fixture(scope="session")
-def hand() -> Hand:
-    return shadow_lite()
+def hand(shadow_hand: Hand) -> Hand:
+    return shadow_hand
 
 
 @pytest.fixture(scope="session")

@@ -8,7 +8,6 @@ from dexnudge.dataset.manifest import read_manifest, write_manifest
 from dexnudge.dataset.schema import BehaviourCounts
 from dexnudge.dataset.shards import read_shard, write_shard
 from dexnudge.errors import DatasetError
-from dexnudge.hands.named.shadow_lite import shadow_lite
 from dexnudge.objects.builtin import builtin_object
 from dexnudge.synthesis.dataset_page import (
     SAMPLES,
@@ -53,8 +52,8 @@ def test_pictures_of_a_grasp_and_a_push(manifest, tmp_path, monkeypatch):
     assert all((one.picture == other.picture).all() for one, other in zip(samples, again, strict=True))
 
 
-def test_the_arrow_points_along_the_best_margin_and_grasps_float(manifest, tmp_path):
-    hand, mesh = shadow_lite(), at_rest(builtin_object(NAME))
+def test_the_arrow_points_along_the_best_margin_and_grasps_float(hand, manifest, tmp_path):
+    mesh = at_rest(builtin_object(NAME))
     push, grasp = read_shard(tmp_path, manifest, NAME).table.to_pylist()
     shown = row_drawing(hand, mesh, push)
     best = int(np.argmax(push["direction_margin"]))
@@ -70,11 +69,11 @@ def test_the_arrow_points_along_the_best_margin_and_grasps_float(manifest, tmp_p
     np.testing.assert_allclose(floating.contacts, grasp["contact_points"])
 
 
-def test_among_equal_margins_the_arrow_points_along_the_middle(manifest, tmp_path):
+def test_among_equal_margins_the_arrow_points_along_the_middle(hand, manifest, tmp_path):
     push, _ = read_shard(tmp_path, manifest, NAME).table.to_pylist()
     push["direction_margin"] = [3.0 if direction in (14, 15, 0, 1, 2, 7) else 1.5 for direction in range(16)]
     assert row_caption(push)[1] == "margin 3.00 along 0°"
-    shown = row_drawing(shadow_lite(), at_rest(builtin_object(NAME)), push)
+    shown = row_drawing(hand, at_rest(builtin_object(NAME)), push)
     np.testing.assert_allclose(shown.motion, [1.0, 0.0, 0.0], atol=1e-12)
 
 

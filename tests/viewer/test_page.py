@@ -8,7 +8,6 @@ import pytest
 import trimesh
 
 from dexnudge.errors import InputError, OutputError
-from dexnudge.hands.named.shadow_lite import shadow_lite
 from dexnudge.scenes.scene import Scene
 from dexnudge.viewer.page import Figures, write_page
 from dexnudge.viewer.visual_scene import Part, VisualScene, visual_scenes
@@ -53,8 +52,8 @@ class Parsed(HTMLParser):
 
 
 @pytest.fixture(scope="module")
-def shown():
-    hand = shadow_lite()
+def shown(shadow_hand):
+    hand = shadow_hand
     slab = trimesh.creation.box((1.0, 1.0, 0.02), transform=trimesh.transformations.translation_matrix([0, 0, -0.02]))
     scene = Scene(trimesh.creation.box((0.15, 0.07, 0.02)), slab, np.eye(4), np.array([1.0, 0, 0]))
     rng = np.random.default_rng(0)

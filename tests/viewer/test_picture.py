@@ -114,14 +114,18 @@ def test_a_base_in_front_becomes_glass_and_one_aside_stays_solid(role):
         assert (np.abs(light).max() > 5) == (aside > 0)
 
 
+@pytest.fixture(scope="module", params=["shadow_lite", "allegro"])
+def sampler(request):
+    return dn.Sampler(dn.load_hand(request.param))
+
+
 @pytest.mark.slow
-@pytest.mark.parametrize("name", ["shadow_lite", "allegro"])
 @pytest.mark.parametrize("family", ["table", "layers", "shelf"])
-def test_most_of_the_object_is_seen(name, family):
+def test_most_of_the_object_is_seen(sampler, family):
     """Pixels of the object's hue in the picture, against those in a picture of the object alone from there."""
-    hand, scene = dn.load_hand(name), dn.build_scene(family, "phone", seed=0)
-    samples = dn.Sampler(hand).sample(scene, num=4, seed=0)
-    for shown in visual_scenes(scene, hand, samples.q[:2].astype(float)):
+    scene = dn.build_scene(family, "phone", seed=0)
+    samples = sampler.sample(scene, num=4, seed=0)
+    for shown in visual_scenes(scene, sampler.hand, samples.q[:2].astype(float)):
         camera = choose_camera(shown, aspect=SIZE[0] / SIZE[1])
         alone = VisualScene(shown.with_role("object"), np.zeros((0, 3)), np.zeros(3))
         seen, whole = (is_role(render_array(each, size=SIZE, camera=camera), "object").sum() for each in (shown, alone))

@@ -6,7 +6,6 @@ import torch
 import trimesh
 
 from dexnudge.errors import InputError
-from dexnudge.hands.named.shadow_lite import shadow_lite
 from dexnudge.scenes.motion import Turn
 from dexnudge.scenes.scene import Scene
 from dexnudge.viewer.page_data import page_data
@@ -16,8 +15,8 @@ T_OBJECT = trimesh.transformations.translation_matrix([0.3, -0.2, 0.01])
 
 
 @pytest.fixture(scope="module")
-def hand():
-    return shadow_lite()
+def hand(shadow_hand):
+    return shadow_hand
 
 
 @pytest.fixture(scope="module")

@@ -3,7 +3,7 @@
 An array lies in the user's cache folder as a .npy file (no pickle), named by the SHA-256 of all that its values depend
 on, and followed by the SHA-256 of name and bytes. What is not such a file, or not whole, is made again and replaced. A
 cache that cannot be read or written changes nothing but the time. Environment variables: XDG_CACHE_HOME moves the folder,
-DEXNUDGE_CACHE=off leaves it alone.
+DEXNUDGE_CACHE names it by an absolute path, or is `off`: it is left alone.
 """
 
 import contextlib
@@ -45,8 +45,11 @@ def cached_array(
 
 def cache_folder() -> Path | None:
     """Return where arrays are kept; None where the user wants no cache or has no home."""
-    if os.environ.get(SWITCH, "").lower() == OFF:
+    given = os.environ.get(SWITCH, "")
+    if given.lower() == OFF:
         return None
+    if Path(given).is_absolute():
+        return Path(given)
     base = Path(os.environ.get("XDG_CACHE_HOME", ""))
     if not base.is_absolute():  # unset, empty or relative: the XDG specification ignores it
         try:
