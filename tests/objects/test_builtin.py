@@ -4,7 +4,9 @@ import numpy as np
 import pytest
 
 from dexnudge.errors import UnknownNameError
-from dexnudge.objects.builtin import builtin_names, builtin_object, builtin_shape, cell_of, describe_builtin_names
+from dexnudge.objects.builtin import builtin_names, builtin_object, builtin_shape, describe_builtin_names
+
+from .cells import cell_of
 
 PLAIN = ["phone", "remote", "tablet", "book", "box"]
 EVERY_SEVENTH = [name for kind in ("train", "test") for name in builtin_names(kind)[::7]]

@@ -5,7 +5,9 @@ import pytest
 from hypothesis import given, settings
 from hypothesis import strategies as st
 
-from dexnudge.objects.builtin import CELLS, KINDS, cell_of, draw_size, is_test_cell
+from dexnudge.objects.builtin import CELLS, KINDS, draw_size, is_test_cell
+
+from .cells import cell_of
 
 
 def test_both_sets_have_cells_in_every_row_and_column_range():

@@ -40,8 +40,9 @@ def test_the_early_end_changes_no_verdict(hand: Hand, name: str) -> None:
     whole = HoldTest(hand, mesh, full_length=True)(q[simulated], contacts)
     for row, one, other in zip(simulated, short, whole, strict=True):
         assert one.reason == other.reason == verdict.reason[row]
-        assert one.during == other.during
         assert one.translation == verdict.hold_translation[row]
         if one.held:
             assert other.steps >= 6 * PULL_STEPS > one.steps
             assert one.translation <= other.translation
+        else:  # what went beyond its limit is the run's greatest
+            assert one.translation == other.translation or one.rotation == other.rotation

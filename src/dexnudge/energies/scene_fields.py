@@ -73,11 +73,9 @@ SHARP_EDGE = np.radians(30.0)  # dihedral angle above which an edge can dig into
 NO_ENVIRONMENT = 10.0  # [m] distance everywhere when there is none
 
 
-def build_scene_fields(
-    object_mesh: trimesh.Trimesh, environment_mesh: trimesh.Trimesh | None, *, device: str = "cpu"
-) -> WarpStruct:
+def build_scene_fields(object_mesh: trimesh.Trimesh, environment_mesh: trimesh.Trimesh | None) -> WarpStruct:
     """Return grids and test points from meshes that are already in the working frame [m]: a `SceneFields` of the kernel."""
-    return build_guided_fields(object_mesh, environment_mesh, device=device, guiding=False)[0]
+    return build_guided_fields(object_mesh, environment_mesh, guiding=False)[0]
 
 
 def build_guided_fields(

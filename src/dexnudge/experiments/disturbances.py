@@ -1,7 +1,6 @@
 """Frictions and masses other than they were thought to be, one quantity at a time, and draws verified again there."""
 
 from collections.abc import Mapping
-from dataclasses import replace
 from typing import TypeVar
 
 from dexnudge.results.worlds import balanced_in
@@ -51,15 +50,10 @@ def curves_of(rates: Mapping[str, Rate]) -> dict[str, dict[str, dict[float, Rate
     return found
 
 
-def disturbed_scene(scene: Scene, quantity: str, factor: float) -> Scene:
-    """Return the scene with one quantity multiplied."""
-    return replace(scene, **{quantity: factor * getattr(scene, quantity)})
-
-
 def verify_disturbed(scene: Scene, verdicts: Verdicts) -> dict[str, list[bool]]:
     """Return whether each draw succeeds at each setting of `VERIFIED_AT`, in the order of the verdicts.
 
-    Equal to verifying in `disturbed_scene`.
+    Equal to verifying in a scene with that setting.
     """
     worlds = [{quantity: factor * getattr(scene, quantity)} for quantity, factor in VERIFIED_AT]
     found = balanced_in(scene, verdicts, worlds)

@@ -103,7 +103,7 @@ def wind_outward(mesh: trimesh.Trimesh, *, surroundings: bool) -> list[str]:
         inverted = _inverted_parts(mesh, also_open=True) & ~_wide_open(mesh)
     else:
         # An open mesh has a volume only relative to a point: its centre is the one that treats all sides alike.
-        if _volume(mesh.triangles - mesh.bounds.mean(axis=0)) < -FLAT * float(mesh.extents.max()) ** 3:
+        if _volumes(mesh.triangles - mesh.bounds.mean(axis=0)).sum() < -FLAT * float(mesh.extents.max()) ** 3:
             _turn_round(mesh, np.ones(len(mesh.faces), dtype=bool))
             notes.append("the mesh was inside out and was turned round")
         inverted = _inverted_parts(mesh, also_open=repaired)
@@ -209,11 +209,6 @@ def _inverted_parts(mesh: trimesh.Trimesh, *, also_open: bool) -> Bool[np.ndarra
 def _volumes(triangles: np.ndarray) -> np.ndarray:
     """Return six times the signed volume between each of the triangles (n, 3, 3) and the origin."""
     return np.einsum("ij,ij->i", triangles[:, 0], np.cross(triangles[:, 1], triangles[:, 2]))
-
-
-def _volume(triangles: np.ndarray) -> float:
-    """Return six times the signed volume between triangles (n, 3, 3) and the origin."""
-    return float(_volumes(triangles).sum())
 
 
 def without_small_holes(mesh: trimesh.Trimesh) -> trimesh.Trimesh:

@@ -94,8 +94,10 @@ def _check_files(path: Path, packages: Mapping[str, Path | str]) -> None:
                 attached.add((home / element.get("file", "")).resolve())
             if (element.tag == "model" and file in attached) or path.resolve() in attached:
                 raise HandError(f"{file}: <model> in a model that is itself attached: expected one level; copy it in")
-            named = {key: value for key, value in element.attrib.items() if _names_a_file(key)}
-            for value in filter(None, named.values()):
+            named = (
+                value for key, value in element.attrib.items() if key.startswith("file") or key in FOLDER_ATTRIBUTES
+            )
+            for value in filter(None, named):
                 places = [(folder / value).resolve() for folder in folders]
                 if not all(any(place.is_relative_to(allowed) for allowed in roots) for place in places):
                     raise HandError(
@@ -112,10 +114,6 @@ def _copies(root: Element, tag: str) -> int:
     for element in root.iter("replicate"):
         count += int(min(_number(element.get("count")), MAX_COPIES)) * sum(1 for _ in element.iter(tag))
     return count
-
-
-def _names_a_file(attribute: str) -> bool:
-    return attribute.startswith("file") or attribute in FOLDER_ATTRIBUTES
 
 
 def _refuse_excess(element: Element, file: Path) -> None:

@@ -19,7 +19,7 @@ from dexnudge.hands.anatomy import LEAST_DIGITS, LONGEST_DIGIT, HandPart, hand_a
 from dexnudge.hands.checks import direction_numbers, hand_findings
 from dexnudge.hands.closing import Closing, closing, tip_distance
 from dexnudge.hands.config import GEOMETRIES, LONGEST_QUOTE, HandConfig, read_hand_config, unit_direction, yaml_beside
-from dexnudge.hands.hand import Hand, Joint
+from dexnudge.hands.hand import Hand
 from dexnudge.hands.named import HANDS
 from dexnudge.hands.registry import PREPARED_NAME, check_packages, is_description, load_hand, read_hand, read_tree
 from dexnudge.hands.tree import Tree, check_sizes
@@ -220,9 +220,8 @@ def _without_bars(hand: Hand) -> Hand:
     links = {
         digit: [name for name in hand.link_names if hand.digit_of_link[name] == digit] for digit in hand.fingertips
     }
-    motors = {
-        digit: {joint.index for name in links[digit] if (joint := _carrier(hand, name))} - {None} for digit in links
-    }
+    joints = dict(zip(hand.link_names, hand.joints, strict=True))
+    motors = {digit: {joint.index for name in links[digit] if (joint := joints[name])} - {None} for digit in links}
 
     def corners(link: str, pose: int) -> Float[np.ndarray, "corner 3"]:
         index = hand.link_names.index(link)
@@ -246,7 +245,3 @@ def _without_bars(hand: Hand) -> Hand:
     }
     kept = {digit: tip for digit, tip in hand.fingertips.items() if digit not in bars}
     return replace(hand, fingertips=kept) if len(kept) >= LEAST_DIGITS else hand
-
-
-def _carrier(hand: Hand, link: str) -> Joint | None:
-    return hand.joints[hand.link_names.index(link)]

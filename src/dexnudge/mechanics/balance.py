@@ -141,18 +141,16 @@ def problem_margin(problem: BalanceProblem) -> float:
     return low
 
 
-def contact_forces(
-    contacts: HandContacts, supports: SupportContacts, task: SlidingTask, *, factor: float = 1.0
-) -> ContactForces | None:
+def contact_forces(contacts: HandContacts, supports: SupportContacts, task: SlidingTask) -> ContactForces | None:
     """Return the balancing forces with the least total normal force of the hand, or None if nothing balances."""
     problem = balance_problem(contacts, supports, task)
-    solution = solve_balance(problem, factor=factor)
+    solution = solve_balance(problem, factor=1.0)
     if solution is None:
         return None
     count = len(contacts.points)
     normal_forces = solution[: count * EDGE_COUNT].reshape(count, EDGE_COUNT) * task.weight
     support = np.zeros_like(supports.points)
-    columns = problem.support_normal + factor * problem.support_friction
+    columns = problem.support_normal + problem.support_friction
     np.add.at(support, problem.support, solution[count * EDGE_COUNT :, None] * columns[:, :3] * task.weight)
     return ContactForces(
         hand=np.einsum("ck,ckx->cx", normal_forces, np.ascontiguousarray(problem.hand[..., :3])),

@@ -57,14 +57,6 @@ def draw_size(kind: str, generator: np.random.Generator, *, test: bool) -> tuple
     return length, length * width_ratio, length * thickness_ratio
 
 
-def cell_of(kind: str, size: tuple[float, float, float]) -> tuple[int, int]:
-    """Column and row of the cell that an object's (length, width, thickness) lies in."""
-    width_ratio, thickness_ratio = size[1] / size[0], size[2] / size[0]
-    column = _fraction(KINDS[kind].width_ratio, width_ratio) * CELLS
-    row = _fraction(_thickness_range(kind, width_ratio), thickness_ratio) * CELLS
-    return int(column), int(row)
-
-
 def _thickness_range(kind: str, width_ratio: float) -> tuple[float, float]:
     low, high = KINDS[kind].thickness_ratio
     return low, min(high, FLATNESS * width_ratio)
@@ -72,10 +64,6 @@ def _thickness_range(kind: str, width_ratio: float) -> tuple[float, float]:
 
 def _between(limits: tuple[float, float], fraction: float) -> float:
     return float(limits[0] + fraction * (limits[1] - limits[0]))
-
-
-def _fraction(limits: tuple[float, float], value: float) -> float:
-    return (value - limits[0]) / (limits[1] - limits[0])
 
 
 TRAIN_COUNTS = {"phone": 96, "remote": 112, "tablet": 32, "book": 32, "box": 48}

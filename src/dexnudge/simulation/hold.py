@@ -114,7 +114,6 @@ def at_rest(start: ObjectPose, poses: Sequence[ObjectPose], checks_left: int) ->
 PULL = 10.0 * GRASP_MASS  # [N]
 PULL_STEPS = 500  # 2 s, as in DexGraspBench
 DIRECTIONS = np.concatenate([np.eye(3), -np.eye(3)])
-NAMES = ("+x", "+y", "+z", "-x", "-y", "-z")
 
 CLOSING_UPDATES, CLOSING_STEPS, RAMP = 10, 5, 5  # the squeeze grows over 5 updates of 5 steps, then 5 more hold it
 LEAST_SQUEEZE = 1.0  # [N] sum of the contact forces; as strong as the pull
@@ -127,14 +126,12 @@ class Held:
     """The result for one grasp.
 
     reason: "" if it held, else "no contact", "no squeeze" (forces of its contacts cannot balance), "drops" (the object
-    moved too far) or "diverges" (the simulation did). during: "squeeze" or the direction of the pull that ended the
-    test, "" if it held. translation [m] and rotation [rad]: greatest distance from the start at any check. steps: of
-    simulation.
+    moved too far) or "diverges" (the simulation did). translation [m] and rotation [rad]: greatest distance from the
+    start at any check. steps: of simulation.
     """
 
     held: bool
     reason: str
-    during: str
     translation: float
     rotation: float
     steps: int
@@ -165,23 +162,23 @@ class HoldTest:
         self._grasp.place(np.asarray(q, dtype=np.float64))
         run = _Run(object_pose(self._grasp))
         if len(contacts.points) == 0:
-            return run.verdict("no contact", "squeeze")
+            return run.verdict("no contact")
         force, motor_torque = squeeze(self._grasp, contacts, half_length=self._half_length)
         # Forces that hold a pull and its opposite add up to a squeeze: contacts that allow none cannot hold both.
         if float(np.linalg.norm(force, axis=1).sum()) < LEAST_SQUEEZE:
-            return run.verdict("no squeeze", "squeeze")
+            return run.verdict("no squeeze")
         self._close(motor_torque, run)
         reason = run.check(object_pose(self._grasp))
         if reason:
-            return run.verdict(reason, "squeeze")
+            return run.verdict(reason)
         kind = mujoco.mjtState.mjSTATE_INTEGRATION
         mujoco.mj_getState(self._grasp.model, self._grasp.data, self._state, kind)
-        for name, direction in zip(NAMES, DIRECTIONS, strict=True):
+        for direction in DIRECTIONS:
             mujoco.mj_setState(self._grasp.model, self._grasp.data, self._state, kind)
             reason = self._pull(direction, run)
             if reason:
-                return run.verdict(reason, name)
-        return run.verdict("", "")
+                return run.verdict(reason)
+        return run.verdict("")
 
     def _close(self, motor_torque: Float[np.ndarray, " motor"], run: "_Run") -> None:
         """Bring the motors to the wanted torques, whatever gaps they close on the way, and keep their targets there."""
@@ -231,9 +228,9 @@ class _Run:
         self.translation, self.rotation = max(self.translation, translation), max(self.rotation, rotation)
         return "drops" if self.start.share(pose) > 1.0 else ""
 
-    def verdict(self, reason: str, during: str) -> Held:
+    def verdict(self, reason: str) -> Held:
         """Return the result so far; no reason means that the grasp holds."""
-        return Held(not reason, reason, during, self.translation, self.rotation, self.steps)
+        return Held(not reason, reason, self.translation, self.rotation, self.steps)
 
 
 HEAVIER = 1.25  # times the mass: what a scale or a guess may be wrong by
