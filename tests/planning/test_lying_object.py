@@ -1,7 +1,10 @@
 """How an object with two feet comes to rest at an edge, by trigonometry."""
 
+from dataclasses import replace
+
 import numpy as np
 import pytest
+from trimesh.transformations import rotation_matrix
 
 from dexnudge.planning.lying_object import LyingObject
 from dexnudge.planning.object_path import station
@@ -56,3 +59,15 @@ def test_on_feet_so_tall_that_it_would_lean_far_it_tips():
     rest = LyingObject(bridge(0.02)).at_rest(np.array([0.02, 0.0, 0.0]), least=0.0)
     assert rest.margin < 0
     np.testing.assert_array_equal(rest.T_rocked, np.eye(4))
+
+
+@pytest.mark.parametrize("least", [0.0, 0.004])
+@pytest.mark.parametrize("lean", [0.0, 0.02])
+@pytest.mark.parametrize("height", [1e-6, 0.004])  # lying flat, or on its feet
+def test_a_few_points_say_nothing_that_all_of_them_deny(least, lean, height):
+    T_lean, scene = rotation_matrix(lean, [0, 1, 0]), bridge(height)
+    leaning = scene.environment_mesh.copy().apply_transform(T_lean)
+    lying = LyingObject(replace(scene, environment_mesh=leaning, T_world_object=T_lean))
+    for shift in np.linspace([0.0, 0.0, 0.0], [LENGTH, 0.0, 0.0], 25):
+        assert lying.keeps_balance(shift, least=least) == (lying.at_rest(shift, least=least).margin >= least)
+        np.testing.assert_array_equal(lying.rocked(shift), lying.at_rest(shift, least=0.0).T_rocked)

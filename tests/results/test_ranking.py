@@ -9,7 +9,16 @@ import trimesh
 from dexnudge.mechanics.balance import balance_problem, problem_margin
 from dexnudge.mechanics.contacts import HandContacts
 from dexnudge.mechanics.sliding_task import GRAVITY, sliding_task
-from dexnudge.results.path_margins import careful_margins, forward_offset, mean_help, path_margins, pressing_margins
+from dexnudge.planning import object_path
+from dexnudge.planning.object_path import push_length
+from dexnudge.results.path_margins import (
+    careful_margins,
+    find_stations,
+    forward_offset,
+    mean_help,
+    path_margins,
+    pressing_margins,
+)
 from dexnudge.results.ranking import ranking
 from dexnudge.scenes.boxes import box
 from dexnudge.scenes.motion import Turn
@@ -53,6 +62,17 @@ def test_the_least_margin_prefers_the_press_that_stays_over_the_table(at_the_edg
     tips, stays = pressing_margins(at_the_edge, [pressed_at(-0.005), pressed_at(-0.06)])
     assert tips < 1.0
     assert 1.0 <= stays <= 2.0
+
+
+def test_what_ranking_needs_of_the_scene_alone_can_be_found_beforehand(at_the_edge, monkeypatch):
+    scene, draws = replace(at_the_edge), [pressed_at(-0.06)]
+    expected = path_margins(scene, draws, length=push_length(scene)), pressing_margins(scene, draws)
+    find_stations(other := replace(at_the_edge))
+    monkeypatch.setattr(object_path, "_slid", None)  # whatever carries it on its way is known
+    monkeypatch.setattr(object_path, "plan_object_motion", None)
+    found = path_margins(other, draws, length=push_length(other)), pressing_margins(other, draws)
+    np.testing.assert_array_equal(found[0], expected[0])
+    np.testing.assert_array_equal(found[1], expected[1])
 
 
 def test_where_the_object_is_carried_alike_the_beginning_stands_for_the_way(at_the_edge):

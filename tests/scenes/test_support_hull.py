@@ -2,9 +2,9 @@ import numpy as np
 import pytest
 from hypothesis import given
 from hypothesis import strategies as st
-from scipy.spatial import ConvexHull
+from scipy.spatial import ConvexHull, QhullError
 
-from dexnudge.scenes.support_hull import HULL_TOLERANCE, MAX_CORNERS, hull_corners, reduce_supports
+from dexnudge.scenes.support_hull import HULL_TOLERANCE, MAX_CORNERS, hull_corners, outer_points, reduce_supports
 
 HALF_LENGTH = 0.08
 
@@ -73,3 +73,20 @@ def test_rough_ground_is_reduced_to_a_bounded_number() -> None:
 def test_nothing_stays_nothing() -> None:
     kept, normals = reduce_supports(np.zeros((0, 3)), np.zeros((0, 3)), half_length=HALF_LENGTH)
     assert len(kept) == len(normals) == 0
+
+
+@given(st.integers(0, 2**32 - 1), st.integers(4, 300), st.booleans())
+def test_no_corner_of_the_hull_is_among_the_points_left_out(seed, count, regular):
+    points = np.random.default_rng(seed).normal(size=(count, 2))
+    points = 0.002 * np.round(5 * points) if regular else 0.05 * points
+    outer = outer_points(points)
+    assert len(outer) < count or count < 60
+    try:
+        corners = ConvexHull(points).vertices
+    except QhullError:
+        return
+    np.testing.assert_array_equal(outer[ConvexHull(points[outer]).vertices], corners)
+
+
+def test_of_points_in_one_place_all_are_outer_ones():
+    np.testing.assert_array_equal(outer_points(np.ones((5, 2))), np.arange(5))

@@ -55,8 +55,10 @@ class Rays:
         """Way [m] from each point along its own unit direction, or one for all, and the triangle; `reach`, -1 for none."""
         way, face = wp.empty(len(points), dtype=float, device="cpu"), wp.empty(len(points), dtype=int, device="cpu")
         if len(points):
-            origins = wp.array(np.asarray(points - self.origin, dtype=np.float32), dtype=wp.vec3, device="cpu")
-            along = wp.array(np.asarray(directions, dtype=np.float32), dtype=wp.vec3, device="cpu")
+            origins, along = (
+                wp.array(np.ascontiguousarray(each, dtype=np.float32), dtype=wp.vec3, device="cpu", copy=False)
+                for each in (points - self.origin, directions)
+            )
             inputs = [self._mesh.id, origins, along, float(reach)]
             wp.launch(_first_hit, dim=len(points), inputs=inputs, outputs=[way, face], device="cpu")
         return way.numpy().astype(np.float64), face.numpy()
@@ -205,7 +207,8 @@ class ExactDistance:
         count = len(points)
         if count == 0:
             return ExactHit(np.zeros(0), np.zeros((0, 3)), np.zeros((0, 3)), np.zeros(0, dtype=np.int32))
-        local = wp.array(np.asarray(points - self.origin, dtype=np.float32), dtype=wp.vec3, device=self.device)
+        local = np.ascontiguousarray(points - self.origin, dtype=np.float32)
+        local = wp.array(local, dtype=wp.vec3, device=self.device, copy=False)
         distance = wp.empty(count, dtype=float, device=self.device)
         closest = wp.zeros(count, dtype=wp.vec3, device=self.device)
         face = wp.zeros(count, dtype=int, device=self.device)

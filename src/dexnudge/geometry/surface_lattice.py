@@ -4,6 +4,7 @@ Unlike random points these need no search, are the same for any part of a surfac
 corner and edge of the mesh, where one body reaches deepest into another.
 """
 
+from collections.abc import Sequence
 from dataclasses import dataclass
 
 import numpy as np
@@ -16,15 +17,34 @@ def distinct_rows(rows: Num[np.ndarray, "n column"]) -> tuple[Int[np.ndarray, " 
     The same as `return_index` and `return_inverse` of `numpy.unique(rows, axis=0)`, which compares whole rows as one
     record. `rows` holds no NaN and at least one column.
     """
-    order = np.lexsort(rows.T[::-1])
-    ordered = rows[order]
+    columns = [np.ascontiguousarray(column) for column in rows.T]
+    if (key := _one_number(columns)) is not None:
+        columns = [key]
+    order = np.lexsort(columns[::-1])
     begins = np.ones(len(rows), dtype=bool)
-    begins[1:] = (ordered[1:] != ordered[:-1]).any(axis=1)
+    begins[1:] = np.any([column[order[1:]] != column[order[:-1]] for column in columns], axis=0)
     place = np.empty(len(rows), dtype=np.int64)
     place[order] = np.cumsum(begins) - 1
     return order[begins], place
 
 
+def _one_number(columns: Sequence[Num[np.ndarray, " n"]]) -> Int[np.ndarray, " n"] | None:
+    """Return a number for each row of whole numbers, ordered as the rows are; None where it would not fit 63 bits."""
+    key = np.zeros(len(columns[0]), dtype=np.int64)
+    if not len(key):
+        return key
+    low, high = [column.min() for column in columns], [column.max() for column in columns]
+    counts = [float(most) - float(least) + 1 for most, least in zip(high, low, strict=True)]
+    exact = max(map(abs, map(float, (*low, *high)))) < LARGEST_WHOLE and np.prod(counts) < LARGEST_KEY
+    if not exact or any((column != np.rint(column)).any() for column in columns):
+        return None
+    for column, least, count in zip(columns, low, counts, strict=True):
+        key = key * int(count) + (column - least).astype(np.int64)
+    return key
+
+
+LARGEST_WHOLE = 2.0**53  # up to which a float64 holds every whole number
+LARGEST_KEY = 2.0**62  # of `_one_number`: below the largest integer, whatever rounding does to the product
 PAIRS_AT_ONCE = 2_000_000  # (box, triangle) comparisons made in one array, to bound memory
 
 

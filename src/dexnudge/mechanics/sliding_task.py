@@ -9,6 +9,7 @@ from jaxtyping import Float
 
 from dexnudge.errors import InputError
 from dexnudge.geometry.meshes import centre_of_mass
+from dexnudge.jobs.cached import cached_per_instance
 from dexnudge.scenes.motion import Twist
 from dexnudge.scenes.scene import Scene
 
@@ -63,8 +64,9 @@ class SlidingTask:
         return replace(self, twist=twist)
 
 
+@cached_per_instance
 def sliding_task(scene: Scene) -> SlidingTask:
-    """Return the task of a scene where its motion begins; the length is that of the object in its own frame."""
+    """Return the task of a scene where its motion begins, found once per scene; lengths are of the object in its frame."""
     T_world_object = np.asarray(scene.T_world_object, dtype=np.float64)
     return SlidingTask(
         centre=T_world_object[:3, :3] @ centre_of_mass(scene.object_mesh) + T_world_object[:3, 3],

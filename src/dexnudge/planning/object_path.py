@@ -77,7 +77,7 @@ def _slid(scene: Scene, way: float) -> Station:
     if way > 0:
         T_world_object = np.array(scene.T_world_object)
         T_world_object[:3, 3] += way * scene.motion
-        T_world_object = lying_object(scene).at_rest(way * scene.motion, least=0.0).T_rocked @ T_world_object
+        T_world_object = lying_object(scene).rocked(way * scene.motion) @ T_world_object
         found = support_contacts(replace(scene, T_world_object=T_world_object))
         supports = replace(found, points=found.points - way * scene.motion)
     return Station(0.0, np.eye(4), supports, twist)
@@ -87,7 +87,7 @@ def _turned(scene: Scene, motion: Motion, way: float) -> Station:
     there = scene.carried(way)
     resting = there
     if way > 0 and stays_flat(scene):
-        T_rocked = lying_object(there).at_rest(np.zeros(3), least=0.0).T_rocked
+        T_rocked = lying_object(there).rocked(np.zeros(3))
         resting = replace(there, T_world_object=T_rocked @ there.T_world_object)
     return Station(0.0, motion.displacement(way), support_contacts(resting), motion.twist(way))
 
@@ -119,6 +119,7 @@ def _known(_: Scene) -> dict[float, Station]:
 STEP = 0.0025  # [m] between the places that are tried
 BALANCE_STEPS = 4  # of these per check of the balance: where support ends is found 10 mm too late at most
 FRONTS = 16  # of these whose fronts are looked at in one query
+PARTS = (0.3, np.inf)  # of its length, in which points without room are looked for at its front
 STOP_SHORT = 0.001  # [m] kept from what ends a free way
 LEAST_FREE = 0.020  # [m] least length of the free part: a fingertip's
 LONGEST = 1.0  # [m] of the whole motion
@@ -179,41 +180,58 @@ def plan_object_motion(scene: Scene, limits: GraspableLimits = DEFAULT_LIMITS) -
     if isinstance(way, Outcome):
         return way
     start = scene.T_world_object[:3, 3]
-    return ObjectMotion(start, start + way * direction, *_free_part(lying, way * direction, direction, limits.room))
+    free = _free_part(lying, _Along.of(lying, direction), way * direction, limits.room)
+    return ObjectMotion(start, start + way * direction, *free)
 
 
 def _distance(lying: LyingObject, direction: np.ndarray, limits: GraspableLimits) -> float | Outcome:
     """Return the least way [m] along a direction to where the object is graspable."""
     free_way = lying.free_travel(direction, reach=LONGEST + STOP_SHORT) - STOP_SHORT
-    places = np.arange(0.0, free_way, STEP)[:, None] * direction
+    places, along = np.arange(0.0, free_way, STEP)[:, None] * direction, _Along.of(lying, direction)
     for index, place in enumerate(places):
         if index % FRONTS == 0:
             carried = lying.front_is_carried(places[index : index + FRONTS], direction, limits.room)
-        if index % BALANCE_STEPS == 0 and lying.at_rest(place, least=limits.balance).margin < limits.balance:
+        if index % BALANCE_STEPS == 0 and not lying.keeps_balance(place, least=limits.balance):
             return Outcome.WOULD_TIP
         if carried[index % FRONTS]:
             continue
-        overhang, free_length = _free_part(lying, place, direction, limits.room)
+        overhang, free_length = _free_part(lying, along, place, limits.room)
         if overhang > limits.overhang[1]:
             return Outcome.WOULD_OVERHANG
         if overhang >= limits.overhang[0] and free_length >= LEAST_FREE:
-            if lying.at_rest(place, least=limits.balance).margin < limits.balance:
+            if not lying.keeps_balance(place, least=limits.balance):
                 return Outcome.WOULD_TIP
             return index * STEP
     return Outcome.OBSTRUCTED if free_way < LONGEST - STEP else Outcome.NO_EDGE
 
 
-def _free_part(lying: LyingObject, shift: np.ndarray, direction: np.ndarray, room: float) -> tuple[float, float]:
+@dataclass(frozen=True)
+class _Along:
+    """Where an object's front is along a direction, its length, and its points of both sides [m]."""
+
+    front: float
+    length: float
+    lower: Float[np.ndarray, " n"]
+    upper: Float[np.ndarray, " m"]
+
+    @classmethod
+    def of(cls, lying: LyingObject, direction: np.ndarray) -> "_Along":
+        along = lying.points @ direction
+        return cls(float(along.max()), float(np.ptp(along)), lying.lower @ direction, lying.upper @ direction)
+
+
+def _free_part(lying: LyingObject, along: _Along, shift: np.ndarray, room: float) -> tuple[float, float]:
     """Return overhang [-] and length [m] of the free part of the shifted object; see `ObjectMotion`."""
-    below, above = lying.below(shift), lying.above(shift)
-    lower, upper = lying.lower @ direction, lying.upper @ direction
-    along = lying.points @ direction
-    front, length = float(along.max()), float(np.ptp(along))
-    tight = np.concatenate([lower[below < room], upper[above < room]])
+    for share in PARTS:  # from the front, until something has no room
+        lower, upper = (side > along.front - share * along.length for side in (along.lower, along.upper))
+        below, above = lying.below(shift, lower), lying.above(shift, upper)
+        tight = np.concatenate([along.lower[lower][below < room], along.upper[upper][above < room]])
+        if len(tight):
+            break
     edge = float(tight.max(initial=-np.inf))
-    roomy = np.concatenate([lower[lower > edge], upper[upper > edge]])
-    free = front - float(roomy.min(initial=front))  # from a point that has room: never more than is free
-    return free / length, free
+    roomy = np.concatenate([side[side > edge] for side in (along.lower, along.upper)])
+    free = along.front - float(roomy.min(initial=along.front))  # from a point that has room: never more than is free
+    return free / along.length, free
 
 
 @cached_per_instance

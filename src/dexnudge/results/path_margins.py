@@ -31,19 +31,32 @@ def path_margins(
     Hand and object are carried `length` [m] along the motion, keeping their contacts; what the surroundings carry is found
     anew at each place. A way of no length has one place.
     """
-    return _margins_at(scene, contacts, np.linspace(0.0, length, STATIONS + 1).tolist() if length > 0 else [0.0])
+    return _margins_at(scene, contacts, _ways(length))
+
+
+def _ways(length: float) -> list[float]:
+    return np.linspace(0.0, length, STATIONS + 1).tolist() if length > 0 else [0.0]
+
+
+def find_stations(scene: Scene) -> None:
+    """Find once what ranking needs of a scene whatever is drawn: how far the push goes, and what carries the object."""
+    motion = scene.object_motion
+    for way in {*_ways(push_length(scene)), *motion.beginnings, motion.length}:
+        station(scene, way)
 
 
 def _margins_at(
-    scene: Scene, contacts: Sequence[HandContacts], ways: Sequence[float]
+    scene: Scene, contacts: Sequence[HandContacts], ways: Sequence[float], *, grip: float = 1.0
 ) -> Float[np.ndarray, "configuration place"]:
+    """Force margins where the object has been carried by `ways` [m], with the share `grip` of the hand's friction."""
     batch, task, margins = ContactBatch.of(contacts), sliding_task(scene), []
+    task = replace(task, friction_hand=grip * task.friction_hand)
     for way in ways:
-        known = batch.derived.get((_margins_at, way))
+        known = batch.derived.get((_margins_at, way, grip))
         if known is None or known[0] is not scene:
             here = station(scene, way)
             found = force_margins(batch.moved(here.T), here.supports, here.task(task)).factor[:, 0]
-            known = batch.derived[_margins_at, way] = scene, found
+            known = batch.derived[_margins_at, way, grip] = scene, found
         margins.append(known[1])
     return np.stack(margins, axis=1)
 
@@ -77,9 +90,8 @@ def careful_margins(scene: Scene, contacts: Sequence[HandContacts]) -> Float[np.
     fingertip to hold a moment, does not hold in physics.
     """
     blunt, motion = ContactBatch.of([_blunted(each) for each in contacts]), scene.object_motion
-    slippery = (replace(scene, friction_hand=share * scene.friction_hand) for share in CAREFUL)
     ways = [*motion.beginnings, motion.length]
-    return np.mean([_margins_at(each, blunt, ways).min(axis=1) for each in slippery], axis=0)
+    return np.mean([_margins_at(scene, blunt, ways, grip=share).min(axis=1) for share in CAREFUL], axis=0)
 
 
 def _blunted(contacts: HandContacts) -> HandContacts:

@@ -21,6 +21,7 @@ from dexnudge.energies.terms import EnergyTerm, check_terms
 from dexnudge.errors import CheckpointError, InputError, check_integer, check_kind, check_path, check_seed
 from dexnudge.geometry.devices import check_device, free_memory, own_modes, ran_out_of_memory, torch_stream
 from dexnudge.hands.hand import Hand
+from dexnudge.results.path_margins import find_stations
 from dexnudge.results.samples import Samples
 from dexnudge.sampling.denoise import denoise
 from dexnudge.sampling.methods import Method, find_method
@@ -240,6 +241,8 @@ class Sampler:
         if problem is None:
             start = time.perf_counter()
             problem = self._prepared(scene)
+            if problem.balances:  # without, nothing can be verified
+                find_stations(scene)
             seconds.update({"prepare": time.perf_counter() - start})
         drawn = succeeded = 0
         most = self._most_at_once(method, min(num, limit))

@@ -21,6 +21,10 @@ TURNING_TOLERANCE = 0.05
 little friction, rather than the corners [-]."""
 MAX_CORNERS = 32
 """Corners kept per plane: a circle loses 0.5 % of its radius."""
+DIRECTIONS = np.stack([np.cos(np.arange(8) * np.pi / 4), np.sin(np.arange(8) * np.pi / 4)])
+"""In which the farthest points are looked for, counter-clockwise; unit."""
+INSIDE = 1e-9
+"""A point at least this deep within a polygon of others is no corner, whatever rounding does [m]."""
 
 _Points = Float[np.ndarray, "point 3"]
 _Kept = Float[np.ndarray, "kept 3"]
@@ -76,8 +80,9 @@ def hull_corners(points: _Points, normal: Float[np.ndarray, "3"], *, tolerance: 
     if len(points) < 3 or np.ptp(across) <= tolerance:
         ends = [int(np.argmin(along)), int(np.argmax(along))]
         return np.array(ends if np.ptp(along) > tolerance else ends[:1])
+    outer = outer_points(flat)
     try:
-        corners = list(ConvexHull(flat).vertices)
+        corners = outer[ConvexHull(flat[outer]).vertices].tolist()
     except QhullError:
         return np.array([int(np.argmin(along)), int(np.argmax(along))])
     while len(corners) > 3:
@@ -88,6 +93,21 @@ def hull_corners(points: _Points, normal: Float[np.ndarray, "3"], *, tolerance: 
             break
         del corners[flattest]
     return np.array(corners)
+
+
+def outer_points(flat: Float[np.ndarray, "point 2"]) -> Int[np.ndarray, " outer"]:
+    """Return the points among which the corners of the convex hull are: those not within the octagon of the farthest.
+
+    flat: [m]. All of them where they lie in one place.
+    """
+    farthest = flat[(flat @ DIRECTIONS).argmax(axis=0)]
+    side = np.roll(farthest, -1, axis=0) - farthest
+    if not (apart := side.any(axis=1)).any():
+        return np.arange(len(flat))
+    farthest, side = farthest[apart], side[apart]
+    outward = np.stack([side[:, 1], -side[:, 0]])
+    beyond = flat @ outward - np.einsum("kx,xk->k", farthest, outward)
+    return np.flatnonzero((beyond >= -INSIDE * np.abs(side).sum(axis=1)).any(axis=1))
 
 
 def _height_over_chord(outline: Float[np.ndarray, "corner 2"]) -> Float[np.ndarray, "corner"]:
