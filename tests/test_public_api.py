@@ -45,6 +45,13 @@ def test_importing_it_loads_nothing_heavy():
     assert done.stdout.strip() == "[]"
 
 
+def test_drawing_loads_nothing_that_it_does_not_need():
+    code = "import sys, dexnudge as dn; dn.Sampler(dn.load_hand('shadow_lite')).load('steered_noise'); dn.build_scene; "
+    code += "print([name for name in ('pyarrow', 'mujoco', 'matplotlib', 'rich', 'tyro') if name in sys.modules])"
+    done = subprocess.run([sys.executable, "-c", code], capture_output=True, text=True, check=True)
+    assert done.stdout.strip() == "[]"
+
+
 @pytest.mark.parametrize(
     ("before", "given", "threads", "spin"),
     [

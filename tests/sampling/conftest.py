@@ -11,7 +11,7 @@ from dexnudge.diffusion.prior import DiffusionPrior
 from dexnudge.hands.hand import Hand
 from dexnudge.objects.builtin import builtin_object
 from dexnudge.sampling.problem import SamplingProblem, prepare
-from dexnudge.sampling.starts import random_start
+from dexnudge.sampling.random_start import random_start
 from dexnudge.scenes.families import SCENE_FAMILIES
 from dexnudge.scenes.scene import Scene
 

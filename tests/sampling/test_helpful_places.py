@@ -10,7 +10,7 @@ from dexnudge.energies.force_residual import ForceResidual
 from dexnudge.sampling.helpful_places import STRIDE
 from dexnudge.sampling.problem import TIP_RADIUS, prepare
 from dexnudge.sampling.projection import ProjectionConfig, project
-from dexnudge.sampling.starts import random_start
+from dexnudge.sampling.random_start import random_start
 from dexnudge.scenes.families import build_scene
 from dexnudge.verification.verdicts import verify
 

@@ -12,7 +12,7 @@ from dexnudge.geometry.surface_points import object_cloud
 from dexnudge.objects.builtin import builtin_object
 from dexnudge.sampling.problem import FACING_MOTION, PUSHABLE, ROOM, TIP_RADIUS, prepare, pushable_surface
 from dexnudge.sampling.projection import ProjectionConfig, project
-from dexnudge.sampling.starts import random_start
+from dexnudge.sampling.random_start import random_start
 from dexnudge.scenes.families import build_scene
 from dexnudge.scenes.motion import Motion, Turn, Twist
 from dexnudge.scenes.uncertainty import Uncertainty

@@ -9,7 +9,7 @@ from collections.abc import Callable, Sequence
 from dataclasses import dataclass, replace
 from functools import cached_property
 from pathlib import Path
-from typing import Any
+from typing import TYPE_CHECKING, Any
 
 import numpy as np
 import torch
@@ -27,11 +27,14 @@ from dexnudge.sampling.denoise import denoise
 from dexnudge.sampling.methods import Method, find_method
 from dexnudge.sampling.problem import PreparedScene, SamplingProblem
 from dexnudge.sampling.projection import project
-from dexnudge.sampling.starts import TrainingPoses, nearest_pose_start, random_start
+from dexnudge.sampling.random_start import random_start
 from dexnudge.scenes.scene import Scene
 from dexnudge.scenes.uncertainty import Uncertainty
 from dexnudge.verification.criteria import Criterion, check_criteria, missing_criteria
 from dexnudge.verification.verdicts import Verdicts, verify
+
+if TYPE_CHECKING:
+    from dexnudge.sampling.starts import TrainingPoses
 
 WEIGHTS_FOLDER = "weights"  # beside a hand's description: the model that was learned for it
 DEFAULT_METHOD = "steered_noise"
@@ -175,7 +178,9 @@ class Sampler:
                 "the method starts from stored poses; expected a dataset folder, got none; pass one as `poses` "
                 "(on the command line as `data`)"
             )
-        return self._poses if isinstance(self._poses, TrainingPoses) else TrainingPoses.load(self._poses, self.hand)
+        from dexnudge.sampling.starts import TrainingPoses
+
+        return TrainingPoses.load(self._poses, self.hand) if isinstance(self._poses, str | Path) else self._poses
 
     @own_modes()
     def sample(
@@ -321,6 +326,8 @@ class Sampler:
         if method.start == "random":
             q = random_start(self.hand, problem.cloud, count=num, generator=generator).to(self.device)
         elif method.start == "nearest":
+            from dexnudge.sampling.starts import nearest_pose_start
+
             q = nearest_pose_start(self.poses, problem.cloud, count=num, generator=generator).to(self.device)
         else:
             q = denoise(

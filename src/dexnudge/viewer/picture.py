@@ -183,6 +183,7 @@ def render_array(
     )
     parallel_launch(trace_picture, width * height, [geometry, view, pixels])
     parallel_launch(shade_picture, width * height, [geometry, view, pixels, colour])
+    del pixels  # three times as large as the picture
     return _to_bytes(colour.numpy().reshape(height, width, 3))
 
 
@@ -232,8 +233,8 @@ def _view(camera: Camera, size: tuple[int, int], grid: int) -> WarpStruct:
 
 
 def _to_bytes(linear: Float[np.ndarray, "height width 3"]) -> UInt8[np.ndarray, "height width 3"]:
-    """Return the sRGB bytes (IEC 61966-2-1) of linear light."""
-    value = np.clip(linear, 0.0, 1.0)
+    """Return the sRGB bytes (IEC 61966-2-1) of linear light, which is clipped."""
+    value = np.clip(linear, 0.0, 1.0, out=linear)
     bright = value ** (1 / 2.4)
     bright *= 1.055
     bright -= 0.055
