@@ -11,6 +11,7 @@ from dexnudge.geometry.surface_points import surface_points
 from dexnudge.objects.builtin import builtin_object
 from dexnudge.scenes.boxes import box, joined
 from dexnudge.scenes.families.shelf import cell
+from dexnudge.simulation import decomposition
 from dexnudge.simulation.convex_pieces import (
     DECOMPOSE_OBJECT,
     TOLERANCE,
@@ -85,7 +86,9 @@ def test_of_a_sheet_beside_a_box_the_surface_is_taken():
     assert (second[:, 2].min(), second[:, 2].max()) == pytest.approx((-DEPTH, 0.0))
 
 
-def test_what_takes_too_long_is_refused_with_what_to_do():
+@pytest.mark.parametrize("busy", [1, 10_000], ids=["by the clock", "by what it computes"])
+def test_what_takes_too_long_is_refused_with_what_to_do(busy, monkeypatch):
+    monkeypatch.setattr(decomposition, "BUSY", busy)
     hollow = trimesh.creation.annulus(0.03, 0.05, 0.02, sections=64)
     with pytest.raises(MeshError) as raised:
         decomposed(hollow, DECOMPOSE_OBJECT, limit=0.05)
