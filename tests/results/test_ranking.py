@@ -7,7 +7,7 @@ import pytest
 import trimesh
 
 from dexnudge.mechanics.balance import balance_problem, problem_margin
-from dexnudge.mechanics.contacts import HandContacts
+from dexnudge.mechanics.contacts import HandContacts, moved_contacts
 from dexnudge.mechanics.sliding_task import GRAVITY, sliding_task
 from dexnudge.planning import object_path
 from dexnudge.planning.object_path import push_length
@@ -235,6 +235,57 @@ def test_careful_margins_are_those_of_blunt_contacts_with_less_friction(turning)
     found = careful_margins(turning, couples(turning))
     diagonal = (end - side + (end + side) * less) / np.sqrt(2.0)
     np.testing.assert_allclose(found, [of_couple(diagonal), of_couple(end - 0.009 + side * less)], atol=4e-3)
+
+
+@pytest.fixture(scope="module")
+def tipped() -> Scene:
+    """A board on its end, 6 mm thick, tipped by 15 degrees over its front, at x = 0, then pulled by 5 cm."""
+    pose = np.eye(4)
+    pose[:3, 3] = -0.04, 0.0, 0.06
+    turn = Turn(np.radians(15.0), np.array([0.0, 1.0, 0.0]), np.zeros(3))
+    board, table = trimesh.creation.box((0.08, 0.006, 0.12)), box((-0.5, -0.3, -0.04), (0.5, 0.3, 0.0))
+    forward = np.array([1.0, 0.0, 0.0])
+    return Scene(board, table, pose, forward, motion_length=0.05, turn=turn, max_normal_force=3.0)
+
+
+def pinches(*places: tuple[float, float]) -> HandContacts:
+    """Links that touch the board's sides, 10 mm below its top: x [m] and the side of each."""
+    points = np.array([[x, 0.003 * side, 0.11] for x, side in places])
+    return HandContacts(points=points, normals=np.sign(points) * [0.0, 1.0, 0.0], link=np.arange(len(places)))
+
+
+def test_careful_margins_of_what_is_pulled_upright_are_also_those_of_weights_that_lean(tipped):
+    hands = [pinches((-0.03, 1), (-0.03, -1)), pinches((-0.01, 1), (-0.05, 1), (-0.03, -1), (-0.07, -1))]
+    motion, found = tipped.object_motion, []
+    for share in (0.75, 0.5):
+        for lean in np.radians([-5.0, 0.0, 5.0]):
+            load, margins = np.array([0.0, np.sin(lean), -np.cos(lean), 0.0, 0.0, 0.0]), []
+            for way in (*motion.beginnings, motion.length):
+                there = replace(tipped.carried(way), friction_hand=share * tipped.friction_hand)
+                carried = [moved_contacts(each, motion.displacement(way)) for each in hands]
+                problems = [balance_problem(each, support_contacts(there), sliding_task(there)) for each in carried]
+                margins.append([problem_margin(replace(each, load=load)) for each in problems])
+            found.append(np.min(margins, axis=0))
+    pair, four = np.mean(found, axis=0)
+    np.testing.assert_allclose(careful_margins(tipped, hands), [pair, four], atol=4e-3)
+    assert found[4][0] > 2.9 > 1.0 > found[3][0], "upright the pair holds it with half its friction"
+    assert four > pair + 0.5
+
+
+def test_fingers_before_and_behind_do_not_count_where_the_object_is_pulled_upright(tipped):
+    pair, more = pinches((-0.03, 1), (-0.03, -1)), pinches((-0.03, 1), (-0.03, -1), (0.0, 1), (-0.08, -1))
+    more.normals[2:] = [[1.0, 0.0, 0.0], [-1.0, 0.0, 0.0]]
+    without, found = careful_margins(tipped, [pair, more])
+    assert found == without
+
+
+def test_what_stands_beside_an_object_is_not_counted_on_where_it_is_pulled_out(tipped):
+    beside = box((-0.09, 0.0035, 0.0), (0.0, 0.03, 0.1))
+    between = replace(tipped, environment_mesh=trimesh.util.concatenate([tipped.environment_mesh, beside]))
+    assert (support_contacts(between).normals[:, 1] < -0.9).any()
+    hands = [pinches((-0.03, 1), (-0.03, -1)), pinches((-0.03, -1))]
+    np.testing.assert_allclose(careful_margins(between, hands), careful_margins(tipped, hands), atol=1e-6)
+    assert careful_margins(between, hands)[1] == 0.0
 
 
 def test_what_needs_an_edge_ranks_behind_what_presses_on_faces_only_where_the_object_turns(turning, boxy_hand):

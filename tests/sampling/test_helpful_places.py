@@ -69,6 +69,32 @@ def test_one_free_fingertip_is_drawn_and_where_it_arrives_the_residual_falls_by_
     assert not helpful(touched.wrench, touched.loaded, tips)[0][0, 3], "what carries force stays"
 
 
+@pytest.fixture(scope="module")
+def pulled():
+    return prepare(build_scene("book", "phone", seed=1))
+
+
+def test_what_is_pulled_is_balanced_where_its_slide_ends_on_the_board_alone_in_worlds_that_lean(pulled):
+    tip, *slides = pulled.balances
+    angle = pulled.scene.turn.angle
+    to_world = np.array([[np.cos(angle), 0.0, np.sin(angle)], [0.0, 1.0, 0.0], [-np.sin(angle), 0.0, np.cos(angle)]])
+    sideways = []
+    for slide in slides:
+        down = to_world @ slide.gravity.numpy()  # the hand sees it from the tipped object, whose tip is about y
+        assert down[2] == pytest.approx(-np.cos(np.radians(5.0)), abs=1e-6)
+        sideways.append(down[1])
+        wrenches = slide.support_wrenches.numpy()[:, :3] @ to_world.T
+        np.testing.assert_allclose(wrenches[:, 1:], np.tile([0.0, 1.0], (len(wrenches), 1)), atol=1e-6)
+        assert slide.friction_hand < pulled.scene.friction_hand
+    np.testing.assert_allclose(sorted(sideways), np.sin(np.radians([-5.0, 5.0])), atol=1e-6)
+    np.testing.assert_allclose(tip.gravity, [0.0, 0.0, -1.0], atol=1e-6)
+
+
+def test_fingertips_are_drawn_to_the_sides_and_the_top_of_what_is_pulled(pulled):
+    assert len(pulled.helpful.places) > 0
+    assert pulled.helpful.normals[:, 0].abs().max() < 0.5
+
+
 @pytest.mark.slow
 def test_more_hands_can_tip_a_book_when_free_fingertips_help(hand):
     """Random hands, judged; the same projection without the pull is the reference."""

@@ -318,6 +318,18 @@ def test_a_pinch_is_given_up_where_its_links_feel_too_little_of_what_they_should
     assert (phases.count(PUSH) < 10) == given_up
 
 
+def test_a_pinch_is_not_given_up_once_it_pulls_for_what_it_holds_would_fall(simulation):
+    loop, turn = Feedback(), stage_ends(TIPPED)[0]
+    loop.start(PushPlan(TIPPED, replace(pressing(simulation, 4.0), pinches=True), HandDrive.of(simulation)))
+    start, phases = pose(position=(0.0, 0.0, HEIGHT / 2)), []
+    for step in range(len(TIPPED.phase)):
+        palm, force = pose(position=TIPPED.position[step]), 4.0 if step <= turn + 10 else 0.3 * 4.0
+        if (told := loop.command(observation(TIPPED.displacement[step] @ start, palm, force=force))) is None:
+            break
+        phases.append(told.phase)
+    assert phases.count(PUSH) > 0.9 * np.count_nonzero(TIPPED.phase == PUSH)
+
+
 def test_a_correction_turns_the_hand_about_the_object(simulation):
     """An object that lies turned by a little is answered by a palm that turns against it, fingers and all."""
     loop = Feedback()

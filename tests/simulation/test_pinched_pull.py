@@ -77,11 +77,11 @@ def test_the_slide_begins_with_the_forces_with_which_the_tip_ends(forces, slides
     assert step.max() < 0.05 * np.linalg.norm(forces.force[first], axis=1).max()
 
 
-def test_what_is_pulled_once_it_is_tipped_is_pinched_from_the_start_by_all_that_touches(
+def test_what_is_pulled_once_it_is_tipped_is_pinched_from_the_start_by_all_that_touches_its_sides(
     forces, simulation, q, contacts, scene
 ):
-    assert (forces.link_force[:, 1:] >= PINCH).all()
-    assert (forces.link_force > 0.1).all()
+    np.testing.assert_allclose(forces.link_force[:, 1:], PINCH, rtol=0.01)
+    np.testing.assert_array_equal(forces.link_force[:, 0], 0.0)  # behind it
     alone = planned(simulation, q, contacts, replace(scene, motion_length=0.0))  # the palm's push tips it as well
     np.testing.assert_array_equal(alone.link_force[:, 1:], 0.0)
 

@@ -66,6 +66,7 @@ def wrenches(
 
 
 PRESSING = 0.7  # cosine between a contact's inward normal and the way down or forward, from which it presses or pushes
+ACROSS = 0.5  # cosine of a contact's normal with the way, up to which it pinches what is pulled
 
 
 def pressing(contacts: HandContacts, twist: Twist) -> Bool[np.ndarray, " contact"]:
@@ -75,6 +76,14 @@ def pressing(contacts: HandContacts, twist: Twist) -> Bool[np.ndarray, " contact
     be just right; in physics such a contact turns the object or slips off. Nothing depends on those that press or push.
     """
     return helping(contacts, twist) > PRESSING
+
+
+def across(contacts: HandContacts, direction: Float[np.ndarray, "3"]) -> Bool[np.ndarray, " contact"]:
+    """Return which contacts pinch an object pulled in a direction (unit): on its sides or on top, not before or behind it.
+
+    Between fingers before and behind it the object is squeezed, or let go, by as much as the hand lags or leads.
+    """
+    return np.abs(contacts.normals @ direction) < ACROSS
 
 
 def helping(contacts: HandContacts, twist: Twist) -> Float[np.ndarray, " contact"]:

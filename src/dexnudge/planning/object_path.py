@@ -15,11 +15,12 @@ from dexnudge.jobs.cached import cached_per_instance
 from dexnudge.mechanics.sliding_task import SlidingTask
 from dexnudge.planning.lying_object import LyingObject, lying_object
 from dexnudge.planning.outcomes import Outcome
-from dexnudge.scenes.motion import Motion, Twist
+from dexnudge.scenes.motion import Motion, Turn, Twist
 from dexnudge.scenes.scene import Scene
-from dexnudge.scenes.support_contacts import SupportContacts, support_contacts, turns_in_place
+from dexnudge.scenes.support_contacts import UPWARD, SupportContacts, support_contacts, turns_in_place
 
 STRIDE = 0.01  # [m] at most between two places
+LEAN = np.radians(5.0)  # of the world in which a pinch should still hold what is pulled
 STAGE_END = 0.001  # [m] before the end of a turn, from where on forces change to those of the slide
 
 
@@ -40,6 +41,13 @@ class Station:
     T: Float[np.ndarray, "4 4"]
     supports: SupportContacts
     twist: Twist
+
+    def moved(self, T: Float[np.ndarray, "4 4"]) -> "Station":
+        """Return the place in a world that the rigid transform T has moved, gravity excepted."""
+        supports = SupportContacts(
+            points=self.supports.points @ T[:3, :3].T + T[:3, 3], normals=self.supports.normals @ T[:3, :3].T
+        )
+        return Station(self.done, T @ self.T, supports, self.twist.moved(T))
 
     def task(self, start: SlidingTask) -> SlidingTask:
         """Return the task here of an object that has this task where its motion begins."""
@@ -89,12 +97,31 @@ def _turned(scene: Scene, motion: Motion, way: float) -> Station:
     if way > 0 and stays_flat(scene):
         T_rocked = lying_object(there).rocked(np.zeros(3))
         resting = replace(there, T_world_object=T_rocked @ there.T_world_object)
-    return Station(0.0, motion.displacement(way), support_contacts(resting), motion.twist(way))
+    supports = support_contacts(resting)
+    if pulled(scene):  # out of a row: what stands beside it is soon gone, and wedges what leans on it
+        below = supports.normals[:, 2] > UPWARD
+        supports = SupportContacts(points=supports.points[below], normals=supports.normals[below])
+    return Station(0.0, motion.displacement(way), supports, motion.twist(way))
 
 
 def stays_flat(scene: Scene) -> bool:
     """Return whether the object keeps lying on its support as it moves: it slides, or turns about the support's normal."""
     return scene.turn is None or turns_in_place(scene)
+
+
+def pulled(scene: Scene) -> bool:
+    """Return whether the object is tipped and then slides: a hand pinches it, and nothing else keeps it upright."""
+    return scene.turn is not None and scene.motion_length > 0 and not stays_flat(scene)
+
+
+def leans(scene: Scene) -> list[Float[np.ndarray, "4 4"]]:
+    """Return rigid transforms (world) that lean the world to the left and right of the way of what is `pulled`; else none.
+
+    Contacts wander: a hand that holds the object there, too, has something left for that.
+    """
+    if not pulled(scene):
+        return []
+    return [Turn(LEAN, sign * scene.motion, scene.centre_of_mass).transform(LEAN) for sign in (-1.0, 1.0)]
 
 
 def check_slides(scene: Scene, what: str) -> None:

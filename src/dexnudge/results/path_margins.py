@@ -11,15 +11,16 @@ from jaxtyping import Float
 
 from dexnudge.mechanics.contacts import ContactBatch, HandContacts
 from dexnudge.mechanics.fast_balance import force_margins
-from dexnudge.mechanics.friction_cone import helping, pressing
+from dexnudge.mechanics.friction_cone import across, helping, pressing
 from dexnudge.mechanics.sliding_task import sliding_task
-from dexnudge.planning.object_path import push_length, station
+from dexnudge.planning.object_path import leans, pulled, push_length, station
 from dexnudge.scenes.scene import Scene
 from dexnudge.scenes.support_contacts import SupportContacts
 
 STATIONS = 3  # places along the way beside its beginning; the last one is its end
 CAREFUL = (0.75, 0.5)  # of the hand's friction, with which a hand that turns an object should do
 SPREAD = 0.2  # of a link's contacts that is counted on there
+UPRIGHT = np.eye(4)  # a world that does not lean
 SAME_PLACE = 1e-5  # [m] by which two places of supports differ for no other reason than rounding
 
 
@@ -46,17 +47,26 @@ def find_stations(scene: Scene) -> None:
 
 
 def _margins_at(
-    scene: Scene, contacts: Sequence[HandContacts], ways: Sequence[float], *, grip: float = 1.0
+    scene: Scene,
+    contacts: Sequence[HandContacts],
+    ways: Sequence[float],
+    *,
+    grip: float = 1.0,
+    lean: Float[np.ndarray, "4 4"] = UPRIGHT,
 ) -> Float[np.ndarray, "configuration place"]:
-    """Force margins where the object has been carried by `ways` [m], with the share `grip` of the hand's friction."""
+    """Force margins where the object has been carried by `ways` [m], with the share `grip` of the hand's friction.
+
+    lean: rigid transform of the world, gravity excepted.
+    """
     batch, task, margins = ContactBatch.of(contacts), sliding_task(scene), []
     task = replace(task, friction_hand=grip * task.friction_hand)
     for way in ways:
-        known = batch.derived.get((_margins_at, way, grip))
+        key = (_margins_at, way, grip, lean.tobytes())
+        known = batch.derived.get(key)
         if known is None or known[0] is not scene:
-            here = station(scene, way)
+            here = station(scene, way).moved(lean)
             found = force_margins(batch.moved(here.T), here.supports, here.task(task)).factor[:, 0]
-            known = batch.derived[_margins_at, way, grip] = scene, found
+            known = batch.derived[key] = scene, found
         margins.append(known[1])
     return np.stack(margins, axis=1)
 
@@ -87,11 +97,16 @@ def careful_margins(scene: Scene, contacts: Sequence[HandContacts]) -> Float[np.
 
     Each is the least where the turn and the slide begin, and at the end, of contacts drawn together on each link, with the
     mean of its normals: a hand that needs one point at a rounded edge to push another way than its neighbours, or a whole
-    fingertip to hold a moment, does not hold in physics.
+    fingertip to hold a moment, does not hold in physics. Of an object that is `pulled` only contacts `across` its way
+    count, and it is the mean over worlds that stand upright and that lean to either side (`leans`).
     """
-    blunt, motion = ContactBatch.of([_blunted(each) for each in contacts]), scene.object_motion
-    ways = [*motion.beginnings, motion.length]
-    return np.mean([_margins_at(scene, blunt, ways, grip=share).min(axis=1) for share in CAREFUL], axis=0)
+    batch, motion = ContactBatch.of(contacts), scene.object_motion
+    if pulled(scene):
+        batch = batch.some(across(batch.every, scene.motion))
+    blunt = ContactBatch.of([_blunted(each) for each in batch])
+    ways, worlds = [*motion.beginnings, motion.length], [UPRIGHT, *leans(scene)]
+    found = [_margins_at(scene, blunt, ways, grip=share, lean=lean) for lean in worlds for share in CAREFUL]
+    return np.mean([each.min(axis=1) for each in found], axis=0)
 
 
 def _blunted(contacts: HandContacts) -> HandContacts:

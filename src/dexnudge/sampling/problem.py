@@ -20,8 +20,10 @@ from dexnudge.geometry.surface_points import object_cloud
 from dexnudge.geometry.transforms import canonical_frame, transform_configurations
 from dexnudge.geometry.warp_runtime import WarpStruct
 from dexnudge.hands.hand import Hand
+from dexnudge.mechanics.friction_cone import ACROSS
 from dexnudge.mechanics.sliding_task import hardest_task
 from dexnudge.mechanics.support_forces import support_forces
+from dexnudge.planning.object_path import leans, pulled, station
 from dexnudge.sampling.helpful_places import HelpfulPlaces, helpful_places
 from dexnudge.scenes.motion import Twist
 from dexnudge.scenes.scene import Scene
@@ -36,6 +38,7 @@ ROOM = 0.006  # [m] that the environment must leave around the keypoint; fingert
 MESHES = ("object_mesh", "environment_mesh")  # of a scene
 ABOUT = ("name", "parameters", "seed")  # what says where it came from
 FRICTION_MARGIN = 1.6  # factor on friction_environment that the contacts are asked to overcome: above robust's 1.5
+PINCHING = 0.6  # of the hand's friction, with which fingers should hold what they pull upright
 
 
 @dataclass(frozen=True)
@@ -186,7 +189,10 @@ def prepare(scene: Scene, *, device: str = "cpu") -> SamplingProblem:
     cloud = object_cloud(object_mesh)
     environment, task = ExactDistance(environment_mesh, device=device), hardest_task(scene)
     balances = _balances(scene, T_canonical_world)
-    room = places_with_room(cloud, environment, clearance=scene.clearance)
+    places, surface = places_with_room(cloud, environment, clearance=scene.clearance)
+    if pulled(scene):  # by a pinch, on its sides
+        beside = surface[:, 3].abs() < ACROSS
+        places, surface = places[beside], surface[beside]
     return SamplingProblem(
         scene=scene,
         T_world_canonical=T_world_canonical,
@@ -201,7 +207,7 @@ def prepare(scene: Scene, *, device: str = "cpu") -> SamplingProblem:
             clearance=scene.clearance,
             press_moves=task.friction_hand > task.friction_environment,
         ).to(device),
-        helpful=helpful_places(*room, balances).to(device) if scene.turn and balances else None,
+        helpful=helpful_places(places, surface, balances).to(device) if scene.turn and balances else None,
         object_mesh=object_mesh,
         device=device,
     )
@@ -232,12 +238,20 @@ def _content(scene: Scene) -> bytes:
 
 
 def _balances(scene: Scene, T_canonical_world: Float[np.ndarray, "4 4"]) -> tuple[SlidingBalance, ...]:
-    """Return the balance where each part of the motion begins, as the hand sees it that is carried along; frame C."""
+    """Return the balances to reach, as the hand sees them that is carried along; frame C.
+
+    Those where each part of the motion begins. Of an object that is `pulled` those where the slide ends in
+    place of where it begins, in worlds that lean to either side, and with less of the hand's friction.
+    """
     motion, found = scene.object_motion, []
-    for way in motion.beginnings:
+    upright, hand_friction = np.eye(3), 1.0
+    places = [(way, upright) for way in motion.beginnings]
+    if leaning := leans(scene):
+        places, hand_friction = [(0.0, upright), *((motion.length, T[:3, :3]) for T in leaning)], PINCHING
+    for way, lean in places:
         there = scene.carried(way) if way else scene
         T = T_canonical_world @ np.linalg.inv(motion.displacement(way)) if way else T_canonical_world
-        supports, task = support_contacts(there), hardest_task(there)
+        supports, task = station(scene, way).supports if leaning else support_contacts(there), hardest_task(there)
         normals, friction, support, blocked = support_forces(supports, task)
         if blocked or not len(support):
             return ()
@@ -254,8 +268,8 @@ def _balances(scene: Scene, T_canonical_world: Float[np.ndarray, "4 4"]) -> tupl
             centre_of_mass=centre,
             half_length=task.half_length,
             support_wrenches=wrenches,
-            gravity=_tensor(rotation @ np.asarray([0.0, 0.0, -1.0])),
-            friction_hand=task.friction_hand,
+            gravity=_tensor(rotation @ lean.T @ np.asarray([0.0, 0.0, -1.0])),
+            friction_hand=hand_friction * task.friction_hand,
             max_normal=task.max_normal_force / task.weight,
         )
         found.append(balance)

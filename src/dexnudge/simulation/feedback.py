@@ -182,7 +182,8 @@ class Feedback:
         """Go on with the plan, slower where the object stays behind; at its end push on until the object is there."""
         limits, length = self.limits, self._plan.path.length
         stuck, end = self._slip > limits.lost and self._moving < 0.05, self._ends[0]
-        if stuck or self._off > limits.most_off or self._grip(step) < limits.grip:
+        given_up = len(self._ends) > 1 and self._grip(step) < limits.grip  # later it would fall, not swing back
+        if stuck or self._off > limits.most_off or given_up:
             # The end of the plan may be far: a target there would tear at the object.
             self._clock, self._last = self._ends[-1] + 1, step
         elif step < end:

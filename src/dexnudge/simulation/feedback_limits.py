@@ -18,7 +18,7 @@ class FeedbackLimits:
         close: lag at the end that is left [m]. most_ahead: way that the hand pushes on, [m] and share of the length.
         lost: slip of an object that stands still, above which the push ends [m]. most_off: turn of the object away from the
             plan above which it ends, too [rad].
-        grip: share of what a pinch should press with, link by link, below which it is given up.
+        grip: share of what a pinch should press with, link by link, below which it is given up while it tips the object.
         aim_way: way over which an error across the motion is answered [m]. aside [m], turned [rad]: most of that answer.
         track_time: in which the base catches up with its own path [s]. tracked: least and greatest lead of its target [m].
         link_time, base_time: in which fingers and base bring a link's force to what it should be [s]. band: share of the

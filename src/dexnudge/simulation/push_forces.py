@@ -14,14 +14,14 @@ from dataclasses import dataclass, replace
 import mujoco
 import numpy as np
 import torch
-from jaxtyping import Float, Int
+from jaxtyping import Bool, Float, Int
 from scipy.linalg import block_diag
 from scipy.optimize import nnls
 
 from dexnudge.hands.hand import ROOT_COORDINATES, Hand
 from dexnudge.mechanics.balance import balance_problem, contact_forces
 from dexnudge.mechanics.contacts import HandContacts, moved_contacts
-from dexnudge.mechanics.friction_cone import EDGE_COUNT, pressing, some_contacts
+from dexnudge.mechanics.friction_cone import EDGE_COUNT, across, pressing, some_contacts
 from dexnudge.mechanics.sliding_task import SlidingTask
 from dexnudge.planning.object_path import Station
 from dexnudge.scenes.support_contacts import SupportContacts
@@ -133,7 +133,10 @@ class PushForces:
 
 @dataclass(frozen=True)
 class _Pushed:
-    """What hand and object bring to every place; jacobians: of the contacts' points [m/rad], [m/m] of sliding joints."""
+    """What hand and object bring to every place.
+
+    jacobians: of the contacts' points [m/rad], [m/m] of sliding joints. pinching: contacts `across` the way.
+    """
 
     simulation: SimulationModel
     q: Float[np.ndarray, " coordinates"]
@@ -141,6 +144,7 @@ class _Pushed:
     task: SlidingTask
     jacobians: Float[np.ndarray, "contact 3 angle"]
     pinches: bool
+    pinching: Bool[np.ndarray, " contact"]
 
 
 _Found = tuple[Float[np.ndarray, "contact 3"], float]
@@ -185,7 +189,8 @@ def push_forces(
     """
     simulation.place(q)
     pinches = stations[-1].T[2, 2] < UPRIGHT and not stations[-1].twist.angular.any()
-    pushed = _Pushed(simulation, q, contacts, task, simulation.contact_jacobians(contacts), bool(pinches))
+    pinching = across(contacts, stations[-1].twist.linear)
+    pushed = _Pushed(simulation, q, contacts, task, simulation.contact_jacobians(contacts), bool(pinches), pinching)
     found = _along(pushed, stations)
     share = np.array([share for _, share in found])
     surplus = np.array(
@@ -272,7 +277,7 @@ def _chosen(pushed: _Pushed, station: Station, like: Float[np.ndarray, "contact 
     turns the object. like: forces to be near to, of whatever contacts, in the axes of the start; zero where there are none.
     """
     contacts, task, rotation = pushed.contacts, pushed.task, station.T[:3, :3]
-    kept = pressing(contacts, task.twist) | like.any()
+    kept = pushed.pinching if pushed.pinches else pressing(contacts, task.twist)
     tries = [(kept, share) for share in CONE_SHARES[:-1]] + [(np.ones_like(kept), share) for share in CONE_SHARES]
     for used, share in tries:
         narrowed = replace(
@@ -280,7 +285,13 @@ def _chosen(pushed: _Pushed, station: Station, like: Float[np.ndarray, "contact 
         )
         some = some_contacts(contacts, used)
         found = _balanced(
-            replace(pushed, contacts=some, task=narrowed, jacobians=pushed.jacobians[used]),
+            replace(
+                pushed,
+                contacts=some,
+                task=narrowed,
+                jacobians=pushed.jacobians[used],
+                pinching=pushed.pinching[used],
+            ),
             station.supports,
             like[used] @ rotation.T,
         )
