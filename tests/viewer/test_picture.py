@@ -148,7 +148,7 @@ def test_same_drawing_same_bytes_on_any_number_of_cores(monkeypatch):
     shown = VisualScene(parts, np.array([[0.0, 0.0, 0.01]]), np.array([1.0, 0, 0]))
     first = render_array(shown, size=SIZE)
     np.testing.assert_array_equal(render_array(shown, size=SIZE), first)
-    monkeypatch.setattr(parallel_launch, "available_cores", lambda: 1)
+    monkeypatch.setattr(parallel_launch, "thread_count", lambda: 1)
     np.testing.assert_array_equal(render_array(shown, size=SIZE), first)
 
 
