@@ -114,7 +114,7 @@ def test_more_hands_can_pull_out_of_a_slot_when_idle_fingertips_are_drawn_away(h
     """Random hands in front of the slot, judged; the same projection without the pull is the reference."""
     scene = build_scene("slot", builtin_object("phone"), seed=0)
     problem = prepare(scene)
-    starts = random_start(hand, problem.cloud, count=48, generator=torch.Generator().manual_seed(0))
+    starts = random_start(hand, problem.cloud, count=192, generator=torch.Generator().manual_seed(0))
     config = ProjectionConfig()
     without = replace(config, weights=replace(config.weights, target=0.0))
     margins = {}
