@@ -22,6 +22,8 @@ DRAWS = {"steered_noise": 40, "random_start_projection": 30, "guidance_only": 30
 """Draws in each scene by method; the last ones of all are replaced by `spoiled` ones."""
 SAMPLES = 8
 """Draws of each seed in samples.npz."""
+SURE = {"book": "tablet"}
+"""Object for a family, where most are verified in three of four draws: too few for processors to agree within one."""
 MEASURED = ("penetration_object", "penetration_environment", "penetration_self", "force_margin", "joint_limits")
 
 
@@ -108,7 +110,10 @@ def columns(verdicts: dn.Verdicts) -> dict[str, np.ndarray]:
 def freeze_samples(sampler: dn.Sampler) -> dict[str, np.ndarray]:
     """Draws of ten seeds, each in a scene of another family, and which of them succeed."""
     test = dn.builtin_names("test")
-    table = [(family, test[(11 * seed + 3) % len(test)], seed) for seed, family in enumerate(dn.scene_families())]
+    table = [
+        (family, SURE.get(family, test[(11 * seed + 3) % len(test)]), seed)
+        for seed, family in enumerate(dn.scene_families())
+    ]
     draws = [
         sampler.sample(dn.build_scene(family, name, seed=seed), num=SAMPLES, seed=seed) for family, name, seed in table
     ]
