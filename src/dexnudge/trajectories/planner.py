@@ -149,10 +149,11 @@ def first_plan(
 
 def _rehearsed(plan: Plan) -> Plan | Failure:
     """Return the plan if the object is pushed when it is played, else what happened."""
+    clock = time.perf_counter()
     played = execute_plan(plan)
-    return (
-        plan if played.success else Failure(played.configuration, "push", f"in a rehearsal, {played.outcome.sentence}")
-    )
+    if not played.success:
+        return Failure(played.configuration, "push", f"in a rehearsal, {played.outcome.sentence}")
+    return replace(plan, seconds={**plan.seconds, "rehearsal": round(time.perf_counter() - clock, 4)})
 
 
 def _lifting(pushing: Plan, sampler: Sampler, *, speed: float, seed: int) -> Plan | Failure:
