@@ -10,7 +10,7 @@ from scipy.optimize import nnls
 
 from dexnudge.energies.force_residual import ForceResidual, SlidingBalance, support_wrenches
 from dexnudge.mechanics.balance import balance_problem, solve_balance
-from dexnudge.mechanics.contacts import HandContacts, moved_contacts
+from dexnudge.mechanics.contacts import HandContacts
 from dexnudge.mechanics.sliding_task import sliding_task
 from dexnudge.sampling.problem import FRICTION_MARGIN, prepare
 from dexnudge.scenes.families import build_scene
@@ -188,7 +188,7 @@ def test_where_forces_turn_the_object_nothing_remains_and_elsewhere_something_do
         supports, task = support_contacts(there), sliding_task(there)
         for row in range(len(points)):
             contacts = HandContacts(points=points[row], normals=normals[row], link=np.arange(CONTACTS))
-            problem = balance_problem(moved_contacts(contacts, T), supports, task)
+            problem = balance_problem(contacts.moved(T), supports, task)
             feasible[row] &= solve_balance(problem, factor=FRICTION_MARGIN) is not None
     T_canonical_world = np.linalg.inv(prepare(scene).T_world_canonical)
     rotation, translation = T_canonical_world[:3, :3], T_canonical_world[:3, 3]

@@ -8,7 +8,7 @@ from hypothesis import strategies as st
 
 from dexnudge.geometry.exact_distance import ExactDistance
 from dexnudge.geometry.surface_lattice import surface_lattice
-from dexnudge.mechanics.contacts import HandContacts, hand_contacts
+from dexnudge.mechanics.contacts import HandContacts, contacts_of_hands
 from dexnudge.scenes.motion import Turn
 from dexnudge.scenes.scene import Scene
 from dexnudge.scenes.support_contacts import support_contacts, support_mask
@@ -18,7 +18,9 @@ def plate_contacts(points: np.ndarray, link: np.ndarray, distance: np.ndarray, n
     """Contacts of hand points above the plane z = 0."""
     closest = points * [1, 1, 0]
     up = np.tile([0.0, 0.0, 1.0], (len(points), 1))
-    return hand_contacts(normals, link, distance=distance, closest=closest, object_normals=up)
+    return contacts_of_hands(
+        np.zeros_like(link), normals, link, num_hands=1, distance=distance, closest=closest, object_normals=up
+    )[0]
 
 
 def test_the_closest_point_comes_first_and_the_others_spread() -> None:

@@ -175,7 +175,7 @@ def test_an_arm_follows_a_line_and_says_where_it_is_lost(robot, touching, approa
 
 def test_stations_are_as_near_as_asked(approach, touching):
     hand = approach.hand_ways(touching)
-    rows = stations(hand.waiting.space, hand.ways[0], spacing=0.01)
+    rows = stations(hand.waiting.check.space, hand.ways[0], spacing=0.01)
     np.testing.assert_allclose(rows[[0, -1]], hand.ways[0][[0, -1]])
-    steps = [hand.waiting.space.displacement(one, other) for one, other in itertools.pairwise(rows)]
+    steps = [hand.waiting.check.space.displacement(one, other) for one, other in itertools.pairwise(rows)]
     assert max(steps) <= 0.01 + 1e-9

@@ -7,7 +7,7 @@ import pytest
 import trimesh
 
 from dexnudge.mechanics.balance import balance_problem, problem_margin
-from dexnudge.mechanics.contacts import HandContacts, moved_contacts
+from dexnudge.mechanics.contacts import HandContacts
 from dexnudge.mechanics.sliding_task import GRAVITY, sliding_task
 from dexnudge.planning import object_path
 from dexnudge.planning.object_path import push_length
@@ -262,7 +262,7 @@ def test_careful_margins_of_what_is_pulled_upright_are_also_those_of_weights_tha
             load, margins = np.array([0.0, np.sin(lean), -np.cos(lean), 0.0, 0.0, 0.0]), []
             for way in (*motion.beginnings, motion.length):
                 there = replace(tipped.carried(way), friction_hand=share * tipped.friction_hand)
-                carried = [moved_contacts(each, motion.displacement(way)) for each in hands]
+                carried = [each.moved(motion.displacement(way)) for each in hands]
                 problems = [balance_problem(each, support_contacts(there), sliding_task(there)) for each in carried]
                 margins.append([problem_margin(replace(each, load=load)) for each in problems])
             found.append(np.min(margins, axis=0))

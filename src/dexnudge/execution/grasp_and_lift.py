@@ -6,7 +6,7 @@ from dataclasses import dataclass
 import numpy as np
 from jaxtyping import Float
 
-from dexnudge.execution.grasp_finder import Grasp, GraspFinder, contacts_in_world
+from dexnudge.execution.grasp_finder import Grasp, GraspFinder
 from dexnudge.execution.scene_rollout import SceneRollout
 from dexnudge.geometry.exact_distance import ExactDistance
 from dexnudge.geometry.surface_points import surface_points
@@ -135,7 +135,7 @@ class GraspAndLift:
         rollout = self._stage.go_to_pre_contact(chosen.approach, from_outside=True)
         times, q = chosen.approach.last_stretch
         rollout.follow(along_way(times, q), "reach")
-        contacts = contacts_in_world(chosen.grasp.contacts, scene.T_world_object)
+        contacts = chosen.grasp.contacts.moved(scene.T_world_object)
         half_length = sliding_task(scene).half_length
         with rollout.elsewhere():
             model = self._stage.model_at(scene)

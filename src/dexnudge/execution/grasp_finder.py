@@ -76,7 +76,7 @@ class GraspFinder:
                 reasons[row] = held.reason
                 continue
             pose = scene.T_world_object
-            rehearsed = self._rehearsal(drawn[row], contacts_in_world(contacts[row], pose), pose)
+            rehearsed = self._rehearsal(drawn[row], contacts[row].moved(pose), pose)
             if rehearsed > 1.0:
                 reasons[row] = "drops when rehearsed"
                 continue
@@ -103,12 +103,6 @@ class GraspFinder:
             deep = [f"penetration {name}" for name, depth in depths.items() if depth[row] > PENETRATION_LIMIT]
             reasons.append(deep[0] if deep else ("" if len(contact.points) else "no contact"))
         return reasons, measured.contacts
-
-
-def contacts_in_world(contacts: HandContacts, T_world_object: Float[np.ndarray, "4 4"]) -> HandContacts:
-    """Return contacts given in the object's frame with the object at this pose."""
-    rotation, translation = T_world_object[:3, :3], T_world_object[:3, 3]
-    return replace(contacts, points=contacts.points @ rotation.T + translation, normals=contacts.normals @ rotation.T)
 
 
 def holding_balance(problem: SamplingProblem) -> SlidingBalance:

@@ -16,7 +16,6 @@ from dexnudge.execution.grasp_and_lift import LIFT, GraspAndLift, NoGrasp
 from dexnudge.execution.grasp_finder import GraspFinder
 from dexnudge.execution.scene_rollout import SceneRollout
 from dexnudge.geometry.transforms import transform_configurations
-from dexnudge.mechanics.contacts import moved_contacts
 from dexnudge.mechanics.fast_balance import force_margins
 from dexnudge.mechanics.sliding_task import sliding_task
 from dexnudge.planning.approach import Approach, ApproachPlanner
@@ -206,7 +205,7 @@ class Slide:
         """Return the least force margin of each configuration at both ends of the way."""
         contacts, task, way = contacts_of(scene, self._stage.hand, q), sliding_task(scene), stations(scene, length)
         found = [
-            force_margins([moved_contacts(each, end.T) for each in contacts], end.supports, end.task(task)).factor[:, 0]
+            force_margins([each.moved(end.T) for each in contacts], end.supports, end.task(task)).factor[:, 0]
             for end in (way[0], way[-1])
         ]
         return np.min(found, axis=0)

@@ -2,10 +2,10 @@
 
 from __future__ import annotations
 
-from collections.abc import Hashable, Sequence
+from collections.abc import Sequence
 from dataclasses import dataclass
 from itertools import pairwise
-from typing import Any, overload
+from typing import overload
 
 import numpy as np
 from jaxtyping import Bool, Float, Int
@@ -33,6 +33,15 @@ class HandContacts:
     normals: Float[np.ndarray, "contact 3"]
     link: Int[np.ndarray, "contact"]
 
+    def some(self, kept: slice | Bool[np.ndarray, " contact"]) -> HandContacts:
+        """Return those of the contacts that are kept."""
+        return HandContacts(points=self.points[kept], normals=self.normals[kept], link=self.link[kept])
+
+    def moved(self, T: Float[np.ndarray, "4 4"]) -> HandContacts:
+        """Return the contacts of a hand and an object that are moved together by the rigid transform T (world)."""
+        points = self.points @ T[:3, :3].T + T[:3, 3]
+        return HandContacts(points=points, normals=self.normals @ T[:3, :3].T, link=self.link)
+
 
 class ContactBatch(Sequence[HandContacts]):
     """Contacts of several configurations in one array after another; an entry is those of one configuration.
@@ -40,13 +49,11 @@ class ContactBatch(Sequence[HandContacts]):
     Attributes:
         every: the contacts of all. begins: where those of each configuration begin, and behind them their number.
         owner: whose each contact is.
-        derived: what others have computed of these contacts, kept as long as the batch lives.
     """
 
     def __init__(self, every: HandContacts, begins: Int[np.ndarray, "configuration_and_one"]) -> None:
         self.every, self.begins = every, begins
         self.owner = np.repeat(np.arange(len(begins) - 1), np.diff(begins))
-        self.derived: dict[Hashable, Any] = {}
 
     @classmethod
     def of(cls, contacts: Sequence[HandContacts]) -> ContactBatch:
@@ -71,19 +78,15 @@ class ContactBatch(Sequence[HandContacts]):
         if isinstance(place, slice):
             return [self[each] for each in range(len(self))[place]]
         place = range(len(self))[place]
-        own = slice(self.begins[place], self.begins[place + 1])
-        return HandContacts(points=self.every.points[own], normals=self.every.normals[own], link=self.every.link[own])
+        return self.every.some(slice(self.begins[place], self.begins[place + 1]))
 
     def moved(self, T: Float[np.ndarray, "4 4"]) -> ContactBatch:
         """Return the contacts of hands and objects that are moved together by the rigid transform T (world)."""
-        return ContactBatch(moved_contacts(self.every, T), self.begins)
+        return ContactBatch(self.every.moved(T), self.begins)
 
     def some(self, kept: Bool[np.ndarray, " contact"]) -> ContactBatch:
         """Return those of all contacts that are kept."""
-        every = HandContacts(
-            points=self.every.points[kept], normals=self.every.normals[kept], link=self.every.link[kept]
-        )
-        return ContactBatch(every, np.concatenate([[0], np.cumsum(kept)])[self.begins])
+        return ContactBatch(self.every.some(kept), np.concatenate([[0], np.cumsum(kept)])[self.begins])
 
     def reduced(
         self, ufunc: np.ufunc, values: Float[np.ndarray, " contact"], *, empty: float
@@ -109,36 +112,6 @@ class ContactBatch(Sequence[HandContacts]):
         return place - (np.cumsum(count) - count)[self.owner], count
 
 
-def moved_contacts(contacts: HandContacts, T: Float[np.ndarray, "4 4"]) -> HandContacts:
-    """Return the contacts of a hand and an object that are moved together by the rigid transform T (world)."""
-    points = contacts.points @ T[:3, :3].T + T[:3, 3]
-    return HandContacts(points=points, normals=contacts.normals @ T[:3, :3].T, link=contacts.link)
-
-
-def hand_contacts(
-    normals: Float[np.ndarray, "point 3"],
-    link: Int[np.ndarray, "point"],
-    *,
-    distance: Float[np.ndarray, "point"],
-    closest: Float[np.ndarray, "point 3"],
-    object_normals: Float[np.ndarray, "point 3"],
-) -> HandContacts:
-    """Return the contacts of one configuration, from its dense surface points near the object.
-
-    normals: the hand's outward normals. link: the points' link indices. distance [m, negative inside], closest
-    [m, world] and object_normals: exact signed distance to the object, closest point on it, and outward normal of its
-    nearest triangle. Points farther than 2 mm may be left out.
-
-    A point is a candidate if distance <= 2 mm and the two surfaces face each other (normal . object normal < 0). Of
-    each link's candidates up to 4 are kept: the closest one first, then the one whose closest point is farthest from
-    those already chosen, so that they spread over the patch.
-    """
-    alone = np.zeros(len(link), dtype=np.int64)
-    return contacts_of_hands(
-        alone, normals, link, num_hands=1, distance=distance, closest=closest, object_normals=object_normals
-    )[0]
-
-
 def contacts_of_hands(
     hand: Int[np.ndarray, "point"],
     normals: Float[np.ndarray, "point 3"],
@@ -149,7 +122,16 @@ def contacts_of_hands(
     closest: Float[np.ndarray, "point 3"],
     object_normals: Float[np.ndarray, "point 3"],
 ) -> list[HandContacts]:
-    """Return the contacts of each of several hands, see `hand_contacts`. hand: whose each point is."""
+    """Return the contacts of each of several hands, from their dense surface points near the object.
+
+    hand, link: whose each point is, and of which of its links. normals: the hand's outward normals. distance [m, negative
+    inside], closest [m, world] and object_normals: exact signed distance to the object, closest point on it, and outward
+    normal of its nearest triangle. Points farther than 2 mm may be left out.
+
+    A point is a candidate if distance <= 2 mm and the two surfaces face each other (normal . object normal < 0). Of
+    each link's candidates up to 4 are kept: the closest one first, then the one whose closest point is farthest from
+    those already chosen, so that they spread over the patch.
+    """
     facing = np.einsum("px,px->p", normals, object_normals) < 0
     candidates = np.flatnonzero((distance <= HAND_CONTACT_DISTANCE) & facing)
     candidates = candidates[np.lexsort((link[candidates], hand[candidates]))]
@@ -165,12 +147,8 @@ def contacts_of_hands(
     chosen, row = _spread(rows, distance, closest)
     order = np.argsort(row, kind="stable")
     chosen = chosen[order]
-    points, outward, of_link = closest[chosen], object_normals[chosen], link[chosen]
-    bounds = np.searchsorted(hand[chosen], np.arange(num_hands + 1)).tolist()
-    return [
-        HandContacts(points=points[begin:end], normals=outward[begin:end], link=of_link[begin:end])
-        for begin, end in pairwise(bounds)
-    ]
+    every = HandContacts(points=closest[chosen], normals=object_normals[chosen], link=link[chosen])
+    return list(ContactBatch(every, np.searchsorted(hand[chosen], np.arange(num_hands + 1))))
 
 
 def _spread(

@@ -89,8 +89,3 @@ def across(contacts: HandContacts, direction: Float[np.ndarray, "3"]) -> Bool[np
 def helping(contacts: HandContacts, twist: Twist) -> Float[np.ndarray, " contact"]:
     """Return the greater cosine of each contact's inward normal with the way down and with the object's motion there."""
     return np.maximum(contacts.normals[:, 2], -(contacts.normals * twist.direction(contacts.points)).sum(axis=1))
-
-
-def some_contacts(contacts: HandContacts, kept: Bool[np.ndarray, " contact"]) -> HandContacts:
-    """Return those of the contacts that are kept."""
-    return HandContacts(points=contacts.points[kept], normals=contacts.normals[kept], link=contacts.link[kept])

@@ -10,7 +10,7 @@ from jaxtyping import Bool, Float
 from dexnudge.errors import InputError
 from dexnudge.geometry.exact_distance import ExactDistance
 from dexnudge.hands.hand import ROOT_COORDINATES, Hand
-from dexnudge.mechanics.contacts import HAND_CONTACT_DISTANCE, hand_contacts
+from dexnudge.mechanics.contacts import HAND_CONTACT_DISTANCE, contacts_of_hands
 from dexnudge.planning.connect import connect, outside_states
 from dexnudge.planning.hand_clearance import (
     CLEARANCE,
@@ -72,10 +72,16 @@ def _contact_normals(hand: Hand, scene: Scene, q: Float[np.ndarray, " coordinate
     low, high = mesh.bounds
     near = ((points >= low - HAND_CONTACT_DISTANCE) & (points <= high + HAND_CONTACT_DISTANCE)).all(axis=1)
     hit = ExactDistance(mesh)(points[near])
-    normals = np.einsum("pij,pj->pi", rotation[near], dense.normals[near])
-    return hand_contacts(
-        normals, dense.link[near], distance=hit.distance, closest=hit.closest, object_normals=hit.normal
-    ).normals
+    [contacts] = contacts_of_hands(
+        np.zeros(near.sum(), dtype=np.int64),
+        np.einsum("pij,pj->pi", rotation[near], dense.normals[near]),
+        dense.link[near],
+        num_hands=1,
+        distance=hit.distance,
+        closest=hit.closest,
+        object_normals=hit.normal,
+    )
+    return contacts.normals
 
 
 def back_off_directions(
@@ -198,11 +204,10 @@ class Approach:
 class Waiting:
     """Places before contact.
 
-    space: of the hand's states. check: of its motions, with the clearance that was found. goal: at contact. states: free
-    ones with a straight way to the goal, most preferred first. directions: unit ones in which they were looked for.
+    check: of the hand's motions, with the clearance that was found. goal: at contact. states: free ones with a straight way
+    to the goal, most preferred first. directions: unit ones in which they were looked for.
     """
 
-    space: StateSpace
     check: MotionCheck[StateSpace]
     goal: State
     states: States
@@ -239,7 +244,7 @@ class ApproachPlanner:
         found = self.waiting(q)
         if isinstance(found, Blocked):
             return found
-        check, goal, waiting, space = found.check, found.goal, found.states, found.space
+        check, goal, waiting, space = found.check, found.goal, found.states, found.check.space
         before: Trajectory | None = None
         if start is None:
             starts, ends = outside_states(self.scene, check, waiting, directions=found.directions)
@@ -280,7 +285,7 @@ class ApproachPlanner:
             check = MotionCheck(space, self._measure, clearance)
             found = pre_contacts(check, goal, directions, cosines)
             if not isinstance(found, Stuck):
-                return Waiting(space, check, goal, found, directions)
+                return Waiting(check, goal, found, directions)
         assert isinstance(found, Stuck)
         return self._blocked(check, found.where, found.stage, "no straight way of 5 to 30 mm leads to contact")
 

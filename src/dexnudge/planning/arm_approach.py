@@ -132,7 +132,7 @@ class ArmApproach:
 
         Where it can follow none into the open, those that come farthest: the rest is the planner's in joint space.
         """
-        space, goal = hand.waiting.space, hand.waiting.goal
+        space, goal = hand.waiting.check.space, hand.waiting.goal
         stretches = _alike([stations(space, [goal, way[-1]], spacing=STRETCH_SPACING) for way in hand.ways])
         outs = _alike([stations(space, way[::-1], spacing=EXIT_SPACING) for way in hand.ways])
         states, split = np.concatenate([stretches, outs[:, 1:]], axis=1), stretches.shape[1]
@@ -163,7 +163,7 @@ class ArmApproach:
     ) -> tuple[Float[np.ndarray, "vertex joint"], int] | NoWay:
         """Return vertices from the arm's joint angles `start`, its hand open, to the end of an entry, and of which."""
         arm = self.robot.arm
-        space, begin = RobotSpace(self.robot, waiting.space), np.append(start, 1.0)
+        space, begin = RobotSpace(self.robot, waiting.check.space), np.append(start, 1.0)
         check = MotionCheck(space, self.clearance, waiting.check.clearance - ROUNDING)
         goals = np.array([np.append(entry.exit[-1][: arm.num_joints], entry.opening) for entry in entries])
         if not check.states_free(begin[None])[0]:
@@ -187,9 +187,8 @@ def _alike(ways: list[States]) -> Float[np.ndarray, "way station 8"]:
     return np.array([evenly(way, longest) for way in ways])
 
 
-LARGEST_CHANGE = (
-    0.20  # [rad] of a joint from one station to the next: more is a jump to another branch, or a singularity
-)
+# [rad] of a joint from one station to the next: more is a jump to another branch, or a singularity.
+LARGEST_CHANGE = 0.20
 STEPS = 8  # of inverse kinematics from one station to the next; two or three are usual
 
 

@@ -67,17 +67,15 @@ def stations(scene: Scene, length: float) -> list[Station]:
     return found
 
 
+@cached_per_instance
 def station(scene: Scene, way: float) -> Station:
     """Return the object once it has been carried `way` [m] along its motion; remembered per place.
 
     Where it would tip off what it lies on, its supports are those of the object as it comes to rest (see
     `LyingObject.at_rest`), unless the motion itself tips it.
     """
-    known = _known(scene)
-    if way not in known:
-        motion = scene.object_motion
-        known[way] = _slid(scene, way) if motion.turn is None else _turned(scene, motion, way)
-    return known[way]
+    motion = scene.object_motion
+    return _slid(scene, way) if motion.turn is None else _turned(scene, motion, way)
 
 
 def _slid(scene: Scene, way: float) -> Station:
@@ -135,12 +133,6 @@ def check_slides(scene: Scene, what: str) -> None:
             f"the motion of '{scene.name}' turns the object by {np.degrees(scene.turn.angle):.0f} deg; expected a slide "
             f"alone: {what} turns or tips no object; play it with the hand alone (execute), or leave out the `turn`"
         )
-
-
-@cached_per_instance
-def _known(_: Scene) -> dict[float, Station]:
-    """By the way [m]; empty at first."""
-    return {}
 
 
 STEP = 0.0025  # [m] between the places that are tried

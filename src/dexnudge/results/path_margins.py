@@ -9,6 +9,7 @@ from dataclasses import replace
 import numpy as np
 from jaxtyping import Float
 
+from dexnudge.jobs.cached import cached_per_instance
 from dexnudge.mechanics.contacts import ContactBatch, HandContacts
 from dexnudge.mechanics.fast_balance import force_margins
 from dexnudge.mechanics.friction_cone import across, helping, pressing
@@ -32,7 +33,8 @@ def path_margins(
     Hand and object are carried `length` [m] along the motion, keeping their contacts; what the surroundings carry is found
     anew at each place. A way of no length has one place.
     """
-    return _margins_at(scene, contacts, _ways(length))
+    batch = ContactBatch.of(contacts)
+    return np.stack([_margins_at(batch, scene, way) for way in _ways(length)], axis=1)
 
 
 def _ways(length: float) -> list[float]:
@@ -46,39 +48,24 @@ def find_stations(scene: Scene) -> None:
         station(scene, way)
 
 
+@cached_per_instance
 def _margins_at(
-    scene: Scene,
-    contacts: Sequence[HandContacts],
-    ways: Sequence[float],
-    *,
-    grip: float = 1.0,
-    lean: Float[np.ndarray, "4 4"] = UPRIGHT,
-) -> Float[np.ndarray, "configuration place"]:
-    """Force margins where the object has been carried by `ways` [m], with the share `grip` of the hand's friction.
+    batch: ContactBatch, scene: Scene, way: float, *, grip: float = 1.0, world: int = 0
+) -> Float[np.ndarray, " configuration"]:
+    """Force margins where the object has been carried by `way` [m], with the share `grip` of the hand's friction.
 
-    lean: rigid transform of the world, gravity excepted.
+    world: 0 stands upright; from 1 on, that of the scene's `leans`.
     """
-    batch, task, margins = ContactBatch.of(contacts), sliding_task(scene), []
+    task = sliding_task(scene)
     task = replace(task, friction_hand=grip * task.friction_hand)
-    for way in ways:
-        key = (_margins_at, way, grip, lean.tobytes())
-        known = batch.derived.get(key)
-        if known is None or known[0] is not scene:
-            here = station(scene, way).moved(lean)
-            found = force_margins(batch.moved(here.T), here.supports, here.task(task)).factor[:, 0]
-            known = batch.derived[key] = scene, found
-        margins.append(known[1])
-    return np.stack(margins, axis=1)
+    here = station(scene, way).moved([UPRIGHT, *leans(scene)][world])
+    return force_margins(batch.moved(here.T), here.supports, here.task(task)).factor[:, 0]
 
 
-def pressing_contacts(scene: Scene, contacts: Sequence[HandContacts]) -> ContactBatch:
+@cached_per_instance
+def pressing_contacts(batch: ContactBatch, scene: Scene) -> ContactBatch:
     """Return those contacts that are `pressing` where the motion begins."""
-    batch = ContactBatch.of(contacts)
-    known = batch.derived.get(pressing_contacts)
-    if known is None or known[0] is not scene:
-        some = batch.some(pressing(batch.every, scene.object_motion.twist()))
-        known = batch.derived[pressing_contacts] = scene, some
-    return known[1]
+    return batch.some(pressing(batch.every, scene.object_motion.twist()))
 
 
 def pressing_margins(scene: Scene, contacts: Sequence[HandContacts]) -> Float[np.ndarray, " configuration"]:
@@ -89,7 +76,7 @@ def pressing_margins(scene: Scene, contacts: Sequence[HandContacts]) -> Float[np
     if not len(contacts):
         return np.zeros(0)
     length = 0.0 if _carried_alike(scene) else push_length(scene)
-    return path_margins(scene, pressing_contacts(scene, contacts), length=length).min(axis=1)
+    return path_margins(scene, pressing_contacts(ContactBatch.of(contacts), scene), length=length).min(axis=1)
 
 
 def careful_margins(scene: Scene, contacts: Sequence[HandContacts]) -> Float[np.ndarray, " configuration"]:
@@ -104,9 +91,13 @@ def careful_margins(scene: Scene, contacts: Sequence[HandContacts]) -> Float[np.
     if pulled(scene):
         batch = batch.some(across(batch.every, scene.motion))
     blunt = ContactBatch.of([_blunted(each) for each in batch])
-    ways, worlds = [*motion.beginnings, motion.length], [UPRIGHT, *leans(scene)]
-    found = [_margins_at(scene, blunt, ways, grip=share, lean=lean) for lean in worlds for share in CAREFUL]
-    return np.mean([each.min(axis=1) for each in found], axis=0)
+    ways = [*motion.beginnings, motion.length]
+    found = [
+        np.min([_margins_at(blunt, scene, way, grip=share, world=world) for way in ways], axis=0)
+        for world in range(1 + len(leans(scene)))
+        for share in CAREFUL
+    ]
+    return np.mean(found, axis=0)
 
 
 def _blunted(contacts: HandContacts) -> HandContacts:

@@ -39,7 +39,7 @@ def features(scene: Scene, contacts: Sequence[HandContacts]) -> dict[str, Float[
     Lengths over half the object's longest side. "ahead" is along the motion from the centre of mass, "aside" across it.
     """
     task, length, batch = sliding_task(scene), push_length(scene), ContactBatch.of(contacts)
-    every, alone = batch.every, pressing_contacts(scene, batch)
+    every, alone = batch.every, pressing_contacts(batch, scene)
     normal = carrying_normal(touching_contacts(scene))
     across = np.cross(normal, scene.motion)
     along, pressed = path_margins(scene, batch, length=length), path_margins(scene, alone, length=length)

@@ -20,8 +20,8 @@ from scipy.optimize import nnls
 
 from dexnudge.hands.hand import ROOT_COORDINATES, Hand
 from dexnudge.mechanics.balance import balance_problem, contact_forces
-from dexnudge.mechanics.contacts import HandContacts, moved_contacts
-from dexnudge.mechanics.friction_cone import EDGE_COUNT, across, pressing, some_contacts
+from dexnudge.mechanics.contacts import HandContacts
+from dexnudge.mechanics.friction_cone import EDGE_COUNT, across, pressing
 from dexnudge.mechanics.sliding_task import SlidingTask
 from dexnudge.planning.object_path import Station
 from dexnudge.scenes.support_contacts import SupportContacts
@@ -244,7 +244,7 @@ def _along(pushed: _Pushed, stations: Sequence[Station]) -> list[_Found]:
 
 def _carried(pushed: _Pushed, station: Station) -> _Pushed:
     """Return the same with everything where it is at a station."""
-    contacts, rotation = moved_contacts(pushed.contacts, station.T), station.T[:3, :3]
+    contacts, rotation = pushed.contacts.moved(station.T), station.T[:3, :3]
     jacobians = np.einsum("xy,cya->cxa", rotation, pushed.jacobians)
     return replace(pushed, contacts=contacts, task=station.task(pushed.task), jacobians=jacobians)
 
@@ -283,18 +283,14 @@ def _chosen(pushed: _Pushed, station: Station, like: Float[np.ndarray, "contact 
         narrowed = replace(
             task, friction_hand=share * task.friction_hand, max_normal_force=ROOM * task.max_normal_force
         )
-        some = some_contacts(contacts, used)
-        found = _balanced(
-            replace(
-                pushed,
-                contacts=some,
-                task=narrowed,
-                jacobians=pushed.jacobians[used],
-                pinching=pushed.pinching[used],
-            ),
-            station.supports,
-            like[used] @ rotation.T,
+        some = replace(
+            pushed,
+            contacts=contacts.some(used),
+            task=narrowed,
+            jacobians=pushed.jacobians[used],
+            pinching=pushed.pinching[used],
         )
+        found = _balanced(some, station.supports, like[used] @ rotation.T)
         if found is not None:
             force = np.zeros_like(contacts.points)
             force[used] = found @ rotation

@@ -8,14 +8,14 @@ from jaxtyping import Float
 
 from dexnudge.arms.robot import Robot
 from dexnudge.execution.grasp_and_lift import HOLD_TIME, LIFT, LIFT_SPEED, MOST_PLANNED, SQUEEZE_SHARE, LiftWay
-from dexnudge.execution.grasp_finder import Grasp, GraspFinder, contacts_in_world
+from dexnudge.execution.grasp_finder import Grasp, GraspFinder
 from dexnudge.execution.scene_rollout import opening_path
 from dexnudge.execution.slide_grasp_lift import AIM, GRASP_DRAWS
 from dexnudge.geometry.transforms import transform_configurations
 from dexnudge.hands.hand import ROOT_COORDINATES
 from dexnudge.mechanics.sliding_task import sliding_task
 from dexnudge.planning.arm_approach import ArmApproach, NoWay
-from dexnudge.planning.object_path import plan_object_motion, push_length
+from dexnudge.planning.object_path import DEFAULT_LIMITS, plan_object_motion, push_length
 from dexnudge.planning.outcomes import Outcome
 from dexnudge.sampling.sampler import Sampler
 from dexnudge.scenes.scene import Scene
@@ -57,8 +57,8 @@ class Lifted:
 
 def graspable_length(scene: Scene) -> float:
     """Return by how much to push the object until enough of it is free to be grasped [m]; else the length of the scene."""
-    for limits in (AIM, None):
-        found = plan_object_motion(scene) if limits is None else plan_object_motion(scene, limits)
+    for limits in (AIM, DEFAULT_LIMITS):
+        found = plan_object_motion(scene, limits)
         if not isinstance(found, Outcome) and found.length > 0.0:
             return found.length
     return push_length(scene)
@@ -176,7 +176,7 @@ def _closed(
     simulation: SimulationModel, scene: Scene, grasp: Grasp, q: Float[np.ndarray, " coordinates"]
 ) -> tuple[Float[np.ndarray, " coordinates"], Float[np.ndarray, " d"]]:
     """Return q and the fingers' efforts [N m] once they have closed on the object, rehearsed on a compliant arm."""
-    contacts = contacts_in_world(grasp.contacts, scene.T_world_object)
+    contacts = grasp.contacts.moved(scene.T_world_object)
     simulation.place(q)
     friction = SQUEEZE_SHARE * scene.friction_hand
     _, torque = squeeze(simulation, contacts, half_length=sliding_task(scene).half_length, friction=friction)
