@@ -63,11 +63,6 @@ def test_features_are_those_of_two_fingertips_on_a_block(scene):
     assert found["margin"] == found["margin_at_end"] == found["pressing_margin"] > 1.0
 
 
-def test_without_a_model_nothing_is_foretold(scene, monkeypatch, tmp_path):
-    monkeypatch.setattr(probability, "MODEL", tmp_path / "none.json")
-    assert probabilities(scene, [touching((0.0, 0.0, SIZE[2]))]) is None
-
-
 def test_the_probability_is_the_logistic_sum_of_the_file(scene, fitted):
     several = [touching((0.0, 0.0, SIZE[2])), touching((0.02, 0.03, SIZE[2]), (-0.04, 0.01, SIZE[2]))]
     found = features(scene, several)

@@ -5,8 +5,7 @@ A logistic regression of executed pushes on figures of the contacts and of the b
     p = 1 / (1 + exp(-(b + sum_k w_k (x_k - mean_k) / scale_k))),
 
 x clipped to the range that it was fitted on. `benchmarks/execution_probability.py` fits it and measures how well it holds on
-objects that did not help to fit it, and writes `execution_probability.json`, which says on what. Without that file nothing
-is predicted.
+objects that did not help to fit it, and writes `execution_probability.json`, which says on what.
 """
 
 from __future__ import annotations
@@ -86,9 +85,9 @@ def features(scene: Scene, contacts: Sequence[HandContacts]) -> dict[str, Float[
 
 
 @cache
-def fitted_model(path: Path) -> dict[str, Any] | None:
-    """Return bias, and mean, scale, weight, least and greatest value of each feature; None without a file."""
-    return json.loads(path.read_text(encoding="utf-8")) if path.exists() else None
+def fitted_model(path: Path) -> dict[str, Any]:
+    """Return bias, and mean, scale, weight, least and greatest value of each feature."""
+    return json.loads(path.read_text(encoding="utf-8"))
 
 
 def calibrated(foresight: Mapping[str, Any], scene: Scene, hand: Hand) -> dict[str, Any]:
@@ -96,16 +95,15 @@ def calibrated(foresight: Mapping[str, Any], scene: Scene, hand: Hand) -> dict[s
 
     For other hands, and motions that turn or tip, it is an order rather than a probability.
     """
-    fitted = fitted_model(MODEL)
-    known = fitted is not None and scene.turn is None and hand.name == fitted["calibrated"]["hand"]
+    known = scene.turn is None and hand.name == fitted_model(MODEL)["calibrated"]["hand"]
     return {name: value for name, value in foresight.items() if name != "probability" or known}
 
 
-def probabilities(scene: Scene, contacts: Sequence[HandContacts]) -> Float[np.ndarray, " configuration"] | None:
-    """Return the probability that each verified configuration holds in physics, from its contacts; None without a model."""
+def probabilities(scene: Scene, contacts: Sequence[HandContacts]) -> Float[np.ndarray, " configuration"]:
+    """Return the probability that each verified configuration holds in physics, from its contacts."""
+    if not len(contacts):
+        return np.zeros(0)
     fitted = fitted_model(MODEL)
-    if fitted is None or not len(contacts):
-        return None if fitted is None else np.zeros(0)
     found = features(scene, contacts)
     score = np.full(len(contacts), float(fitted["bias"]))
     for name, of in fitted["features"].items():

@@ -60,10 +60,8 @@ def ranking(scene: Scene, verdicts: Verdicts, hand: Hand, q: Float[np.ndarray, "
     verified = np.flatnonzero(verdicts.success)
     contacts = ContactBatch.of([verdicts.contacts[row] for row in verified])
     keys = _keys(scene, verdicts, contacts)
-    foresight, tolerance = {}, {}
-    if (found := probabilities(scene, contacts)) is not None:
-        foresight["probability"], tolerance["probability"] = np.full(len(q), np.nan), PROBABILITY_AGREEMENT
-        foresight["probability"][verified] = found
+    foresight, tolerance = {"probability": np.full(len(q), np.nan)}, {"probability": PROBABILITY_AGREEMENT}
+    foresight["probability"][verified] = probabilities(scene, contacts)
     agreement = [0.0, MARGIN_AGREEMENT, MARGIN_AGREEMENT, 1e-6, 1e-6, 1e-6]
     if (uncertainty := uncertainty_of(scene)) is not None:
         share = share_of_worlds(scene, hand, q, verdicts, np.lexsort(keys[::-1]))

@@ -21,9 +21,7 @@ from dexnudge.verification.verdicts import Verdicts, verify
 
 MEASURED = Uncertainty(pose_mm=2.0, pose_deg=1.0, height_mm=0.3)
 """By which the pose of an object in measured surroundings is off: from depth images or a matched scan, and their planes."""
-TRIED_DRAWS = (
-    32  # of the best verified draws that are tried where the object is displaced: who asks for one needs no more
-)
+TRIED_DRAWS = 32  # of the best verified draws, where the object is displaced: who asks for one needs no more
 STEEP = 0.1  # length of the motion's part along the support under which it has no direction on it
 
 
