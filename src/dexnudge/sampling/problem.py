@@ -7,7 +7,7 @@ from dataclasses import dataclass, fields, replace
 import numpy as np
 import torch
 import trimesh
-from jaxtyping import Bool, Float
+from jaxtyping import Float
 from torch import Tensor
 
 from dexnudge.energies.evaluator import HandEnergy
@@ -52,32 +52,11 @@ class PushableSurface:
 
     twists: tuple[Twist, ...]
     places: Float[Tensor, "place 3"]
-    press_moves: bool = True
+    press_moves: bool
 
     def to(self, device: str) -> "PushableSurface":
         """Return the same on another device."""
         return replace(self, places=self.places.to(device))
-
-    def idle(
-        self, points: Float[Tensor, "batch digit 3"], normals: Float[Tensor, "batch digit 3"]
-    ) -> Bool[Tensor, "batch digit"]:
-        """Return which contacts cannot help, by the object's outward normals; none where there is no better place.
-
-        Those that face the motion, and those on top where no press moves the object.
-        """
-        useless = facing(self.twists, points, normals) > FACING_MOTION
-        if not self.press_moves:
-            useless |= normals[..., 2] > ON_TOP
-        return useless & bool(len(self.places))
-
-    def nearest(
-        self, points: Float[Tensor, "batch digit 3"], normals: Float[Tensor, "batch digit 3"]
-    ) -> Float[Tensor, "batch digit 3"]:
-        """Return the place nearest to a fingertip that touches at `points` [m]; its own where there is no place."""
-        here = (points + TIP_RADIUS * normals).flatten(0, 1)
-        if len(self.places) == 0:
-            return here.view(points.shape)
-        return self.places[torch.cdist(here, self.places).argmin(dim=1)].view(points.shape)
 
 
 def facing(
@@ -97,29 +76,25 @@ def _direction(twist: Twist, points: Float[Tensor, "*batch 3"]) -> Float[Tensor,
 
 
 def pushable_surface(
-    cloud: Float[Tensor, "point 6"],
-    twists: Sequence[Twist],
-    environment: ExactDistance,
-    *,
-    clearance: float = 0.0,
-    press_moves: bool = True,
+    places: Float[Tensor, "place 3"], surface: Float[Tensor, "place 6"], twists: Sequence[Twist], *, press_moves: bool
 ) -> PushableSurface:
-    """Return where on the object a fingertip fits and can push, from its points and outward normals [m]; one frame.
+    """Return where on the object a fingertip can push, of where it fits (see `places_with_room`); one frame.
 
-    twists, press_moves: as in `PushableSurface`. clearance: that the fingertip keeps from the environment [m].
+    twists, press_moves: as in `PushableSurface`.
     """
-    places, surface = places_with_room(cloud, environment, clearance=clearance)
-    points, normals = surface[:, :3], surface[:, 3:]
-    useful = facing(twists, points, normals) < PUSHABLE
+    useful = facing(twists, surface[:, :3], surface[:, 3:]) < PUSHABLE
     if not press_moves:
-        useful &= normals[:, 2] <= ON_TOP
+        useful &= surface[:, 5] <= ON_TOP
     return PushableSurface(tuple(twists), places[useful], press_moves)
 
 
 def places_with_room(
     cloud: Float[Tensor, "point 6"], environment: ExactDistance, *, clearance: float
 ) -> tuple[Float[Tensor, "place 3"], Float[Tensor, "place 6"]]:
-    """Return where a fingertip's keypoint fits that touches the object [m], and the points and normals that it touches."""
+    """Return where a fingertip's keypoint fits that touches the object [m], and the points and normals that it touches.
+
+    cloud: points [m] and outward normals of the object. clearance: that the fingertip keeps from the environment [m].
+    """
     places = cloud[:, :3] + TIP_RADIUS * cloud[:, 3:]
     room = torch.from_numpy(environment(places.double().numpy()).distance) > ROOM + clearance
     return places[room], cloud[room]
@@ -190,6 +165,8 @@ def prepare(scene: Scene, *, device: str = "cpu") -> SamplingProblem:
     environment, task = ExactDistance(environment_mesh, device=device), hardest_task(scene)
     balances = _balances(scene, T_canonical_world)
     places, surface = places_with_room(cloud, environment, clearance=scene.clearance)
+    press_moves = task.friction_hand > task.friction_environment
+    pushable = pushable_surface(places, surface, motion.beginning_twists, press_moves=press_moves)
     if pulled(scene):  # by a pinch, on its sides
         beside = surface[:, 3].abs() < ACROSS
         places, surface = places[beside], surface[beside]
@@ -200,13 +177,7 @@ def prepare(scene: Scene, *, device: str = "cpu") -> SamplingProblem:
         guiding_fields=guiding,
         balances=balances,
         cloud=cloud,
-        pushable=pushable_surface(
-            cloud,
-            motion.beginning_twists,
-            environment,
-            clearance=scene.clearance,
-            press_moves=task.friction_hand > task.friction_environment,
-        ).to(device),
+        pushable=pushable.to(device),
         helpful=helpful_places(places, surface, balances).to(device) if scene.turn and balances else None,
         object_mesh=object_mesh,
         device=device,

@@ -56,9 +56,7 @@ class ProjectionConfig:
     """Budget and tolerances of the projection."""
 
     max_steps: int = 80
-    turning_factor: int = (
-        3  # on all counts of steps where the object turns: fingertips go farther, and have to come clear again
-    )
+    turning_factor: int = 3  # on all counts of steps where the object turns: fingertips go farther, and back
     terms_factor: int = 2  # the same where the user has terms: they and the others settle one after the other
     steps: StepSizes = StepSizes(translation=0.002, rotation=0.015, joints=0.03)
     decay: tuple[float, float] = (0.7, 0.8)  # of the moments: see `HandDescent`
@@ -70,13 +68,9 @@ class ProjectionConfig:
     force_tolerance: float = 0.05  # residual [weights of the object] that counts as balanced
     force_sweeps: int = 12  # of the balance solver per step, warm-started
     first_force_sweeps: int = 60  # before the first step, from a cold start
-    idle_steps: int = (
-        60  # first steps, in which idle fingertips are drawn to where they can push, and hands wait for it
-    )
+    idle_steps: int = 60  # first steps, in which idle fingertips are drawn to where they can push; hands wait for it
     guided_steps: int = 20  # first steps, which still count what the object cannot see as solid
-    term_steps: int = (
-        40  # first steps, in which the user's terms pull; the others must still get a hand out of what it penetrates
-    )
+    term_steps: int = 40  # first steps, in which the user's terms pull; the others still have to get a hand clear
     arrival: float = 0.012  # [m] from a helpful place at which a fingertip that goes there begins to touch
     patience: int = 30  # steps without progress after which a hand that is clean and touching waits for nothing else
     endurance: int = 60  # steps without progress after which any other hand is given up
@@ -254,7 +248,7 @@ class _Projection:
         progress.least = wp.full(len(self.converged), FAR, dtype=float, device=device)
         return (
             rules,
-            _pushable(self.problem.pushable, drawn=self.force is not None and self.helpful is None, device=device),
+            packed_surface(self.problem.pushable, drawn=self.force is not None and self.helpful is None, device=device),
             progress,
         )
 
@@ -274,7 +268,7 @@ class Settling:
         return (energy <= NEGLIGIBLE_TERMS) | (self._stalled[rows] >= STALLED_STEPS)
 
 
-def _pushable(surface: PushableSurface, *, drawn: bool, device: str) -> WarpStruct:
+def packed_surface(surface: PushableSurface, *, drawn: bool, device: str) -> WarpStruct:
     """Return where idle fingertips are drawn to, nowhere unless `drawn`, as the kernel reads it."""
     packed = projection_kernel.Pushable()
     for name in ("linear", "angular"):

@@ -53,7 +53,7 @@ class Progress:
 
 @wp.func
 def cannot_help(pushable: Pushable, point: wp.vec3, normal: wp.vec3) -> bool:
-    """As `PushableSurface.idle`, of one contact."""
+    """Whether a contact faces the motion, or is on top where no press moves the object; by the object's outward normal."""
     if normal[2] > pushable.on_top:
         return True
     for k in range(pushable.linear.shape[0]):

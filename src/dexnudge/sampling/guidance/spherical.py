@@ -4,10 +4,10 @@ On the sphere, noise is turned towards descent of the energy and its length is k
 
 `SphericalGuidance` is DSG (Yang et al., ICML 2024), its gradient taken through the network. `CleanSpherical` takes the
 gradient at the clean estimate, takes the mean of a solver of second order, and turns less where the energy is low and for
-joint angles. `Resampled` adds sequential
-Monte Carlo: every few steps the draws of a call are weighed by exp(-L / temperature), L the energy at their clean estimates;
-where the effective sample size falls below half of the draws, they are drawn anew from the weights (systematic resampling),
-and the noise of later steps parts those that come from one. Such draws of a call are not independent.
+joint angles. `Resampled` adds sequential Monte Carlo: every few steps the draws of a call are weighed by
+exp(-L / temperature), L the energy at their clean estimates; where the effective sample size falls below half of the draws,
+they are drawn anew from the weights (systematic resampling), and the noise of later steps parts those that come from one.
+Such draws of a call are not independent.
 """
 
 import math
