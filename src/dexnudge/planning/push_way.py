@@ -125,11 +125,8 @@ class PushWayPlanner:
                 failed = NoWay("push", blocked)
             else:
                 free.append(push)
-        return sorted(free, key=self._room, reverse=True) or failed
-
-    def _room(self, push: Float[np.ndarray, "station joint"]) -> float:
-        """Return the arm's least distance to a joint limit, as a share of half the joint's range."""
-        return float(self.robot.arm.limits.room(push[:, : self.robot.arm.num_joints]).min())
+        arm = self.robot.arm
+        return sorted(free, key=lambda push: arm.limits.room(push[:, : arm.num_joints]).min(), reverse=True) or failed
 
     def _lap(self, stage: str) -> None:
         now = time.perf_counter()

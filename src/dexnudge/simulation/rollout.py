@@ -149,11 +149,7 @@ class Rollout:
 
     def follow(self, path: Path, phase: str) -> None:
         """Move the hand along `path`; the fingers keep their grip where there is one."""
-        if self._grip is None:
-            motors = path[:, ROOT_COORDINATES:] @ self.simulation.motor_of_angle.T
-        else:
-            motors = np.tile(self._grip, (len(path), 1))
-        self.play(self._path_commands(path, motors, phase))
+        self.play(self._path_commands(path, phase))
 
     def close(self, motor_torque: Float[np.ndarray, " motor"], phase: str) -> None:
         """Bring the motors to these torques, whatever gaps they close on the way, and let the grip settle.
@@ -218,16 +214,14 @@ class Rollout:
             "expected None when the push is over"
         )
 
-    def _path_commands(
-        self,
-        path: Path,
-        motors: Float[np.ndarray, "step motor"],
-        phase: str,
-    ) -> Iterator[Command]:
+    def _path_commands(self, path: Path, phase: str) -> Iterator[Command]:
         """Yield the commands that lead hand and motors along."""
         if len(path) == 0:
             return
         simulation = self.simulation
+        motors = path[:, ROOT_COORDINATES:] @ simulation.motor_of_angle.T
+        if self._grip is not None:
+            motors[:] = self._grip
         moving = simulation.base_damping * palm_velocity(path, self.commanded) / simulation.base_stiffness
         quaternions = rotations(path).as_quat(scalar_first=True)
         for step, q in enumerate(path):

@@ -20,7 +20,7 @@ from dexnudge.simulation.rollout import Divergence, Trace
 from dexnudge.simulation.success import LiftVerdict, PushVerdict, judge_lift, judge_push
 from dexnudge.trajectories.plan import Plan
 from dexnudge.trajectories.plan_reader import check_phases
-from dexnudge.trajectories.playback import PlanTrace, play
+from dexnudge.trajectories.playback import PlanRollout, PlanTrace
 from dexnudge.viewer.recording import Recording
 
 PUSH_PHASES = ("pre-contact", "contact", "squeeze", "push")  # in which the arrow shows where the object shall go
@@ -172,7 +172,9 @@ def execute_plan(plan: Plan, *, xml: str | None = None) -> PlanEpisode:
     """
     check_phases(plan.phases, plan.length, plan.scene, "plan")
     model = robot_model(plan.robot, plan.scene) if xml is None else load_robot_model(xml, plan.robot)
-    trace, divergence = play(plan, model)
+    rollout = PlanRollout(model, plan.trajectory.position[0])
+    rollout.follow_plan(plan)
+    trace, divergence = rollout.plan_trace, rollout.divergence
     diverged = divergence is not None
     verdict = judge_plan(plan, trace, diverged=diverged)
     lifts = verdict.success and not diverged and plan.phases[-1].name == "lift"

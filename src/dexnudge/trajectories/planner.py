@@ -210,7 +210,7 @@ class Planner:
 
     def _timed(self, way: PushWay, pressed: Press, configuration: int) -> Plan | Failure:
         robot, pace = self.robot, self._pace
-        closed = self._closing(way.push[0], pressed)
+        closed = self._followed(closing(pressed.contact, pressed.touching), way.push[0])
         push = None if closed is None else self._pushed(closed[-1], pressed)
         if closed is None or push is None:
             return Failure(configuration, "squeeze", "the arm cannot follow the hand as it closes")
@@ -247,12 +247,6 @@ class Planner:
             phases.append(Phase(name, start, end, configuration, T_world_object, force))
             start = end
         return Plan(robot, self.scene, trajectory, tuple(phases), pressed.length)
-
-    def _closing(
-        self, contact: Float[np.ndarray, " joint"], pressed: Press
-    ) -> Float[np.ndarray, "station joint"] | None:
-        """Return positions from contact to where the hand presses."""
-        return self._followed(closing(pressed.contact, pressed.touching), contact)
 
     def _leaving(
         self, pressing: Float[np.ndarray, " joint"], stretch: Float[np.ndarray, "station joint"], pressed: Press

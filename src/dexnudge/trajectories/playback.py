@@ -11,8 +11,8 @@ from dexnudge.arms.export import robot_actuators
 from dexnudge.hands.motors import Actuator
 from dexnudge.simulation.hand_path import interpolated
 from dexnudge.simulation.model import TIMESTEP
-from dexnudge.simulation.robot_model import RobotModel, robot_model
-from dexnudge.simulation.rollout import Command, Divergence, Rollout, Trace
+from dexnudge.simulation.robot_model import RobotModel
+from dexnudge.simulation.rollout import Command, Rollout, Trace
 from dexnudge.trajectories.interpolation import at
 from dexnudge.trajectories.plan import Plan
 
@@ -52,23 +52,13 @@ def set_points(
     return np.asarray(position @ motor_of_joint.T + (kv * (velocity @ motor_of_joint.T) + effort @ share.T) / kp)
 
 
-def play(plan: Plan, model: RobotModel | None = None) -> tuple[PlanTrace, Divergence | None]:
-    """Play a plan from its first sample; nothing but the motors moves arm and hand.
-
-    At every step of 2 ms the motors get the set points of the time before it. `model` is that of the plan's robot and
-    scene, made here if it is left out. Returned beside the records is where the simulation diverged, None if it did not.
-
-    Raises:
-        MeshError: MuJoCo cannot take the object or the surroundings.
-    """
-    model = model or robot_model(plan.robot, plan.scene)
-    rollout = PlanRollout(model, plan.trajectory.position[0])
-    rollout.follow_plan(plan)
-    return rollout.plan_trace, rollout.divergence
-
-
 class PlanRollout(Rollout):
-    """A simulation of a robot that plays plans one after another."""
+    """A simulation of a robot that plays plans one after another; nothing but the motors moves arm and hand.
+
+    At every step of 2 ms the motors get the set points of the time before it.
+
+    model: of robot and scene. position: of the robot's joints at first [rad].
+    """
 
     def __init__(self, model: RobotModel, position: Float[np.ndarray, " n"]) -> None:
         super().__init__(model.simulation, model.robot.coordinates(position[None])[0])

@@ -10,7 +10,7 @@ from scipy.interpolate import CubicSpline
 from dexnudge.arms.robot import Robot
 from dexnudge.hands.hand import Hand
 from dexnudge.mechanics.sliding_task import sliding_task
-from dexnudge.planning.object_path import push_length, stations
+from dexnudge.planning.object_path import stations
 from dexnudge.scenes.scene import Scene
 from dexnudge.simulation.hand_path import PUSH, SQUEEZE, STOP, interpolated, orthonormal, push_path
 from dexnudge.simulation.model import SimulationModel
@@ -107,20 +107,17 @@ def deepest(
     return float(max(each.max() for each in found))
 
 
-def press(
-    simulation: SimulationModel, scene: Scene, q: Float[np.ndarray, " coordinates"], *, length: float | None = None
-) -> Press:
+def press(simulation: SimulationModel, scene: Scene, q: Float[np.ndarray, " coordinates"], *, length: float) -> Press:
     """Return the push of one configuration.
 
     Args:
         simulation: `scene_model` of the hand in the scene, of which closing and levers are read; q is placed in it.
         scene: the scene, the object where it lies before the push.
         q: configuration of the hand at contact (world).
-        length: of the push [m]; None: that of the scene.
+        length: of the push [m].
     """
     hand, task = simulation.hand, sliding_task(scene)
     q = np.asarray(q, dtype=np.float64)
-    length = push_length(scene) if length is None else length
     (contacts,) = contacts_of(scene, hand, q[None])
     forces = push_forces(simulation, q, contacts, stations(scene, length), task)
     normal = -np.einsum("pcx,cx->pc", forces.force, contacts.normals)
