@@ -203,7 +203,6 @@ def test_a_large_image_is_thinned_and_gives_the_same_plane(camera, monkeypatch):
         ({"voxel": float("nan")}, "`voxel` is nan m; expected 0.0005 to 0.1"),
         ({"high": LOW}, "has no room; expected `low` below `high`"),
         ({"high": np.array([0.1, 0.1, np.inf])}, "has no room; expected `low` below `high`"),
-        ({"unseen": "glass"}, "`unseen` is 'glass'; expected 'solid' or 'free'"),
         ({"low": LOW + 5, "high": HIGH + 5}, "none of the 5 views measures anything between"),
         ({"low": LOW - 5, "voxel": 0.001}, "make the box smaller, or `voxel` at least 0.01"),
     ],

@@ -31,7 +31,7 @@ def complete(views: Sequence[DepthView], planes: Sequence[Plane]) -> list[DepthV
     """
     if not planes:
         return list(views)
-    bare = [_without(view, view.mask) for view in views]
+    bare = [without_object(view) for view in views]
     points = np.concatenate([plane.points for plane in planes])
     low, high = points.min(axis=0) - 4 * CELL, points.max(axis=0) + 4 * CELL
     merged = merged_points(bare, low, high)
@@ -68,11 +68,11 @@ def _is_image(plane: Plane, planes: Sequence[Plane]) -> bool:
     )
 
 
-def _without(view: DepthView, pixels: Bool[np.ndarray, "height width"] | None) -> DepthView:
-    """Return a view in which these pixels measured nothing; one that would measure nothing at all stays as it is."""
-    if pixels is None or not (view.measured & ~pixels).any():
+def without_object(view: DepthView) -> DepthView:
+    """Return a view in which the object's pixels measured nothing; one that would measure nothing at all stays as it is."""
+    if view.mask is None or not (view.measured & ~view.mask).any():
         return view
-    return replace(view, depth=np.where(pixels, 0.0, view.depth))
+    return replace(view, depth=np.where(view.mask, 0.0, view.depth))
 
 
 @dataclass(frozen=True, eq=False)

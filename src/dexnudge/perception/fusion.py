@@ -4,7 +4,6 @@ from __future__ import annotations
 
 from collections.abc import Callable, Sequence
 from dataclasses import dataclass
-from typing import Literal
 
 import numpy as np
 import trimesh
@@ -120,7 +119,7 @@ def fuse(
     high: Float[np.ndarray, "3"],
     *,
     voxel: float = VOXEL,
-    unseen: Literal["solid", "free"] = "solid",
+    unseen: str = "solid",
     empty: EmptySpace | None = None,
 ) -> FusedSurface:
     """Fuse views over the box from `low` to `high` [m, world].
@@ -138,8 +137,6 @@ def fuse(
         SceneError: a box or voxel that no grid can have, too many voxels, or no view that measured anything in the box.
     """
     low, counts = _grid(low, high, voxel)
-    if unseen not in ("solid", "free"):
-        raise SceneError(f"`unseen` is {quote(unseen)}; expected 'solid' or 'free'")
     if not any(_measures(view, low, low + voxel * np.asarray(counts)) for view in views):
         raise SceneError(
             f"none of the {len(views)} views measures anything between {low.tolist()} and {np.asarray(high).tolist()} m; "

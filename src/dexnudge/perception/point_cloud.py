@@ -157,9 +157,8 @@ READERS = {".npy": _read_npy, ".pcd": _read_pcd, ".ply": _read_ply}
 MAX_VIEW_POINTS = 64
 SAMPLED = 5_000  # points at which the density is measured
 NEIGHBOURS = 8  # of a point, whose distance tells the density
-PIXEL = (
-    1.5  # spacings of points that a pixel is wide: nine of ten pixels of a surface hold a point, the rest is bridged
-)
+# Spacings of points that a pixel is wide: nine of ten pixels of a surface hold a point, the rest is bridged.
+PIXEL = 1.5
 SPARSE_SHARE = 0.25  # of the points that may be sparser than that
 LARGEST_IMAGE = 2000  # [px] along a side of 90 degrees
 LEAST_POINTS = 3  # of an image: fewer are no surface

@@ -32,9 +32,7 @@ SETTLED = (1.0, 0.5)  # [mm, deg] an object that was moved by more was not where
 SAID_FROM = (0.05, 0.05)  # [mm, deg] less is zero in a sentence
 MASKED = "masked points"  # in the notes of an object that is known from them
 SAID = ("(`settle` off", "does not come to rest")  # in notes of the surroundings that findings say as well
-STEEP = np.radians(
-    15.0
-)  # a motion off its support by more lifts the object; one into it was meant so, and is not turned
+STEEP = np.radians(15.0)  # a motion off its support by more lifts the object; one into it was meant so
 MOST_NAMED = 3  # free directions in one message
 DIRECTIONS = 8  # in the plane of the support that are tried where the way is not free
 SHORTEST_WAY = 0.02  # [m] a shorter motion is not worth proposing

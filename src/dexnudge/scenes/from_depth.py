@@ -14,7 +14,7 @@ from jaxtyping import Float
 from dexnudge.errors import SceneError, quote
 from dexnudge.geometry.exact_distance import ExactDistance
 from dexnudge.geometry.far_surroundings import coarsened_faces
-from dexnudge.perception.completion import bridged, complete
+from dexnudge.perception.completion import bridged, complete, without_object
 from dexnudge.perception.depth_view import DepthView, consistent
 from dexnudge.perception.fusion import ASSUMED, UNSEEN, VOXEL, EmptySpace, FusedSurface, fuse
 from dexnudge.perception.masked_object import masked_object
@@ -23,7 +23,6 @@ from dexnudge.perception.planes import Plane, find_planes
 from dexnudge.perception.views import load_views
 from dexnudge.scenes.poses import load_pose, rigid_transform
 
-UNSEEN_IS = ("solid", "free")
 REACH = 0.36  # [m] around the object and its way: wherever a hand can be that touches it
 WAYS = 0.10  # [m] a multiple of it is fused on all sides, so that ways of about one length are in the same world
 CARVED = 0.003  # [m] around the object, and the noise of the views, that is free: what was measured there is the object
@@ -41,16 +40,14 @@ class DepthSurroundings:
         object_mesh: [m, object frame].
         T_world_object: (4, 4).
         environment_mesh: fused surface [m, world]; `metadata["origin"]` says of each face what it is: 0 seen, 1 assumed,
-            2 the border of what was not seen.
+            2 the border of what was not seen; `metadata["notes"]` what was assumed, a sentence each.
         noise: of the fused surface that carries the object, root mean square [m]; None where it is no plane.
-        notes: what was assumed, a sentence each.
     """
 
     object_mesh: trimesh.Trimesh
     T_world_object: Float[np.ndarray, "4 4"]
     environment_mesh: trimesh.Trimesh
     noise: float | None
-    notes: tuple[str, ...]
 
 
 def scene_from_depth(
@@ -86,7 +83,7 @@ def scene_from_depth(
         raise SceneError(
             f"`{given}` is given without `{missing}`; expected both, or neither for an object that is known from its masks"
         )
-    if unseen not in UNSEEN_IS:
+    if unseen not in ("solid", "free"):
         raise SceneError(f"`unseen` is {quote(unseen)}; expected 'solid' or 'free'")
     views = consistent(load_views(views, masks=masks, view_points=view_points))
     if object_mesh is None or object_pose is None:
@@ -104,7 +101,7 @@ def scene_from_depth(
     around = REACH + np.array([1.0, 1.0, 0.0]) * WAYS * np.ceil(np.linalg.norm(way) / WAYS - 1e-9)
     low, high = body.bounds[0] - around, body.bounds[1] + around
     shown = [replace(view, mask=pixels) for view, pixels in zip(views, own, strict=True)]
-    planes = find_planes([_bare(view) for view in shown], low, high)
+    planes = find_planes([without_object(view) for view in shown], low, high)
     support = support or _support(planes, float(body.bounds[0, 2]))
     completed = [bridged(view) for view in complete(shown, planes)]
     fused = fuse(
@@ -112,7 +109,7 @@ def scene_from_depth(
         low,
         high,
         voxel=VOXEL if voxel is None else voxel,
-        unseen=unseen,  # type: ignore[arg-type]  # checked above
+        unseen=unseen,
         empty=_own_space(body, support),
     )
     notes += _notes(fused, unseen, support)
@@ -126,7 +123,7 @@ def scene_from_depth(
     environment.metadata["origin"] = origin[by_origin]
     environment.metadata["notes"] = notes
     noise = support.noise / np.sqrt(len(views)) if support else None  # of a mean over the views
-    return DepthSurroundings(mesh, T_world_object, environment, noise, tuple(notes))
+    return DepthSurroundings(mesh, T_world_object, environment, noise)
 
 
 def _own_space(body: trimesh.Trimesh, support: Plane | None) -> EmptySpace:
@@ -140,13 +137,6 @@ def _own_space(body: trimesh.Trimesh, support: Plane | None) -> EmptySpace:
 
     unseen = max(0.0, CARVED_UNSEEN - carved)
     return EmptySpace(body.bounds[0] - carved, body.bounds[1] + carved, distance, unseen_margin=unseen)
-
-
-def _bare(view: DepthView) -> DepthView:
-    """Return the view without the object."""
-    assert view.mask is not None
-    rest = view.measured & ~view.mask
-    return replace(view, depth=np.where(rest, view.depth, 0.0)) if rest.any() else view
 
 
 def _support(planes: Sequence[Plane], bottom: float) -> Plane | None:

@@ -27,9 +27,7 @@ SUPPORT_LIMIT = 1e-3  # [m] farther from the surroundings than this nothing carr
 POSE_UNITS = {"millimetres": 0.001, "centimetres": 0.01, "inches": 0.0254}  # [m] that a position may be in by mistake
 ROUGHLY = 5e-3  # [m] from touching that an object may be after a mistake: spikes of a scan, or mended by settling
 BETTER = 2.0  # times nearer to touching than as given, or a mistake explains little
-PLAIN_MISTAKE = (
-    1.0  # [m] a unit explains what is worse: it brings any object nearer to the origin, and often to the ground
-)
+PLAIN_MISTAKE = 1.0  # [m] a unit explains what is worse: it brings any object nearer to the origin, often to the ground
 FAR = 0.02  # [m] by which a mistake moves the object at least: what is less is an error of its pose
 BALANCED = 2e-3  # [m] its centre may be outside of what would then carry it
 COINCIDES = 2e-3  # [m] from the object's upper side that a scan of it is

@@ -48,7 +48,7 @@ def snapped(
     if not (nearest[moved] > ON_PLANE).any():
         return surroundings
     faces = np.asarray(surroundings.faces)
-    kept = ~(moved[faces].all(axis=1) & (_lowest_height(placed[faces]) < LOWEST_TRIANGLE))
+    kept = ~(moved[faces].all(axis=1) & (least_heights(placed[faces]) < LOWEST_TRIANGLE))
     made = trimesh.Trimesh(placed, faces[kept], process=False)
     made.metadata.update(surroundings.metadata)
     if "origin" in made.metadata:
@@ -93,12 +93,12 @@ def _belongs(
     return found & near
 
 
-def _lowest_height(corners: Float[np.ndarray, "face 3 3"]) -> Float[np.ndarray, " face"]:
-    """Return each triangle's height over its longest side [m]."""
-    sides = corners - np.roll(corners, 1, axis=1)
-    longest = np.linalg.norm(sides, axis=2).max(axis=1)
-    twice_area = np.linalg.norm(np.cross(sides[:, 0], sides[:, 1]), axis=1)
-    return np.divide(twice_area, longest, out=np.zeros(len(corners)), where=longest > 0)
+def least_heights(triangles: Float[np.ndarray, "face 3 3"]) -> Float[np.ndarray, " face"]:
+    """Return the least height of each triangle [m]."""
+    edges = np.roll(triangles, -1, axis=1) - triangles
+    longest = np.linalg.norm(edges, axis=2).max(axis=1)
+    area = np.linalg.norm(np.cross(edges[:, 0], edges[:, 1]), axis=1)
+    return np.asarray(np.divide(area, longest, out=np.zeros_like(area), where=longest > 0))
 
 
 MOST_SHIFT = 0.005  # [m] that an object is raised or lowered; more is another pose

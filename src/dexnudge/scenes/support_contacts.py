@@ -135,9 +135,8 @@ def _with_own_points(
     normals /= np.maximum(np.linalg.norm(normals, axis=1, keepdims=True), np.finfo(float).tiny)
     hit = ExactDistance(body).to_surface(points, reach=SUPPORT_REACH)
     kept = support_mask(np.asarray(hit.normal, dtype=np.float64), distance=hit.distance, environment_normals=normals)
-    met = environment.to_surface(
-        hit.closest[kept], reach=SUPPORT_REACH
-    ).closest  # a point beside the body carries nothing
+    # A point beside the body carries nothing.
+    met = environment.to_surface(hit.closest[kept], reach=SUPPORT_REACH).closest
     return SupportContacts(
         points=np.concatenate([found.points, met]), normals=np.concatenate([found.normals, normals[kept]])
     )

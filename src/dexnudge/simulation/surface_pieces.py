@@ -17,6 +17,7 @@ from scipy.ndimage import label
 from scipy.spatial import ConvexHull, QhullError
 
 from dexnudge.geometry.exact_distance import ExactDistance, Rays
+from dexnudge.scenes.settling import least_heights
 
 Polygon = Float[np.ndarray, "_ 3"]
 
@@ -154,18 +155,10 @@ def _near(mesh: trimesh.Trimesh, box: Float[np.ndarray, "2 3"]) -> trimesh.Trime
     """Return the faces whose bounds meet a box, without those that have no height."""
     triangles = np.asarray(mesh.triangles)
     meets = ((triangles.min(axis=1) <= box[1]) & (triangles.max(axis=1) >= box[0])).all(axis=1)
-    meets &= _heights(triangles) > 0
+    meets &= least_heights(triangles) > 0
     near = trimesh.Trimesh(np.asarray(mesh.vertices), np.asarray(mesh.faces)[meets], process=False)
     near.merge_vertices()
     return near
-
-
-def _heights(triangles: Float[np.ndarray, "face 3 3"]) -> Float[np.ndarray, " face"]:
-    """Return the least height of each triangle [m]."""
-    edges = np.roll(triangles, -1, axis=1) - triangles
-    longest = np.linalg.norm(edges, axis=2).max(axis=1)
-    area = np.linalg.norm(np.cross(edges[:, 0], edges[:, 1]), axis=1)
-    return np.asarray(np.divide(area, longest, out=np.zeros_like(area), where=longest > 0))
 
 
 def _planes(mesh: trimesh.Trimesh) -> list[Int[np.ndarray, " face"]]:
@@ -311,8 +304,7 @@ def _covered(triangles: Float[np.ndarray, "face 3 3"], polygons: list[Polygon]) 
     for corners in polygons:
         centre = corners.mean(axis=0)
         along = np.roll(corners, -1, axis=0) - corners
-        normal = np.cross(along[0], along[1])
-        normal /= np.linalg.norm(normal)
+        normal = _normal(corners)
         side = np.cross(along, normal)
         side /= np.linalg.norm(side, axis=1, keepdims=True)
         side *= np.sign(np.einsum("ex,ex->e", side, corners - centre))[:, None]
@@ -365,7 +357,7 @@ def _with_border(mesh: trimesh.Trimesh) -> trimesh.Trimesh:
 
 def _prisms(polygons: list[Polygon], mesh: trimesh.Trimesh) -> list[Float[np.ndarray, "_ 3"]]:
     """Return each polygon with a copy of it below; less deep where the surface's other side is near."""
-    kept = [corners for corners in polygons if len(corners) > 3 or _heights(corners[None])[0] > NARROWEST]
+    kept = [corners for corners in polygons if len(corners) > 3 or least_heights(corners[None])[0] > NARROWEST]
     normals = np.stack([_normal(corners) for corners in kept])
     count = np.array([len(corners) for corners in kept])
     owner = np.repeat(np.arange(len(kept)), count + 1)
