@@ -5,7 +5,6 @@ from PIL import Image
 
 import dexnudge as dn
 from dexnudge.errors import InputError, OutputError
-from dexnudge.viewer import trace_kernel as parallel_launch
 from dexnudge.viewer.camera import Camera, choose_camera
 from dexnudge.viewer.picture import render_array, render_png
 from dexnudge.viewer.visual_scene import PALETTE, Part, VisualScene, visual_scenes
@@ -148,7 +147,7 @@ def test_same_drawing_same_bytes_on_any_number_of_cores(monkeypatch):
     shown = VisualScene(parts, np.array([[0.0, 0.0, 0.01]]), np.array([1.0, 0, 0]))
     first = render_array(shown, size=SIZE)
     np.testing.assert_array_equal(render_array(shown, size=SIZE), first)
-    monkeypatch.setattr(parallel_launch, "thread_count", lambda: 1)
+    monkeypatch.setattr("dexnudge.viewer.picture.thread_count", lambda: 1)
     np.testing.assert_array_equal(render_array(shown, size=SIZE), first)
 
 

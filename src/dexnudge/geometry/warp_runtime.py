@@ -47,12 +47,14 @@ def _start() -> None:
                 print(line, file=sys.stderr)
 
 
-def launch_in_threads(kernel: Any, dim: Sequence[int], inputs: Sequence[Any], *, device: str) -> None:
-    """Launch a kernel whose first input is where the first dimension begins, on the CPU in parts of that, by `THREADS`."""
+def launch_in_threads(
+    kernel: Any, dim: Sequence[int], inputs: Sequence[Any], *, device: str, threads: int = THREADS
+) -> None:
+    """Launch a kernel whose first input is where the first dimension begins, on the CPU in parts of that, by threads."""
     count, *others = dim
     parts = 1
     if wp.get_device(device).is_cpu:
-        parts = max(1, min(THREADS * PARTS, count // SMALLEST_PART))
+        parts = max(1, min(threads * PARTS, count // SMALLEST_PART))
     bounds = [count * part // parts for part in range(parts + 1)]
 
     def launch(part: int) -> None:
@@ -63,7 +65,7 @@ def launch_in_threads(kernel: Any, dim: Sequence[int], inputs: Sequence[Any], *,
         launch(0)
         return
     wp.load_module(kernel.module, device=device)  # compiling is not safe from several threads
-    with ThreadPoolExecutor(THREADS) as pool:
+    with ThreadPoolExecutor(threads) as pool:
         list(pool.map(launch, range(parts)))
 
 

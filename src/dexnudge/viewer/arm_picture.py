@@ -8,7 +8,7 @@ from dexnudge.arms.arm import Arm
 from dexnudge.arms.robot import Robot
 from dexnudge.hands.link_meshes import visual_meshes
 from dexnudge.viewer.camera import framing_camera
-from dexnudge.viewer.hand_view import BASE_COLOUR, DIGIT_COLOURS, PALM_COLOUR
+from dexnudge.viewer.hand_view import BASE_COLOUR, PALM_COLOUR, digit_colours
 from dexnudge.viewer.picture import arrange, render_array
 from dexnudge.viewer.visual_scene import Colour, Part, VisualScene
 
@@ -57,7 +57,8 @@ def _parts(arm: Arm | Robot) -> list[Part]:
         first = len(own.tree.links)
         hanging = np.linalg.inv(arm.arm.T_world_base) @ arm.at_home()[first:]
         meshes = zip(arm.body.link_names[first:], visual_meshes(arm.body)[first:], hanging, strict=True)
-        placed += [(mesh, pose, _digit_colour(arm, name)) for name, mesh, pose in meshes]
+        colours, digits = digit_colours(arm.hand), arm.hand.digit_of_link
+        placed += [(mesh, pose, colours.get(digits[name] or "", PALM_COLOUR)) for name, mesh, pose in meshes]
     points = [trimesh.transform_points(mesh.vertices, pose) for mesh, pose, _ in placed if len(mesh.faces)]
     scale = SIZE / float(np.ptp(np.concatenate(points), axis=0).max())
     shrink = np.diag([scale, scale, scale, 1.0])
@@ -67,13 +68,6 @@ def _parts(arm: Arm | Robot) -> list[Part]:
         pose[:3, 3] *= scale
         parts += [Part(link, "arrow", _axis(number), pose, colour) for number, colour in enumerate(AXES)]
     return parts
-
-
-def _digit_colour(robot: Robot, link: str) -> Colour:
-    digit = robot.hand.digit_of_link[link]
-    return (
-        PALM_COLOUR if digit is None else DIGIT_COLOURS[list(robot.hand.fingertips).index(digit) % len(DIGIT_COLOURS)]
-    )
 
 
 def _axis(number: int) -> trimesh.Trimesh:

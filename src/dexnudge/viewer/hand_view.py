@@ -91,10 +91,10 @@ def hand_legend(hand: Hand) -> dict[str, Colour]:
     base = {} if hand.base_link is None else {f"base: {hand.base_link}": BASE_COLOUR}
     normal = ", ".join(f"{each:.3g}" for each in hand.palm_normal)
     ends = {f"palm: {hand.link_names[0]}": PALM_COLOUR, **base, f"where the palm faces: ({normal})": ARROW_COLOUR}
-    return _digit_colours(hand) | ends
+    return digit_colours(hand) | ends
 
 
-def _digit_colours(hand: Hand) -> dict[str, Colour]:
+def digit_colours(hand: Hand) -> dict[str, Colour]:
     """Return the colour of each digit's tip; they repeat from the ninth digit on."""
     return {digit: DIGIT_COLOURS[index % len(DIGIT_COLOURS)] for index, digit in enumerate(hand.fingertips)}
 
@@ -113,7 +113,7 @@ def _look(hand: Hand, link: str) -> tuple[Role, Colour]:
         return "base", BASE_COLOUR
     if digit is None:
         return "link", PALM_COLOUR
-    full = _digit_colours(hand)[digit]
+    full = digit_colours(hand)[digit]
     if link in hand.fingertip_links:
         return "fingertip", full
     red, green, blue = (channel + TINT * (1 - channel) for channel in full)

@@ -9,11 +9,12 @@ from jaxtyping import Bool, Float, Shaped, UInt8
 from PIL import Image, ImageDraw, ImageFont
 
 from dexnudge.errors import InputError, check_path, quote, writing
-from dexnudge.geometry.warp_runtime import WarpStruct, wp
+from dexnudge.geometry.warp_runtime import WarpStruct, launch_in_threads, wp
 from dexnudge.jobs.cached import cached_per_instance
+from dexnudge.jobs.processes import thread_count
 from dexnudge.viewer.camera import Camera, choose_camera, hiding_faces
 from dexnudge.viewer.shading_kernel import Pixels, shade_picture, trace_picture
-from dexnudge.viewer.trace_kernel import TRIANGLE, Geometry, Surface, Triangle, View, parallel_launch, warp_mesh
+from dexnudge.viewer.trace_kernel import TRIANGLE, Geometry, Surface, Triangle, View, warp_mesh
 from dexnudge.viewer.visual_scene import (
     CONTACT_RADIUS,
     CREASE_ANGLE,
@@ -181,8 +182,9 @@ def render_array(
     pixels.surface, pixels.light, colour = (
         wp.empty(width * height, dtype=kind, device="cpu") for kind in (Surface, wp.vec2, wp.vec3)
     )
-    parallel_launch(trace_picture, width * height, [geometry, view, pixels])
-    parallel_launch(shade_picture, width * height, [geometry, view, pixels, colour])
+    count, threads = [width * height], thread_count()
+    launch_in_threads(trace_picture, count, [geometry, view, pixels], device="cpu", threads=threads)
+    launch_in_threads(shade_picture, count, [geometry, view, pixels, colour], device="cpu", threads=threads)
     del pixels  # three times as large as the picture
     return _to_bytes(colour.numpy().reshape(height, width, 3))
 

@@ -119,9 +119,10 @@ def recording_camera(recording: Recording, *, aspect: float, near: bool = False)
         robots = hands[((hands >= low) & (hands <= high)).all(axis=1)]
     first = recording.frames[0]
     goal = _corners(first, "object") + first.motion * first.motion_length
-    arrows = [frame.arrow().mesh.vertices.reshape(-1, 3) for frame in recording.part(recording.eventful(JUDGED)).frames]
+    judged = recording.part(recording.eventful(JUDGED)).frames
+    arrows = [frame.arrow().mesh.vertices.reshape(-1, 3) for frame in judged]
     framed = np.concatenate([objects, robots, goal, _corners(first, "ghost", "arrow"), *arrows])
-    return best_camera(recording.part(recording.eventful(JUDGED)).frames, framed, aspect=aspect)
+    return best_camera(judged, framed, aspect=aspect)
 
 
 def _corners(frame: VisualScene, *roles: Role) -> Float[np.ndarray, "n 3"]:

@@ -1,14 +1,9 @@
-"""Rays through a visual scene on the CPU: Warp functions and kernels, and their launch on all cores."""
-
-from collections.abc import Sequence
-from concurrent.futures import ThreadPoolExecutor
-from typing import Any
+"""Rays through a visual scene on the CPU: Warp functions and what they read."""
 
 import numpy as np
 from jaxtyping import Float
 
 from dexnudge.geometry.warp_runtime import wp
-from dexnudge.jobs.processes import thread_count
 
 # mypy: ignore-errors
 # Warp's declarations are values, not types, and what a kernel computes with is not what Python sees.
@@ -138,27 +133,6 @@ def trace(g: Geometry, origin: wp.vec3, direction: wp.vec3):
     s.cover = s.cover + marker_colour * (through * marker_opacity)
     s.opacity = 1.0 - through * (1.0 - marker_opacity)
     return s
-
-
-BANDS_PER_WORKER = 8  # so that workers that drew cheap rows help with the costly ones
-SMALLEST_BAND = 4096  # below this the threads cost more than they bring
-
-
-def parallel_launch(kernel: wp.Kernel, count: int, arguments: Sequence[Any]) -> None:
-    """Launch `kernel` over `count` items in bands; its first parameter must be the index of the band's first item.
-
-    Every item must write only its own outputs; then the result does not depend on the number of cores.
-    """
-    workers = thread_count()
-    band = max(SMALLEST_BAND, -(-count // (workers * BANDS_PER_WORKER)))
-
-    def launch(first: int) -> None:
-        wp.launch(kernel, dim=min(band, count - first), inputs=[first, *arguments], device="cpu")
-
-    launch(0)  # alone: the first launch compiles and loads the kernel, which threads must not do at the same time
-    if count > band:
-        with ThreadPoolExecutor(workers) as pool:
-            list(pool.map(launch, range(band, count, band)))
 
 
 def warp_mesh(triangles: Float[np.ndarray, "face 3 3"]) -> wp.Mesh:
