@@ -10,6 +10,7 @@ import traceback
 from collections.abc import Callable, Generator, Hashable, Iterator, Sequence
 from contextlib import contextmanager
 from dataclasses import dataclass
+from functools import cache
 from multiprocessing.connection import Connection, wait
 from multiprocessing.process import BaseProcess
 from pathlib import Path
@@ -156,7 +157,8 @@ def run_tasks(
                 if isinstance(result, Raised):
                     raise result.error
                 if isinstance(result, WorkerDied) or not _give_next(worker, waiting, place_for(worker)):
-                    _stop(worker)
+                    worker.connection.close()
+                    worker.process.join()
                     busy.remove(worker)
                 yield task, result
     finally:
@@ -234,23 +236,12 @@ def _next_place(groups: Sequence[Hashable], own: Sequence[Hashable], others: Seq
     return next(mine, next(untouched, len(groups) - 1))
 
 
-def _stop(worker: _Worker[Any]) -> None:
-    worker.connection.close()
-    worker.process.join()
-
-
 def _serve(connection: Connection, make_handler: Callable[[], Callable[[Any], Any]]) -> None:
     """Work on tasks until the other side closes the pipe or dies."""
     signal.signal(signal.SIGINT, signal.SIG_IGN)  # libraries may have undone the block that it was started with
     threading.Thread(target=_end_with_parent, daemon=True).start()
     use_one_thread()
-    made: list[Callable[[Any], Any]] = []
-
-    def get_handler() -> Callable[[Any], Any]:
-        if not made:
-            made.append(make_handler())
-        return made[0]
-
+    get_handler = cache(make_handler)
     while True:
         try:
             task = connection.recv()

@@ -121,7 +121,7 @@ def resolve_object_set(text: str, *, units: str = "m", length: float | None = No
     if text.startswith(BUILTIN_PREFIX):
         refuse_units(text, units)
         names = _some_of(*text.removeprefix(BUILTIN_PREFIX).partition(":"))
-        return [ObjectEntry(name, partial(_builtin, name, length)) for name in names]
+        return [ObjectEntry(name, partial(object_mesh, name, length=length)) for name in names]
     path = Path(text)
     if not os.path.exists(path):  # noqa: PTH110 - a name of 300 letters does not exist, which is no error
         raise MeshError(
@@ -201,7 +201,3 @@ def _entries(files: list[Path], units: str, length: float | None) -> list[Object
             load = partial(load_mesh, file, units=units, length=length)
         entries[name] = ObjectEntry(name, load)
     return list(entries.values())
-
-
-def _builtin(name: str, length: float | None) -> trimesh.Trimesh:
-    return scaled_to_length(builtin_object(name), length)

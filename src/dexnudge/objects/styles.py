@@ -12,7 +12,7 @@ from dataclasses import replace
 import numpy as np
 from numpy.random import Generator
 
-from dexnudge.objects.slab import Heights, Profile, SlabShape
+from dexnudge.objects.slab import Heights, SlabShape
 
 Size = tuple[float, float, float]
 Style = Callable[[Size, Generator], SlabShape]
@@ -20,18 +20,19 @@ Style = Callable[[Size, Generator], SlabShape]
 
 def plain_phone(size: Size, generator: Generator) -> SlabShape:
     """A bar with rounded corners and edges."""
-    return _phone(size, generator)
+    corner = generator.uniform(0.15, 0.45)
+    return SlabShape(size, corner=corner, corner_length=corner, edge=generator.uniform(0.4, 1.0))
 
 
 def camera_phone(size: Size, generator: Generator) -> SlabShape:
     """A bar with a raised camera block on its upper face, in a corner or in the middle of one end."""
     top, rows, columns = _camera(size, generator)
-    return replace(_phone(size, generator), top=top, rows=rows, columns=columns)
+    return replace(plain_phone(size, generator), top=top, rows=rows, columns=columns)
 
 
 def curved_phone(size: Size, generator: Generator) -> SlabShape:
     """A bar whose back (below) bulges."""
-    bar = _phone(size, generator)
+    bar = plain_phone(size, generator)
     return replace(bar, bottom=_dome(-generator.uniform(0.3, 0.8) * size[2]))
 
 
@@ -39,13 +40,13 @@ def open_flip_phone(size: Size, generator: Generator) -> SlabShape:
     """Two halves at an angle, with a groove at the hinge."""
     bend, hinge = _bend(generator.uniform(0.6, 1.2) * size[2]), _groove(-generator.uniform(0.1, 0.25) * size[2])
     return replace(
-        _phone(size, generator), top=lambda x, y: bend(x, y) + hinge(x, y), bottom=bend, rows=(-0.06, 0.0, 0.06)
+        plain_phone(size, generator), top=lambda x, y: bend(x, y) + hinge(x, y), bottom=bend, rows=(-0.06, 0.0, 0.06)
     )
 
 
 def closed_flip_phone(size: Size, generator: Generator) -> SlabShape:
     """Two halves on each other, with a seam around three sides and a domed upper half."""
-    bar = _phone(size, generator)
+    bar = plain_phone(size, generator)
     return replace(
         bar,
         edge=generator.uniform(0.3, 0.6),
@@ -74,8 +75,9 @@ def tapered_remote(size: Size, generator: Generator) -> SlabShape:
 def waisted_remote(size: Size, generator: Generator) -> SlabShape:
     """Narrower in the middle, bulging below."""
     bar = _remote(size, generator)
-    waist = _waist(generator.uniform(0.1, 0.35))
-    return replace(bar, width_at=waist, bottom=_dome(-generator.uniform(0.1, 0.6) * size[2]))
+    depth = generator.uniform(0.1, 0.35)
+    bottom = _dome(-generator.uniform(0.1, 0.6) * size[2])
+    return replace(bar, width_at=lambda x: 1 - depth * np.cos(np.pi * x / 2) ** 2, bottom=bottom)
 
 
 def curved_remote(size: Size, generator: Generator) -> SlabShape:
@@ -92,13 +94,15 @@ def battery_remote(size: Size, generator: Generator) -> SlabShape:
 
 def plain_tablet(size: Size, generator: Generator) -> SlabShape:
     """A thin plate with rounded corners."""
-    return _tablet(size, generator)
+    corner = generator.uniform(0.08, 0.2)
+    edge = generator.uniform(0.4, 1.0)
+    return SlabShape(size, corner=corner, corner_length=corner, edge=edge, cells=(20, 14))
 
 
 def camera_tablet(size: Size, generator: Generator) -> SlabShape:
     """A thin plate with a raised camera block."""
     top, rows, columns = _camera(size, generator, extent=0.10)
-    return replace(_tablet(size, generator), top=top, rows=rows, columns=columns)
+    return replace(plain_tablet(size, generator), top=top, rows=rows, columns=columns)
 
 
 def hardcover_book(size: Size, generator: Generator) -> SlabShape:
@@ -141,21 +145,10 @@ STYLES: dict[str, tuple[Style, ...]] = {
 }
 
 
-def _phone(size: Size, generator: Generator) -> SlabShape:
-    corner = generator.uniform(0.15, 0.45)
-    return SlabShape(size, corner=corner, corner_length=corner, edge=generator.uniform(0.4, 1.0))
-
-
 def _remote(size: Size, generator: Generator) -> SlabShape:
     corner = generator.uniform(0.2, 0.7)
     corner_length = generator.uniform(0.6, 1.4) * corner
     return SlabShape(size, corner=corner, corner_length=corner_length, edge=generator.uniform(0.3, 1.0))
-
-
-def _tablet(size: Size, generator: Generator) -> SlabShape:
-    corner = generator.uniform(0.08, 0.2)
-    edge = generator.uniform(0.4, 1.0)
-    return SlabShape(size, corner=corner, corner_length=corner, edge=edge, cells=(20, 14))
 
 
 def _camera(
@@ -193,10 +186,6 @@ def _bend(height: float) -> Heights:
 
 def _groove(height: float) -> Heights:
     return lambda x, _y: height * np.clip(1 - np.abs(x) / 0.06, 0, 1)
-
-
-def _waist(depth: float) -> Profile:
-    return lambda x: 1 - depth * np.cos(np.pi * x / 2) ** 2
 
 
 def _smooth_step(t: np.ndarray) -> np.ndarray:

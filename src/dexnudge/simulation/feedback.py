@@ -222,9 +222,7 @@ class Feedback:
         off = np.where(self._force > most, limits.over, 1.0) * off
         self._extra += TIMESTEP * (off / limits.link_time - self._extra / limits.leak)
         self._extra = np.clip(self._extra, -wanted, most)
-        if (
-            self._plan.forces.pinches
-        ):  # a base that presses for fingers that pinch drives the object into what carries it
+        if forces.pinches:  # a base that presses for fingers that pinch drives the object into what carries it
             return
         change = self._carried(step, off @ forces.link_wrench) * np.repeat([1.0, ROTATION_GAIN], 3)
         self._wrench += TIMESTEP * (change / limits.base_time - self._wrench / limits.leak)

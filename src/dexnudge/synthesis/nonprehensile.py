@@ -23,11 +23,7 @@ from dexnudge.verification.penetration import self_penetration
 TOP_NORMAL = 0.9  # smallest vertical part of a normal on which one presses
 SIDE_NORMAL = 0.8  # smallest part of a side normal against the motion
 INTENTS = {"press": 0.3, "push": 0.35, "hook": 0.35}  # shares of the starts; many side starts end on top, as presses
-UPRIGHT_INTENTS = {
-    "press": 0.3,
-    "push": 0.25,
-    "hook": 0.45,
-}  # of an object that stands: hooks over its top need most tries
+UPRIGHT_INTENTS = {"press": 0.3, "push": 0.25, "hook": 0.45}  # of one that stands: hooks over its top need most tries
 UPRIGHT_SPREAD = 20.0  # [deg] standard deviation of the direction about one across the object's sides
 HIGHEST_REACH = 0.8  # share of the height of an object that stands above which all targets may lie
 HOOK_SPREAD = 40.0  # [deg] standard deviation of a hooking hand's heading about the one against the motion
