@@ -87,7 +87,7 @@ def test_yaml_named_after_the_urdf_comes_first(write_hand):
     path.with_suffix(".yaml").write_text("palm: finger\nfingertips: {F: pad}\npalm_normal: [0, 0, 1]\nname: other")
     assert load_hand(path).name == "other"
     assert load_hand(path).link_names[0] == "finger"
-    assert hand_from_urdf(path, path.with_name("hand.yaml")).name == "small"
+    assert hand_from_urdf(path, read_hand_config(path.with_name("hand.yaml"))).name == "small"
     assert read_hand_config(path.with_suffix(".yaml")).palm_normal == (0.0, 0.0, 1.0)
 
 

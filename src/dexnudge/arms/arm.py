@@ -13,7 +13,7 @@ from scipy.spatial.transform import Rotation
 from dexnudge.errors import ArmError, SceneError
 from dexnudge.geometry.rigid import rigid_transform
 from dexnudge.hands.joint_ranges import line_of
-from dexnudge.hands.tree import Tree, TreeJoint, chain_to
+from dexnudge.hands.tree import Tree, TreeJoint
 
 REACH_DRAWS, REACH_KEPT = 2000, 20  # joint angles drawn at a time, and the farthest around which the next are drawn
 REACH_SPREADS = (0.1, 0.03, 0.01, 0.003, 0.001, 0.0)  # of the joints' ranges, in which they are drawn
@@ -85,7 +85,7 @@ class Arm:
     @cached_property
     def chain(self) -> tuple[TreeJoint, ...]:
         """The joints from the base to the flange, fixed ones among them."""
-        return tuple(chain_to(self.tree, self.flange))
+        return tuple(self.tree.chain_to(self.flange))
 
     @property
     def base(self) -> str:
@@ -117,8 +117,7 @@ class Arm:
 
     def link_poses(self, position: Float[np.ndarray, " n"]) -> dict[str, Float[np.ndarray, "4 4"]]:
         """Return T_world_link of every link at joint angles."""
-        carrier = {joint.child: joint for joint in self.tree.joints}
-        joints = [carrier[link] for link in self.tree.links if link in carrier]
+        joints = [self.tree.carrier[link] for link in self.tree.links if link in self.tree.carrier]
         return {link: pose[0] for link, pose in self._poses(position[None], joints).items()}
 
     def _poses(

@@ -72,18 +72,15 @@ def per_joint(values: Values, joints: Sequence[str], key: str, where: str) -> Fl
         if unknown:
             meant = did_you_mean(unknown[0], joints)
             raise wrong(f"joints of the arm, {', '.join(joints)}", unknown[0] + meant if meant else unknown[0])
-        values = [values.get(name, np.nan) if name in values else None for name in joints]
+        values = [values.get(name) for name in joints]
     elif not isinstance(values, list):
         values = [values] * len(joints)
     if len(values) != len(joints):
         raise wrong(f"{len(joints)} numbers, of {', '.join(joints)}", values)
-    found = np.full(len(joints), np.nan)
-    for index, value in enumerate(values):
-        if value is not None:
-            number = _number(value)
-            if not np.isfinite(number):
-                raise wrong(f"a finite number for '{joints[index]}'", value)
-            found[index] = number
+    found = np.array([np.nan if value is None else _number(value) for value in values])
+    for joint, value, number in zip(joints, values, found, strict=True):
+        if value is not None and not np.isfinite(number):
+            raise wrong(f"a finite number for '{joint}'", value)
     return found
 
 

@@ -17,7 +17,7 @@ from dexnudge.hands.config import GEOMETRIES, yaml_beside
 from dexnudge.hands.joint_ranges import Farthest, with_ranges
 from dexnudge.hands.link_meshes import package_file
 from dexnudge.hands.registry import read_robot_tree
-from dexnudge.hands.tree import Tree, TreeJoint, chain_to, check_sizes
+from dexnudge.hands.tree import Tree, TreeJoint, check_sizes
 
 OTHER_YAML = "arm.yaml"  # beside the description, where there is no `<stem>.yaml`
 ENDLESS = 2 * np.pi  # [rad] either way: joints without limits turn on, but cables do not
@@ -58,7 +58,7 @@ def arm_from_description(
             f"the z-axis of '{flange}' does not lie along the last joint's: unless told otherwise, hands are mounted along "
             "the axis that does; is another link the flange?"
         )
-    names = tuple(joint.name for joint in chain_to(tree, flange) if not joint.fixed and joint.mimic is None)
+    names = tuple(joint.name for joint in tree.chain_to(flange) if not joint.fixed and joint.mimic is None)
     limits = _limits(tree, names, config, where, path)
     arm = Arm(config.name or tree.name, tree, names, limits, limits.lower, flange, notes=tuple(notes), source=path)
     home, note = _home(arm, config, where)
@@ -112,11 +112,10 @@ def _with_limits(tree: Tree, config: ArmConfig, where: str) -> Tree:
     joints = []
     for joint in tree.joints:
         mine = {key: float(values.get(joint.name, np.nan)) for key, values in ends.items()}
-        lower, upper = mine.get("lower", np.nan), mine.get("upper", np.nan)
-        lower, upper = (joint.lower if np.isnan(lower) else lower), (joint.upper if np.isnan(upper) else upper)
-        both = len(mine) == 2 and np.isfinite(list(mine.values())).all()
-        endless = joint.endless and not both
-        lower, upper = (-ENDLESS, ENDLESS) if endless else (lower, upper)
+        limits = {key: value for key, value in mine.items() if not np.isnan(value)}
+        endless = joint.endless and len(limits) < 2
+        limits = {"lower": -ENDLESS, "upper": ENDLESS} if endless else limits
+        lower, upper = limits.get("lower", joint.lower), limits.get("upper", joint.upper)
         joints.append(replace(joint, lower=lower, upper=upper, endless=endless))
     return replace(tree, joints=tuple(joints))
 

@@ -8,9 +8,9 @@ import numpy as np
 
 from dexnudge.arms.config import ArmConfig
 from dexnudge.errors import ArmError, did_you_mean
-from dexnudge.hands.assembly import WORLD, below
+from dexnudge.hands.assembly import WORLD
 from dexnudge.hands.joint_ranges import line_of
-from dexnudge.hands.tree import Tree, TreeJoint, chain_to, joints_below
+from dexnudge.hands.tree import Tree, TreeJoint
 
 LEAST_JOINTS = 4  # fewer bring a hand to few poses: a wrist, or a gripper
 ALONG = np.cos(np.radians(10.0))  # of the flange's z-axis to the last joint's
@@ -35,9 +35,9 @@ def from_base(tree: Tree, config: ArmConfig) -> Tree:
     """Return what hangs below the arm's base, without joints that place it and without an empty world; see `notes`."""
     if config.base is not None:
         _check_link(config.base, "base", tree)
-        return below(tree, config.base)
-    root = _root(tree)
-    while (first := [joint for joint in tree.joints if joint.parent == root]) and not len(tree.links[root].faces):
+        return tree.below(config.base)
+    root = tree.root
+    while (first := tree.hanging.get(root)) and not len(tree.links[root].faces):
         places = first[0].places is not None or (first[0].fixed and root == WORLD)
         if len(first) > 1 or not places:
             break
@@ -45,12 +45,8 @@ def from_base(tree: Tree, config: ArmConfig) -> Tree:
             note = f"the base is '{first[0].child}': joint '{first[0].name}', which places it in the world, was cut off"
             tree = replace(tree, notes=(*tree.notes, note))
         root = first[0].child
-    tree = below(tree, root)
-    if WORLD not in tree.links:
-        return tree
-    new = {link: f"{WORLD}_link" if link == WORLD else link for link in tree.links}  # MuJoCo keeps the name for itself
-    joints = tuple(replace(joint, parent=new[joint.parent], child=new[joint.child]) for joint in tree.joints)
-    return replace(tree, links={new[link]: mesh for link, mesh in tree.links.items()}, joints=joints)
+    # MuJoCo keeps the name for itself.
+    return tree.below(root).renamed(lambda link: f"{WORLD}_link" if link == WORLD else link)
 
 
 def find_flange(tree: Tree, source: str) -> str:
@@ -59,7 +55,7 @@ def find_flange(tree: Tree, source: str) -> str:
     Raises:
         ArmError: it is not clear; the message names the links that may be meant.
     """
-    turns = {link: sum(map(_turns, chain_to(tree, link))) for link in tree.links}
+    turns = {link: sum(map(_turns, tree.chain_to(link))) for link in tree.links}
     ends = [link for link in tree.links if turns[link] >= LEAST_JOINTS]
     if not ends:
         most = max(turns.values(), default=0)
@@ -71,9 +67,9 @@ def find_flange(tree: Tree, source: str) -> str:
     best: Sequence[str] = next((links for links in named if links), ())
     if len(best) == 1:
         return best[0]
-    leaves = [link for link in ends if all(joint.parent != link for joint in tree.joints)]
+    leaves = [link for link in ends if link not in tree.hanging]
     bare = [link for link in leaves if not len(tree.links[link].faces) and _points_out(tree, link)]
-    if not best and len(leaves) == len(bare) == 1 and not chain_to(tree, bare[0])[-1].mimic:
+    if not best and len(leaves) == len(bare) == 1 and not tree.carrier[bare[0]].mimic:
         return bare[0]
     shown = list(best) or ends
     more = f" and {len(shown) - MOST_NAMED} more" if len(shown) > MOST_NAMED else ""
@@ -90,7 +86,7 @@ def cut_at(tree: Tree, flange: str, source: str) -> Tree:
         ArmError: no such link, too few joints, or one that follows a joint of something else.
     """
     _check_link(flange, "flange", tree)
-    root, of_way = _root(tree), chain_to(tree, flange)
+    root, of_way = tree.root, tree.chain_to(flange)
     joints = {joint.name: joint for joint in tree.joints}
     own = {joint.name for joint in of_way if not joint.fixed and joint.mimic is None}
     for joint in of_way:
@@ -110,18 +106,18 @@ def cut_at(tree: Tree, flange: str, source: str) -> Tree:
     moving = max(number for number, joint in enumerate(of_way) if not joint.fixed)
     last = {joint.child for joint in of_way[moving:]}
     kept, cut = {root, *(joint.child for joint in of_way)}, []
-    for joint in joints_below(tree, root):
+    for joint in tree.joints_below(root):
         if joint.child in kept or joint.parent not in kept:
             continue
         line = None if joint.fixed else line_of(joints, joint.name)
         stays = joint.fixed or (line is not None and line[0] in own)
-        grips = joint.parent in last and any(not other.fixed for other in below(tree, joint.child).joints)
+        grips = joint.parent in last and any(not other.fixed for other in tree.joints_below(joint.child))
         if joint.parent == flange or grips or not stays:
             cut.append(joint)
         else:
             kept.add(joint.child)
-    solid = [joint.child for joint in cut if any(len(mesh.faces) for mesh in below(tree, joint.child).links.values())]
-    order = [root, *(joint.child for joint in joints_below(tree, root))]
+    solid = [joint.child for joint in cut if any(len(mesh.faces) for mesh in tree.below(joint.child).links.values())]
+    order = [root, *(joint.child for joint in tree.joints_below(root))]
     links = {name: tree.links[name] for name in order if name in kept}
     kept_joints = tuple(joint for joint in tree.joints if joint.child in kept)
     notes = (f"cut off, with all that hangs there: {', '.join(solid)}",) if solid else ()
@@ -138,10 +134,6 @@ def _check_link(link: str, key: str, tree: Tree) -> None:
         )
 
 
-def _root(tree: Tree) -> str:
-    return next(iter(set(tree.links) - {joint.child for joint in tree.joints}))
-
-
 def _turns(joint: TreeJoint) -> bool:
     return not joint.fixed and joint.mimic is None and joint.places is None
 
@@ -153,7 +145,7 @@ def _is_called(link: str, name: str) -> bool:
 def last_axis(tree: Tree, link: str) -> np.ndarray:
     """Return the axis of the last joint that moves a link, in the link's frame."""
     turn = np.eye(3)
-    for joint in reversed(chain_to(tree, link)):
+    for joint in reversed(tree.chain_to(link)):
         if not joint.fixed:
             return np.asarray(turn.T @ joint.axis)
         turn = joint.origin[:3, :3] @ turn

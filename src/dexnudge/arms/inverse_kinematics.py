@@ -6,8 +6,8 @@ that takes one at a time (mink: 7 ms a start) would need minutes for what is don
 solves 68 % of a Panda's poses where this solves 99.8 %.
 """
 
-from collections.abc import Sequence
 from dataclasses import dataclass
+from functools import reduce
 
 import numpy as np
 from jaxtyping import Bool, Float
@@ -15,7 +15,6 @@ from scipy.spatial.transform import Rotation
 from scipy.stats.qmc import Halton
 
 from dexnudge.arms.arm import Arm
-from dexnudge.hands.tree import TreeJoint
 
 LEVER = 0.3  # [m] at which a rotation counts as a translation: from the flange to the fingertips of a hand
 POSITION_TOLERANCE = 1.0e-5  # [m]
@@ -128,7 +127,9 @@ class Chain:
         joints = arm.chain
         moving = [place for place, joint in enumerate(joints) if not joint.fixed]
         ends = zip([0, *(place + 1 for place in moving)], [*(place + 1 for place in moving), len(joints)], strict=True)
-        *origins, self._T_last_flange = (_product(joints[first:last]) for first, last in ends)
+        *origins, self._T_last_flange = (
+            reduce(np.matmul, (joint.origin for joint in joints[first:last]), np.eye(4)) for first, last in ends
+        )
         frame, axis = np.array(origins)[:, :3, :3], np.array([joints[place].axis for place in moving])
         self._slides = np.array([joints[place].slides for place in moving])
         self._origin, self._axis = np.array(origins)[:, :3, 3], np.einsum("jab,jb->ja", frame, axis)
@@ -164,10 +165,3 @@ class Chain:
             rotation = rotation @ turned[:, joint]
             frames[:, joint, :3, :3], frames[:, joint, :3, 3] = rotation, position
         return frames
-
-
-def _product(joints: Sequence[TreeJoint]) -> Float[np.ndarray, "4 4"]:
-    pose = np.eye(4)
-    for joint in joints:
-        pose = pose @ joint.origin
-    return pose

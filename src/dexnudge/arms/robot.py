@@ -10,7 +10,7 @@ from jaxtyping import Float
 from dexnudge.arms.arm import Arm, JointLimits
 from dexnudge.hands.hand import Hand, Joint
 from dexnudge.hands.motors import JOINT_EFFORT, JOINT_VELOCITY
-from dexnudge.hands.tree import Tree, TreeJoint, joints_below, rerooted
+from dexnudge.hands.tree import Tree, TreeJoint, rerooted
 from dexnudge.jobs.cached import cached_per_instance
 
 FINGER_ACCELERATION = 20.0  # [rad/s^2] ten times Shadow's published velocity limit: it is reached in 0.1 s
@@ -142,7 +142,7 @@ def _body(robot: Robot) -> Hand:
         index = None if own.index is None else arm.num_joints + own.index
         above[joint.child] = joint.parent, replace(own, origin=joint.origin, axis=joint.axis, index=index)
     meshes = {rename[name]: mesh for name, mesh in arm.tree.links.items()} | hanging.links
-    links = [*rename.values(), root, *(joint.child for joint in joints_below(hanging, root))]
+    links = [*rename.values(), root, *(joint.child for joint in hanging.joints_below(root))]
     return Hand(
         name=f"{arm.name}_{hand.name}",
         joint_names=(*(_unique(name, tuple(of_hand), arm.name) for name in arm.joint_names), *hand.joint_names),
@@ -177,14 +177,10 @@ def _root(robot: Robot) -> tuple[str, Float[np.ndarray, "4 4"]]:
 @cached_per_instance
 def _hanging(hand: Hand, mount: str) -> Tree:
     """Return the hand as a tree from its mount; remembered, so that meshes are the same for every robot with this hand."""
-    return rerooted(_tree_of(hand), mount)
-
-
-def _tree_of(hand: Hand) -> Tree:
-    """Return a hand as a tree."""
     joints = []
     for link, joint in enumerate(hand.joints):
         if joint is not None:
             parent, child = hand.link_names[hand.link_parent[link]], hand.link_names[link]
             joints.append(TreeJoint(joint.name, parent, child, joint.origin, joint.axis, joint.index is None))
-    return Tree(hand.name, dict(zip(hand.link_names, hand.link_meshes, strict=True)), tuple(joints))
+    links = dict(zip(hand.link_names, hand.link_meshes, strict=True))
+    return rerooted(Tree(hand.name, links, tuple(joints)), mount)

@@ -12,10 +12,10 @@ from jaxtyping import Float
 
 from dexnudge.errors import HandError
 from dexnudge.hands.assembly import WRIST_JOINTS
-from dexnudge.hands.tree import Tree, TreeJoint
+from dexnudge.hands.tree import Tree
 
 LONGEST_DIGIT = (
-    0.3  # [m] stretched out, from its first joint; Barrett's 0.20, a claw's 0.23, legs of a small quadruped 0.32
+    0.3  # [m] stretched out, from its first joint; Barrett's 0.20, a claw's 0.23, a small quadruped's legs 0.32
 )
 LEAST_DIGITS = 2  # less has nothing to oppose
 SIDES = r"(?:(?:left|right|[lr]h?)[_.-]|[_.-](?:left|right|[lr]h?))(?:hand[_.-]|[_.-]hand)?"  # in names of links
@@ -90,27 +90,16 @@ class _Bodies:
     """The links of a tree, those that fixed joints hold together as one body, named after its topmost link."""
 
     def __init__(self, tree: Tree, *, solid: bool = True) -> None:
-        self.tree, self.solid = tree, solid
-        self.carrier = {joint.child: joint for joint in tree.joints}
-        below: dict[str, list[TreeJoint]] = {link: [] for link in tree.links}
-        for joint in tree.joints:
-            below[joint.parent].append(joint)
-        self.order = [link for link in tree.links if link not in self.carrier]
-        self.poses = {link: np.eye(4) for link in self.order}
-        self.body = {link: link for link in self.order}
-        for link in self.order:  # grows while it is read
-            for joint in below[link]:
-                self.body[joint.child] = self.body[link] if joint.fixed else joint.child
-                self.poses[joint.child] = self.poses[link] @ joint.origin
-                self.order.append(joint.child)
-        rank = {link: number for number, link in enumerate(tree.links)}
-        self.members: dict[str, list[str]] = {}
-        for link in self.order:
-            self.members.setdefault(self.body[link], []).append(link)
+        self.tree, self.solid, self.carrier = tree, solid, tree.carrier
+        self.body, self.poses = {tree.root: tree.root}, {tree.root: np.eye(4)}
+        self.members = {tree.root: [tree.root]}
+        for joint in tree.joints_below(tree.root):
+            self.body[joint.child] = self.body[joint.parent] if joint.fixed else joint.child
+            self.poses[joint.child] = self.poses[joint.parent] @ joint.origin
+            self.members.setdefault(self.body[joint.child], []).append(joint.child)
         self.children: dict[str, list[str]] = {body: [] for body in self.members}
-        for body in sorted(self.members, key=rank.__getitem__):
-            if body in self.carrier:
-                self.children[self.body[self.carrier[body].parent]].append(body)
+        for body in (link for link in tree.links if link in self.members and link in self.carrier):
+            self.children[self.body[self.carrier[body].parent]].append(body)
 
     def is_solid(self, body: str) -> bool:
         return any(self._solid(link) for below in self.below(body) for link in self.members[below])
@@ -171,17 +160,10 @@ class _Bodies:
         carriers = Counter(self.carrier[limb].parent for limb in self.limbs(body))
         palm = carriers.most_common(1)[0][0] if carriers else body
         tips = self._tips(body)
-        above = [self.carrier[each] for each in (body, *self._links_above(body)) if each in self.carrier]
-        behind = [link for link in self._links_above(palm) if len(self.tree.links[link].faces)]
-        base = behind[-1] if behind and sum(not joint.fixed for joint in above) <= WRIST_JOINTS else None
+        behind = [link for link in self.tree.links_above(palm) if len(self.tree.links[link].faces)]
+        wrist = sum(not joint.fixed for joint in self.tree.chain_to(body))
+        base = behind[-1] if behind and wrist <= WRIST_JOINTS else None
         return HandPart(palm, digit_names(self.tree, tips, body=self.members[body]), base)
-
-    def _links_above(self, link: str) -> list[str]:
-        links = []
-        while link in self.carrier:
-            link = self.carrier[link].parent
-            links.append(link)
-        return links
 
     def _tips(self, palm: str) -> list[str]:
         """Return the last link with geometry of each chain below the palm."""
@@ -202,12 +184,9 @@ class _Bodies:
 
 def digit_names(tree: Tree, tips: list[str], *, body: list[str]) -> dict[str, str]:
     """Return the tips by digit: what the names of a digit's links share, or the tips' own names where these do not tell."""
-    parent = {joint.child: joint.parent for joint in tree.joints}
     shared = []
     for tip in tips:
-        chain = [tip]
-        while chain[-1] in parent and parent[chain[-1]] not in body:
-            chain.append(parent[chain[-1]])
+        chain = [tip, *takewhile(lambda link: link not in body, tree.links_above(tip))]
         alike = takewhile(lambda letters: len(set(letters)) == 1, zip(*chain, strict=False))
         shared.append("".join(letters[0] for letters in alike).rstrip("_-. 0123456789"))
     count = Counter(shared)
@@ -231,10 +210,9 @@ def template(tree: Tree) -> str:
     if hands:
         palm, fingertips = hands[0].palm, hands[0].fingertips
     else:
-        carriers = {joint.parent for joint in tree.joints}
         named = sorted((link for link in tree.links if "palm" in link.lower()), key=len)
         palm = [*named, *(joint.parent for joint in tree.joints if not joint.fixed), *tree.links][0]
-        ends = [link for link in tree.links if link not in carriers]
+        ends = [link for link in tree.links if link not in tree.hanging]
         fingertips = digit_names(tree, ends, body=[palm])
     lines = {"palm": palm, "fingertips": fingertips}
     return yaml.safe_dump(lines, sort_keys=False, default_flow_style=None, width=1000)

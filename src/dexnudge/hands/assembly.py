@@ -9,17 +9,7 @@ from dexnudge.errors import HandError, did_you_mean
 from dexnudge.hands.config import HandConfig, unit_direction
 from dexnudge.hands.hand import Hand, Joint
 from dexnudge.hands.joint_ranges import with_ranges
-from dexnudge.hands.tree import (
-    Tree,
-    TreeJoint,
-    chain_to,
-    check_joints,
-    check_names,
-    check_sizes,
-    check_tree,
-    joints_below,
-    rerooted,
-)
+from dexnudge.hands.tree import Tree, TreeJoint, check_joints, check_names, check_sizes, check_tree, rerooted
 
 
 def hand_from_tree(tree: Tree, config: HandConfig, *, base: bool = True) -> Hand:
@@ -38,8 +28,7 @@ def hand_from_tree(tree: Tree, config: HandConfig, *, base: bool = True) -> Hand
     tree = rerooted(tree, config.palm)
     if not base and config.base_link is not None:
         tree = without_base(tree, config)
-    carrier = {joint.child: joint for joint in tree.joints}
-    links = _parents_first(tree, config.palm)
+    carrier, links = tree.carrier, _parents_first(tree)
     independent = [joint for joint in tree.joints if not joint.fixed and joint.mimic is None]
     if not independent:
         raise HandError(
@@ -52,7 +41,7 @@ def hand_from_tree(tree: Tree, config: HandConfig, *, base: bool = True) -> Hand
             f"add <{config.geometry}> elements or set 'geometry' in the hand's YAML to the other kind"
         )
     names = [joint.name for joint in independent]
-    fingertips = {digit: _solid_tip(tip, digit, tree, carrier, notes) for digit, tip in config.fingertips.items()}
+    fingertips = {digit: _solid_tip(tip, digit, tree, notes) for digit, tip in config.fingertips.items()}
     return Hand(
         name=config.name or tree.name,
         joint_names=tuple(names),
@@ -70,12 +59,11 @@ def hand_from_tree(tree: Tree, config: HandConfig, *, base: bool = True) -> Hand
     )
 
 
-def _solid_tip(tip: str, digit: str, tree: Tree, carrier: dict[str, TreeJoint], notes: list[str]) -> str:
+def _solid_tip(tip: str, digit: str, tree: Tree, notes: list[str]) -> str:
     """Return the last link with geometry of a digit that ends in an empty one."""
-    link = tip
-    while not len(tree.links[link].faces) and link in carrier:
-        link = carrier[link].parent
-    if link != tip and link not in carrier:
+    chain = [tip, *tree.links_above(tip)]
+    link = next((each for each in chain if len(tree.links[each].faces)), chain[-1])
+    if link != tip and link == tree.root:
         raise HandError(
             f"digit '{digit}' has no geometry: expected it on '{tip}' or a link between that and the palm, found none; "
             "add geometry or mend 'fingertips' in the hand's YAML"
@@ -85,17 +73,15 @@ def _solid_tip(tip: str, digit: str, tree: Tree, carrier: dict[str, TreeJoint], 
     return link
 
 
-def _parents_first(tree: Tree, palm: str) -> list[str]:
-    """Return the links in the file's order as far as parents come before children, the palm first."""
-    rank = {link: number for number, link in enumerate(tree.links)}
-    names, children = list(tree.links), {link: [] for link in tree.links}  # type: tuple[list[str], dict[str, list[int]]]
-    for joint in tree.joints:
-        children[joint.parent].append(rank[joint.child])
-    order, waiting = [], [rank[palm]]
+def _parents_first(tree: Tree) -> list[str]:
+    """Return the links in the file's order as far as parents come before children."""
+    names, rank = list(tree.links), {link: number for number, link in enumerate(tree.links)}
+    order: list[str] = []
+    waiting = [rank[tree.root]]
     while waiting:
         order.append(names[heapq.heappop(waiting)])
-        for child in children[order[-1]]:
-            heapq.heappush(waiting, child)
+        for joint in tree.hanging.get(order[-1], ()):
+            heapq.heappush(waiting, rank[joint.child])
     return order
 
 
@@ -143,12 +129,10 @@ def without_arm(tree: Tree, config: HandConfig) -> Tree:
 
 def _without_empty_world(tree: Tree, config: HandConfig) -> Tree:
     """Return the tree without an empty root called "world" to which the hand is fixed."""
-    mounts = [joint for joint in tree.joints if joint.parent == WORLD]
-    named = {config.palm, config.base_link, *config.fingertips.values()}
-    root = WORLD in tree.links and WORLD not in named and all(joint.child != WORLD for joint in tree.joints)
-    if not root or len(mounts) != 1 or not mounts[0].fixed or len(tree.links[WORLD].faces):
+    mounts, named = tree.hanging.get(WORLD, []), {config.palm, config.base_link, *config.fingertips.values()}
+    if tree.root != WORLD or WORLD in named or len(tree.links[WORLD].faces):
         return tree
-    return below(tree, mounts[0].child)
+    return tree.below(mounts[0].child) if len(mounts) == 1 and mounts[0].fixed else tree
 
 
 def renamed_world(tree: Tree, config: HandConfig) -> tuple[Tree, HandConfig]:
@@ -158,17 +142,18 @@ def renamed_world(tree: Tree, config: HandConfig) -> tuple[Tree, HandConfig]:
     name = f"{WORLD}_link"
     while name in tree.links:
         name += "_"
-    new = {link: name if link == WORLD else link for link in tree.links}
-    joints = tuple(replace(joint, parent=new[joint.parent], child=new[joint.child]) for joint in tree.joints)
+
+    def new(link: str) -> str:
+        return name if link == WORLD else link
+
     config = replace(
         config,
-        palm=new[config.palm],
-        fingertips={digit: new[link] for digit, link in config.fingertips.items()},
-        base_link=None if config.base_link is None else new[config.base_link],
+        palm=new(config.palm),
+        fingertips={digit: new(link) for digit, link in config.fingertips.items()},
+        base_link=None if config.base_link is None else new(config.base_link),
     )
     note = f"link '{WORLD}' is called '{name}' here: MuJoCo keeps that name for what does not move"
-    links = {new[link]: mesh for link, mesh in tree.links.items()}
-    return replace(tree, links=links, joints=joints, notes=(*tree.notes, note)), config
+    return replace(tree.renamed(new), notes=(*tree.notes, note)), config
 
 
 def _without_placing_joints(tree: Tree, config: HandConfig, notes: list[str]) -> Tree:
@@ -176,21 +161,18 @@ def _without_placing_joints(tree: Tree, config: HandConfig, notes: list[str]) ->
 
     The root of q places the hand.
     """
-    hanging: dict[str, list[TreeJoint]] = {link: [] for link in tree.links}
-    for joint in tree.joints:
-        hanging[joint.parent].append(joint)
-    link = next(iter(set(tree.links) - {joint.child for joint in tree.joints}))
+    link = tree.root
     cut: list[TreeJoint] = []
-    while len(hanging[link]) == 1 and not len(tree.links[link].faces) and link not in (config.palm, config.base_link):
-        cut += hanging[link]
-        link = hanging[link][0].child
-    if any(joint.slides or joint.places for joint in cut):
-        moving = ", ".join(joint.name for joint in cut if not joint.fixed)
-        notes.append(f"joints that place the hand in the world were cut off: {moving}")
-        gone = {joint.parent for joint in cut}
-        links = {name: mesh for name, mesh in tree.links.items() if name not in gone}
-        tree = replace(tree, links=links, joints=tuple(joint for joint in tree.joints if joint not in cut))
-    return tree
+    while link not in (config.palm, config.base_link) and not len(tree.links[link].faces):
+        if len(hanging := tree.hanging.get(link, [])) != 1:
+            break
+        cut += hanging
+        link = hanging[0].child
+    if not any(joint.slides or joint.places for joint in cut):
+        return tree
+    moving = ", ".join(joint.name for joint in cut if not joint.fixed)
+    notes.append(f"joints that place the hand in the world were cut off: {moving}")
+    return tree.below(link)
 
 
 def _without_long_chain(tree: Tree, config: HandConfig, notes: list[str]) -> Tree:
@@ -199,11 +181,11 @@ def _without_long_chain(tree: Tree, config: HandConfig, notes: list[str]) -> Tre
     What is cut off is an arm, or a whole robot with its other arm.
     """
     place = _place(tree, config)
-    above = reversed(chain_to(tree, place))
+    above = reversed(tree.chain_to(place))
     cut = [joint.name for joint in above if not (joint.fixed or joint.slides or joint.places)]
     if len(cut) <= (0 if place != config.palm else WRIST_JOINTS):
         return tree
-    kept = below(tree, place)
+    kept = tree.below(place)
     notes.append(
         f"an arm of {len(cut)} joints, {cut[-1]} to {cut[0]}, was cut off above '{place}' with "
         f"{len(tree.links) - len(kept.links)} links; "
@@ -214,8 +196,8 @@ def _without_long_chain(tree: Tree, config: HandConfig, notes: list[str]) -> Tre
 
 def _without_slides_above(tree: Tree, config: HandConfig, notes: list[str]) -> Tree:
     """Return the tree below the last joint that slides above palm and fingertips, such as a gantry's or a lift's."""
-    for joint in reversed(chain_to(tree, _place(tree, config))):
-        kept = below(tree, joint.child)
+    for joint in reversed(tree.chain_to(_place(tree, config))):
+        kept = tree.below(joint.child)
         if (joint.slides or joint.places) and set(config.fingertips.values()) <= set(kept.links):
             notes.append(
                 f"'{joint.name}', which moves '{joint.child}' along, was cut off with "
@@ -227,33 +209,13 @@ def _without_slides_above(tree: Tree, config: HandConfig, notes: list[str]) -> T
 
 def without_base(tree: Tree, config: HandConfig) -> Tree:
     """Return the tree without the links on the base's side of the palm that lead to no fingertip."""
-    parent = {joint.child: joint.parent for joint in tree.joints}
-
-    def above(link: str) -> list[str]:
-        chain = [link]
-        while chain[-1] in parent:
-            chain.append(parent[chain[-1]])
-        return chain
-
     assert config.base_link is not None
     if config.base_link == config.palm:
         return tree
-    arm = above(config.base_link)[-2]
-    kept = {link for tip in config.fingertips.values() for link in above(tip)}
-    gone = {link for link in tree.links if arm in above(link) and link not in kept}
-    links = {name: mesh for name, mesh in tree.links.items() if name not in gone}
-    return replace(tree, links=links, joints=tuple(joint for joint in tree.joints if joint.child not in gone))
+    kept = {link for tip in config.fingertips.values() for link in (tip, *tree.links_above(tip))}
+    return tree.without(tree.below(tree.chain_to(config.base_link)[0].child).links.keys() - kept)
 
 
 def _place(tree: Tree, config: HandConfig) -> str:
     """Return the link at which the hand hangs in the world: the base where the palm hangs from it, else the palm."""
-    if config.base_link is not None and config.palm in below(tree, config.base_link).links:
-        return config.base_link
-    return config.palm
-
-
-def below(tree: Tree, link: str) -> Tree:
-    """Return the tree of a link and all links below it."""
-    kept = {link, *(joint.child for joint in joints_below(tree, link))}
-    links = {name: mesh for name, mesh in tree.links.items() if name in kept}
-    return replace(tree, links=links, joints=tuple(joint for joint in tree.joints if joint.parent in kept))
+    return config.base_link if config.base_link in (config.palm, *tree.links_above(config.palm)) else config.palm

@@ -1,5 +1,6 @@
 """What can be wrong with a hand as it was read: joints that move nothing, links that overlap, tips that never meet."""
 
+from collections.abc import Iterator
 from itertools import combinations
 
 import numpy as np
@@ -20,14 +21,7 @@ MOST_NAMED = 4  # links or pairs in one sentence
 
 def hand_findings(hand: Hand, way: Closing) -> list[Finding]:
     """Return the checks of a hand: warnings with a remedy, and notes of what was measured."""
-    return [
-        *_joints(hand),
-        *_overlaps(hand),
-        *_opening(hand, way),
-        *_opposing(way),
-        *_facing(hand, way),
-        _surfaces(hand),
-    ]
+    return [*_joints(hand), _overlaps(hand), *_opening(hand, way), *_palm(hand, way), _surfaces(hand)]
 
 
 def direction_numbers(direction: Float[np.ndarray, " 3"]) -> str:
@@ -39,9 +33,8 @@ def _placed(hand: Hand, angles: Float[np.ndarray, "n d"]) -> Float[np.ndarray, "
     return hand.forward_kinematics(hand.at_origin(angles)).numpy()
 
 
-def _joints(hand: Hand) -> list[Finding]:
-    """Return joints that move no geometry, that cannot move, and digits that nothing moves."""
-    findings = []
+def _joints(hand: Hand) -> Iterator[Finding]:
+    """Yield joints that move no geometry, that cannot move, and digits that nothing moves."""
     rest = np.clip(0.0, hand.lower, hand.upper)
     shares = np.asarray(SHARES)[:, None] * (hand.upper - hand.lower) + hand.lower
     samples = np.concatenate([np.where(np.eye(hand.num_joints), share, rest) for share in shares])
@@ -59,7 +52,7 @@ def _joints(hand: Hand) -> list[Finding]:
     idle = [name for name, far in zip(hand.joint_names, ways.max(axis=1), strict=True) if far < LEAST_MOVE]
     if idle:
         sentence = f"joint {_listed(idle)} moves no geometry by {length_text(LEAST_MOVE)} within its limits"
-        findings.append(Finding("warning", "joints", sentence, "fix it, mend its limits, or give its links geometry"))
+        yield Finding("warning", "joints", sentence, "fix it, mend its limits, or give its links geometry")
     still = [
         digit
         for digit, tip in zip(hand.fingertips, hand.fingertip_indices, strict=True)
@@ -67,7 +60,7 @@ def _joints(hand: Hand) -> list[Finding]:
     ]
     if still:
         sentence = f"digit {_listed(still)} is moved by no joint"
-        findings.append(Finding("warning", "joints", sentence, "leave it out of 'fingertips' in the hand's YAML"))
+        yield Finding("warning", "joints", sentence, "leave it out of 'fingertips' in the hand's YAML")
     wide = [
         name
         for name, lower, upper, slides in zip(hand.joint_names, hand.lower, hand.upper, hand.sliding, strict=True)
@@ -75,50 +68,40 @@ def _joints(hand: Hand) -> list[Finding]:
     ]
     if wide:
         sentence = f"joint {_listed(wide)} turns by more than 270 degrees"
-        findings.append(Finding("warning", "limits", sentence, "state its limits, if it has some, in the description"))
+        yield Finding("warning", "limits", sentence, "state its limits, if it has some, in the description")
     outside = [name for name, angle in zip(hand.joint_names, rest, strict=True) if angle != 0.0]
     if outside:
-        findings.append(Finding("note", "limits", f"zero lies outside the limits of {_listed(outside)}"))
-    return findings
+        yield Finding("note", "limits", f"zero lies outside the limits of {_listed(outside)}")
 
 
-def _overlaps(hand: Hand) -> list[Finding]:
-    """Return the pairs of links that are left out of self-collision because they overlap at zero joint angles."""
+def _overlaps(hand: Hand) -> Finding:
+    """Return which pairs of links are left out of self-collision because they overlap at zero joint angles."""
     solid = [link for link, mesh in enumerate(hand.link_meshes) if len(mesh.faces)]
     checked = set(hand.self_collision_pairs)
     pairs = [pair for pair in combinations(solid, 2) if pair not in checked and not hand.related(*pair)]
     if not pairs:
-        return [
-            Finding(
-                "note", "self_collision", f"no links overlap at zero joint angles; {len(checked)} pairs are checked"
-            )
-        ]
+        sentence = f"no links overlap at zero joint angles; {len(checked)} pairs are checked"
+        return Finding("note", "self_collision", sentence)
     named = [f"{hand.link_names[one]} and {hand.link_names[other]}" for one, other in pairs]
     sentence = (
         f"links overlap by 1 mm or more at zero joint angles, which is taken as their normal state: {_listed(named)}; "
         f"{len(checked)} other pairs are checked for self-collision"
     )
     remedy = "if they do not touch on the real hand, mend their geometry or try `geometry`"
-    return [Finding("warning", "self_collision", sentence, remedy)]
+    return Finding("warning", "self_collision", sentence, remedy)
 
 
-def _opposing(way: Closing) -> list[Finding]:
-    if not way.doubt:
-        return []
-    sentence = f"{way.doubt}: it can push and press; nothing says that it can hold"
-    return [Finding("warning", "closing", sentence, "look at the closed hand on the picture, and check `palm_normal`")]
-
-
-def _opening(hand: Hand, way: Closing) -> list[Finding]:
+def _opening(hand: Hand, way: Closing) -> Iterator[Finding]:
     if len(hand.fingertips) == 1:
-        return []
+        return
     opened, closed = tip_distance(hand, way.open), tip_distance(hand, way.closed)
     sentence = (
         f"tips come {length_text(closed)} near each other when the hand closes, from {length_text(opened)} when open"
     )
     if closed > MEETING:
-        return [Finding("warning", "closing", sentence, "mend the joints' limits, or 'fingertips' in the hand's YAML")]
-    findings = [Finding("note", "closing", sentence)]
+        yield Finding("warning", "closing", sentence, "mend the joints' limits, or 'fingertips' in the hand's YAML")
+        return
+    yield Finding("note", "closing", sentence)
     poses = _placed(hand, np.stack([way.closed]))[0]
     centres = np.stack(
         [
@@ -130,31 +113,32 @@ def _opening(hand: Hand, way: Closing) -> list[Finding]:
     behind = [digit for digit, height in zip(hand.fingertips, heights, strict=True) if height <= 0.0]
     if behind and len(hand.link_meshes[0].faces):
         sentence = f"digit {_listed(behind)} closes behind the palm's middle, away from where it faces"
-        findings.append(Finding("warning", "closing", sentence, "check `palm_normal` on the picture"))
-    return findings
+        yield Finding("warning", "closing", sentence, "check `palm_normal` on the picture")
 
 
-def _facing(hand: Hand, way: Closing) -> list[Finding]:
-    if way.confidence < TRUSTED or way.palm_normal @ hand.palm_normal > APART:
-        return []
-    sentence = (
-        f"the palm is said to face {direction_numbers(hand.palm_normal)}, but the fingers close towards "
-        f"{direction_numbers(way.palm_normal)} (confidence {way.confidence:.2f})"
-    )
-    return [
-        Finding("warning", "palm_normal", sentence, "check it on the picture, and mend 'palm_normal' or the limits")
-    ]
+def _palm(hand: Hand, way: Closing) -> Iterator[Finding]:
+    """Yield what is doubtful about holding between the digits, and about where the palm faces."""
+    if way.doubt:
+        sentence = f"{way.doubt}: it can push and press; nothing says that it can hold"
+        yield Finding("warning", "closing", sentence, "look at the closed hand on the picture, and check `palm_normal`")
+    if way.confidence >= TRUSTED and not way.palm_normal @ hand.palm_normal > APART:
+        sentence = (
+            f"the palm is said to face {direction_numbers(hand.palm_normal)}, but the fingers close towards "
+            f"{direction_numbers(way.palm_normal)} (confidence {way.confidence:.2f})"
+        )
+        yield Finding(
+            "warning", "palm_normal", sentence, "check it on the picture, and mend 'palm_normal' or the limits"
+        )
 
 
 def _surfaces(hand: Hand) -> Finding:
     solid = sum(len(mesh.faces) > 0 for mesh in hand.link_meshes)
     points = len(hand.dense_points.points)
-    return Finding(
-        "note",
-        "surfaces",
+    sentence = (
         f"{solid} of {len(hand.link_names)} links have geometry, {points} points judge it; masses, efforts and velocities "
-        "in hand.urdf and hand.xml are nominal, and no verdict depends on them",
+        "in hand.urdf and hand.xml are nominal, and no verdict depends on them"
     )
+    return Finding("note", "surfaces", sentence)
 
 
 def _listed(names: list[str]) -> str:

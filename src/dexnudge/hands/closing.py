@@ -103,7 +103,9 @@ def stand_in_two_rows(digits: Digits, normal: Float[np.ndarray, " 3"]) -> bool:
 def palm_direction(hand: Hand, digits: Digits, met: Float[np.ndarray, " d"]) -> tuple[Float[np.ndarray, " 3"], float]:
     """Return the candidate direction for which most cues speak, and its confidence."""
     centre = hand.keypoints(hand.at_origin(met[None]))[0].numpy().mean(axis=0) - digits.base.mean(axis=0)
-    axes = _palm_axes(hand)
+    mesh, axes = hand.link_meshes[0], np.eye(3)  # of the palm's frame, and of the smallest box around its geometry
+    if len(mesh.faces):
+        axes = np.concatenate([axes, mesh.bounding_box_oriented.transform[:3, :3].T])
     beside = [digits.pad[digits.pad @ pad > SAME_WAY].mean(axis=0) for pad in digits.pad if pad.any()]
     candidates = [_snapped(_unit(way)) for way in (*beside, digits.pad.mean(axis=0), digits.way.mean(axis=0))]
     candidates = [way for way in candidates if way.any()]
@@ -121,13 +123,6 @@ def _snapped(direction: Float[np.ndarray, " 3"]) -> Float[np.ndarray, " 3"]:
     longest = int(np.abs(direction).argmax())
     axis[longest] = np.sign(direction[longest])
     return axis if direction @ axis > SNAP else direction
-
-
-def _palm_axes(hand: Hand) -> Float[np.ndarray, "axis 3"]:
-    """Return the axes of the palm's frame and those of the smallest box around its geometry."""
-    mesh = hand.link_meshes[0]
-    own = np.eye(3)
-    return np.concatenate([own, mesh.bounding_box_oriented.transform[:3, :3].T]) if len(mesh.faces) else own
 
 
 def _cues(

@@ -4,7 +4,7 @@ It stands in a YAML beside the description, read without trust: small, plain, an
 """
 
 from collections.abc import Sequence
-from dataclasses import dataclass
+from dataclasses import asdict, dataclass
 from pathlib import Path
 from typing import Annotated, Any
 
@@ -139,14 +139,5 @@ def yaml_beside(path: Path, other: str = "hand.yaml") -> Path | None:
 
 def write_hand_config(config: HandConfig, path: Path) -> None:
     """Write what `read_hand_config` reads."""
-    raw = {
-        "name": config.name,
-        "palm": config.palm,
-        "fingertips": dict(config.fingertips),
-        "palm_normal": [float(value) for value in config.palm_normal],
-        "couplings": [list(pair) for pair in config.couplings],
-        "base_link": config.base_link,
-        "geometry": config.geometry,
-    }
-    kept = {key: value for key, value in raw.items() if value is not None}
+    kept = {key: value for key, value in {"name": config.name, **asdict(config)}.items() if value is not None}
     path.write_text(yaml.safe_dump(kept, sort_keys=False, default_flow_style=None), encoding="utf-8")

@@ -3,6 +3,7 @@
 from collections import Counter
 from dataclasses import dataclass, field
 from functools import cached_property
+from itertools import combinations
 from pathlib import Path
 
 import numpy as np
@@ -394,17 +395,13 @@ class Hand:
         distances = {link: ExactDistance(self.link_meshes[link]) for link in solid}
         dense = self.dense_points
         pairs = []
-        for one in solid:
-            for other in solid:
-                if one >= other or self.related(one, other):
-                    continue
-                overlap = max(
-                    _depth(
-                        dense.points[dense.link == a], transforms[a], self.link_meshes[b], distances[b], transforms[b]
-                    )
+        for one, other in combinations(solid, 2):
+            if not self.related(one, other):
+                overlaps = (
+                    _depth(dense.points[dense.link == a], transforms[a], distances[b], transforms[b])
                     for a, b in ((one, other), (other, one))
                 )
-                if overlap < ALWAYS_OVERLAPPING:
+                if max(overlaps) < ALWAYS_OVERLAPPING:
                     pairs.append((one, other))
         return tuple(pairs)
 
@@ -433,12 +430,11 @@ def _axis_translation(axis: Float[np.ndarray, " 3"], value: Float[Tensor, " batc
 def _depth(
     points: Float[np.ndarray, "n 3"],
     T_world_a: Float[np.ndarray, "4 4"],
-    mesh_b: trimesh.Trimesh,
     distance_b: ExactDistance,
     T_world_b: Float[np.ndarray, "4 4"],
 ) -> float:
     """Return the depth [m] of the deepest of link a's points inside link b; 0 if none is inside."""
     in_b = trimesh.transform_points(points, np.linalg.inv(T_world_b) @ T_world_a)
-    low, high = mesh_b.bounds
+    low, high = distance_b.mesh.bounds
     near = in_b[((in_b >= low - BOX_MARGIN) & (in_b <= high + BOX_MARGIN)).all(axis=1)]
     return float(max(0.0, -distance_b(near).distance.min(initial=0.0))) if len(near) else 0.0

@@ -246,12 +246,10 @@ def _thinned(mesh: trimesh.Trimesh) -> trimesh.Trimesh:
 
 def _alike(shown: trimesh.Trimesh | None, judged: trimesh.Trimesh) -> bool:
     """Return whether two meshes are two descriptions of one body."""
-    if shown is None or not len(shown.faces) or not len(judged.faces) or _same(shown, judged):
+    if shown is None or not len(shown.faces) or not len(judged.faces):
+        return False
+    if shown.vertices.shape == judged.vertices.shape and np.allclose(shown.vertices, judged.vertices):
         return False
     sizes = [float(np.linalg.norm(mesh.extents)) for mesh in (shown, judged)]
     apart = float(np.linalg.norm(shown.bounds.mean(axis=0) - judged.bounds.mean(axis=0)))
     return apart < APART * sizes[1] and max(sizes) < LARGER * min(sizes)
-
-
-def _same(shown: trimesh.Trimesh, judged: trimesh.Trimesh) -> bool:
-    return shown.vertices.shape == judged.vertices.shape and bool(np.allclose(shown.vertices, judged.vertices))

@@ -18,17 +18,17 @@ from dexnudge.errors import HandError
 from dexnudge.geometry.mesh_repair import wind_outward
 from dexnudge.hands import link_meshes
 from dexnudge.hands.assembly import hand_from_tree, without_arm
-from dexnudge.hands.config import HandConfig, read_hand_config
+from dexnudge.hands.config import HandConfig
 from dexnudge.hands.hand import Hand
 from dexnudge.hands.loops.couplings import coupled
 from dexnudge.hands.mjcf_files import compiled_model
 from dexnudge.hands.tree import Mimic, Tree, TreeJoint, check_tree
-from dexnudge.hands.urdf import CONTINUOUS_LIMIT, config_path
+from dexnudge.hands.urdf import CONTINUOUS_LIMIT, config_beside
 
 
 def hand_from_mjcf(
     path: Path | str,
-    config: HandConfig | Path | str | None = None,
+    config: HandConfig | None = None,
     *,
     base: bool = True,
     packages: Mapping[str, Path | str] | None = None,
@@ -38,7 +38,7 @@ def hand_from_mjcf(
     Args:
         path: the MJCF. Every file that it names must lie in its folder or below, in the ROS package around it, or in
             one of `packages`.
-        config: facts that MJCF does not state, or their YAML file; None: `<stem>.yaml` or `hand.yaml` beside it.
+        config: facts that MJCF does not state; None: those of `<stem>.yaml` or `hand.yaml` beside it.
         base: whether the links behind the palm (those on the side of `base_link`) are kept.
         packages: further folders whose files may be named.
 
@@ -48,9 +48,7 @@ def hand_from_mjcf(
     path = Path(path)
     notes: list[str] = []
     model = compiled_model(path, packages or {}, notes)
-    if not isinstance(config, HandConfig):
-        structure = tree_of_model(model, path.stem, None, lambda _: False)
-        config = read_hand_config(config_path(path, config, structure))
+    config = config or config_beside(path, tree_of_model(model, path.stem, None, lambda _: False))
     tree = tree_of_model(model, path.stem, config.palm, _geoms(model, config.geometry))
     tree, config = coupled(without_arm(replace(tree, notes=tuple(notes)), config), model, config)
     return hand_from_tree(tree, config, base=base)
@@ -76,7 +74,13 @@ def tree_of_model(model: mujoco.MjModel, name: str, palm: str | None, select: Ca
     Raises:
         HandError: an unknown palm, non-linear joint equalities, or shapes without a volume.
     """
-    return _body_tree(model, name, _root(model, palm), select)
+    _refuse_empty(model)
+    names = [model.body(body).name for body in range(1, model.nbody)]
+    if palm is not None and palm not in names:
+        raise HandError(
+            f"the hand's YAML names an unknown link: key 'palm': expected one of {names}, got '{palm}'; mend it"
+        )
+    return _body_tree(model, name, int(model.body_rootid[1 if palm is None else model.body(palm).id]), select)
 
 
 def _body_tree(model: mujoco.MjModel, name: str, root: int, select: Callable[[int], bool]) -> Tree:
@@ -87,42 +91,28 @@ def _body_tree(model: mujoco.MjModel, name: str, root: int, select: Callable[[in
     for body in bodies:
         link = _body_name(model, body)
         if body != bodies[0]:
-            above = int(model.body_parentid[body])
-            parent = _body_name(model, above)
-            for joint in _body_chain(model, body, parent, link):
-                joints.append(joint)
-                links[joint.child] = trimesh.Trimesh()
-        pieces = [
-            _geom_mesh(model, geom) for geom in range(model.ngeom) if model.geom_bodyid[geom] == body and select(geom)
-        ]
+            chain = _body_chain(model, body, _body_name(model, int(model.body_parentid[body])), link)
+            links |= {joint.child: trimesh.Trimesh() for joint in chain}
+            joints += chain
+        mine = np.flatnonzero(model.geom_bodyid == body).tolist()
+        pieces = [_geom_mesh(model, geom) for geom in mine if select(geom)]
         links[link] = trimesh.util.concatenate(pieces) if pieces else trimesh.Trimesh()
     tree = Tree(name, links, tuple(joints))
     check_tree(tree)
     return tree
 
 
-def _root(model: mujoco.MjModel, palm: str | None) -> int:
-    _refuse_empty(model)
-    names = [model.body(body).name for body in range(1, model.nbody)]
-    if palm is not None and palm not in names:
-        raise HandError(
-            f"the hand's YAML names an unknown link: key 'palm': expected one of {names}, got '{palm}'; mend it"
-        )
-    return int(model.body_rootid[1 if palm is None else model.body(palm).id])
-
-
 def _body_chain(model: mujoco.MjModel, body: int, parent: str, link: str) -> list[TreeJoint]:
     """Return the joints from a body's parent to the body; several, with empty links between, where one does not say it."""
     origin = _place_of(model.body_pos[body], model.body_quat[body])
     moving = [joint for joint in range(model.njnt) if model.jnt_bodyid[joint] == body]
-    if not moving:
-        return [TreeJoint(f"{link}_mount", parent, link, origin, np.asarray((1.0, 0.0, 0.0)), fixed=True)]
     chain = []
     for joint in moving:
         name = model.joint(joint).name or f"joint{joint}"
         kind = mujoco.mjtJoint(model.jnt_type[joint])
         turns = kind == mujoco.mjtJoint.mjJNT_HINGE
-        slides, axis, zero = kind == mujoco.mjtJoint.mjJNT_SLIDE, model.jnt_axis[joint].copy(), _zero(model, joint)
+        slides, axis = kind == mujoco.mjtJoint.mjJNT_SLIDE, model.jnt_axis[joint].copy()
+        zero = float(model.qpos0[model.jnt_qposadr[joint]])
         at = model.jnt_pos[joint] if turns else np.zeros(3)  # what slides has no anchor
         anchor, most = trimesh.transformations.translation_matrix(at), np.inf if slides else CONTINUOUS_LIMIT
         low, high = model.jnt_range[joint].tolist() if model.jnt_limited[joint] else (-most, most)
@@ -136,14 +126,12 @@ def _body_chain(model: mujoco.MjModel, body: int, parent: str, link: str) -> lis
         endless = turns and not model.jnt_limited[joint]
         chain.append(TreeJoint(name, parent, child, place, axis, False, low, high, None, slides, places, endless))
         parent, origin = child, np.linalg.inv(anchor)
-    if parent != link:
-        chain.append(TreeJoint(f"{link}_mount", parent, link, origin, np.asarray((1.0, 0.0, 0.0)), fixed=True))
-    return chain
+    return chain if parent == link else [*chain, _mount(parent, link, origin)]
 
 
-def _zero(model: mujoco.MjModel, joint: int) -> float:
-    """Return a joint's value in the model's own pose."""
-    return float(model.qpos0[model.jnt_qposadr[joint]])
+def _mount(parent: str, link: str, origin: np.ndarray) -> TreeJoint:
+    """Return the joint that holds a link fast, pose `origin` in its parent's frame."""
+    return TreeJoint(f"{link}_mount", parent, link, origin, np.array([1.0, 0.0, 0.0]), fixed=True)
 
 
 def _geom_mesh(model: mujoco.MjModel, geom: int) -> trimesh.Trimesh:
@@ -220,9 +208,7 @@ def mjcf_robot_tree(
     for site in range(model.nsite):
         body, name = int(model.site_bodyid[site]), model.site(site).name
         if name and name not in links and model.body_rootid[body] == root:
-            origin = _place_of(model.site_pos[site], model.site_quat[site])
-            carrier = _body_name(model, body)
-            joints.append(TreeJoint(f"{name}_mount", carrier, name, origin, np.array([1.0, 0.0, 0.0]), fixed=True))
+            joints.append(_mount(_body_name(model, body), name, _place_of(model.site_pos[site], model.site_quat[site])))
             links[name] = trimesh.Trimesh()
     joints = [_with_motor(joint, model) for joint in joints]
     return replace(tree, links=links, joints=tuple(joints), notes=tuple(notes), home=_home(model))

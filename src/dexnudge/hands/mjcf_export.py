@@ -1,6 +1,7 @@
 """A hand as MJCF: bodies with their masses, joints, equalities, tendons, motors, and which links may touch."""
 
 from dataclasses import dataclass
+from itertools import combinations
 from xml.etree.ElementTree import Element, SubElement
 
 import numpy as np
@@ -80,9 +81,7 @@ def _fill_body(body: Element, hand: Hand, link: int, drives: JointDrives) -> Non
         element = SubElement(body, "joint", name=joint.name, axis=numbers(joint.axis), range=numbers(np.sort(ends)))
         if joint.slides:
             element.set("type", "slide")
-        ratio = (
-            joint.scale / hand.joint_scales[joint.index]
-        )  # of a slide that follows a turning joint, or the other way
+        ratio = joint.scale / hand.joint_scales[joint.index]  # of a slide that follows a turning joint, or vice versa
         for key, default in (("damping", JOINT_DAMPING), ("armature", JOINT_ARMATURE)):
             value = float(vars(drives)[key][joint.index]) / ratio**2
             if value != default:
@@ -92,11 +91,8 @@ def _fill_body(body: Element, hand: Hand, link: int, drives: JointDrives) -> Non
 def _add_exclusions(model: Element, hand: Hand) -> None:
     contact = SubElement(model, "contact")
     solid = [link for link, mesh in enumerate(hand.link_meshes) if len(mesh.faces)]
-    allowed = set(hand.self_collision_pairs)
-    for one in solid:
-        for other in solid:
-            if one < other and (one, other) not in allowed:
-                SubElement(contact, "exclude", body1=hand.link_names[one], body2=hand.link_names[other])
+    for one, other in sorted({*combinations(solid, 2)} - {*hand.self_collision_pairs}):
+        SubElement(contact, "exclude", body1=hand.link_names[one], body2=hand.link_names[other])
 
 
 def _add_equalities(model: Element, hand: Hand) -> None:

@@ -26,9 +26,7 @@ from dexnudge.hands.tree import Tree, check_sizes
 
 MOST_JOINTS = 40  # independent ones; the Shadow hand has 24, a human hand 27
 LEAST_CONFIDENCE = 0.5  # of where the palm faces; below, it is asked for
-FARTHEST_TIPS = (
-    0.08  # [m] between tips when closed: a phone is 75 mm wide, and what stays farther apart opposes nothing
-)
+FARTHEST_TIPS = 0.08  # [m] between tips when closed: a phone is 75 mm wide; what stays farther apart opposes nothing
 BAR_REACH = 0.9  # of another digit's: a chain on the same motor that ends on that one, and is shorter, is its linkage
 BAR_GAP = 0.002  # [m] between such a bar and what it drives
 UNKNOWN = (0.0, 0.0, 1.0)  # in place of a palm's direction while that is being found
@@ -99,7 +97,11 @@ def prepare_hand(
     part = _the_hand(path, tree, palm, assumed)
     config = HandConfig(part.palm, part.fingertips, UNKNOWN, base_link=part.base_link, geometry=kind)
     hand = _without_bars(read_hand(path, config, base=base, packages=packages))
-    _refuse_no_hand(path, hand)
+    if hand.num_joints > MOST_JOINTS:
+        raise HandError(
+            f"{path}: the hand has {hand.num_joints} independent joints: expected at most {MOST_JOINTS}, as a human hand "
+            "has 27; couple them with <mimic>, fix those that do not move fingers, or name the hand's own link with `palm`"
+        )
     digits = ", ".join(link if digit == link else f"{digit}: {link}" for digit, link in hand.fingertips.items())
     tips = f"the fingertips are {digits}: the last links with geometry"
     assumed.append(Finding("note", "fingertips", tips, "mend 'fingertips' in the hand's YAML"))
@@ -174,14 +176,6 @@ def _the_hand(path: Path, tree: Tree, palm: str | None, assumed: list[Finding]) 
             Finding("note", "base_link", behind, "leave it out with `base`, or mend 'base_link' in the hand's YAML")
         )
     return hand
-
-
-def _refuse_no_hand(path: Path, hand: Hand) -> None:
-    if hand.num_joints > MOST_JOINTS:
-        raise HandError(
-            f"{path}: the hand has {hand.num_joints} independent joints: expected at most {MOST_JOINTS}, as a human hand "
-            "has 27; couple them with <mimic>, fix those that do not move fingers, or name the hand's own link with `palm`"
-        )
 
 
 def _refuse_far_tips(path: Path, hand: Hand, way: Closing) -> None:

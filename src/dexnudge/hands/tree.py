@@ -1,14 +1,16 @@
 """A hand's kinematic tree as a description file states it: links and joints, checked, and given another root."""
 
 import math
+from collections.abc import Callable, Collection
 from dataclasses import dataclass, field, replace
+from functools import cached_property
 
 import numpy as np
 import trimesh
 from jaxtyping import Float
-from scipy.spatial import ConvexHull, QhullError
 
 from dexnudge.errors import LONGEST_NAME, HandError, is_name, quote
+from dexnudge.geometry.meshes import is_flat
 from dexnudge.hands.config import HandConfig
 
 MAX_LINKS = 1000  # of a hand, or an arm and a hand
@@ -64,25 +66,57 @@ class Tree:
     notes: tuple[str, ...] = ()
     home: dict[str, float] = field(default_factory=dict)
 
+    @cached_property
+    def carrier(self) -> dict[str, TreeJoint]:
+        """Of each link but the root, the joint that carries it."""
+        return {joint.child: joint for joint in self.joints}
 
-def chain_to(tree: Tree, link: str) -> list[TreeJoint]:
-    """Return the joints from the root to a link, fixed ones among them."""
-    carrier, found = {joint.child: joint for joint in tree.joints}, []
-    while link in carrier:
-        found.append(carrier[link])
-        link = carrier[link].parent
-    return found[::-1]
+    @cached_property
+    def hanging(self) -> dict[str, list[TreeJoint]]:
+        """Of each link that is no end, the joints that hang from it."""
+        found: dict[str, list[TreeJoint]] = {}
+        for joint in self.joints:
+            found.setdefault(joint.parent, []).append(joint)
+        return found
 
+    @property
+    def root(self) -> str:
+        """The link that no joint carries."""
+        return next(link for link in self.links if link not in self.carrier)
 
-def joints_below(tree: Tree, link: str) -> list[TreeJoint]:
-    """Return the joints below a link, parents first."""
-    hanging: dict[str, list[TreeJoint]] = {}
-    for joint in tree.joints:
-        hanging.setdefault(joint.parent, []).append(joint)
-    found = list(hanging.get(link, ()))
-    for joint in found:
-        found += hanging.get(joint.child, ())
-    return found
+    def chain_to(self, link: str) -> list[TreeJoint]:
+        """Return the joints from the root to a link, fixed ones among them."""
+        found = []
+        while link in self.carrier:
+            found.append(self.carrier[link])
+            link = found[-1].parent
+        return found[::-1]
+
+    def links_above(self, link: str) -> list[str]:
+        """Return the links from a link's parent to the root."""
+        return [joint.parent for joint in reversed(self.chain_to(link))]
+
+    def joints_below(self, link: str) -> list[TreeJoint]:
+        """Return the joints below a link, parents first."""
+        found = list(self.hanging.get(link, ()))
+        for joint in found:
+            found += self.hanging.get(joint.child, ())
+        return found
+
+    def below(self, link: str) -> "Tree":
+        """Return the tree of a link and all links below it."""
+        return self.without(self.links.keys() - {link, *(joint.child for joint in self.joints_below(link))})
+
+    def without(self, gone: Collection[str]) -> "Tree":
+        """Return the tree without some links, and without the joints on either side of them."""
+        links = {name: mesh for name, mesh in self.links.items() if name not in gone}
+        joints = tuple(joint for joint in self.joints if joint.parent not in gone and joint.child not in gone)
+        return replace(self, links=links, joints=joints)
+
+    def renamed(self, new: Callable[[str], str]) -> "Tree":
+        """Return the tree with each link called as `new` says."""
+        joints = tuple(replace(joint, parent=new(joint.parent), child=new(joint.child)) for joint in self.joints)
+        return replace(self, links={new(link): mesh for link, mesh in self.links.items()}, joints=joints)
 
 
 def locked(joint: TreeJoint, value: float) -> TreeJoint:
@@ -135,7 +169,7 @@ def rerooted(tree: Tree, palm: str) -> Tree:
     parent by R(-a, t). For that the former parent's frame moves by O, and its geometry and other joints by O^-1; the
     frames of links between the old root and the palm therefore differ from the file's.
     """
-    above = chain_to(tree, palm)
+    above = tree.chain_to(palm)
     shift = {joint.parent: joint.origin for joint in above}  # T_old_new of the links whose frames move
     reversed_joints = {joint.name for joint in above}
     if not shift:
@@ -158,7 +192,6 @@ def rerooted(tree: Tree, palm: str) -> Tree:
 
 
 LONGEST_LINK = 2.0  # [m] a forearm or a stand; longer is in another unit
-FLATTEST_LINK = 1e-9  # volume of the hull / longest side cubed
 
 
 def check_names(tree: Tree, config: HandConfig) -> None:
@@ -171,12 +204,9 @@ def check_names(tree: Tree, config: HandConfig) -> None:
                 f"the hand's YAML names an unknown link: key '{key}': "
                 f"expected one of {list(tree.links)}, got '{link}'; mend it"
             )
-    above = {joint.child: joint.parent for joint in tree.joints}
     for digit, link in config.fingertips.items():
-        chain = [link]
-        while chain[-1] in above and chain[-1] != config.palm:
-            chain.append(above[chain[-1]])
-        if config.base_link in chain[:-1] and chain[-1] == config.palm:
+        chain = [link, *tree.links_above(link)]
+        if config.palm in chain and config.base_link in chain[: chain.index(config.palm)]:
             raise HandError(
                 f"the hand's YAML names '{config.base_link}' as 'base_link', which is part of digit '{digit}': expected a "
                 "link behind the palm; mend it"
@@ -220,11 +250,7 @@ def check_sizes(tree: Tree, longest_link: float = LONGEST_LINK) -> None:
                 f"link '{link}' is {longest:.3g} m long: expected at most {longest_link:g} m; in millimetres? "
                 'give its mesh scale="0.001 0.001 0.001", or a basic shape its size in metres'
             )
-        try:
-            volume = ConvexHull(mesh.vertices / longest).volume
-        except QhullError:
-            volume = 0.0
-        if volume < FLATTEST_LINK:
+        if is_flat(mesh):
             raise HandError(
                 f"the geometry of link '{link}' is flat: expected a body with a thickness, which physics needs; "
                 "give it one, or replace it by a thin box"

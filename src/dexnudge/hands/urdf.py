@@ -57,9 +57,7 @@ def link_mesh(
         raise HandError(f"{where}: {empty[0]}; add one, replace it by a mesh, or remove the element")
     if empty:
         notes.append(f"link '{link.get('name')}': {empty[0]}: left out, the link has others")
-    if not pieces:
-        return trimesh.Trimesh()
-    return pieces[0] if len(pieces) == 1 else trimesh.util.concatenate(pieces)
+    return trimesh.util.concatenate(pieces) if len(pieces) > 1 else next(iter(pieces), trimesh.Trimesh())
 
 
 def _shape(shape: Element, where: str, folder: Path, packages: Mapping[str, Path | str] | None) -> trimesh.Trimesh:
@@ -81,10 +79,9 @@ def note_masses(links: list[Element], path: Path, notes: list[str]) -> None:
     """Note the links whose mass or moments of inertia cannot be; HandError where one is no number."""
     wrong = []
     for link in links:
-        inertial = link.find("inertial")
-        where = f"{path}: link '{link.get('name')}'"
-        if inertial is None:
+        if (inertial := link.find("inertial")) is None:
             continue
+        where = f"{path}: link '{link.get('name')}'"
         mass = numbers_of(inertial.find("mass"), "value", (0.0,), where)
         moments = [numbers_of(inertial.find("inertia"), key, (0.0,), where) for key in ("ixx", "iyy", "izz")]
         if min(mass, *moments) <= 0.0:
@@ -128,7 +125,7 @@ PLACING_TYPES = ("planar", "floating")  # read where they place the hand in the 
 
 def hand_from_urdf(
     path: Path | str,
-    config: HandConfig | Path | str | None = None,
+    config: HandConfig | None = None,
     *,
     base: bool = True,
     packages: Mapping[str, Path | str] | None = None,
@@ -138,7 +135,7 @@ def hand_from_urdf(
     Args:
         path: the URDF, or a xacro file where the package xacro is installed. Meshes must lie in its folder or below, in the
             ROS package around it, or in one of `packages`.
-        config: facts that URDF cannot state, or their YAML file; None: `<stem>.yaml` or `hand.yaml` beside the URDF.
+        config: facts that URDF cannot state; None: those of `<stem>.yaml` or `hand.yaml` beside the URDF.
         base: whether the links behind the palm (those on the side of `base_link`) are kept.
         packages: folders of packages that `package://NAME/...` and `$(find NAME)` name.
 
@@ -148,8 +145,8 @@ def hand_from_urdf(
     path = Path(path)
     robot = read_xml(path, root_tag="robot", expand=lambda file: expand_xacro(file, packages))
     structure = _structure(robot, path)
-    settings = config if isinstance(config, HandConfig) else read_hand_config(config_path(path, config, structure))
-    return hand_from_tree(_with_geometry(structure, robot, settings.geometry, path, packages), settings, base=base)
+    config = config or config_beside(path, structure)
+    return hand_from_tree(_with_geometry(structure, robot, config.geometry, path, packages), config, base=base)
 
 
 def urdf_tree(
@@ -183,11 +180,10 @@ def _structure(robot: Element, path: Path) -> Tree:
     link_names = [_name(link, path) for link in elements]
     _refuse_doubles("link", link_names, path)
     _refuse_doubles("joint", [joint.name for joint in joints], path)
-    missing = _missing_base(link_names, joints)
-    if missing is not None:
+    if (missing := _missing_base(link_names, joints)) is not None:
         notes.append(f"link '{missing}', from which the others hang, does not exist: an empty one stands for it")
-    names = [*filter(None, [missing]), *link_names]
-    structure = Tree(robot.get("name") or path.stem, {name: trimesh.Trimesh() for name in names}, tuple(joints))
+        link_names.insert(0, missing)
+    structure = Tree(robot.get("name") or path.stem, {name: trimesh.Trimesh() for name in link_names}, tuple(joints))
     check_tree(structure)
     note_masses(elements, path, notes)
     return replace(structure, notes=tuple(notes))
@@ -202,9 +198,9 @@ def _with_geometry(
     only: Collection[str] | None = None,
 ) -> Tree:
     links, notes = dict(structure.links), list(structure.notes)
-    wanted = (link for link in robot.findall("link") if only is None or link.get("name") in only)
-    for link in wanted:
-        links[str(link.get("name"))] = link_mesh(link, geometry, path, packages, notes)
+    for link in robot.findall("link"):
+        if only is None or link.get("name") in only:
+            links[str(link.get("name"))] = link_mesh(link, geometry, path, packages, notes)
     return replace(structure, links=links, notes=tuple(notes))
 
 
@@ -216,13 +212,10 @@ def _missing_base(link_names: list[str], joints: list[TreeJoint]) -> str | None:
     return unknown.pop() if hangs else None
 
 
-def config_path(path: Path, config: Path | str | None, tree: Tree) -> Path:
-    """Return the YAML of a description file; without one, HandError says what to write, as far as the tree tells."""
-    if config is not None:
-        return Path(config)
-    beside = yaml_beside(path)
-    if beside is not None:
-        return beside
+def config_beside(path: Path, tree: Tree) -> HandConfig:
+    """Return what the YAML beside a description states; HandError says what to write, as far as the tree tells."""
+    if (beside := yaml_beside(path)) is not None:
+        return read_hand_config(beside)
     names = " or ".join(dict.fromkeys([path.with_suffix(".yaml").name, "hand.yaml"]))
     raise HandError(
         f"{path} has no YAML beside it: expected {names} with the palm, the fingertips and the direction in which the palm "

@@ -12,6 +12,7 @@ import os
 import subprocess
 import sys
 from collections.abc import Mapping
+from contextlib import suppress
 from importlib.util import find_spec
 from pathlib import Path
 from typing import Any
@@ -131,12 +132,10 @@ def _expand(task: dict[str, Any]) -> str:
 
 
 def _main() -> int:
-    try:
+    with suppress(ImportError, ValueError):  # Windows has no such limit
         import resource
 
         resource.setrlimit(resource.RLIMIT_AS, (MAX_MEMORY, MAX_MEMORY))
-    except (ImportError, ValueError):
-        pass  # Windows has no such limit
     try:
         sys.stdout.write(_expand(json.load(sys.stdin)))
     except Exception as error:  # noqa: BLE001 - whatever xacro raises ends as one line for the caller

@@ -20,7 +20,6 @@ from dexnudge.errors import ArmError, check_kind, quote
 from dexnudge.geometry.rigid import rigid_transform
 from dexnudge.hands.batch import HandBatch
 from dexnudge.hands.hand import Hand
-from dexnudge.hands.tree import chain_to
 from dexnudge.jobs.cached import cached_per_instance
 from dexnudge.planning.object_path import check_slides, push_length
 from dexnudge.scenes.placement import surroundings_distance
@@ -147,7 +146,7 @@ def arm_points(arm: Arm) -> ArmPoints:
     moving = [joint.name for joint in arm.chain if not joint.fixed]
     joints, places = [np.zeros(0, dtype=np.int64)], [np.zeros((0, 3))]
     for link, mesh in arm.tree.links.items():
-        pose, above = np.eye(4), chain_to(arm.tree, link)
+        pose, above = np.eye(4), arm.tree.chain_to(link)
         while above and above[-1].fixed:
             pose = above.pop().origin @ pose
         if above and above[-1].name in moving and len(mesh.faces):

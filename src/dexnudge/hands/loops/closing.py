@@ -125,10 +125,7 @@ INDEPENDENT = 0.05  # sine of the least angle between joints that drive a loop
 SAMPLES = {1: 33, 2: 9, 3: 5, 4: 4}  # of a driving joint's range, by the number of these joints
 STARTS = 12  # poses from which a loop is closed for the first time
 LOOP_WEIGHT, SPRING_WEIGHT, STAY_WEIGHT = 1.0 / CLOSED, 1.0, 1e-2  # a loop closes within 1 um though springs pull
-JUMP, JITTER = (
-    5.0,
-    1e-3,
-)  # a follower's way [m], per way of the leaders, and beside it; more is another branch of the loop
+JUMP, JITTER = 5.0, 1e-3  # a follower's way [m], per way of the leaders, and beside it; more is another branch
 BEYOND = 1e-3  # [rad or m] of a limit, which rounding in the description may take
 POLISH, RANK = 3, 1e-2  # Newton steps, and the least singular value in them, of the largest
 FULL_TURN = 2 * np.pi  # [rad] either way: a joint of a loop without limits

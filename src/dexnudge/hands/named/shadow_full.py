@@ -66,9 +66,5 @@ def _shadow_names(tree: Tree) -> Tree:
     def counted_from_one(joint: str) -> str:
         return re.sub(r"J(\d)$", lambda match: f"J{int(match[1]) + 1}", plain(joint))
 
-    joints = tuple(
-        replace(joint, name=counted_from_one(joint.name), parent=plain(joint.parent), child=plain(joint.child))
-        for joint in tree.joints
-        if plain(joint.parent) != MOUNT
-    )
-    return Tree(tree.name, {plain(link): mesh for link, mesh in tree.links.items() if plain(link) != MOUNT}, joints)
+    tree = tree.renamed(plain).without({MOUNT})
+    return replace(tree, joints=tuple(replace(joint, name=counted_from_one(joint.name)) for joint in tree.joints))
