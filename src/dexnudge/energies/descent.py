@@ -1,7 +1,7 @@
 """Adam on hand poses: translation, rotation (on SO(3)) and joint angles, within limits and couplings."""
 
-from collections.abc import Sequence
 from dataclasses import dataclass
+from functools import partial
 
 import numpy as np
 import torch
@@ -68,10 +68,7 @@ class HandDescent:
         self._count = torch.zeros(batch, dtype=torch.int32, device=device)
         scales = [1.0] * 6 + hand.joint_scales.tolist()
         sizes = [steps.translation] * 3 + [steps.rotation] * 3 + [steps.joints] * joints
-
-        def array(values: Sequence[float] | np.ndarray, dtype: type) -> wp.array:
-            return wp.array(np.asarray(values), dtype=dtype, device=device)
-
+        array = partial(wp.array, device=device)
         self.moments = moments = Moments()
         moments.first, moments.second = map(wp.from_torch, self._kept)
         moments.count = wp.from_torch(self._count)

@@ -126,21 +126,15 @@ class HandEnergy:
         total = self.energy.sum(dim=1)
         if self.terms is None:
             return total
-        self._add_terms(self.terms, pose)
-        return total + self.term_energy
-
-    def _add_terms(self, terms: TermEnergy, pose: HandPose) -> None:
-        """The kernel has just written the gradients of the active hands: only theirs lack the terms'."""
-        rows = self.active.nonzero()[:, 0]
-        if len(rows):
+        # The kernel has just written the gradients of the active hands: only theirs lack the terms'.
+        if len(rows := self.active.nonzero()[:, 0]):
             poses = HandPose(pose.translation[rows], pose.rotation[rows], pose.joint_angles[rows])
-            self.term_energy[rows], slope = terms(poses)
+            self.term_energy[rows], slope = self.terms(poses)
             self.gradient[rows] += slope
+        return total + self.term_energy
 
     def balance_forces(self, *, sweeps: int) -> None:
         """Solve `force` at the wanted contacts of the last evaluation; the next ones pull them to where they balance."""
-        if self.force is None:
-            return
         for launch in self.balance_launches(self._every_row, sweeps=sweeps):
             launch.launch()
 

@@ -189,6 +189,7 @@ class ForceResidual:
 
     Attributes:
         square: (batch,) squared distance to balance [weights of the object, squared]; of several the sum.
+        wrench: (batch, balance, 6) residual of each [weights of the object].
         gradient: (batch, contact, 3) of E in the contacts' positions [1/m].
         active: (batch,) as given: a hand with 0 is skipped and keeps the results of its last call.
     """
@@ -201,7 +202,7 @@ class ForceResidual:
         self.active, self.device = active, device
         self.square = torch.zeros(batch, device=device)
         self.gradient = torch.zeros(batch, contacts, 3, device=device)
-        self._residual = torch.zeros(batch, len(balances), 6, device=device)
+        self.wrench = torch.zeros(batch, len(balances), 6, device=device)
         self._multipliers = [
             torch.zeros(batch, columns + len(each.support_wrenches), device=device) for each in balances
         ]
@@ -220,7 +221,7 @@ class ForceResidual:
             packed.max_normal, packed.is_first = balance.max_normal, int(place == 0)
             packed.columns = wp.zeros((batch, columns), dtype=Vector6, device=device)
             packed.multipliers = wp.from_torch(multipliers)
-            packed.residual = wp.from_torch(self._residual[:, place], dtype=Vector6)
+            packed.residual = wp.from_torch(self.wrench[:, place], dtype=Vector6)
             packed.square, packed.gradient = wp.from_torch(self.square), wp.from_torch(self.gradient, dtype=wp.vec3)
             self._balances.append(packed)
 
@@ -228,11 +229,6 @@ class ForceResidual:
     def residual(self) -> Float[Tensor, " batch"]:
         """Length of the residual wrench [weights of the object]."""
         return self.square.sqrt()
-
-    @property
-    def wrench(self) -> Float[Tensor, "batch balance 6"]:
-        """Residual wrench of each balance [weights of the object]."""
-        return self._residual
 
     @property
     def loaded(self) -> Bool[Tensor, "batch contact"]:

@@ -1,7 +1,7 @@
 """A hand's constant arrays for the fused kernel."""
 
+from functools import partial
 from itertools import chain
-from typing import Any
 
 import numpy as np
 from jaxtyping import Float, Int
@@ -79,10 +79,7 @@ def build_hand_model(hand: Hand, *, device: str = "cpu") -> WarpStruct:
     for one, other in hand.self_collision_pairs:
         partners[one].append(other)
         partners[other].append(one)
-
-    def array(values: np.ndarray, dtype: Any) -> Any:
-        return wp.array(np.asarray(values), dtype=dtype, device=device)
-
+    array = partial(wp.array, device=device)
     model = HandModel()
     model.tree = kinematic_tree(hand, device=device)
     model.points, model.clusters, first_cluster = cluster_points(sparse.points, sparse.link, links, device=device)

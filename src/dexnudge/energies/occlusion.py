@@ -12,7 +12,7 @@ from jaxtyping import Bool, Float
 from scipy.ndimage import affine_transform, distance_transform_edt
 
 from dexnudge.geometry.distance_grid import DistanceGrid, in_threads
-from dexnudge.geometry.exact_distance import ExactDistance
+from dexnudge.geometry.exact_distance import ExactDistance, warp_mesh
 from dexnudge.geometry.surface_points import dart_throwing
 from dexnudge.geometry.warp_runtime import wp
 
@@ -74,10 +74,7 @@ def _sources(object_mesh: trimesh.Trimesh, environment: ExactDistance) -> Float[
 def _visible(
     environment_mesh: trimesh.Trimesh, cells: Float[np.ndarray, "n 3"], sources: Float[np.ndarray, "k 3"]
 ) -> Bool[np.ndarray, " n"]:
-    mesh = wp.Mesh(
-        points=wp.array(np.asarray(environment_mesh.vertices, dtype=np.float32), dtype=wp.vec3, device="cpu"),
-        indices=wp.array(np.asarray(environment_mesh.faces, dtype=np.int32).ravel(), dtype=wp.int32, device="cpu"),
-    )
+    mesh = warp_mesh(environment_mesh.vertices, environment_mesh.faces)
     viewpoints = wp.array(sources.astype(np.float32), dtype=wp.vec3, device="cpu")
 
     def seen(part: Float[np.ndarray, "m 3"]) -> Bool[np.ndarray, " m"]:

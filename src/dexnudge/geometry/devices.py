@@ -8,9 +8,10 @@ import errno
 import math
 import os
 from collections.abc import Iterator
-from contextlib import ExitStack, contextmanager, suppress
+from contextlib import AbstractContextManager, ExitStack, contextmanager, nullcontext, suppress
 from importlib.util import find_spec
 from pathlib import Path
+from typing import Any
 
 import torch
 
@@ -79,14 +80,9 @@ def own_modes() -> Iterator[None]:
         yield
 
 
-@contextmanager
-def torch_stream(device: str) -> Iterator[None]:
+def torch_stream(device: str) -> AbstractContextManager[Any]:
     """Have Warp work on torch's current stream of a CUDA device while the block runs: neither overtakes the other."""
-    if not device.startswith("cuda"):
-        yield
-        return
-    with wp.ScopedStream(wp.stream_from_torch(torch.device(device))):
-        yield
+    return wp.ScopedStream(wp.stream_from_torch(torch.device(device))) if device.startswith("cuda") else nullcontext()
 
 
 CGROUPS = (("memory.max", "memory.current"), ("memory/memory.limit_in_bytes", "memory/memory.usage_in_bytes"))

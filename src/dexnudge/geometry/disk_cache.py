@@ -105,13 +105,10 @@ def _digest(file: Path, array: bytes) -> bytes:
 
 def _make_room(folder: Path) -> None:
     """Delete the files that have been unused for longest, until the folder is within its limit."""
-    files = []
-    for entry in os.scandir(folder):
-        found = entry.stat()
-        files.append((found.st_mtime_ns, found.st_size, Path(entry.path)))
-    total = sum(size for _, size, _ in files)
-    for _, size, file in sorted(files):
+    found = {file: file.stat() for file in folder.iterdir()}
+    total = sum(each.st_size for each in found.values())
+    for file in sorted(found, key=lambda file: found[file].st_mtime_ns):
         if total <= LARGEST_CACHE:
             return
         file.unlink(missing_ok=True)
-        total -= size
+        total -= found[file].st_size

@@ -10,7 +10,7 @@ from typing import Any
 
 import numpy as np
 import trimesh
-from jaxtyping import Float, Int
+from jaxtyping import Float, Int, Num
 
 from dexnudge.geometry.warp_runtime import wp
 
@@ -33,15 +33,21 @@ def _first_hit(
         face[i] = hit.face
 
 
+def warp_mesh(
+    vertices: Num[np.ndarray, "v 3"], faces: Int[np.ndarray, "f 3"], *, device: str = "cpu", winding: bool = False
+) -> wp.Mesh:
+    """Return a mesh's tree in single precision; with `winding` it tells inside from outside, too."""
+    points = wp.array(np.asarray(vertices, dtype=np.float32), dtype=wp.vec3, device=device)
+    corners = wp.array(np.asarray(faces, dtype=np.int32).ravel(), dtype=wp.int32, device=device)
+    return wp.Mesh(points=points, indices=corners, support_winding_number=winding)
+
+
 class Rays:
     """Rays against one mesh; single precision about the mesh's centre, one core."""
 
     def __init__(self, mesh: trimesh.Trimesh) -> None:
         self.origin = mesh.bounds.mean(axis=0)
-        self._mesh = wp.Mesh(
-            points=wp.array(np.asarray(mesh.vertices - self.origin, dtype=np.float32), dtype=wp.vec3, device="cpu"),
-            indices=wp.array(np.asarray(mesh.faces, dtype=np.int32).ravel(), dtype=wp.int32, device="cpu"),
-        )
+        self._mesh = warp_mesh(mesh.vertices - self.origin, mesh.faces)
 
     def __call__(
         self, points: Float[np.ndarray, "n 3"], direction: Float[np.ndarray, "3"], *, reach: float
@@ -169,11 +175,7 @@ class ExactDistance:
         # The mesh is queried about its own centre: single precision is finest there.
         self.origin = mesh.bounds.mean(axis=0)
         vertices = np.asarray(mesh.vertices - self.origin, dtype=np.float32)
-        self._mesh = wp.Mesh(
-            points=wp.array(vertices, dtype=wp.vec3, device=device),
-            indices=wp.array(np.asarray(mesh.faces, dtype=np.int32).ravel(), dtype=wp.int32, device=device),
-            support_winding_number=True,
-        )
+        self._mesh = warp_mesh(vertices, mesh.faces, device=device, winding=True)
         self._low, self._high = (wp.vec3(*corner.tolist()) for corner in (vertices.min(axis=0), vertices.max(axis=0)))
         self.face_normals = np.asarray(mesh.face_normals)
         self.mesh = mesh

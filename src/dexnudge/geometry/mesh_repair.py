@@ -19,9 +19,7 @@ from dexnudge.geometry.surface_lattice import distinct_rows
 SPECK_SIZE = 0.05  # of the largest part's longest side: what is longer is no speck
 SPECK_GAP = 1e-3  # of the same: a small part this near belongs to the object, as a key or a foot does
 FACING_UP = 0.1  # z of the normal from which a face can carry something
-WIDE_OPEN = (
-    0.2  # length of the sum of a part's normals, by area, over its area: 0 where it is closed, 1 of a flat sheet
-)
+WIDE_OPEN = 0.2  # length of the sum of a part's normals, by area, over its area: 0 where closed, 1 of a flat sheet
 FLAT = 1e-9  # of the longest side cubed; a smaller volume has no sign
 HOLE_EDGES, HOLE_SIZE = 30, 0.25  # a hole with more edges, or longer than this part of the longest side, may be meant
 
@@ -32,7 +30,18 @@ def parts(corners: Int[np.ndarray, "face 3"]) -> Int[np.ndarray, " face"]:
     links = coo_array(
         (np.ones(2 * len(corners)), (np.tile(corners[:, 0], 2), corners[:, 1:].T.ravel())), shape=(count, count)
     )
-    return np.asarray(connected_components(links, directed=False)[1][corners[:, 0]], dtype=np.int64)
+    part = connected_components(links, directed=False)[1][corners[:, 0]]
+    return np.unique(part, return_inverse=True)[1].astype(np.int64)  # a corner of no face has no part
+
+
+def part_bounds(
+    triangles: Float[np.ndarray, "face 3 3"], part: Int[np.ndarray, " face"]
+) -> tuple[Float[np.ndarray, "part 3"], Float[np.ndarray, "part 3"]]:
+    """Return the lower and the upper corner of the box around each part [the triangles' unit]."""
+    order = np.argsort(part, kind="stable")
+    begins = np.cumsum(np.bincount(part)) - np.bincount(part)
+    low = np.minimum.reduceat(triangles.min(axis=1)[order], begins)
+    return low, np.maximum.reduceat(triangles.max(axis=1)[order], begins)
 
 
 def drop_doubled_faces(mesh: trimesh.Trimesh) -> str | None:
@@ -63,9 +72,7 @@ def drop_specks(mesh: trimesh.Trimesh) -> str | None:
     count = int(part.max()) + 1
     if count == 1:
         return None
-    low, high = np.full((count, 3), np.inf), np.full((count, 3), -np.inf)
-    np.minimum.at(low, part, mesh.triangles.min(axis=1))
-    np.maximum.at(high, part, mesh.triangles.max(axis=1))
+    low, high = part_bounds(np.asarray(mesh.triangles), part)
     size = (high - low).max(axis=1)
     main = size.max()
     small = size <= SPECK_SIZE * main
@@ -194,10 +201,7 @@ def _inverted_parts(mesh: trimesh.Trimesh, *, also_open: bool) -> Bool[np.ndarra
     triangles = np.asarray(mesh.triangles)
     edges = np.bincount(part[mesh.face_adjacency[:, 0]], minlength=count)
     closed = 2 * edges == 3 * np.bincount(part)
-    order = np.argsort(part, kind="stable")
-    begins = np.cumsum(np.bincount(part)) - np.bincount(part)
-    low = np.minimum.reduceat(triangles.min(axis=1)[order], begins)
-    high = np.maximum.reduceat(triangles.max(axis=1)[order], begins)
+    low, high = part_bounds(triangles, part)
     volume = np.bincount(part, _volumes(triangles - ((low + high) / 2)[part][:, None]), minlength=count)
     inverted = (closed | also_open) & (volume < -FLAT * (high - low).max(axis=1) ** 3)
     for index in np.flatnonzero(inverted & closed):

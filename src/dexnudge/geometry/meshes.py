@@ -17,7 +17,7 @@ from scipy.spatial import ConvexHull, QhullError
 from dexnudge.errors import MeshError, check_path, quote
 from dexnudge.geometry.mesh_files import read_triangles
 from dexnudge.geometry.mesh_guards import MAX_FACES, MAX_SURROUNDINGS_FACES, too_many_faces
-from dexnudge.geometry.mesh_repair import drop_doubled_faces, drop_specks, parts, wind_outward
+from dexnudge.geometry.mesh_repair import drop_doubled_faces, drop_specks, part_bounds, parts, wind_outward
 
 UNITS = {"m": 1.0, "cm": 0.01, "mm": 0.001, "in": 0.0254}  # metres per unit
 SHORTEST_OBJECT = 0.02  # [m] longest side; smaller is another tool's work or another unit
@@ -129,12 +129,16 @@ def check_object_size(mesh: trimesh.Trimesh, name: str, *, units: str = "m") -> 
             f"{LONGEST_OBJECT:g} m; is the file in another unit? "
             + _unit_hint(longest / _unit_factor(units), SHORTEST_OBJECT, LONGEST_OBJECT, with_length=True)
         )
-    try:
-        volume = ConvexHull(mesh.vertices / longest).volume
-    except QhullError:
-        volume = 0.0
-    if volume < THINNEST_VOLUME:
+    if is_flat(mesh):
         raise MeshError(f"{name}: the object is a flat sheet; expected a body with a thickness; give it one")
+
+
+def is_flat(mesh: trimesh.Trimesh) -> bool:
+    """Whether a mesh is a sheet, not a body: next to its longest side its hull has no volume."""
+    try:
+        return bool(ConvexHull(mesh.vertices / float(mesh.extents.max())).volume < THINNEST_VOLUME)
+    except QhullError:
+        return True
 
 
 def centre_of_mass(mesh: trimesh.Trimesh) -> np.ndarray:
@@ -169,10 +173,7 @@ def _scale_to_metres(mesh: trimesh.Trimesh, factor: float) -> None:
 def _refuse_stray_parts(mesh: trimesh.Trimesh, name: str) -> None:
     """Refuse parts so far from the others that no precision is left; a wrong coordinate is the common cause."""
     triangles = np.asarray(mesh.triangles)
-    part = parts(np.asarray(mesh.faces))
-    low, high = np.full((part.max() + 1, 3), np.inf), np.full((part.max() + 1, 3), -np.inf)
-    np.minimum.at(low, part, triangles.min(axis=1))
-    np.maximum.at(high, part, triangles.max(axis=1))
+    low, high = part_bounds(triangles, parts(np.asarray(mesh.faces)))
     longest = float((high - low).max())
     if float(mesh.extents.max()) > FARTHEST_PART * longest:
         x, y, z = triangles.reshape(-1, 3)[np.abs(triangles).max(axis=2).argmax()]

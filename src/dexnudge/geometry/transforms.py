@@ -54,8 +54,7 @@ def canonical_frame(object_in_world: trimesh.Trimesh, motion: Float[np.ndarray, 
     z /= np.linalg.norm(z)
     frame = np.eye(4)
     frame[:3, :3] = np.stack([x, np.cross(z, x), z], axis=1)
-    turned = object_in_world.copy()
-    turned.apply_transform(np.linalg.inv(frame))
+    turned = object_in_world.copy().apply_transform(np.linalg.inv(frame))
     frame[:3, 3] = frame[:3, :3] @ resting_origin(turned)
     return frame
 

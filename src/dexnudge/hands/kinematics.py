@@ -1,5 +1,7 @@
 """A hand's links and joints as the arrays that kernels read."""
 
+from functools import partial
+
 import numpy as np
 
 from dexnudge.geometry.warp_runtime import WarpStruct, wp
@@ -56,10 +58,7 @@ def kinematic_tree(hand: Hand, *, device: str = "cpu") -> WarpStruct:
     """Return the `KinematicTree` of a hand, in single precision."""
     joints = hand.joints
     origins = np.stack([np.eye(4) if joint is None else joint.origin for joint in joints])
-
-    def array(values: np.ndarray | list, dtype: type) -> wp.array:
-        return wp.array(np.asarray(values), dtype=dtype, device=device)
-
+    array = partial(wp.array, device=device)
     tree = KinematicTree()
     tree.parent = array(hand.link_parent, wp.int32)
     tree.joint = array([-1 if j is None or j.index is None else j.index for j in joints], wp.int32)
