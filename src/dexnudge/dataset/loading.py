@@ -11,7 +11,7 @@ from jaxtyping import Float, Float32, Int64
 from torch import Tensor
 
 from dexnudge.dataset.manifest import Manifest, read_manifest
-from dexnudge.dataset.schema import BEHAVIOURS, CLOUD_POINTS, INFEASIBLE, NUM_DIRECTIONS, POSE_DIMENSIONS, TURNS
+from dexnudge.dataset.schema import BEHAVIOURS, INFEASIBLE, TURNS
 from dexnudge.dataset.shards import column_matrix, complete_objects, read_cloud, read_shard
 from dexnudge.errors import DatasetError
 
@@ -54,15 +54,11 @@ def split_objects(names: Sequence[str]) -> tuple[list[int], list[int]]:
     empty: the smallest hash is then held out, or the largest one kept for training.
     """
     fractions = [hash_fraction(name) for name in names]
-    held_out = [index for index, fraction in enumerate(fractions) if fraction < VALIDATION_FRACTION]
-    order = sorted(range(len(names)), key=fractions.__getitem__)
+    number = sum(fraction < VALIDATION_FRACTION for fraction in fractions)
     if len(names) >= 2:
-        if not held_out:
-            held_out = order[:1]
-        elif len(held_out) == len(names):
-            held_out = sorted(order[:-1])
-    training = [index for index in range(len(names)) if index not in set(held_out)]
-    return training, held_out
+        number = min(max(number, 1), len(names) - 1)
+    order = sorted(range(len(names)), key=fractions.__getitem__)
+    return sorted(order[number:]), sorted(order[:number])
 
 
 @dataclass(frozen=True, kw_only=True)
@@ -127,32 +123,25 @@ def load_dataset(folder: Path | str, *, allow_incomplete: bool = False) -> Datas
             f"{folder} is incomplete: {len(missing)} of {len(manifest.objects)} objects have no shard "
             f"(first: {missing[0]}); resume `dexnudge dataset generate`, or allow an incomplete dataset."
         )
-    dimension = POSE_DIMENSIONS + len(manifest.joint_names)
-    q, object_index, behaviours, margins, clouds, turn_margins, turns = [], [], [], [], [], [], []
-    for index, name in enumerate(names):
-        shard = read_shard(folder, manifest, name)
-        q.append(column_matrix(shard.table, "q"))
-        margins.append(column_matrix(shard.table, "direction_margin"))
-        labels = [BEHAVIOURS.index(label) for label in shard.table.column("behaviour").to_pylist()]
-        behaviours.append(np.array(labels, dtype=np.int64))
-        object_index.append(np.full(len(labels), index, dtype=np.int64))
-        clouds.append(read_cloud(folder, manifest, name))
-        if shard.turns is None:
-            turn_margins.append(np.full((len(labels), len(TURNS)), INFEASIBLE, dtype=np.float32))
-            turns.append(np.full((len(TURNS), 6), np.nan))
-        else:
-            turn_margins.append(column_matrix(shard.table, "turn_margin"))
-            turns.append(shard.turns)
-    if not any(len(part) for part in q):
+    parts = [_arrays(folder, manifest, name, index) for index, name in enumerate(names)]
+    if not any(len(part["q"]) for part in parts):
         raise DatasetError(f"{folder} holds no configuration; run `dexnudge dataset generate` first.")
-    return Dataset(
-        manifest=manifest,
-        object_names=tuple(names),
-        q=np.concatenate(q).reshape(-1, dimension),
-        object_index=np.concatenate(object_index),
-        behaviour=np.concatenate(behaviours),
-        direction_margin=np.concatenate(margins).reshape(-1, NUM_DIRECTIONS),
-        clouds=np.stack(clouds).reshape(-1, CLOUD_POINTS, 6),
-        turn_margin=np.concatenate(turn_margins).reshape(-1, len(TURNS)),
-        turns=np.stack(turns).astype(np.float32),
-    )
+    arrays = {key: np.concatenate([part[key] for part in parts]) for key in parts[0]}
+    return Dataset(manifest=manifest, object_names=tuple(names), **arrays)
+
+
+def _arrays(folder: Path, manifest: Manifest, name: str, index: int) -> dict[str, np.ndarray]:
+    """Return the arrays of a `Dataset` that has this object alone, at this place."""
+    shard = read_shard(folder, manifest, name)
+    labels = [BEHAVIOURS.index(label) for label in shard.table.column("behaviour").to_pylist()]
+    unjudged = np.full((len(labels), len(TURNS)), INFEASIBLE, dtype=np.float32)
+    turns = np.full((len(TURNS), 6), np.nan) if shard.turns is None else shard.turns
+    return {
+        "q": column_matrix(shard.table, "q"),
+        "object_index": np.full(len(labels), index, dtype=np.int64),
+        "behaviour": np.array(labels, dtype=np.int64),
+        "direction_margin": column_matrix(shard.table, "direction_margin"),
+        "clouds": read_cloud(folder, manifest, name)[None],
+        "turn_margin": unjudged if shard.turns is None else column_matrix(shard.table, "turn_margin"),
+        "turns": turns[None].astype(np.float32),
+    }

@@ -5,7 +5,6 @@ from collections import Counter
 from collections.abc import Collection, Iterator, Sequence
 from dataclasses import asdict, dataclass, replace
 from pathlib import Path
-from typing import Any
 
 import numpy as np
 import pyarrow as pa
@@ -51,13 +50,6 @@ MOST_VALUES = 2**26  # of a column, lists within lists counted through: repeated
 class _ShardHeader:
     """What stands in a file beside what it shares with the manifest."""
 
-    format_version: int
-    units: dict[str, str]
-    hand: str
-    joint_names: tuple[str, ...]
-    config: dict[str, Any]
-    seed: int
-    versions: dict[str, str]
     object: str
     mesh_sha256: str
     counts: dict[str, BehaviourCounts]
@@ -182,7 +174,8 @@ def read_shard(
     path = shard_path(folder, object_name)
     table, header = _read_table(path, manifest, object_name, configuration_schema(len(manifest.joint_names)))
     check_rows(table, manifest, str(path), links=links)
-    found = from_fields(header, _ShardHeader, f"{path}: its header", error=DamagedShardError, again=AGAIN)
+    own = {key: value for key, value in header.items() if key not in _shared(manifest)}
+    found = from_fields(own, _ShardHeader, f"{path}: its header", error=DamagedShardError, again=AGAIN)
     rotation = column_matrix(table, "q")[:, 3:POSE_DIMENSIONS].reshape(-1, 2, 3)
     sizes = [pc.list_value_length(table.column(name)).to_numpy() for name in ("contact_links", "contact_points")]
     for what, wrong in (
@@ -267,6 +260,11 @@ def read_cloud(folder: Path | str, manifest: Manifest, object_name: str) -> Floa
     return cloud
 
 
+def _shared(manifest: Manifest) -> dict[str, object]:
+    """What all files of a dataset say alike."""
+    return {"format_version": FORMAT_VERSION, "units": UNITS, **{key: getattr(manifest, key) for key in _PROVENANCE}}
+
+
 def _header(manifest: Manifest, object_name: str, counts: dict[str, BehaviourCounts]) -> dict[str, object]:
     """Where the file comes from; no clock and no order of completion in it, so that equal runs give equal bytes."""
     ordered = {
@@ -274,9 +272,7 @@ def _header(manifest: Manifest, object_name: str, counts: dict[str, BehaviourCou
         for behaviour, count in sorted(counts.items())
     }
     return {
-        "format_version": FORMAT_VERSION,
-        "units": UNITS,
-        **{key: getattr(manifest, key) for key in _PROVENANCE},
+        **_shared(manifest),
         "object": object_name,
         "mesh_sha256": manifest.objects.get(object_name) or "",
         "counts": ordered,
@@ -287,21 +283,11 @@ def _table(object_name: str, rows: Sequence[ConfigurationRow], num_joints: int) 
     schema = configuration_schema(num_joints)
     columns: dict[str, list] = {"object": [object_name] * len(rows)}
     columns |= {name: [getattr(row, name) for row in rows] for name in schema.names if name != "object"}
+    columns["q"] = [np.float32(q) for q in columns["q"]]
     for name in ("direction_margin", "turn_margin"):
-        columns[name] = [m if m is None else floor_margin(np.asarray(m, dtype=np.float64)) for m in columns[name]]
+        columns[name] = [m if m is None else np.float32(floor_margin(np.float64(m))) for m in columns[name]]
     columns["contact_points"] = [list(round_to(p, POINT_STEP).astype(np.float32)) for p in columns["contact_points"]]
-    arrays = []
-    for field in schema:
-        values = columns[field.name]
-        if pa.types.is_fixed_size_list(field.type):
-            if any(value is None for value in values):
-                arrays.append(pa.nulls(len(values), field.type))
-                continue
-            flat = pa.array(np.asarray(values, dtype=np.float32).reshape(-1))
-            arrays.append(pa.FixedSizeListArray.from_arrays(flat, field.type.list_size))
-        else:
-            arrays.append(pa.array(values, type=field.type))
-    return pa.Table.from_arrays(arrays, schema=schema)
+    return pa.Table.from_arrays([pa.array(columns[each.name], type=each.type) for each in schema], schema=schema)
 
 
 def _check_rows(
@@ -387,9 +373,7 @@ def _read_table(path: Path, manifest: Manifest, object_name: str, schema: pa.Sch
         header = dict(header.items())
     except (AttributeError, KeyError, ValueError, RecursionError) as error:
         raise DatasetError(f"{path} was not written by dexnudge: it has no header; delete it.") from error
-    provenance = {key: getattr(manifest, key) for key in _PROVENANCE}
-    expected = {"format_version": FORMAT_VERSION, **provenance, "object": object_name}
-    for key, value in json.loads(json.dumps(expected)).items():
+    for key, value in json.loads(json.dumps({**_shared(manifest), "object": object_name})).items():
         if header.get(key) != value:
             raise DatasetError(
                 f"{path} has {key} {header.get(key)!r}, expected {value!r}; "
