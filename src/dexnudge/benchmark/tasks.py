@@ -83,7 +83,8 @@ def make_tasks(
         export_hand(load_hand(suite.hand, base=suite.base), folder / HAND)
         for done, task in enumerate(suite.tasks, start=1):
             try:
-                scene = build_scene(task.family, meshes[task.object].copy(), seed=_seed(task))
+                seed = trial_seed(task.seed, TrialKey(task.object, task.family, ""))
+                scene = build_scene(task.family, meshes[task.object].copy(), seed=seed)
                 scene.validate()
                 scene.save(folder / TASKS / task.name)
             except (SceneError, MeshError) as error:
@@ -142,10 +143,6 @@ def _meshes(suite: Suite, objects: str | None, units: str, length: float | None)
                 f"{mesh_hash(meshes[name])[:12]}…; give the original mesh, at its scale"
             )
     return meshes
-
-
-def _seed(task: TaskKey) -> int:
-    return trial_seed(task.seed, TrialKey(task.object, task.family, ""))
 
 
 def _hashes(folder: Path, tasks: list[TaskKey]) -> dict[str, str]:

@@ -3,7 +3,8 @@
 from __future__ import annotations
 
 import re
-from collections.abc import Sequence
+from collections.abc import Callable, Iterator, Sequence
+from contextlib import contextmanager
 from dataclasses import dataclass, fields, is_dataclass
 from pathlib import Path
 from typing import TYPE_CHECKING, Annotated, Any, Literal, TypeVar
@@ -289,6 +290,16 @@ def say(*texts: str) -> None:
     """Print lines to stdout; no line is broken, so that paths can be copied."""
     for text in texts:
         stdout().print(text, soft_wrap=True)
+
+
+@contextmanager
+def counted(what: str, *, total: int | None = None) -> Iterator[Callable[..., None]]:
+    """Show a bar while the block runs; what it is given takes how much is done and in all, and fields of rich's `update`."""
+    from dexnudge.jobs.progress import progress
+
+    with progress() as bars:
+        bar = bars.add_task(what, total=total)
+        yield lambda done=None, total=None, **fields: bars.update(bar, completed=done, total=total, **fields)
 
 
 def table(*columns: str) -> Table:

@@ -15,6 +15,7 @@ from dexnudge.cli.arguments import (
     MeshOptions,
     OptionalSet,
     check_at_least,
+    counted,
     metavar,
     say,
 )
@@ -40,11 +41,9 @@ class MakeBenchmark(MeshOptions):
         """Make, print."""
         from dexnudge.benchmark.suite import load_suite
         from dexnudge.benchmark.tasks import TASKS, make_tasks
-        from dexnudge.jobs.progress import progress
 
         suite = load_suite(self.suite)
-        with progress() as bars:
-            bar = bars.add_task("tasks", total=None)
+        with counted("tasks") as show:
             made = make_tasks(
                 suite,
                 self.out,
@@ -52,7 +51,7 @@ class MakeBenchmark(MeshOptions):
                 units=self.units,
                 length=self.length,
                 overwrite=self.overwrite,
-                on_done=lambda done, total: bars.update(bar, completed=done, total=total),
+                on_done=show,
             )
         say(*(f"not made: {name}: {reason}" for name, reason in made.not_made.items()))
         say(
@@ -85,14 +84,12 @@ class ScoreBenchmark:
         """Judge what is missing, write and print the table."""
         check_at_least(1, workers=self.workers)
         from dexnudge.benchmark.score import score
-        from dexnudge.jobs.progress import progress
 
-        with progress() as bars:
-            bar = bars.add_task("judging", total=None)
+        with counted("judging") as show:
 
-            def show(entry: str, done: int, total: int) -> None:
-                bars.update(bar, description=entry, completed=done, total=total)
+            def judged(entry: str, done: int, total: int) -> None:
+                show(done, total, description=entry)
 
-            text = score(self.entries, self.suite, self.out, workers=self.workers, on_record=show)
+            text = score(self.entries, self.suite, self.out, workers=self.workers, on_record=judged)
         say(text, f"written: {self.out}")
         return 0

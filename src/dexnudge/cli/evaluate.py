@@ -86,39 +86,24 @@ class Evaluate(DeviceOptions, EngineOptions, SetOptions):
 
         check_counts(self.num, None, None)
         check_at_least(1, workers=self.workers, execute_num=self.execute_num)
-        self._check_attempts()
-        self._check_scan()
-        self._check_arm()
-        self._check_engine()
+        self._check_options()
+        check_at_least(1, attempts=self.attempts)
         say(*self._reports(), f"written: {self.out}")
         return 0
 
-    def _check_attempts(self) -> None:
-        if self.attempts is None:
-            return
-        if not self.then_grasp:
-            raise InputError(f"`attempts` is {self.attempts} without `then_grasp`; expected both; add `then_grasp`")
-        check_at_least(1, attempts=self.attempts)
-
-    def _check_scan(self) -> None:
-        usual = vars(ScanErrors())
-        given = [(name, value) for name, value in vars(self.scans).items() if value != usual[name]]
-        if given and not self.scan:
-            name, value = given[0]
-            raise InputError(f"`{name}` is {value:g} without `scan`; expected both; add `scan`")
-        if self.scan and self.then_grasp:
-            raise InputError(
-                "`scan` and `then_grasp` are both given; expected one of them; run them one after the other"
-            )
-
-    def _check_arm(self) -> None:
-        for name in ("scan", "attempts", "execute_errors"):
-            if self.robot.arm is not None and getattr(self, name):
+    def _check_options(self) -> None:
+        """Refuse options that need another one, or that exclude each other; InputError."""
+        usual, own = vars(ScanErrors()), vars(self.scans)
+        needed = {"attempts": "then_grasp"} | {name: "scan" for name, value in own.items() if value != usual[name]}
+        given = {**vars(self), **own, "arm": self.robot.arm}
+        for name, other in needed.items():
+            if given[name] is not None and not given[other]:
+                raise InputError(f"`{name}` is {given[name]:g} without `{other}`; expected both; add `{other}`")
+        for one, other in (("scan", "then_grasp"), ("arm", "scan"), ("arm", "attempts"), ("arm", "execute_errors")):
+            if given[one] and given[other]:
                 raise InputError(
-                    f"`arm` and `{name}` are both given; expected one of them; run them one after the other"
+                    f"`{one}` and `{other}` are both given; expected one of them; run them one after the other"
                 )
-
-    def _check_engine(self) -> None:
         if self.engine == "ray" and self.device != "cpu":
             raise InputError(
                 f"`device` is '{self.device}' with `engine` ray, whose workers are given cores alone; expected cpu"

@@ -14,6 +14,7 @@ from dexnudge.cli.arguments import (
     OptionalFolder,
     ResultFolder,
     check_at_least,
+    counted,
     out_folder,
     say,
     stdout,
@@ -71,7 +72,9 @@ class Execute:
                 f"`top` is {self.top} with `then_grasp`, which goes through the configurations by itself, best first; "
                 "expected no `top`; use `attempts`"
             )
-        play = self._plan if is_plan(self.folder) else self._then_grasp if self.then_grasp else self._push
+        given = Path(self.folder)
+        is_plan = given.name == "plan.json" or (given / "plan.json").is_file()
+        play = self._plan if is_plan else self._then_grasp if self.then_grasp else self._push
         succeeded, out = play()
         say(f"written: {out}")
         from dexnudge.execution.film import PAGE_FILE
@@ -86,14 +89,12 @@ class Execute:
         if self.top != 1:
             raise InputError("`top` was given with a plan, which is one way of one configuration; leave it out")
         from dexnudge.execution.folder import PUSH_FOLDER
-        from dexnudge.jobs.progress import progress
         from dexnudge.trajectories.plan_episode import execute_plan
         from dexnudge.trajectories.plan_folder import load_plan
 
         folder = Path(self.folder) if Path(self.folder).is_dir() else Path(self.folder).parent
         out = out_folder(self.out, folder / PUSH_FOLDER, overwrite=self.overwrite)
-        with progress() as bars:
-            bars.add_task("executing", total=None)
+        with counted("executing"):
             plan = load_plan(folder)
             if self.then_grasp and plan.phases[-1].name != "lift":
                 episode, why = self._going_on(plan)
@@ -119,11 +120,9 @@ class Execute:
 
     def _push(self) -> tuple[bool, Path]:
         from dexnudge.execution.folder import PUSH_FOLDER, push_folder
-        from dexnudge.jobs.progress import progress
 
         out = out_folder(self.out, Path(self.folder) / PUSH_FOLDER, overwrite=self.overwrite)
-        with progress() as bars:
-            bar = bars.add_task("executing", total=None)
+        with counted("executing") as show:
             summary = push_folder(
                 Path(self.folder),
                 top=self.top,
@@ -132,18 +131,16 @@ class Execute:
                 out=out,
                 overwrite=self.overwrite,
                 films=self.films,
-                on_done=lambda *_: bars.advance(bar),
+                on_done=lambda *_: show(advance=1),
             )
         _print_pushes(summary)
         return summary["succeeded"] > 0, out
 
     def _then_grasp(self) -> tuple[bool, Path]:
         from dexnudge.execution.folder import LIFT_FOLDER, lift_folder
-        from dexnudge.jobs.progress import progress
 
         out = out_folder(self.out, Path(self.folder) / LIFT_FOLDER, overwrite=self.overwrite)
-        with progress() as bars:
-            bars.add_task("slide, grasp, lift", total=None)
+        with counted("slide, grasp, lift"):
             summary = lift_folder(
                 Path(self.folder),
                 feedback=not self.open_loop,
@@ -156,12 +153,6 @@ class Execute:
             )
         _print_attempts(summary)
         return summary["success"], out
-
-
-def is_plan(path: str | Path) -> bool:
-    """Whether a path is that of a plan, its folder or its plan.json."""
-    path = Path(path)
-    return path.name == "plan.json" or (path / "plan.json").is_file()
 
 
 def _print_phases(summary: dict[str, Any]) -> None:

@@ -11,6 +11,7 @@ from dexnudge.cli.arguments import (
     Flag,
     OptionalFolder,
     ResultFolder,
+    counted,
     metavar,
     out_folder,
     say,
@@ -51,14 +52,12 @@ class FindBase(MountOptions):
 
     def run(self) -> int:
         """Map, write, print."""
-        from dexnudge.jobs.progress import progress
         from dexnudge.results.folder import load_samples
         from dexnudge.trajectories.base_map import find_base, map_folder
 
         arm, mount = self.loaded(self.arm), self.T_flange_mount()  # what is wrong with them is said before samples load
         out = out_folder(self.out, Path(self.folder) / "base", overwrite=self.overwrite)
-        with map_folder(out, overwrite=self.overwrite) as folder, progress() as bars:
-            bar = bars.add_task("places", total=None)
+        with map_folder(out, overwrite=self.overwrite) as folder, counted("places") as show:
             found = find_base(
                 load_samples(self.folder),
                 arm,
@@ -66,7 +65,7 @@ class FindBase(MountOptions):
                 heights=self.heights,
                 extent=self.extent,
                 step=self.step,
-                on_progress=lambda done, places: bars.update(bar, completed=done, total=places),
+                on_progress=show,
             )
             found.write(folder)
         _print(found)

@@ -27,7 +27,6 @@ from dexnudge.errors import InputError, OutputError, SceneError, check_path
 from dexnudge.jobs.json_files import read_json_object
 
 if TYPE_CHECKING:
-    from dexnudge.finding import Finding
     from dexnudge.hands.hand import Hand
     from dexnudge.hands.preparation import PreparedHand
 
@@ -102,7 +101,9 @@ class HandCommand:
             export_hand(prepared.hand, folder)
             write_png(hand_picture(prepared.hand), folder / PICTURE)
             write_hand_page(prepared.hand, folder / PAGE)
-            _write_findings(prepared.findings, folder)
+            files = sorted(path.relative_to(folder).as_posix() for path in folder.rglob("*") if path.is_file())
+            content = {"format": FORMAT, "files": files, "findings": [each.as_dict() for each in prepared.findings]}
+            (folder / FINDINGS).write_text(json.dumps(content, indent=2) + "\n", encoding="utf-8")
         return prepared
 
     def _replaceable(self, out: str, argument: str) -> Sequence[str]:
@@ -164,12 +165,6 @@ class HandCommand:
             base=self.base,
             packages=named_folders("package", self.package),
         )
-
-
-def _write_findings(findings: Sequence[Finding], folder: Path) -> None:
-    files = sorted(path.relative_to(folder).as_posix() for path in folder.rglob("*") if path.is_file())
-    content = {"format": FORMAT, "files": files, "findings": [finding.as_dict() for finding in findings]}
-    (folder / FINDINGS).write_text(json.dumps(content, indent=2) + "\n", encoding="utf-8")
 
 
 def _files_written(path: Path) -> tuple[str, ...]:

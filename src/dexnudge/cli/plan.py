@@ -16,6 +16,7 @@ from dexnudge.cli.arguments import (
     OptionalFolder,
     ResultFolder,
     check_at_least,
+    counted,
     metavar,
     out_folder,
     say,
@@ -99,7 +100,6 @@ class Plan(MountOptions):
 
     def _planned(self, seconds: dict[str, float]) -> PlanResult | PlanningError:
         """Return the plan, or why there is none; add what loading took to `seconds`."""
-        from dexnudge.jobs.progress import progress
         from dexnudge.results.folder import load_samples
         from dexnudge.trajectories.planner import plan
 
@@ -111,8 +111,7 @@ class Plan(MountOptions):
         samples = load_samples(self.folder)
         arm = standing_arm(arm, self.arm_base, samples.scene)
         seconds["load"] = time.perf_counter() - start
-        with progress() as bars:
-            bar = bars.add_task("planning", total=min(self.top, samples.num_verified))
+        with counted("planning", total=min(self.top, samples.num_verified)) as show:
             try:
                 return plan(
                     samples,
@@ -124,7 +123,7 @@ class Plan(MountOptions):
                     then_grasp=self.then_grasp,
                     speed=self.speed,
                     weights=self.weights,
-                    on_failure=lambda _: bars.advance(bar),
+                    on_failure=lambda _: show(advance=1),
                 )
             except PlanningError as error:
                 return error

@@ -13,6 +13,7 @@ from dexnudge.cli.arguments import (
     Set,
     SetOptions,
     check_at_least,
+    counted,
     metavar,
     named_folders,
     say,
@@ -62,15 +63,13 @@ class Reproduce(DeviceOptions, SetOptions):
         check_at_least(0, seed=self.seed)
         check_at_least(1, workers=self.workers)
         from dexnudge.experiments.reproduction import reproduce
-        from dexnudge.jobs.progress import progress
 
-        with progress() as bars:
-            bar = bars.add_task("reproducing", total=None)
+        with counted("reproducing") as show:
 
-            def show(record: "TrialRecord", finished: int, total: int) -> None:
-                bars.update(bar, completed=finished, total=total, description=f"{record.scene}, {record.method}")
+            def recorded(record: "TrialRecord", finished: int, total: int) -> None:
+                show(finished, total, description=f"{record.scene}, {record.method}")
 
-            report = reproduce(self._config(), Path(self.out), workers=self.workers, on_record=show)
+            report = reproduce(self._config(), Path(self.out), workers=self.workers, on_record=recorded)
         say(report, f"written: {self.out}")
         return 0
 

@@ -19,6 +19,7 @@ from dexnudge.cli.arguments import (
     Plugins,
     Text,
     Uncertain,
+    counted,
     metavar,
     out_folder,
     say,
@@ -85,7 +86,6 @@ class Sample(DeviceOptions, SceneOptions):
     def _sample_into(self, folder: Path) -> dict[str, Any]:
         from dexnudge.energies.terms import find_term
         from dexnudge.hands.registry import load_hand
-        from dexnudge.jobs.progress import progress
         from dexnudge.planning.reach import Reach
         from dexnudge.planning.reach_term import WEIGHT as REACH_WEIGHT
         from dexnudge.planning.reach_term import ReachTerm
@@ -126,15 +126,10 @@ class Sample(DeviceOptions, SceneOptions):
         sampler.load(method)
         written_scene, written_hand = write_inputs(folder, scene, hand)
         seconds = {"load": time.perf_counter() - start}
-        with progress() as bars:
-            bar = bars.add_task("drawing", total=self.verified or self.num)
+        with counted("drawing", total=self.verified or self.num) as show:
 
-            def show(drawn: int, verified: int) -> None:
-                bars.update(
-                    bar,
-                    completed=verified if self.verified else drawn,
-                    description=f"drawn {drawn}, verified {verified}",
-                )
+            def drawing(drawn: int, verified: int) -> None:
+                show(verified if self.verified else drawn, description=f"drawn {drawn}, verified {verified}")
 
             samples = sampler.sample(
                 written_scene,
@@ -145,7 +140,7 @@ class Sample(DeviceOptions, SceneOptions):
                 criteria=criteria,
                 verified=self.verified,
                 max_draws=self.max_draws,
-                on_progress=show,
+                on_progress=drawing,
             )
         details = {
             "object": name,

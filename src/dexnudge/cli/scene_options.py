@@ -30,9 +30,7 @@ if TYPE_CHECKING:
     from dexnudge.scenes.scene import Scene
 
 RUNS = Path("runs")  # unless --out is given
-SCENE_FILE = (
-    "scene.json"  # what makes a folder one with a scene; the name stands in scenes/files.py, which is slow to import
-)
+SCENE_FILE = "scene.json"  # makes a folder one with a scene; also stands in scenes/files.py, which is slow to import
 MASKED = "masked"  # in the place of an object's file or name
 SOURCES = ("scene", "environment", "depth")  # where surroundings come from
 MATTER = ("size", "supports", "settled", "free_way", "repaired")  # notes that `sample` prints

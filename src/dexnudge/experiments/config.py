@@ -127,7 +127,7 @@ def trial_keys(config: ExperimentConfig) -> list[TrialKey]:
         raise UnknownNameError(f"unknown scene {unknown[0]!r}; expected some of {', '.join(scenes)}")
     for method in config.methods:
         find_method(method).with_weights(config.losses or {})  # refuses what makes no sense
-    own_terms(config), own_criteria(config), own_uncertainty(config)
+    brought(config)
     check_device(config.device)
     return [
         TrialKey(name, scene, method)
@@ -137,25 +137,18 @@ def trial_keys(config: ExperimentConfig) -> list[TrialKey]:
     ]
 
 
-def own_terms(config: ExperimentConfig) -> "list[EnergyTerm]":
-    """Return the energy terms of installed packages that the config names."""
+def brought(config: ExperimentConfig) -> "tuple[list[EnergyTerm], list[Criterion], Uncertainty | None]":
+    """Return the energy terms, the conditions of success, default ones among these, and the uncertainty of a config.
+
+    Raises:
+        InputError: a name that no installed package brings, or words that make no sense.
+    """
     from dexnudge.energies.terms import find_term
-
-    return [find_term(name, weight=weight) for name, weight in (config.terms or {}).items()]
-
-
-def own_criteria(config: ExperimentConfig) -> "list[Criterion]":
-    """Return the conditions of success: the default ones, and those of installed packages that the config names."""
+    from dexnudge.scenes.uncertainty import Uncertainty
     from dexnudge.verification.criteria import named_criteria
 
-    return named_criteria(config.criteria)
-
-
-def own_uncertainty(config: ExperimentConfig) -> "Uncertainty | None":
-    """Return what the config says to be uncertain; None for nothing. InputError where that makes no sense."""
-    from dexnudge.scenes.uncertainty import Uncertainty
-
-    return Uncertainty.parse(config.uncertain) if config.uncertain else None
+    terms = [find_term(name, weight=weight) for name, weight in (config.terms or {}).items()]
+    return terms, named_criteria(config.criteria), Uncertainty.parse(config.uncertain) if config.uncertain else None
 
 
 def trial_seed(seed: int, key: TrialKey) -> int:

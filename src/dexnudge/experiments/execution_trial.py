@@ -22,9 +22,9 @@ from dexnudge.experiments.metrics import (
     mean,
     number_with,
     share,
+    share_of,
 )
 from dexnudge.experiments.records import TrialRecord
-from dexnudge.experiments.statistics import Estimate, estimate_of_sums, ratio
 from dexnudge.experiments.tables import factor_chart, group_table, interval_chart
 from dexnudge.experiments.trial import DrawnTrial, Section, TrialSampler
 from dexnudge.planning.approach import Approach
@@ -128,11 +128,6 @@ def rates_by(title: str, records: Records) -> Mapping[str, Mapping[str, GroupRat
     return group_rates(records, lambda record: [pair for each in record.executed for pair in GROUPS[title](each)])
 
 
-def _single(records: Records) -> Estimate | None:
-    counts = [[sum(each.success for each in one.executed), len(one.executed)] for one in records if one.executed]
-    return estimate_of_sums(np.array(counts, dtype=np.float64), ratio) if counts else None
-
-
 def _outcomes(records: Records) -> dict[str, int]:
     """Executed draws that fail by outcome, and objects of which none could be executed."""
     counts = Counter(each.outcome.replace("_", " ") for one in records for each in one.executed if not each.success)
@@ -165,7 +160,7 @@ class ExecutionTrial(DrawnTrial[ExecutionRecord]):
         Metric("length_asked_mm", mean(lambda each: each.top and 1e3 * each.top.length_asked), "length asked, mm", 0),
         Metric("length_reached_mm", mean(lambda each: each.top and 1e3 * each.top.length_reached), "reached, mm", 0),
         Metric("executed", lambda records: sum(len(one.executed) for one in records), "executed", 0),
-        Metric("single", _single, "of these"),
+        Metric("single", share_of(lambda each: [one.success for one in each.executed]), "of these"),
         Metric("outcomes", _outcomes, "Why executions failed", "counts"),
     )
     rate: ClassVar[str] = "top"

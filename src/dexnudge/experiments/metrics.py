@@ -44,6 +44,16 @@ def share(good: Callable[[Any], float]) -> Callable[[Sequence[Any]], Estimate]:
     return lambda records: mean_estimate([float(good(each)) for each in records])
 
 
+def share_of(outcomes: Callable[[Any], Sequence[bool]]) -> Callable[[Sequence[Any]], Estimate | None]:
+    """Return the metric that is the share of good outcomes among those of all records; None where none has any."""
+
+    def found(records: Sequence[Any]) -> Estimate | None:
+        counts = [[sum(each), len(each)] for each in map(outcomes, records) if each]
+        return estimate_of_sums(np.array(counts, dtype=np.float64), ratio) if counts else None
+
+    return found
+
+
 def mean(value: Callable[[Any], float | None]) -> Callable[[Sequence[Any]], Estimate | None]:
     """Return the metric that is the mean over the trials that are done and have the number."""
     return lambda records: mean_of_known(value(each) for each in records if each.status == "done")

@@ -17,10 +17,9 @@ from jaxtyping import Float
 from dexnudge.errors import SceneError
 from dexnudge.execution.executor import Executor
 from dexnudge.experiments.config import ExperimentConfig, ScanErrors, TrialKey, trial_seed
-from dexnudge.experiments.metrics import FAILED, OBJECTS, Metric, mean, share
+from dexnudge.experiments.metrics import FAILED, OBJECTS, Metric, mean, share, share_of
 from dexnudge.experiments.records import TrialRecord
 from dexnudge.experiments.scanned_world import scanned_world
-from dexnudge.experiments.statistics import Estimate, estimate_of_sums, ratio
 from dexnudge.experiments.tables import Table
 from dexnudge.experiments.trial import Section, TrialKind, TrialSampler
 from dexnudge.hands.hand import Hand
@@ -86,11 +85,6 @@ class ScanRecord(TrialRecord):
 Records = Sequence[ScanRecord]
 
 
-def _true_share(records: Records) -> Estimate | None:
-    counts = [[sum(each.true), len(each.true)] for each in records if each.true]
-    return estimate_of_sums(np.array(counts, dtype=np.float64), ratio) if counts else None
-
-
 def _why_not_top(records: Records) -> dict[str, int]:
     """Trials by what keeps their best configuration from being true."""
     found = Counter(_why_not(each) for each in records)
@@ -136,7 +130,7 @@ class ScanTrial(TrialKind[ScanRecord]):
         Metric("refused", lambda records: sum(bool(each.refused) for each in records), "refused", 0),
         Metric("verified", share(lambda each: each.verified / each.num), "verified"),
         Metric("single_true", share(lambda each: sum(each.true) / each.num), "and true"),
-        Metric("true", _true_share, "of these"),
+        Metric("true", share_of(lambda each: each.true), "of these"),
         Metric("top_true", share(lambda each: each.succeeded), "top-ranked true"),
         Metric("any_true", share(lambda each: any(each.true)), "any true"),
         Metric("executed", share(lambda each: each.executed), "executed"),

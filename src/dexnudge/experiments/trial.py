@@ -6,7 +6,7 @@ from collections.abc import Callable, Sequence
 from dataclasses import dataclass, replace
 from typing import Any, ClassVar, Generic
 
-from dexnudge.experiments.config import ExperimentConfig, TrialKey, own_criteria, own_terms, own_uncertainty, trial_seed
+from dexnudge.experiments.config import ExperimentConfig, TrialKey, brought, trial_seed
 from dexnudge.experiments.metrics import Metric
 from dexnudge.experiments.records import Record
 from dexnudge.experiments.tables import Table
@@ -93,10 +93,8 @@ class TrialSampler:
         entries = resolve_object_set(config.objects, units=config.units, length=config.length)
         self._objects = {entry.name: entry for entry in entries}
         self.hand = load_hand(config.hand, base=config.base)
-        self._sampler = Sampler(
-            self.hand, terms=own_terms(config), weights=config.weights, poses=config.data, device=config.device
-        )
-        self.criteria = own_criteria(config)
+        terms, self.criteria, self._uncertainty = brought(config)
+        self._sampler = Sampler(self.hand, terms=terms, weights=config.weights, poses=config.data, device=config.device)
         self._sampler.load(*config.methods)
         self._last: tuple[tuple[str, str], SamplingProblem, dict[str, float]] | None = None
         self._warm = False
@@ -110,7 +108,7 @@ class TrialSampler:
         mesh = self._objects[key.object].load()
         scene = build_scene(key.scene, mesh, seed=trial_seed(self.config.seed, key), **(self.config.physics or {}))
         scene.validate()
-        return replace(scene, uncertainty=own_uncertainty(self.config))
+        return replace(scene, uncertainty=self._uncertainty)
 
     def draw(self, key: TrialKey, further: Callable[[Scene], Sequence[Criterion]] = lambda _: ()) -> Samples:
         """Return the draws of a trial, with its seconds by stage as if it had prepared the scene for itself.

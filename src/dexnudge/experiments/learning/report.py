@@ -1,11 +1,11 @@
 """The report on a learned hand: what was spent, what came of it, what was cut; every number from the stages' files."""
 
 from collections.abc import Mapping, Sequence
-from dataclasses import asdict, dataclass
+from dataclasses import asdict
 from pathlib import Path
 from typing import Any
 
-from dexnudge.dataset.manifest import read_manifest
+from dexnudge.dataset.manifest import Manifest, read_manifest
 from dexnudge.diffusion.checkpoint import read_state_header
 from dexnudge.diffusion.model_card import CARD_NAME
 from dexnudge.experiments.learning.plan import METHODS, LearningPlan
@@ -29,6 +29,14 @@ ABOUT = (
     "random_start_projection draws for the same objects and scenes without it."
 )
 CARD_HEADING = "\n## Success\n\n"
+USE = """\
+```
+dexnudge sample phone --scene table --hand {}
+```
+
+The weights beside the description are found by themselves."""
+MORE = ("- [data](data/README.md): what the dataset holds", "- [model](../weights/README.md): how it was trained")
+EVERY_FIGURE = f"- [{{0}}](evaluation/{{0}}/{REPORT}.md): every figure of the evaluation"
 
 
 def write_learning_report(
@@ -45,74 +53,51 @@ def write_learning_report(
         OutputError: the folder cannot be written.
     """
     learning = folder / "learning"
-    stages = _Stages.read(learning, scenes)
-    measured = measure(stages.records, METRICS)
+    manifest, header = read_manifest(learning / "data"), read_state_header(learning / "training")
+    training = {name: header[name] for name in ("step", "minutes", "validation")}
+    runs = [read_run(SamplingTrial(), learning / "evaluation" / scene) for scene in scenes]
+    claim, records = runs[0][0], [record for _, found in runs for record in found]
+    records.sort(key=lambda each: (scenes.index(each.scene), METHODS.index(each.method), each.object))
+    measured = measure(records, METRICS)
     few = FEW if plan.trial_objects < FEWEST else ""
     about = (
         f"{plan.trial_objects} objects of builtin:test, none of which was learned from, {plan.draws} draws each, "
         f"seed {plan.seed}. "
     )
-    left_out = [
-        f"evaluation in the scenes {', '.join(late)}: no time was left" for late in [_late(plan, scenes)] if late
-    ]
-    picture = _picture(folder, hand, plan)
+    late = [scene for scene in plan.scenes if scene not in scenes]
+    left_out = [*plan.cuts, *([f"evaluation in the scenes {', '.join(late)}: no time was left"] if late else [])]
+    success, picture = f"{about}{ABOUT}{few}", _picture(folder, hand, plan)
     sections = [
         Section("", f"{hand.num_joints} joints, {len(hand.fingertips)} digits. {_headline(measured)}"),
-        Section("Success", f"{about}{ABOUT}{few}", metric_table(measured, SHOWN)),
+        Section("Success", success, metric_table(measured, SHOWN)),
         Section("Time", "", _time_table(plan, seconds)),
-        Section("Data", _data_text(stages), _data_table(stages)),
-        Section("Training", _training_text(stages, plan)),
+        _data(manifest),
+        Section("Training", _training_text(training, plan)),
         Section("Why draws were rejected", "", count_table(measured, "rejected")),
-        Section("What the minutes did not suffice for", _list([*plan.cuts, *left_out])),
-        Section("Use it", _use(folder)),
+        Section("What the minutes did not suffice for", _list(left_out)),
+        Section("Use it", USE.format(folder)),
         Section("Pictures", f"![The best draw for a {SHOWN_OBJECT} on the table]({PICTURE})\n\n{picture}"),
-        Section("More", _more(scenes)),
-        Section("Made with", made_with(stages.claim)),
+        Section("More", "\n".join([*MORE, *(EVERY_FIGURE.format(scene) for scene in scenes)])),
+        Section("Made with", made_with(claim)),
     ]
     numbers = {
         "hand": hand.name,
         "plan": asdict(plan),
         "seconds": dict(seconds),
-        "data": stages.counts,
-        "training": stages.training,
+        "data": manifest.counts,
+        "training": training,
         "metrics": measured,
-        "left_out": [*plan.cuts, *left_out],
-        **{name: stages.claim[name] for name in ("versions", "machine")},
+        "left_out": left_out,
+        **{name: claim[name] for name in ("versions", "machine")},
     }
     text = write_files(learning, f"Learned: {hand.name}", sections, numbers, measured)
-    _add_to_card(
-        folder / WEIGHTS_FOLDER / CARD_NAME, f"{about}{ABOUT}{few}\n\n{metric_table(measured, SHOWN).markdown()}\n"
-    )
-    return text, any(row["any"].value > 0 for row in measured if row["method"] == METHODS[0])
-
-
-@dataclass(frozen=True)
-class _Stages:
-    """What the stages wrote. counts: of the data, behaviour -> totals. claim: of the first scene's evaluation."""
-
-    objects: int
-    failed_objects: Mapping[str, str]
-    counts: Mapping[str, Any]
-    training: Mapping[str, Any]
-    records: Sequence[Any]
-    claim: dict[str, Any]
-
-    @classmethod
-    def read(cls, learning: Path, scenes: Sequence[str]) -> "_Stages":
-        manifest, header = read_manifest(learning / "data"), read_state_header(learning / "training")
-        runs = [read_run(SamplingTrial(), learning / "evaluation" / scene) for scene in scenes]
-        return cls(
-            objects=len(manifest.objects),
-            failed_objects=manifest.failed_objects,
-            counts=manifest.counts,
-            training={name: header[name] for name in ("step", "minutes", "validation")},
-            records=[record for _, records in runs for record in sorted(records, key=_place)],
-            claim=runs[0][0],
+    card = folder / WEIGHTS_FOLDER / CARD_NAME
+    before = card.read_text(encoding="utf-8").partition(CARD_HEADING)[0]
+    with replace_atomically(card) as temporary:
+        temporary.write_text(
+            f"{before}{CARD_HEADING}{success}\n\n{metric_table(measured, SHOWN).markdown()}\n", encoding="utf-8"
         )
-
-
-def _place(record: Any) -> tuple[int, str]:
-    return METHODS.index(record.method), record.object
+    return text, any(row["any"].value > 0 for row in measured if row["method"] == METHODS[0])
 
 
 def _headline(measured: Sequence[Measured]) -> str:
@@ -130,39 +115,27 @@ def _time_table(plan: LearningPlan, seconds: Mapping[str, float]) -> Table:
     )
 
 
-def _data_text(stages: _Stages) -> str:
-    failed = "".join(f"\n- {name} failed: {why}" for name, why in sorted(stages.failed_objects.items()))
-    return f"{stages.objects} objects of builtin:train. attempted = kept + rejected + failed.{failed}"
-
-
-def _data_table(stages: _Stages) -> Table:
-    reasons = list(dict.fromkeys(reason for count in stages.counts.values() for reason in count["rejected"]))
+def _data(manifest: Manifest) -> Section:
+    counts: Mapping[str, Any] = manifest.counts
+    failed = "".join(f"\n- {name} failed: {why}" for name, why in sorted(manifest.failed_objects.items()))
+    text = f"{len(manifest.objects)} objects of builtin:train. attempted = kept + rejected + failed.{failed}"
+    reasons = list(dict.fromkeys(reason for count in counts.values() for reason in count["rejected"]))
     rows = [
-        [
-            name,
-            count["attempted"],
-            count["kept"],
-            *(count["rejected"].get(reason, 0) for reason in reasons),
-            count["failed"],
-        ]
-        for name, count in stages.counts.items()
-        if count["attempted"]
+        [name, each["attempted"], each["kept"], *(each["rejected"].get(why, 0) for why in reasons), each["failed"]]
+        for name, each in counts.items()
+        if each["attempted"]
     ]
-    return Table(["behaviour", "attempted", "kept", *reasons, "failed"], rows, labels=1)
+    return Section("Data", text, Table(["behaviour", "attempted", "kept", *reasons, "failed"], rows, labels=1))
 
 
-def _training_text(stages: _Stages, plan: LearningPlan) -> str:
-    step, found = stages.training["step"], stages.training["validation"]
+def _training_text(training: Mapping[str, Any], plan: LearningPlan) -> str:
+    step, found = training["step"], training["validation"]
     why = "" if step >= plan.steps else ": the machine was slower than measured, and the time was up"
     validated = [
         f"- {name.removeprefix('validation/').replace('_', ' ')}: {value:.4g}" for name, value in found.items()
     ]
     errors = "\n\nOn the objects held out:\n\n" + "\n".join(validated) if validated else ""
-    return f"{step:,} of {plan.steps:,} planned steps in {stages.training['minutes']:.1f} min{why}.{errors}"
-
-
-def _late(plan: LearningPlan, scenes: Sequence[str]) -> list[str]:
-    return [scene for scene in plan.scenes if scene not in scenes]
+    return f"{step:,} of {plan.steps:,} planned steps in {training['minutes']:.1f} min{why}.{errors}"
 
 
 def _list(lines: Sequence[str]) -> str:
@@ -171,29 +144,8 @@ def _list(lines: Sequence[str]) -> str:
     return "\n".join(f"- {line}" for line in lines) + "\n\nMore minutes buy these, from the first to the last."
 
 
-def _use(folder: Path) -> str:
-    command = f"dexnudge sample phone --scene table --hand {folder}"
-    return f"```\n{command}\n```\n\nThe weights beside the description are found by themselves."
-
-
 def _picture(folder: Path, hand: Hand, plan: LearningPlan) -> str:
     """Draw for one object, keep the picture of the best draw, and say what it shows."""
     samples = Sampler(hand).sample(build_scene("table", SHOWN_OBJECT, seed=plan.seed), num=plan.draws, seed=plan.seed)
     samples.picture(folder / "learning" / PICTURE)
     return f"{samples.num_verified} of these {len(samples)} draws succeed; shown is the top-ranked one."
-
-
-def _more(scenes: Sequence[str]) -> str:
-    return "\n".join(
-        [
-            "- [data](data/README.md): what the dataset holds",
-            "- [model](../weights/README.md): how it was trained",
-            *(f"- [{scene}](evaluation/{scene}/{REPORT}.md): every figure of the evaluation" for scene in scenes),
-        ]
-    )
-
-
-def _add_to_card(card: Path, text: str) -> None:
-    before = card.read_text(encoding="utf-8").partition(CARD_HEADING)[0]
-    with replace_atomically(card) as temporary:
-        temporary.write_text(before + CARD_HEADING + text, encoding="utf-8")
