@@ -147,9 +147,7 @@ class PointEncoder(nn.Module):
 
 TIME_FREQUENCIES = 64  # sine and cosine pairs of the timestep embedding
 LONGEST_PERIOD = 10_000.0  # of the timestep embedding, in steps
-TURN_SCALE = (
-    0.1  # [m] about the distance of an object's farthest point from its axis: brings angular parts to the order of 1
-)
+TURN_SCALE = 0.1  # [m] an object's farthest point is about so far from its axis: brings angular parts to the order of 1
 
 
 class ConditionalDenoiser(nn.Module):

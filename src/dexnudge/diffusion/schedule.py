@@ -12,7 +12,7 @@ import torch
 from jaxtyping import Float, Int
 from torch import Tensor
 
-from dexnudge.diffusion.config import Architecture
+from dexnudge.diffusion.config import Architecture, ScheduleName
 from dexnudge.errors import InputError
 
 MAX_BETA = 0.999  # caps the cosine schedule's last steps, whose beta would reach 1 (Nichol and Dhariwal, 2021)
@@ -20,14 +20,12 @@ COSINE_OFFSET = 0.008  # keeps beta near t = 0 from vanishing (the same)
 LINEAR_BETAS = (1e-4, 0.02)  # of 1000 steps (Ho et al., 2020)
 
 
-def _cosine_betas(num_train_timesteps: int) -> Float[Tensor, " step"]:
+def _betas(schedule: ScheduleName, num_train_timesteps: int) -> Float[Tensor, " step"]:
+    if schedule == "linear":
+        return torch.linspace(*LINEAR_BETAS, num_train_timesteps, dtype=torch.float64, device="cpu")
     time = torch.arange(num_train_timesteps + 1, dtype=torch.float64, device="cpu") / num_train_timesteps
     alphas_cumprod = torch.cos((time + COSINE_OFFSET) / (1.0 + COSINE_OFFSET) * math.pi / 2.0) ** 2
     return (1.0 - alphas_cumprod[1:] / alphas_cumprod[:-1]).clamp(max=MAX_BETA)
-
-
-def _linear_betas(num_train_timesteps: int) -> Float[Tensor, " step"]:
-    return torch.linspace(*LINEAR_BETAS, num_train_timesteps, dtype=torch.float64, device="cpu")
 
 
 class NoiseSchedule:
@@ -40,8 +38,7 @@ class NoiseSchedule:
     def __init__(self, architecture: Architecture) -> None:
         self.prediction_type = architecture.prediction_type
         self.num_train_timesteps = architecture.num_train_timesteps
-        betas = (_cosine_betas if architecture.schedule == "cosine" else _linear_betas)(self.num_train_timesteps)
-        self.alphas_cumprod = torch.cumprod(1.0 - betas, dim=0)
+        self.alphas_cumprod = torch.cumprod(1.0 - _betas(architecture.schedule, self.num_train_timesteps), dim=0)
         if architecture.zero_terminal_snr:
             root = self.alphas_cumprod.sqrt()
             self.alphas_cumprod = ((root - root[-1]) * (root[0] / (root[0] - root[-1]))) ** 2

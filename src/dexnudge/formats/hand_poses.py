@@ -12,7 +12,7 @@ from dexnudge.hands.hand import Hand
 from dexnudge.planning.hand_motion import palm_pose
 
 SCALES = (
-    2.0  # times by which a scale may differ from the object's radius: meshes fill a unit ball, or a box of its diagonal
+    2.0  # times that a scale may differ from the object's radius: meshes fill a unit ball, or a box of its diagonal
 )
 
 
