@@ -6,7 +6,7 @@ import trimesh
 
 from dexnudge.errors import MeshError
 from dexnudge.geometry.exact_distance import ExactDistance
-from dexnudge.geometry.mesh_repair import turned_toward, without_small_holes
+from dexnudge.geometry.mesh_repair import drop_specks, turned_toward, without_small_holes
 from dexnudge.geometry.meshes import load_environment, load_mesh
 
 SIZE = (0.15, 0.07, 0.012)
@@ -99,6 +99,14 @@ def test_specks_are_left_out_and_keys_are_kept(tmp_path):
     assert found.metadata["notes"] == [
         "1 small parts that stand apart from the rest were left out (the largest 1.1 % of the object's length)"
     ]
+
+
+def test_a_vertex_of_no_face_is_no_part():
+    mesh = trimesh.Trimesh([[0, 0, 0.05], *body(0).vertices], body(0).faces + 1, process=False)
+    far = moved(body(0), 1, 0, 0)
+    mesh = trimesh.Trimesh([*mesh.vertices, *far.vertices], [*mesh.faces, *(far.faces + 9)], process=False)
+    assert drop_specks(mesh) is None
+    assert len(mesh.faces) == 24
 
 
 def test_a_stray_part_is_named(tmp_path):
