@@ -11,12 +11,12 @@ import numpy as np
 import pytorch_kinematics as kinematics
 import torch
 from jaxtyping import Bool, Float
+from moves import rotation_vector_to_matrix
 from torch import Tensor
 from torch.nn.functional import grid_sample
 
 from dexnudge.energies import HandPose, TermWeights
 from dexnudge.energies.hand_model import build_hand_model
-from dexnudge.geometry.transforms import rotation_vector_to_matrix
 from dexnudge.geometry.warp_runtime import WarpStruct
 from dexnudge.hands.export import export_hand
 from dexnudge.hands.hand import Hand

@@ -5,6 +5,7 @@ import os
 import re
 import shlex
 import signal
+import sys
 from collections import Counter
 from collections.abc import Callable
 from contextlib import redirect_stdout
@@ -30,6 +31,9 @@ def checkable_modules() -> list[str]:
     checkable = [file for file in files if not UNCHECKABLE.search(file.read_text(encoding="utf-8"))]
     return [".".join(file.relative_to(SOURCE).with_suffix("").parts) for file in checkable]
 
+
+# Benchmarks are scripts: what they import, and what tests take from them, lies beside them.
+sys.path.append(str(SOURCE.parent / "benchmarks"))
 
 # Tests neither read nor write what the developer's own runs have cached; `one_cache_per_run` gives them a folder.
 os.environ["DEXNUDGE_CACHE"] = "off"

@@ -14,10 +14,11 @@ import trimesh
 from annealed.energy import AnnealEnergy, AnnealWeights, contact_candidates
 from annealed.starts import annealing_starts
 from jaxtyping import Bool, Float
+from moves import retract
 from torch import Tensor
 
 from dexnudge.energies import HandPose
-from dexnudge.energies.descent import configuration_from_pose, retract
+from dexnudge.energies.descent import configuration_from_pose
 from dexnudge.geometry.warp_runtime import WarpStruct
 from dexnudge.hands.hand import Hand
 

@@ -1,13 +1,8 @@
-"""Benchmarks are scripts: what they import lies beside them."""
-
-import sys
-from pathlib import Path
+"""The hand of all benchmarks' tests."""
 
 import pytest
 
 from dexnudge.hands.hand import Hand
-
-sys.path.append(str(Path(__file__).parents[2] / "benchmarks"))
 
 
 @pytest.fixture(scope="session")

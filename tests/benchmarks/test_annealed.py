@@ -14,9 +14,10 @@ from annealed.energy import (
     link_keypoints,
 )
 from annealed.starts import BACK_OFF, CONE, INFLATION, PALM_TO_FINGERS, annealing_starts
+from moves import retract
 
 from dexnudge.energies import HandPose, build_scene_fields
-from dexnudge.energies.descent import configuration_from_pose, retract
+from dexnudge.energies.descent import configuration_from_pose
 from dexnudge.energies.grid_kernel import pack_grids
 from dexnudge.geometry.distance_grid import DistanceGrid
 from dexnudge.geometry.exact_distance import ExactDistance

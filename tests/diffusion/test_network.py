@@ -11,7 +11,6 @@ from dexnudge.diffusion.network import (
     GRASP,
     NON_PREHENSILE,
     POINT_SCALE,
-    Condition,
     ConditionalDenoiser,
     timestep_features,
 )
@@ -21,14 +20,14 @@ from dexnudge.errors import CheckpointError, InputError, UnknownNameError
 
 def inputs(config, feature, num=5, behaviour=NON_PREHENSILE, twist=(1.0, 0.0, 0.0, 0.0, 0.0, 0.0), t=300):
     x_t = torch.randn(num, config.dimension, generator=torch.Generator().manual_seed(4))
-    condition = Condition.of(feature, behaviour, twist=twist)
+    rows = len(feature)
     return [
         x_t,
-        torch.full((len(feature),), t),
-        condition.object_feature,
-        condition.behaviour,
-        condition.twist,
-        condition.has_twist,
+        torch.full((rows,), t),
+        feature,
+        torch.full((rows,), behaviour),
+        torch.tensor(twist or (0.0,) * 6).expand(rows, 6),
+        torch.full((rows,), twist is not None),
     ]
 
 

@@ -375,7 +375,7 @@ def test_samples_recover_the_modes_that_belong_to_the_condition(
             timesteps = prior.schedule.timesteps(20)
             for t, t_previous in zip(timesteps, [*timesteps[1:], -1], strict=True):
                 x = ddim_step(prior.schedule, x, prior.predict_clean(x, t, condition), t, t_previous)
-            return prior.denormalise(x).numpy()
+            return prior.normaliser.denormalise(x).numpy()
 
     pushes = sample("non_prehensile", twist=SLIDE)
     left = np.linalg.norm(pushes[:, :3] - push_left[:3], axis=1) < 0.04

@@ -4,6 +4,7 @@ import numpy as np
 import pytest
 import torch
 import trimesh
+from moves import retract, rotation_vector_to_matrix
 
 from dexnudge.energies import HandEnergy, HandPose, TermWeights, build_scene_fields
 from dexnudge.energies.descent import (
@@ -11,9 +12,7 @@ from dexnudge.energies.descent import (
     StepSizes,
     configuration_from_pose,
     pose_from_configuration,
-    retract,
 )
-from dexnudge.geometry.transforms import rotation_vector_to_matrix
 
 BATCH = 5
 ROUNDING = 1e-6

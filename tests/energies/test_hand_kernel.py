@@ -6,6 +6,7 @@ import numpy as np
 import pytest
 import torch
 import trimesh
+from moves import rotation_vector_to_matrix
 
 from dexnudge.energies import HandEnergy, HandPose, TermWeights, build_scene_fields
 from dexnudge.energies.hand_model import _link_grid
@@ -22,7 +23,7 @@ from dexnudge.energies.scene_fields import (
 from dexnudge.errors import InputError
 from dexnudge.geometry.distance_grid import DistanceGrid, distance_grid
 from dexnudge.geometry.exact_distance import ExactDistance
-from dexnudge.geometry.transforms import matrix_to_rotation_6d, rotation_vector_to_matrix
+from dexnudge.geometry.transforms import matrix_to_rotation_6d
 from dexnudge.hands.named.shadow_lite import shadow_lite
 from dexnudge.scenes.motion import Motion
 

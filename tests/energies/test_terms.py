@@ -7,12 +7,12 @@ import numpy as np
 import pytest
 import torch
 import trimesh
+from moves import retract, rotation_vector_to_matrix
 
 from dexnudge.energies import HandEnergy, TermWeights, build_scene_fields
-from dexnudge.energies.descent import HandPose, retract
+from dexnudge.energies.descent import HandPose
 from dexnudge.energies.terms import TermEnergy, check_terms
 from dexnudge.errors import InputError
-from dexnudge.geometry.transforms import rotation_vector_to_matrix
 from dexnudge.scenes.scene import Scene
 
 BATCH = 3

@@ -10,6 +10,7 @@ from dexnudge.execution.grasp_finder import NARROWED, holding_balance
 from dexnudge.objects.builtin import builtin_object
 from dexnudge.sampling.problem import prepare
 from dexnudge.scenes.families import build_scene
+from force_balance import solve
 
 
 @pytest.fixture(scope="module")
@@ -21,7 +22,7 @@ def residual(balance, points: np.ndarray, normals: np.ndarray) -> float:
     """Of three contacts; normals point out of the object."""
     force = ForceResidual((balance,), torch.ones(1, dtype=torch.int32), len(points))
     arrays = [torch.as_tensor(values[None], dtype=torch.float32) for values in (points, normals)]
-    force(*arrays, torch.ones(1, len(points)), sweeps=4000)
+    solve(force, *arrays, sweeps=4000)
     return float(force.residual[0])
 
 

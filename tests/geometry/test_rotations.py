@@ -4,9 +4,10 @@ import numpy as np
 import torch
 from hypothesis import given, settings
 from hypothesis import strategies as st
+from moves import rotation_vector_to_matrix
 from scipy.spatial.transform import Rotation
 
-from dexnudge.geometry.transforms import matrix_to_rotation_6d, rotation_6d_to_matrix, rotation_vector_to_matrix
+from dexnudge.geometry.transforms import matrix_to_rotation_6d, rotation_6d_to_matrix
 
 NUMBERS = st.floats(-3, 3, allow_subnormal=False)
 

@@ -13,6 +13,7 @@ from dexnudge.sampling.projection import ProjectionConfig, project
 from dexnudge.sampling.random_start import random_start
 from dexnudge.scenes.families import build_scene
 from dexnudge.verification.verdicts import verify
+from force_balance import solve
 
 
 @pytest.fixture(scope="module")
@@ -28,7 +29,7 @@ def untouched(turning):
 
 def balanced(problem, points, normals, counts) -> ForceResidual:
     force = ForceResidual(problem.balances, torch.ones(1, dtype=torch.int32), 4)
-    force(points, normals, counts, sweeps=2000)
+    solve(force, points, normals, counts, sweeps=2000)
     return force
 
 

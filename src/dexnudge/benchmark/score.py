@@ -245,11 +245,10 @@ def _write_report(entries: Sequence[Entry], tasks: TaskSet, out: Path) -> str:
         f"`{tasks.fingerprint[:16]}`; judged by dexnudge {claim['versions']['dexnudge']}, {claim['machine']['processor']}."
     )
     few = FEW if len(suite.objects) < FEWEST else ""
-    bars = {
-        name: {row["method"]: row[name] for row in measured if row["scene"] == ALL} for name in ("first", "feedback")
-    }
     titles = {"first": "first draw verified", "feedback": "first draw in physics, with feedback"}
-    charts = {titles[name]: rates for name, rates in bars.items()}
+    charts = {
+        title: {row["method"]: row[name] for row in measured if row["scene"] == ALL} for name, title in titles.items()
+    }
     problems = [
         f"- {each.method}, {task.task}: {_as_text(task.problem)}"
         for each in records

@@ -5,7 +5,6 @@ that scales, shifts and gates every layer (adaLN-Zero; Peebles and Xie, 2023).
 """
 
 import math
-from collections.abc import Sequence
 from dataclasses import dataclass
 from itertools import pairwise
 
@@ -36,24 +35,6 @@ class Condition:
     behaviour: Int[Tensor, " row"]
     twist: Float[Tensor, "row 6"]
     has_twist: Bool[Tensor, " row"]
-
-    @classmethod
-    def of(
-        cls,
-        object_feature: Float[Tensor, "row feature"],
-        behaviour: int,
-        *,
-        twist: Sequence[float] | None,
-    ) -> "Condition":
-        """Return the same behaviour and twist (6), None without a motion, for every row of `object_feature`."""
-        rows, device = len(object_feature), object_feature.device
-        vector = torch.tensor(twist or (0.0,) * 6, dtype=object_feature.dtype, device=device)
-        return cls(
-            object_feature=object_feature,
-            behaviour=torch.full((rows,), behaviour, dtype=torch.int64, device=device),
-            twist=vector.expand(rows, 6),
-            has_twist=torch.full((rows,), twist is not None, dtype=torch.bool, device=device),
-        )
 
     @property
     def inputs(self) -> tuple[Tensor, Tensor, Tensor, Tensor]:
@@ -102,7 +83,10 @@ class Normaliser:
         return (q - self.mean) / self.std
 
     def denormalise(self, x: Float[Tensor, "batch dimension"]) -> Float[Tensor, "batch dimension"]:
-        """Return q in frame C for x, with a proper rotation (Gram-Schmidt on its two columns); differentiable."""
+        """Return q in frame C for x, with a proper rotation (Gram-Schmidt on its two columns); differentiable.
+
+        Joint angles may lie outside their limits.
+        """
         q = x * self.std + self.mean
         rotation = matrix_to_rotation_6d(rotation_6d_to_matrix(q[:, 3:9]))
         return torch.cat([q[:, :3], rotation, q[:, 9:]], dim=-1)

@@ -66,8 +66,13 @@ class DiffusionPrior:
             twist = SLIDE
         elif not self.network.turn_embedding.any():
             twist = None
-        numbers = None if twist is None else [*twist.linear.tolist(), *twist.angular.tolist()]
-        return Condition.of(feature, CLASSES.index(behaviour), twist=numbers)
+        rows, numbers = len(feature), np.zeros(6) if twist is None else np.concatenate([twist.linear, twist.angular])
+        return Condition(
+            object_feature=feature,
+            behaviour=torch.full((rows,), CLASSES.index(behaviour), device=self.device),
+            twist=feature.new_tensor(numbers).expand(rows, 6),
+            has_twist=torch.full((rows,), twist is not None, device=self.device),
+        )
 
     def noise(self, num: int, *, generator: torch.Generator | None = None) -> Float[Tensor, "num dimension"]:
         """Return x_T, where sampling starts."""
@@ -93,14 +98,6 @@ class DiffusionPrior:
             )
         limit = self.config.architecture.clean_limit
         return estimate.clamp(-limit, limit)
-
-    def normalise(self, q: Float[Tensor, "batch dimension"]) -> Float[Tensor, "batch dimension"]:
-        """Return x for q in frame C."""
-        return self.normaliser.normalise(q)
-
-    def denormalise(self, x: Float[Tensor, "batch dimension"]) -> Float[Tensor, "batch dimension"]:
-        """Return q in frame C for x, with a proper rotation; joint angles may still lie outside their limits."""
-        return self.normaliser.denormalise(x)
 
     def _estimate(
         self, x_t: Float[Tensor, "batch dimension"], t: int, condition: Condition

@@ -9,7 +9,7 @@ from jaxtyping import Float, Int
 from torch import Tensor
 
 from dexnudge.energies.descent_kernel import Moments, descend_all
-from dexnudge.geometry.transforms import matrix_to_rotation_6d, rotation_6d_to_matrix, rotation_vector_to_matrix
+from dexnudge.geometry.transforms import matrix_to_rotation_6d, rotation_6d_to_matrix
 from dexnudge.geometry.warp_runtime import WarpStruct, wp
 from dexnudge.hands.hand import ROOT_COORDINATES, Hand
 
@@ -100,17 +100,6 @@ class HandDescent:
         ]
         wp.launch(descend_all, dim=len(gradient), inputs=inputs, device=self.device)
         return moved
-
-
-def retract(hand: Hand, pose: HandPose, move: Float[Tensor, "batch tangent"], *, tied: bool = False) -> HandPose:
-    """Return the pose moved along a tangent: translation added, rotation vector applied (working frame), angles clamped.
-
-    With `tied` both joints of each tendon turn alike.
-    """
-    rotation = rotation_vector_to_matrix(move[:, 3:6]) @ pose.rotation
-    q = torch.cat([move.new_zeros(len(move), ROOT_COORDINATES), pose.joint_angles + move[:, 6:]], dim=1)
-    q = hand.equalise_tendon_joints(q) if tied else hand.clamp(q)
-    return HandPose(pose.translation + move[:, :3], rotation, q[:, ROOT_COORDINATES:])
 
 
 def pose_from_configuration(q: Float[Tensor, "batch coordinates"]) -> HandPose:

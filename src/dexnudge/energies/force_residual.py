@@ -206,7 +206,7 @@ class ForceResidual:
         self._multipliers = [
             torch.zeros(batch, columns + len(each.support_wrenches), device=device) for each in balances
         ]
-        self._active, self._every_row = wp.from_torch(active), wp.array(range(batch), dtype=wp.int32, device=device)
+        self._active = wp.from_torch(active)
         self._balances = []
         for place, (balance, multipliers) in enumerate(zip(balances, self._multipliers, strict=True)):
             packed = Balance()
@@ -237,26 +237,11 @@ class ForceResidual:
         forces = torch.stack([each[:, :count].unflatten(1, (-1, CONE_EDGES)) for each in self._multipliers])
         return forces.sum(dim=3).amax(dim=0) > SMALLEST_FORCE
 
-    def __call__(
-        self,
-        points: Float[Tensor, "batch contact 3"],
-        normals: Float[Tensor, "batch contact 3"],
-        counts: Float[Tensor, "batch contact"],
-        *,
-        sweeps: int,
-    ) -> None:
-        """Update residual and gradient; `normals` point out of the object, `counts` is 1 where a contact counts."""
-        contacts = Contacts()
-        contacts.links = wp.array(range(points.shape[1]), dtype=int, device=self.device)
-        contacts.points = wp.from_torch(points.contiguous(), dtype=wp.vec3)
-        contacts.normals = wp.from_torch(normals.contiguous(), dtype=wp.vec3)
-        contacts.wanted = wp.from_torch(counts.contiguous())
-        contacts.pull, contacts.pull_weight = wp.zeros_like(contacts.points), 1.0
-        for launch in self.launches(contacts, self._every_row, sweeps=sweeps):
-            launch.launch()
-
     def launches(self, contacts: WarpStruct, rows: wp.array, *, sweeps: int) -> list[wp.Launch]:
-        """Return launches, in their order, that solve the balances at the `Contacts` of the hands `rows`."""
+        """Return launches, in their order, that solve the balances at the `Contacts` of the hands `rows`.
+
+        They update the attributes from where the multipliers are.
+        """
         return [
             wp.launch(
                 solve_balance,

@@ -81,7 +81,9 @@ def push_folder(
                 episodes.append(episode)
                 row = episode.summary() | {"trace": f"{own}/{ARRAYS}"}
             else:
-                row = _died(index, result)
+                died = Outcome.WORKER_DIED
+                row = {"configuration": index, "success": False, "outcome": died.value}
+                row |= {"sentence": died.sentence, "detail": result.reason}
             rows.append(row | {"force_margin": samples[index].force_margin})
             if on_done:
                 on_done(index, result)
@@ -104,17 +106,6 @@ def _executor(
     scene, hand = read_inputs(folder)
     executor = Executor(scene, load_scene_model(xml, hand, scene), chosen_policy(feedback))
     return lambda task: executor(task[1], np.delete(q, task[0], axis=0) if feedback else None)
-
-
-def _died(index: int, result: WorkerDied) -> dict[str, Any]:
-    outcome = Outcome.WORKER_DIED
-    return {
-        "configuration": index,
-        "success": False,
-        "outcome": outcome.value,
-        "sentence": outcome.sentence,
-        "detail": result.reason,
-    }
 
 
 def lift_folder(

@@ -18,7 +18,6 @@ from dexnudge.experiments.metrics import Metric
 from dexnudge.experiments.scan_trial import NUMBER
 from dexnudge.experiments.tables import Table
 from dexnudge.experiments.trial import Section, TrialKind, TrialSampler
-from dexnudge.hands.hand import Hand
 from dexnudge.planning.reach import Reach
 from dexnudge.results.samples import Samples
 from dexnudge.sampling.sampler import Sampler
@@ -74,22 +73,16 @@ class ArmTrial(TrialKind[ArmRecord]):
         sampler, arm = TrialSampler(config), load_arm(self.arm, packages=dict(self.packages))
         grasps = Sampler.from_pretrained(sampler.hand, weights=config.weights) if self.then_grasp else None
 
-        def standing(scene: Scene, hand: Hand, seed: int) -> Robot:
-            if self.base is None:
-                distance = float(np.random.default_rng(seed).uniform(*self.base_distance))
-                place = default_base(arm, scene, distance=distance)
-            else:
-                place = np.array(self.base)
-            robot = mounted(arm.standing_at(place), hand, None if self.mount is None else np.array(self.mount))
-            check_base(robot, scene)
-            return robot
-
         def run(key: TrialKey) -> ArmRecord:
             seed = trial_seed(config.seed, key)
             robots: list[Robot] = []
 
             def reach(scene: Scene) -> list[Reach]:
-                robots.append(standing(scene, sampler.hand, seed))
+                distance = float(np.random.default_rng(seed).uniform(*self.base_distance))
+                place = default_base(arm, scene, distance=distance) if self.base is None else np.array(self.base)
+                pose = None if self.mount is None else np.array(self.mount)
+                robots.append(mounted(arm.standing_at(place), sampler.hand, pose))
+                check_base(robots[0], scene)
                 return [Reach(robots[0].arm, mount=robots[0].T_flange_mount)]
 
             clock = time.perf_counter()

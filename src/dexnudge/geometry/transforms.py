@@ -20,17 +20,6 @@ def matrix_to_rotation_6d(matrix: Float[Tensor, "*batch 3 3"]) -> Float[Tensor, 
     return torch.cat([matrix[..., :, 0], matrix[..., :, 1]], dim=-1)
 
 
-def rotation_vector_to_matrix(rotation_vector: Float[Tensor, "*batch 3"]) -> Float[Tensor, "*batch 3 3"]:
-    """Exponential map so(3) -> SO(3) by Rodrigues' formula; rotation_vector = axis * angle [rad]."""
-    angle = rotation_vector.norm(dim=-1, keepdim=True).clamp_min(1e-12)
-    x, y, z = (rotation_vector / angle).unbind(-1)
-    zero = torch.zeros_like(x)
-    skew = torch.stack([zero, -z, y, z, zero, -x, -y, x, zero], dim=-1).unflatten(-1, (3, 3))
-    sine, cosine = angle.sin()[..., None], angle.cos()[..., None]
-    identity = torch.eye(3, dtype=skew.dtype, device=skew.device)
-    return identity + sine * skew + (1 - cosine) * (skew @ skew)
-
-
 PARALLEL = 0.99  # |cosine| above which a motion counts as vertical
 
 

@@ -113,7 +113,7 @@ def denoise(
         x = alpha_bar**0.5 * _best_coarse_hands(run, num) + (1.0 - alpha_bar) ** 0.5 * noise
     else:
         x = prior.noise(num, generator=generator)
-    return hand.clamp(prior.denormalise(run.denoise(x, timesteps, rule)))
+    return hand.clamp(prior.normaliser.denormalise(run.denoise(x, timesteps, rule)))
 
 
 def _best_coarse_hands(run: _Run, num: int) -> Float[Tensor, "num dimension"]:
@@ -143,7 +143,7 @@ def _best_coarse_hands(run: _Run, num: int) -> Float[Tensor, "num dimension"]:
 
 def _scene_energy(run: _Run, x: Float[Tensor, "particle dimension"]) -> Float[Tensor, " particle"]:
     """Return the energy of coarse hands in the scene [m^2], their force balance included."""
-    q = run.hand.equalise_tendon_joints(run.prior.denormalise(x))
+    q = run.hand.equalise_tendon_joints(run.prior.normaliser.denormalise(x))
     energy = run.problem.hand_energy(run.hand, len(x), run.config.weights)
     tips = run.hand.fingertip_indices
     energy.contact_weight[:, tips] = 1.0

@@ -133,7 +133,12 @@ def learn_hand(
     """
     folder = Path(folder)
     hand = load_hand(folder / PREPARED_NAME)
-    _check(minutes, workers, seed)
+    if minutes is not None and not 0.0 < minutes < math.inf:
+        raise InputError(f"`minutes` is {minutes}; expected more than 0")
+    if workers is not None:
+        check_integer("workers", workers, least=1, most=MOST_WORKERS)
+    if seed is not None:
+        check_seed(seed)
     with owned_folder(folder / FOLDER) as learning:
         for written in (learning, folder / WEIGHTS_FOLDER):
             remove_leftovers(written)
@@ -155,15 +160,6 @@ def learn_hand(
             scenes = _evaluate(folder, plan, clock)
         with clock.stage("report"):
             return Learned(*write_learning_report(folder, hand, plan, clock.seconds, scenes))
-
-
-def _check(minutes: float | None, workers: int | None, seed: int | None) -> None:
-    if minutes is not None and not 0.0 < minutes < math.inf:
-        raise InputError(f"`minutes` is {minutes}; expected more than 0")
-    if workers is not None:
-        check_integer("workers", workers, least=1, most=MOST_WORKERS)
-    if seed is not None:
-        check_seed(seed)
 
 
 def _plan(

@@ -49,7 +49,7 @@ class CleanDescent:
         return step.ddim(self._correct(step, x0_hat) if step.alpha_bar >= self.begin else x0_hat)
 
     def _correct(self, step: ReverseStep, x0_hat: Float[Tensor, "batch dimension"]) -> Float[Tensor, "batch dimension"]:
-        q = step.prior.denormalise(x0_hat)
+        q = step.prior.normaliser.denormalise(x0_hat)
         step.set_active_contacts(q)
         if self._descent is None:
             self._descent = HandDescent(step.hand, len(q), steps=self.step_sizes, tied=True, device=step.energy.device)
@@ -58,4 +58,4 @@ class CleanDescent:
             energy = (step.energy(pose) + step.pull_to_balance())[:, None]
             # Adam alone would take full steps on a hand that is almost right.
             pose = self._descent.step(pose, step.energy.gradient, scale=(energy / (energy + self.negligible)).sqrt())
-        return step.prior.normalise(configuration_from_pose(pose))
+        return step.prior.normaliser.normalise(configuration_from_pose(pose))

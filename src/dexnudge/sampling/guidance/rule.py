@@ -112,7 +112,7 @@ def gradient_through_network(
     """Return (x0_hat, g) with g = grad_{x_t} L(x0_hat(x_t)) of each sample's own energy."""
     x_t = step.x_t.detach().requires_grad_()
     x0_hat = step.predict_clean(x_t)
-    q = step.prior.denormalise(x0_hat)
+    q = step.prior.normaliser.denormalise(x0_hat)
     step.set_active_contacts(q.detach())
     (gradient,) = torch.autograd.grad(configuration_energy(q, step.energy).sum(), x_t)
     return x0_hat.detach(), gradient
@@ -123,7 +123,7 @@ def gradient_at_clean_estimate(
 ) -> tuple[Float[Tensor, " batch"], Float[Tensor, "batch dimension"]]:
     """Return (L, g) with g = grad_{x0_hat} L(x0_hat) of each sample's own energy, without the network's derivative."""
     x0 = x0_hat.detach().clone().requires_grad_()
-    q = step.prior.denormalise(x0)
+    q = step.prior.normaliser.denormalise(x0)
     step.set_active_contacts(q.detach())
     energy = configuration_energy(q, step.energy)
     (gradient,) = torch.autograd.grad(energy.sum(), x0)
