@@ -15,10 +15,10 @@ from dexnudge.hands.urdf import hand_from_urdf, urdf_tree
 from dexnudge.plugins import call_plugin, plugin_names
 
 
-def _hand_from_mjcf(path: Path, *facts: HandConfig, **options: Any) -> Hand:
+def _hand_from_mjcf(path: Path, config: HandConfig | None, **options: Any) -> Hand:
     from dexnudge.hands.mjcf import hand_from_mjcf  # imports MuJoCo, which most commands can do without
 
-    return hand_from_mjcf(path, *facts, **options)
+    return hand_from_mjcf(path, config, **options)
 
 
 def is_description(path: Path) -> bool:
@@ -41,8 +41,8 @@ def check_packages(packages: object) -> None:
         raise HandError(f"`packages` is {repr(packages)[:LONGEST_QUOTE]}; expected names of packages and their folders")
 
 
-def read_hand(path: Path, config: HandConfig, **options: Any) -> Hand:
-    """Return the hand of a description file with these facts in place of a YAML's; `base` and `packages` as `load_hand`."""
+def read_hand(path: Path, config: HandConfig | None, **options: Any) -> Hand:
+    """Return the hand of a description file, `config` in place of its YAML; `base` and `packages` as `load_hand`."""
     return replace(READERS[_suffix(path)](path, config, **options), source=path, shown_by=(path,))
 
 
@@ -101,7 +101,7 @@ def load_hand(name_or_urdf: str | Path, *, base: bool = True, packages: Mapping[
     if os.path.isfile(path / PREPARED_NAME):  # noqa: PTH113 - as below
         path /= PREPARED_NAME
     if is_description(path):
-        return replace(READERS[_suffix(path)](path, base=base, packages=packages), source=path, shown_by=(path,))
+        return read_hand(path, None, base=base, packages=packages)
     if os.path.exists(path):  # noqa: PTH110 - a name of 300 letters does not exist, which is no error
         raise HandError(
             f"{path}: expected a description that ends in {' or '.join(READERS)}, got '{path.suffix}'; mend the path"

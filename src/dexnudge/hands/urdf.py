@@ -70,9 +70,7 @@ def _shape(shape: Element, where: str, folder: Path, packages: Mapping[str, Path
         raise HandError(
             f"{where}: <{shape.tag}>: expected {' and '.join(keys)} above zero, got {shape.attrib}; mend it"
         )
-    if shape.tag == "box":
-        return link_meshes.box(sizes[0])
-    return getattr(link_meshes, shape.tag)(*(float(size[0]) for size in sizes))
+    return getattr(link_meshes, shape.tag)(*(size if len(size) > 1 else float(size[0]) for size in sizes))
 
 
 def note_masses(links: list[Element], path: Path, notes: list[str]) -> None:
