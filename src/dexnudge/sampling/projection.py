@@ -3,12 +3,13 @@
 Paper III-C b: descend the loss with a collision check at each step until nothing penetrates. Here the loss also holds the
 contacts, lowers the residual of the force balance, draws idle fingertips to where they can push, keeps the hand's path along
 the motion free, and holds the user's terms. A hand stops once it is clean and touches, its forces balance, its path is free
-and the user's terms have settled. Where that comes no nearer, clean and touching is enough; a hand that gets no nearer to
-this is given up. Penetration comes first: in the second half of the steps the user's terms no longer pull.
+and the user's terms have settled. Where that comes no nearer, clean and touching is enough. Penetration comes first: in the
+second half of the steps the user's terms no longer pull, and a hand that is not clean at their end makes a few more in which
+hardly anything else does.
 """
 
 from concurrent.futures import ThreadPoolExecutor
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 from threading import Lock
 
 import numpy as np
@@ -71,6 +72,7 @@ class ProjectionConfig:
     idle_steps: int = 60  # first steps, in which idle fingertips are drawn to where they can push; hands wait for it
     guided_steps: int = 20  # first steps, which still count what the object cannot see as solid
     term_steps: int = 40  # first steps, in which the user's terms pull; the others still have to get a hand clear
+    last_steps: int = 20  # more, for hands that did not come clean
     arrival: float = 0.012  # [m] from a helpful place at which a fingertip that goes there begins to touch
     patience: int = 30  # steps without progress after which a hand that is clean and touching waits for nothing else
     endurance: int = 60  # steps without progress after which any other hand is given up
@@ -79,6 +81,12 @@ class ProjectionConfig:
         """Return what all counts of steps are multiplied by."""
         turning = self.turning_factor if problem.helpful is not None else 1
         return max(turning, self.terms_factor if problem.terms else 1)
+
+    def letting_go(self) -> "ProjectionConfig":
+        """Return the same for the last steps of hands that are not clean: what pulls them yields to what they penetrate."""
+        weights = self.weights
+        weights = replace(weights, contact=min(1.0, weights.contact), target=0.0, force=min(1e-5, weights.force))
+        return replace(self, weights=weights, max_steps=self.last_steps, idle_steps=1, guided_steps=0, term_steps=0)
 
 
 def project(
@@ -94,21 +102,26 @@ def project(
     q = hand.equalise_tendon_joints(q)
     run = _Projection(hand, problem, q, config)
     run.descend()
-    projected = configuration_from_pose(run.energy.pose)
+    ended = run.ended()
+    stuck = (~ended["projection_converged"]).nonzero()[:, 0]
+    if len(stuck) > 0 and config.last_steps > 0:
+        run_on = _Projection(hand, problem, ended["q"][stuck], config.letting_go())
+        run_on.descend()
+        last = run_on.ended()
+        last["projection_iterations"] += ended["projection_iterations"][stuck]
+        for name, values in last.items():
+            ended[name][stuck] = values
+    projected = ended.pop("q")
     before, after = hand.keypoints(torch.cat([q, projected])).chunk(2)
     report = {
-        "projection_converged": run.converged > 0,
-        "projection_iterations": run.iterations,
         "projection_moved_mm": 1e3 * (after - before).norm(dim=2).mean(dim=1),
         "contacts_before": run.contacts_before,
-        "contacts_after": run.touching().sum(dim=1),
         "force_residual_before": run.residual_before,
-        "force_residual_after": run.residual,
         "depth_before_mm": 1e3 * run.depth_before,
     }
     if problem.terms:
-        report |= {"terms_before": run.terms_before, "terms_after": run.energy.term_energy}
-    return projected, report
+        report["terms_before"] = run.terms_before
+    return projected, report | ended
 
 
 class _Projection:
@@ -151,6 +164,17 @@ class _Projection:
         """Fingertips whose nearest guiding point is at the object's surface."""
         gap = self.energy.contact_distance[:, self.tips] - self.config.weights.contact_gap
         return gap.abs() < self.config.contact_tolerance
+
+    def ended(self) -> dict[str, Shaped[Tensor, "batch *shape"]]:
+        """Return where the hands ended, `q`, and what `project` reports of that."""
+        found = {
+            "q": configuration_from_pose(self.energy.pose),
+            "projection_converged": self.converged > 0,
+            "projection_iterations": self.iterations,
+            "contacts_after": self.touching().sum(dim=1),
+            "force_residual_after": self.residual,
+        }
+        return found | ({"terms_after": self.energy.term_energy} if self.terms is not None else {})
 
     def descend(self) -> None:
         """Move every hand until it is done or its steps are over."""
