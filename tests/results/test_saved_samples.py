@@ -217,3 +217,8 @@ def test_a_changed_summary_is_found(copy, key, value):
     (copy / "summary.json").write_text(json.dumps(summary | {key: value}))
     (difference,) = dn.check(copy).differences
     assert difference.startswith(f"summary.json: {key} is {value} in the file")
+
+
+def test_a_page_of_more_than_it_can_show_says_so(boxy_hand, block, tmp_path):
+    page = samples(boxy_hand, block)[[0, 1] * 251].page(tmp_path / "page.html")
+    assert "The first 500 of 502 are shown." in page.read_text(encoding="utf-8")

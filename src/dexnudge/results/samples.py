@@ -23,7 +23,6 @@ from dexnudge.verification.criteria import Criterion
 from dexnudge.verification.verdicts import Verdicts, verify
 from dexnudge.viewer.visual_scene import VisualScene, visual_scenes
 
-MOST_ON_PAGE = 500  # what a page can show
 PLACES = "an integer, a slice, a mask with an entry for each, or an array of places"
 Places = slice | Sequence[int] | Sequence[bool] | Int[np.ndarray, " m"] | Bool[np.ndarray, " n"] | Tensor
 NOT_ON_PAGE = ("valid_pose", "joint_limits", "contact", "motion_not_blocked")  # their values say little
@@ -287,7 +286,7 @@ class Samples:
 
     @own_modes()
     def page(self, path: Path | str, *, title: str = "") -> Path:
-        """Write a self-contained 3-D page of at most 500 configurations.
+        """Write a self-contained 3-D page of the configurations, of the first 500 where there are more.
 
         Raises:
             InputError: there are no samples.
@@ -298,7 +297,7 @@ class Samples:
 
         values = {name: value for name, value in self.verdicts.values.items() if name not in NOT_ON_PAGE}
         values |= calibrated(self.foresight, self.scene, self.hand)
-        found, shown = self.verdicts, self._visual_scenes[:MOST_ON_PAGE]
+        found = self.verdicts
         figures = [
             Figures(
                 success=bool(found.success[i]),
@@ -306,10 +305,10 @@ class Samples:
                 contact_links=tuple(found.contact_links[i]),
                 reason=found.reasons[i],
             )
-            for i in range(len(shown))
+            for i in range(len(self))
         ]
         title = title or f"{self.hand.name}, {self.scene.name}"
-        return write_page(shown, path, title=title, figures=figures)
+        return write_page(self._visual_scenes, path, title=title, figures=figures)
 
     @cached_property
     def _visual_scenes(self) -> list[VisualScene]:
