@@ -11,6 +11,7 @@ from dexnudge.mechanics.fast_balance import force_margins
 from dexnudge.mechanics.sliding_task import SlidingTask
 from dexnudge.scenes.motion import Twist
 from dexnudge.scenes.support_contacts import SupportContacts
+from highs_margins import HighsMargins
 
 Draw = Callable[..., HandContacts]
 TOLERANCE = 2e-3
@@ -67,18 +68,25 @@ def test_margins_equal_those_of_highs(
     count: int, random_contacts: Draw, floor: SupportContacts, task: SlidingTask
 ) -> None:
     rng = np.random.default_rng(count)
-    references = []
+    problems, found = [], []
     for _ in range(count):
         contacts, supports, own = random_problem(rng, random_contacts, floor, task)
-        problem = balance_problem(contacts, supports, own)
-        reference = problem_margin(problem)
-        found = force_margins([contacts], supports, own)
-        assert found.factor[0, 0] == pytest.approx(reference, abs=TOLERANCE)
-        if reference >= 1:
-            assert found.balanced[0, 0] == (solve_balance(problem, factor=1.0) is not None)
-        references.append(reference)
-    assert 0.1 < np.mean(np.array(references) == 0) < 0.9
-    assert np.mean((np.array(references) > 0) & (np.array(references) < 3)) > 0.1
+        problems.append(balance_problem(contacts, supports, own))
+        found.append(force_margins([contacts], supports, own))
+    references = HighsMargins(problems).margins()
+    np.testing.assert_allclose([each.factor[0, 0] for each in found], references, rtol=0, atol=TOLERANCE)
+    for row in np.flatnonzero(references >= 1):
+        assert found[row].balanced[0, 0] == (solve_balance(problems[row], factor=1.0) is not None)
+    assert 0.1 < np.mean(references == 0) < 0.9
+    assert np.mean((references > 0) & (references < 3)) > 0.1
+
+
+def test_many_margins_of_highs_are_those_of_one_problem_after_the_other(
+    random_contacts: Draw, floor: SupportContacts, task: SlidingTask
+) -> None:
+    rng = np.random.default_rng(150)
+    problems = [balance_problem(*random_problem(rng, random_contacts, floor, task)) for _ in range(150)]
+    np.testing.assert_array_equal(HighsMargins(problems).margins(), [problem_margin(each) for each in problems])
 
 
 def test_a_ragged_batch_gives_what_its_members_give(
