@@ -119,15 +119,15 @@ Part = Annotated[Literal["scenes", "studio", "page"], tyro.conf.Positional]
 
 def main(part: Part, num: int = 2000, minutes: float = 60.0, result: Path | None = None) -> None:
     """Run one part, keep its rows and write the page; result: folder that `sample` and `execute` wrote, for the studio."""
-    content = json.loads(DATA.read_text(encoding="utf-8")) if DATA.is_file() else {}
     if part != "page":
         with tempfile.TemporaryDirectory() as name:
             tempfile.tempdir, folder = name, Path(name)
             rows, done = soak_scenes(num, folder) if part == "scenes" else soak_studio(minutes, result, folder)
             tempfile.tempdir = None
+        content = json.loads(DATA.read_text(encoding="utf-8")) if DATA.is_file() else {}
         content[part] = {"rows": np.round(rows, 2).tolist(), "done": dict(done)}
         DATA.write_text(json.dumps(dict(sorted(content.items())), indent=1) + "\n", encoding="utf-8")
-    write_page(content)
+    write_page(json.loads(DATA.read_text(encoding="utf-8")))
 
 
 if __name__ == "__main__":

@@ -1,5 +1,8 @@
 """A sampler's scene is prepared once, and again where anything of it has changed."""
 
+import gc
+import weakref
+from collections.abc import Iterator
 from dataclasses import replace
 
 import numpy as np
@@ -56,3 +59,23 @@ def test_only_the_last_scene_is_kept(scene: Scene, prepared: list[Scene]) -> Non
     for each in (scene, other, scene):
         known(each)
     assert len(prepared) == 3
+
+
+@pytest.fixture
+def no_collector() -> Iterator[None]:
+    """Python's collector does not begin by itself."""
+    gc.disable()
+    yield
+    gc.enable()
+
+
+@pytest.mark.usefixtures("no_collector")
+def test_old_scenes_are_freed(scene: Scene, monkeypatch: pytest.MonkeyPatch) -> None:
+    monkeypatch.setattr(problem, "COLLECTED_AFTER", 4)
+    known, meshes = PreparedScene("cpu"), []
+    for number in range(4):
+        surroundings = scene.environment_mesh.copy()
+        meshes.append(weakref.ref(surroundings))
+        known(replace(scene, environment_mesh=surroundings, seed=number))
+    del surroundings
+    assert sum(mesh() is not None for mesh in meshes) == 1

@@ -1,5 +1,6 @@
 """A scene made ready for sampling: its canonical frame, its distance fields and its force balance."""
 
+import gc
 import pickle
 from collections.abc import Iterable, Sequence
 from dataclasses import dataclass, fields, replace
@@ -38,6 +39,7 @@ ROOM = 0.006  # [m] that the environment must leave around the keypoint; fingert
 MESHES = ("object_mesh", "environment_mesh")  # of a scene
 ABOUT = ("name", "parameters", "seed")  # what says where it came from
 FRICTION_MARGIN = 1.6  # factor on friction_environment that the contacts are asked to overcome: above robust's 1.5
+COLLECTED_AFTER = 16  # scenes that were made ready
 PINCHING = 0.6  # of the hand's friction, with which fingers should hold what they pull upright
 
 
@@ -185,11 +187,15 @@ def prepare(scene: Scene, *, device: str = "cpu") -> SamplingProblem:
 
 
 class PreparedScene:
-    """The scene that was made ready last, for callers that draw from one scene again and again."""
+    """The scene that was made ready last, for callers that draw from one scene again and again.
+
+    Memory stays flat over many scenes. A `trimesh.Trimesh` holds itself in cycles, so that it and all that was made of it
+    wait for Python's collector, which counts objects and not bytes: now and then it is told to begin.
+    """
 
     def __init__(self, device: str) -> None:
         self.device = device
-        self._content = b""
+        self._content, self._made = b"", 0
         self._problem: SamplingProblem | None = None
 
     def __call__(self, scene: Scene) -> SamplingProblem:
@@ -198,7 +204,9 @@ class PreparedScene:
         same = known is not None and all(getattr(known.scene, name) is getattr(scene, name) for name in MESHES)
         if known is None or not same or content != self._content:
             known = self._problem = prepare(scene, device=self.device)
-            self._content = content
+            self._content, self._made = content, self._made + 1
+            if self._made % COLLECTED_AFTER == 0:
+                gc.collect()
         return replace(known, scene=scene)
 
 
