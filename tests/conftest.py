@@ -7,7 +7,7 @@ import shlex
 import signal
 import sys
 from collections import Counter
-from collections.abc import Callable
+from collections.abc import Callable, Iterator
 from contextlib import redirect_stdout
 from io import StringIO
 from pathlib import Path
@@ -71,6 +71,17 @@ def one_cache_per_run(request: pytest.FixtureRequest, tmp_path_factory: pytest.T
     if hasattr(request.config, "workerinput"):
         folder = folder.parent
     os.environ["DEXNUDGE_CACHE"] = str(folder / "cache")
+
+
+@pytest.fixture(scope="session", autouse=True)
+def size_of_films() -> Iterator[tuple[int, int]]:
+    """Films whose pixels are not looked at are drawn small: a large one takes longer than the push that it shows."""
+    from dexnudge.viewer import recording
+
+    with pytest.MonkeyPatch.context() as patch:
+        size = recording.TILE
+        patch.setattr(recording, "TILE", (240, 160))
+        yield size
 
 
 @pytest.fixture(scope="session")

@@ -104,7 +104,8 @@ def test_a_plan_is_saved_with_its_page_and_on_request_with_pictures(block_plan, 
     assert list(dict.fromkeys(data["phase"])) == [phase.name for phase in block_plan.phases]
 
 
-def test_a_film_is_a_strip_an_animation_or_a_page(block_plan, tmp_path):
+def test_a_film_is_a_strip_an_animation_or_a_page(block_plan, size_of_films, tmp_path, monkeypatch):
+    monkeypatch.setattr("dexnudge.viewer.recording.TILE", size_of_films)
     with Image.open(block_plan.film(tmp_path / "plan.png")) as strip:
         width, height = strip.size
     phases = len(block_plan.phases)

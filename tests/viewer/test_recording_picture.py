@@ -3,7 +3,7 @@ import pytest
 from PIL import Image
 
 from dexnudge.errors import InputError, OutputError
-from dexnudge.viewer.recording import write_recording_pictures
+from dexnudge.viewer.recording import _one_number, write_recording_pictures
 
 TILE = (120, 90)
 
@@ -60,7 +60,10 @@ def test_what_cannot_be_shown_or_written_is_refused(recording, tmp_path):
         write_recording_pictures(short, tmp_path / "film.png", tmp_path / "missing" / "film.gif", tile=(64, 48))
 
 
-def test_an_animation_is_960_pixels_wide_and_gets_fewer_colours_rather_than_too_large(recording, tmp_path, monkeypatch):
+def test_an_animation_is_960_pixels_wide_and_gets_fewer_colours_rather_than_too_large(
+    recording, size_of_films, tmp_path, monkeypatch
+):
+    monkeypatch.setattr("dexnudge.viewer.recording.TILE", size_of_films)
     sizes: list[int] = []
     for _ in range(2):
         write_recording_pictures(recording, tmp_path / "film.png", tmp_path / "film.gif", pictures=2)
@@ -68,3 +71,11 @@ def test_an_animation_is_960_pixels_wide_and_gets_fewer_colours_rather_than_too_
         monkeypatch.setattr("dexnudge.viewer.recording.LARGEST_FILE", 2 * sizes[0] // 3)
         assert [picture.shape for picture, _ in frames_of(tmp_path / "film.gif")] == [(640, 960, 3)] * 2
     assert sizes[1] <= 2 * sizes[0] // 3
+
+
+def test_colours_are_sorted_as_rows_are():
+    colours = np.random.default_rng(0).integers(0, 256, (5000, 3)).astype(np.uint8) // 32
+    rows, first = np.unique(colours, axis=0, return_index=True)
+    numbers, first_number = np.unique(_one_number(colours), return_index=True)
+    np.testing.assert_array_equal(first_number, first)
+    assert numbers.tolist() == [int(red) << 16 | int(green) << 8 | int(blue) for red, green, blue in rows]

@@ -157,7 +157,7 @@ def write_recording_pictures(
     *,
     pictures: int | None = None,
     moments: Int[np.ndarray, " chosen"] | None = None,
-    tile: tuple[int, int] = TILE,
+    tile: tuple[int, int] | None = None,
 ) -> None:
     """Write the strip (PNG) and the animation (GIF); every picture says its time and phase.
 
@@ -168,7 +168,7 @@ def write_recording_pictures(
         animation: evenly spaced moments, in real time where the recording is not too long for that; at most 8 MB.
         pictures: of the animation, at most as many as the recording has moments; ten a second, up to 40, unless given.
         moments: of the recording, which the strip shows.
-        tile: width and height of a picture of the animation in pixels.
+        tile: width and height of a picture of the animation in pixels; 960 x 640 unless given.
 
     Raises:
         InputError: fewer than two pictures.
@@ -176,6 +176,7 @@ def write_recording_pictures(
     """
     if pictures is not None and pictures < 2:
         raise InputError(f"an animation of {pictures} pictures was asked for; expected at least 2")
+    tile = tile or TILE
     length = float(recording.time[-1] - recording.time[0])
     animated = recording.evenly(pictures or int(np.clip(round(PICTURES_PER_SECOND * length), 2, MOST_PICTURES)))
     if moments is None:
@@ -215,7 +216,7 @@ def _gif(pictures: list[Picture], shown_for: float) -> bytes:
     some = [pictures[index] for index in np.linspace(0, len(pictures) - 1, PALETTE_PICTURES).astype(int)]
     pixels = np.concatenate(some).reshape(-1, 3)
     # Half by area and half by kind, so that an arrow far away keeps its green.
-    kinds = np.unique(pixels[np.unique(pixels // COARSE, axis=0, return_index=True)[1]], axis=0)
+    kinds = np.unique(pixels[np.unique(_one_number(pixels // COARSE), return_index=True)[1]], axis=0)
     shared = Image.fromarray(np.concatenate([pixels, np.resize(kinds, pixels.shape)])[None])
     durations = [round(1e3 * shown_for)] * (len(pictures) - 1) + [round(1e3 * LAST_PICTURE_TIME)]
     colours, written = COLOURS, io.BytesIO()
@@ -225,3 +226,8 @@ def _gif(pictures: list[Picture], shown_for: float) -> bytes:
         frames[0].save(written, format="GIF", save_all=True, append_images=frames[1:], duration=durations, loop=0)
         colours //= 2
     return written.getvalue()
+
+
+def _one_number(colours: UInt8[np.ndarray, "n 3"]) -> Int[np.ndarray, " n"]:
+    """Return 24 bits for each colour, in the order of red, then green, then blue: rows take ten times as long to sort."""
+    return colours.astype(np.int32) @ np.array([1 << 16, 1 << 8, 1], dtype=np.int32)
