@@ -241,6 +241,14 @@ def test_bad_urdf(write_hand, old, new, expected):
             ),
         ),
         (
+            '<box size="0.04 0.05 0.06"/>',
+            '<sphere radius="0.8"/>',
+            (
+                "link 'forearm' has a surface of 8 m^2: expected at most 2 m^2; "
+                "give it a simpler shape, or its size in metres"
+            ),
+        ),
+        (
             "package://small/wedge.stl",
             "sheet.obj",
             (
@@ -340,7 +348,7 @@ def test_no_links(write_hand):
 
 
 def test_no_joints(write_hand):
-    ball = '<collision><geometry><sphere radius="1"/></geometry></collision>'
+    ball = '<collision><geometry><sphere radius="0.1"/></geometry></collision>'
     urdf = f'<robot name="stiff"><link name="palm">{ball}</link></robot>'
     config = "palm: palm\nfingertips: {A: palm}\npalm_normal: [0, 0, 1]"
     assert message(write_hand(urdf, config)) == (

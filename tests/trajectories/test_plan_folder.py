@@ -410,6 +410,9 @@ def test_a_urdf_whose_joints_were_changed_is_refused(copy):
     path.write_text(text.replace(joint, joint.replace("a1", "elbow")))
     with pytest.raises(dn.InputError, match=r"joint_names lacks elbow and has a1, which robot.urdf has not"):
         dn.load_plan(copy)
+    path.write_text(text.replace(joint, f"{joint}</joint>\n{joint}"))
+    with pytest.raises(dn.InputError, match=r"joint_names lacks a1; expected the joints of"):
+        dn.load_plan(copy)
     assert text.count('xyz="0.0 0.0 0.044"') == 3
     path.write_text(text.replace('xyz="0.0 0.0 0.044"', 'xyz="0.0 0.0 0.045"'))
     with pytest.raises(dn.InputError, match=r"link 'atip' hangs otherwise than plan.json and hand/ say"):

@@ -233,7 +233,8 @@ def check_names(tree: Tree, config: HandConfig) -> None:
 
 
 def check_sizes(tree: Tree, longest_link: float = LONGEST_LINK) -> None:
-    """Refuse links that are too long [m] or too far from each other, or flat."""
+    """Refuse links that are too long [m], too far from each other, too large for points all over them, or flat."""
+    largest = longest_link**2 / 2  # [m^2]
     for joint in tree.joints:
         distance = math.hypot(*joint.origin[:3, 3])
         if distance > longest_link:
@@ -249,6 +250,11 @@ def check_sizes(tree: Tree, longest_link: float = LONGEST_LINK) -> None:
             raise HandError(
                 f"link '{link}' is {longest:.3g} m long: expected at most {longest_link:g} m; in millimetres? "
                 'give its mesh scale="0.001 0.001 0.001", or a basic shape its size in metres'
+            )
+        if mesh.area > largest:
+            raise HandError(
+                f"link '{link}' has a surface of {mesh.area:.3g} m^2: expected at most {largest:g} m^2; give it a "
+                "simpler shape, or its size in metres"
             )
         if is_flat(mesh):
             raise HandError(

@@ -1,6 +1,7 @@
 """The robot of a plan, read back from the folder that `export_robot` wrote, and whether a plan.json is of this robot."""
 
 import math
+from collections import Counter
 from dataclasses import replace
 from pathlib import Path
 from typing import Any
@@ -208,8 +209,8 @@ def check_joints(names: tuple[str, ...], folder: Path, path: Path) -> None:
     expected = [str(each.get("name")) for each in joints if each.get("type") != "fixed" and each.find("mimic") is None]
     if list(names) == expected:
         return
-    missing = [name for name in expected if name not in names]
-    unknown = [name for name in names if name not in expected]
+    missing = list((Counter(expected) - Counter(names)).elements())
+    unknown = list((Counter(names) - Counter(expected)).elements())
     if missing or unknown:
         parts = [f"lacks {', '.join(missing)}"] if missing else []
         parts += [f"has {', '.join(unknown)}, which {file.name} has not"] if unknown else []
