@@ -12,7 +12,6 @@ from functools import reduce
 import numpy as np
 from jaxtyping import Bool, Float
 from scipy.spatial.transform import Rotation
-from scipy.stats.qmc import Halton
 
 from dexnudge.arms.arm import Arm
 
@@ -68,6 +67,8 @@ class InverseKinematics:
 
     def starts(self, count: int) -> Float[np.ndarray, "count n"]:
         """Return home and joint angles spread evenly over their range; the same every time."""
+        from scipy.stats.qmc import Halton  # takes half a second
+
         lower, upper = self.arm.limits.lower, self.arm.limits.upper
         spread = Halton(self.arm.num_joints, rng=STARTS_SEED).random(count - 1)
         return np.concatenate([self.arm.home[None], lower + spread * (upper - lower)])
