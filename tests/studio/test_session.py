@@ -1,7 +1,9 @@
 """A studio without a browser: what is shown, sampled and saved, and how it ends."""
 
+import gc
 import socket
 import threading
+import weakref
 from contextlib import closing, contextmanager
 
 import numpy as np
@@ -91,6 +93,17 @@ def test_a_motion_that_is_blocked_is_told(session, told):
     session.wait(120.0)
     assert [(title, failed) for title, _, failed in told] == [("Not possible", True)]
     assert "blocked" in told[0][1]
+
+
+def test_the_scene_before_is_freed(session):
+    session.build("phone", "corner", 0)
+    mesh = weakref.ref(session.scene.environment_mesh)
+    gc.disable()
+    try:
+        session.build("phone", "table", 0)
+        assert mesh() is None
+    finally:
+        gc.enable()
 
 
 def test_a_number_out_of_its_domain_changes_nothing(session):

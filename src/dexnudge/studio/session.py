@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import gc
 import re
 import threading
 from collections.abc import Callable, Iterator, Mapping
@@ -158,6 +159,7 @@ class Session:
         self.edits = Edits.none(self.scene)
         self.show_scene()
         self.look()
+        gc.collect()  # meshes hold themselves, see `PreparedScene`: those of the scene before
 
     def edit(self, **changes: Any) -> None:
         """Change the scene, see `Edits`; draws of before stay until others are drawn."""
