@@ -75,12 +75,13 @@ def one_cache_per_run(request: pytest.FixtureRequest, tmp_path_factory: pytest.T
 
 @pytest.fixture(scope="session", autouse=True)
 def size_of_films() -> Iterator[tuple[int, int]]:
-    """Films whose pixels are not looked at are drawn small: a large one takes longer than the push that it shows."""
-    from dexnudge.viewer import recording
+    """Films and pictures of draws whose pixels are not looked at are drawn small: a film takes longer than its push."""
+    from dexnudge.viewer import picture, recording
 
     with pytest.MonkeyPatch.context() as patch:
         size = recording.TILE
         patch.setattr(recording, "TILE", (240, 160))
+        patch.setattr(picture, "SIZE", (320, 240))
         yield size
 
 

@@ -7,6 +7,7 @@ import stat
 import sys
 from collections.abc import Callable
 from dataclasses import MISSING, dataclass, fields, is_dataclass
+from functools import cache
 from pathlib import Path
 from types import UnionType
 from typing import Annotated, Any, Literal, TypeVar, Union, get_args, get_origin, get_type_hints
@@ -86,7 +87,7 @@ def from_fields(
     """
     if not isinstance(content, dict):
         raise error(f"{where} is {quote(content)}; expected an object with named values; {again}")
-    declared, hints = fields(kind), get_type_hints(kind, include_extras=True)  # type: ignore[arg-type]  # a dataclass
+    declared, hints = fields(kind), _hints(kind)  # type: ignore[arg-type]  # a dataclass
     required = [field.name for field in declared if field.default is field.default_factory is MISSING]
     if missing := [name for name in required if name not in content]:
         raise error(f"{where} lacks {', '.join(missing)}; expected {', '.join(required)}; {again}")
@@ -98,6 +99,12 @@ def from_fields(
     return kind(
         **{name: _read(content[name], hints[name], f"{where}: {name}", says) for name in known if name in content}
     )
+
+
+@cache
+def _hints(kind: type[object]) -> dict[str, Any]:
+    """Return the types of a dataclass's fields, found once: a file may hold a hundred thousand of them."""
+    return get_type_hints(kind, include_extras=True)
 
 
 def _read(value: Any, hint: Any, where: str, says: dict[str, Any]) -> Any:

@@ -189,15 +189,15 @@ def render_array(
     return _to_bytes(colour.numpy().reshape(height, width, 3))
 
 
-def render_png(scene: VisualScene, path: Path | str, *, size: tuple[int, int] = SIZE) -> Path:
-    """Write the picture of a visual scene.
+def render_png(scene: VisualScene, path: Path | str, *, size: tuple[int, int] | None = None) -> Path:
+    """Write the picture of a visual scene, 1280 x 960 pixels unless a size is given.
 
     Raises:
         InputError: a path that does not end in .png.
         OutputError: the file cannot be written.
     """
     check_png(path)
-    return write_png(render_array(scene, size=size), path)
+    return write_png(render_array(scene, size=size or SIZE), path)
 
 
 def write_png(picture: UInt8[np.ndarray, "height width 3"], path: Path | str) -> Path:
