@@ -14,6 +14,7 @@ from jaxtyping import Float
 from scipy.spatial.transform import Rotation
 from viser import ClientHandle
 
+from dexnudge.jobs.cached import cached_per_instance
 from dexnudge.studio.server import Server
 from dexnudge.viewer.camera import Camera
 from dexnudge.viewer.visual_scene import CREASE_ANGLE, Colour, Part, Role, VisualScene, thinned
@@ -33,7 +34,6 @@ MARKS = ("contacts", "forces", "friction cones")  # further groups, of what `Lay
 GROUP_OF = {role: group for group, roles in GROUPS.items() for role in roles}
 HANDS = ("hand", "forearm")  # groups of which each scene has its own
 OPACITY = {"goal": 0.35, "unseen space": 0.20}  # of groups that are looked through
-MOST_KEPT = 500  # meshes as they are sent
 IDENTITY = np.array([[1.0, 0.0, 0.0, 0.0]], dtype=np.float32)
 # Where many hands are shown each link keeps a quarter of its triangles, or this many: 32 hands are some 180,000.
 FACES_OF_MANY, SHARE_OF_MANY = 300, 0.25
@@ -50,6 +50,16 @@ class _Body:
     sent: dict[str, np.ndarray] = field(default_factory=dict)
 
 
+@cached_per_instance
+def sent_mesh(mesh: trimesh.Trimesh, *, coarse: bool) -> trimesh.Trimesh:
+    """Return a mesh as it is sent: small enough, and with its edges sharp."""
+    sent = thinned(mesh)
+    count = max(FACES_OF_MANY, int(SHARE_OF_MANY * len(sent.faces)))
+    if coarse and len(sent.faces) > count:
+        sent = sent.simplify_quadric_decimation(face_count=count)
+    return trimesh.graph.smooth_shade(sent, angle=np.radians(CREASE_ANGLE))
+
+
 class Stage:
     """Shows visual scenes and marks in viser's scene.
 
@@ -64,7 +74,6 @@ class Stage:
         self._opacity: dict[str, float | None] = dict(OPACITY)
         self._camera: tuple[np.ndarray, np.ndarray, float] | None = None
         server.on_client_connect(self._aim)
-        self._meshes: dict[tuple[int, bool], tuple[trimesh.Trimesh, trimesh.Trimesh]] = {}
 
     def atomic(self) -> AbstractContextManager[None]:
         """Return a context whose changes appear together."""
@@ -104,7 +113,7 @@ class Stage:
             old.node.remove()
         if part is None:
             return
-        sent = self._sent_mesh(part.mesh, coarse=coarse)
+        sent = sent_mesh(part.mesh, coarse=coarse)
         node = self._server.scene.add_batched_meshes_simple(
             f"/{_plain(group)}/{index}_{_plain(part.name)}",
             vertices=sent.vertices,
@@ -119,19 +128,6 @@ class Stage:
             receive_shadow=False,
         )
         self._bodies[index : index + 1] = [_Body(node, part.mesh, group, coarse)]
-
-    def _sent_mesh(self, mesh: trimesh.Trimesh, *, coarse: bool) -> trimesh.Trimesh:
-        """Return a mesh as it is sent: small enough, and with its edges sharp."""
-        key = (id(mesh), coarse)
-        if key not in self._meshes:
-            sent = thinned(mesh)
-            count = max(FACES_OF_MANY, int(SHARE_OF_MANY * len(sent.faces)))
-            if coarse and len(sent.faces) > count:
-                sent = sent.simplify_quadric_decimation(face_count=count)
-            if len(self._meshes) >= MOST_KEPT:
-                self._meshes.clear()
-            self._meshes[key] = (mesh, trimesh.graph.smooth_shade(sent, angle=np.radians(CREASE_ANGLE)))
-        return self._meshes[key][1]
 
     def _place(self, body: _Body, T: Float[np.ndarray, "n 4 4"], colours: Float[np.ndarray, "n 3"]) -> None:
         """Move one body: the first as a node, which costs the browser least, the others relative to it."""
