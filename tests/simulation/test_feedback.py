@@ -168,6 +168,23 @@ def test_a_press_that_rises_to_its_most_goes_over_to_the_reserve(simulation):
         assert wrench[2] == pytest.approx(-normal)
 
 
+def test_a_hand_that_presses_too_hard_eases_off_faster_than_it_presses_harder(simulation):
+    loop, start = Feedback(), pose(position=(0.0, 0.0, HEIGHT / 2))
+    loop.start(PushPlan(PATH, pressing(simulation, 2.0), HandDrive.of(simulation)))
+    step = int(np.flatnonzero(PATH.phase == PUSH)[0])
+    for place in range(step):
+        loop.command(observation(start, pose(position=PATH.position[place]), force=2.0))
+    loop._press, eased = 2.0, []
+    for place in range(step, step + 100):
+        loop.command(
+            observation(PATH.displacement[place] @ start, pose(position=PATH.position[place]), force=2 * LIMIT)
+        )
+        eased.append(loop._press)
+    limits = FeedbackLimits()
+    assert -np.diff(eased)[30] / TIMESTEP == pytest.approx(2.5 * limits.press_rate)
+    assert eased[-1] == limits.press[0]
+
+
 def test_where_no_press_moves_it_nothing_is_broken(simulation):
     world, forces = changed_physics(simulation, friction_hand=0.45), pressing(simulation, 4.0, limit=5.0)
     moved, witness = pushed(world, forces, Feedback())  # mu_h < mu_e: impossible

@@ -214,7 +214,7 @@ class Feedback:
         most = limits.room * forces.limit
         self._over = bool(self._force.max() > limits.most * forces.limit)
         if self._over:
-            self._press = max(limits.press[0], self._press - TIMESTEP * limits.press_rate)
+            self._press = max(limits.press[0], self._press - TIMESTEP * limits.over * limits.press_rate)
         wanted = self._loop.loaded(step) * np.minimum(self._pressed(step)[0], most)
         off = wanted - self._force
         off = np.sign(off) * np.maximum(np.abs(off) - limits.band * np.maximum(wanted, 1.0), 0.0)
