@@ -1,5 +1,7 @@
 """Figures of executions, found by hand."""
 
+from dataclasses import replace
+
 import numpy as np
 import pytest
 
@@ -41,6 +43,19 @@ def test_what_was_attempted_is_the_denominator(records):
     assert row["single"].value == pytest.approx(0.5)
     assert row["outcomes"] == {"fell short": 1, "turned": 1, "object failed": 1, "no draw verified": 1}
     assert [each.succeeded for each in records] == [True, False, False, False]
+
+
+def test_a_push_that_began_with_another_draw_is_counted_once(executed):
+    blocked = replace(executed(2, 1.2), began_with=0)
+    elsewhere = replace(executed(3, 1.2, "turned"), began_with=7)
+    records = [record("a", [replace(executed(0, 3.0), began_with=0), executed(1, 2.7, "turned"), blocked, elsewhere])]
+    (row,) = measure(records, ExecutionTrial.metrics)
+    assert row["executed"] == 3
+    assert row["single"].value == pytest.approx(1 / 3)
+    assert row["outcomes"] == {"turned": 2}
+    assert {title: sum(group.number for group in rates_by(title, records)["all"].values()) for title in GROUPS} == {
+        **dict.fromkeys(GROUPS, 3), WITH_ERRORS: 0
+    }  # fmt: skip
 
 
 def test_the_length_asked_and_reached_is_that_of_the_top_ranked(records):

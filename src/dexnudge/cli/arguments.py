@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import re
+import sys
 from collections.abc import Callable, Iterator, Sequence
 from contextlib import contextmanager
 from dataclasses import dataclass, fields, is_dataclass
@@ -294,12 +295,21 @@ def say(*texts: str) -> None:
 
 @contextmanager
 def counted(what: str, *, total: int | None = None) -> Iterator[Callable[..., None]]:
-    """Show a bar while the block runs; what it is given takes how much is done and in all, and fields of rich's `update`."""
+    """Show a bar while the block runs; what it is given takes how much is done and in all, and fields of rich's `update`.
+
+    And a `line`, which is printed to stderr where that is no terminal and no bar is shown.
+    """
     from dexnudge.jobs.progress import progress
 
     with progress() as bars:
         bar = bars.add_task(what, total=total)
-        yield lambda done=None, total=None, **fields: bars.update(bar, completed=done, total=total, **fields)
+
+        def show(done: float | None = None, total: float | None = None, *, line: str = "", **fields: Any) -> None:
+            bars.update(bar, completed=done, total=total, **fields)
+            if bars.disable and line:
+                print(printable(line), file=sys.stderr, flush=True)
+
+        yield show
 
 
 def table(*columns: str) -> Table:

@@ -3,7 +3,9 @@
 from __future__ import annotations
 
 import math
+from collections.abc import Callable
 from dataclasses import dataclass
+from functools import partial
 from pathlib import Path
 from typing import TYPE_CHECKING, Any
 
@@ -25,6 +27,8 @@ from dexnudge.errors import InputError
 if TYPE_CHECKING:
     from dexnudge.trajectories.plan import Plan
     from dexnudge.trajectories.plan_episode import PlanEpisode
+
+LEAST_SHORTENED = 5e-4  # [m] less is nothing in a sentence
 
 
 @dataclass(frozen=True)
@@ -131,9 +135,9 @@ class Execute:
                 out=out,
                 overwrite=self.overwrite,
                 films=self.films,
-                on_done=lambda *_: show(advance=1),
+                on_progress=lambda done, total, row: show(done, total, line=_line(done, total, row)),
             )
-        _print_pushes(summary)
+        _print_pushes(summary, Path(self.folder))
         return summary["succeeded"] > 0, out
 
     def _then_grasp(self) -> tuple[bool, Path]:
@@ -180,37 +184,74 @@ def _print_phases(summary: dict[str, Any]) -> None:
         say(f"lifted by {1e3 * lift['raised']:.0f} mm, held at {1e3 * lift['least_held']:.0f} mm or above")
 
 
-def _print_pushes(summary: dict[str, Any]) -> None:
-    from dexnudge.simulation.success import MOST_ASIDE
+def _line(done: int, total: int, row: dict[str, Any] | None) -> str:
+    """Return what stands in a log of a push that is done."""
+    if row is None:
+        return ""
+    return f"executed {done} of {total}: configuration {row['configuration']}: {_named(row)}"
+
+
+def _print_pushes(summary: dict[str, Any], folder: Path) -> None:
+    from dexnudge.planning.outcomes import Outcome
+    from dexnudge.simulation.success import MOST_ASIDE, MOST_PENETRATION, MOST_TURNED
 
     rows = summary["configurations"]
-    made = {  # heading: keys of what was asked and reached, factor; a scene's object turns, slides, or does both
-        heading: keys
-        for heading, keys in {
-            "turned [deg]": ("angle_asked", "angle_reached", math.degrees(1.0)),
-            "moved [mm]": ("length_asked", "length_reached", 1e3),
-        }.items()
-        if any(row.get(keys[0]) for row in rows)
-    }
-    turns = any(row.get("angle_asked") for row in rows)
-    beside = [f"aside [mm], limit {1e3 * MOST_ASIDE:.0f}"] * turns
-    headings = (*made, "orientation off [deg]", *beside, "hand in surroundings [mm]")
-    shown = table("configuration", "outcome", *headings)
+    played = [row for row in rows if "length_reached" in row]
+    columns: dict[str, Callable[[dict[str, Any]], str]] = {}
+    for name, unit, key, factor in (("turned", "deg", "angle", math.degrees(1.0)), ("moved", "mm", "length", 1e3)):
+        if asked := max((factor * row[f"{key}_asked"] for row in played), default=0.0):
+            columns[f"{name}\n[{unit}]\nof {asked:.0f}"] = partial(_figure, f"{key}_reached", factor)
+    if played:
+        columns[f"off\n[deg]\n< {MOST_TURNED:.0f}"] = partial(_figure, "turned_deg", 1.0)
+        if any(row["angle_asked"] for row in played):
+            columns[f"aside\n[mm]\n≤ {1e3 * MOST_ASIDE:.0f}"] = partial(_figure, "aside", 1e3)
+        columns[f"depth\n[mm]\n≤ {1e3 * MOST_PENETRATION:.0f}"] = lambda row: f"{1e3 * row['hand_environment']:.2f}"
+        limit = played[0]["limits"]["link_force"]
+        columns[f"force\n[N]\n≤ {limit:g}"] = lambda row: f"{max(row['link_force'].values(), default=0.0):.1f}"
+    shown = table("no.", "outcome", *columns)
+    shown.columns[1].justify = "left"
     for row in rows:
-        figures = [""] * len(headings)
-        if "length_reached" in row:
-            figures = [
-                *(
-                    f"{round(factor * row[reached], 1) + 0.0:.1f} of {factor * row[asked]:.0f}"
-                    for asked, reached, factor in made.values()
-                ),
-                f"{row['turned_deg']:.1f}",
-                *[f"{1e3 * row['aside']:.1f}"] * turns,
-                f"{1e3 * row['hand_environment']:.2f}",
-            ]
-        shown.add_row(str(row["configuration"]), _outcome(row), *figures)
+        figures = [figure(row) if row in played else "" for figure in columns.values()]
+        shown.add_row(_number(row), _named(row), *figures)
     stdout().print(shown)
-    say(f"{summary['succeeded']} of {summary['attempted']} succeed")
+    if played:
+        say(
+            "off: of the orientation from its motion; depth: of the hand in the surroundings; force: a link's greatest on "
+            "the object, mean over 0.1 s"
+        )
+    said = {_named(row): Outcome(row["outcome"]).sentence for row in rows if not row["success"]}
+    say(*(f"{name}: {sentence}" for name, sentence in said.items() if sentence != name))
+    say(*(f"configuration {row['configuration']}: {row['detail']}" for row in rows if row["detail"]))
+    whole, asked = summary["motion_length"], max((row["length_asked"] for row in played), default=0.0)
+    if 0 < asked < whole - LEAST_SHORTENED:
+        say(
+            f"pushed by {1e3 * asked:.0f} of the motion's {1e3 * whole:.0f} mm: there enough of the object hangs over the "
+            "edge to be grasped"
+        )
+    repeated = [_number(row) for row in rows if not row["counted"]]
+    if repeated:
+        say(f"not counted, as their push is counted already: {', '.join(repeated)}")
+    say(f"{summary['succeeded']} of {summary['succeeded'] + summary['failed']} pushes succeed")
+    left = summary["verified"] - summary["attempted"]
+    if summary["succeeded"] == 0 and left > 0:
+        tried = "the best alone was" if summary["attempted"] == 1 else f"the best {summary['attempted']} were"
+        others = "1 other is" if left == 1 else f"{left} others are"
+        top = min(summary["verified"], max(4, 2 * summary["attempted"]))
+        say(f"{tried} played; {others} verified: `dexnudge execute {folder} --top {top}`")
+
+
+def _figure(key: str, factor: float, row: dict[str, Any]) -> str:
+    return f"{round(factor * row[key], 1) + 0.0:.1f}"
+
+
+def _number(row: dict[str, Any]) -> str:
+    """Return the number of a configuration, and of that with which its push began instead."""
+    number, first = row["configuration"], row.get("began_with", row["configuration"])
+    return str(number) if first == number else f"{number} → {first}"
+
+
+def _named(row: dict[str, Any]) -> str:
+    return str(row["outcome"]).replace("_", " ")
 
 
 def _print_attempts(summary: dict[str, Any]) -> None:

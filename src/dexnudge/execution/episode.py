@@ -67,7 +67,9 @@ class Episode:
         drifted = [f"{1e3 * self.result.verdict.aside:.1f} mm"] * (self.outcome is Outcome.DRIFTED)
         times = self.result.took_hold_again
         again = [f"took hold again {times} time{'s' * (times > 1)}"] * (times > 0)
-        return ", ".join(drifted + again)
+        first = self.result.number_of_first(self.configuration)
+        other = [f"began with configuration {first}, as no free way leads to {self.configuration}"]
+        return ", ".join(other * (first != self.configuration) + drifted + again)
 
     @property
     def success(self) -> bool:

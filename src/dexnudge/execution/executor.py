@@ -2,6 +2,7 @@
 
 import copy
 import time
+from collections.abc import Iterable
 from dataclasses import dataclass
 
 import numpy as np
@@ -56,6 +57,14 @@ class Execution:
     def number_of_first(self, number: int) -> int:
         """Return the place of what the push began with in the list of this configuration, `number`, and the alternatives."""
         return self.began_with - (self.began_with <= number) if self.began_with else number
+
+
+def distinct_pushes(began_with: Iterable[int]) -> list[int]:
+    """Return the places of the pushes to count: of those that began with the same configuration, the first."""
+    first: dict[int, int] = {}
+    for place, number in enumerate(began_with):
+        first.setdefault(number, place)
+    return list(first.values())
 
 
 def chosen_policy(feedback: object) -> Policy:

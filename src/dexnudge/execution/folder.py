@@ -11,9 +11,9 @@ from jaxtyping import Float
 from dexnudge.errors import InputError
 from dexnudge.execution.episode import EPISODE_FILES, MODEL_FILE, Episode, execute, provenance, write_model
 from dexnudge.execution.episode_files import ARRAYS
-from dexnudge.execution.executor import Execution, Executor, chosen_policy
+from dexnudge.execution.executor import Execution, Executor, chosen_policy, distinct_pushes
 from dexnudge.jobs.folders import new_folder
-from dexnudge.jobs.processes import WorkerDied, run_tasks
+from dexnudge.jobs.processes import run_tasks
 from dexnudge.planning.outcomes import Outcome
 from dexnudge.results.folder import load_samples, read_inputs, write_summary
 from dexnudge.results.samples import Samples
@@ -47,13 +47,14 @@ def push_folder(
     out: Path | None = None,
     overwrite: bool = False,
     films: int = 1,
-    on_done: Callable[[int, Execution | WorkerDied], None] | None = None,
+    on_progress: Callable[[int, int, dict[str, Any] | None], None] | None = None,
 ) -> dict[str, Any]:
     """Push with the `top` best verified configurations of a folder that `sample` wrote; return the summary.
 
     Writes scene.xml, episode.npz, episode.json and film of every configuration, each in a folder of its own, and
     summary.json into `out`, or into folder/execution. Of the `films` best also film.png and film.gif are drawn, which takes
-    some seconds each. `on_done` is called with each configuration's number and result, as they finish.
+    some seconds each. `on_progress` is called with how many are done, with how many there are, and with the summary's row of
+    the last one; at first with 0 and None.
 
     Raises:
         InputError: files are missing, damaged or do not belong together, or no configuration is verified.
@@ -71,6 +72,8 @@ def push_folder(
         handler = partial(
             _executor, folder.absolute(), simulation.xml, verified.q.astype(np.float64), feedback=feedback
         )
+        if on_progress:
+            on_progress(0, len(tasks), None)
         for (index, _), result in run_tasks(handler, tasks, workers=min(workers, len(tasks))):
             if isinstance(result, Execution):
                 policy = type(chosen_policy(feedback)).__name__
@@ -85,19 +88,32 @@ def push_folder(
                 row = {"configuration": index, "success": False, "outcome": died.value}
                 row |= {"sentence": died.sentence, "detail": result.reason}
             rows.append(row | {"force_margin": samples[index].force_margin})
-            if on_done:
-                on_done(index, result)
+            if on_progress:
+                on_progress(len(rows), len(tasks), rows[-1])
         write_model({episode.configuration: episode.trace for episode in episodes}, written, xml=simulation.xml)
-        succeeded = sum(row["success"] for row in rows)
-        summary = {
-            "attempted": len(rows),
-            "succeeded": succeeded,
-            "failed": len(rows) - succeeded,
-            "success_rate": succeeded / len(rows),
-            "configurations": sorted(rows, key=lambda row: row["configuration"]),
-        } | provenance()
+        whole = samples.scene.object_motion.slide_length
+        summary = {"verified": len(verified), "motion_length": whole} | counts(rows) | provenance()
         write_summary(written, summary)
     return summary
+
+
+def counts(rows: list[dict[str, Any]]) -> dict[str, Any]:
+    """Return how many pushes succeeded and failed, and the rows in order, each with `counted`.
+
+    repeated: configurations to which no free way leads, and whose push began with one that is counted already; they are
+    neither among those that succeeded nor among those that failed.
+    """
+    rows = sorted(rows, key=lambda row: row["configuration"])
+    pushes = distinct_pushes(row.get("began_with", row["configuration"]) for row in rows)
+    succeeded = sum(rows[place]["success"] for place in pushes)
+    return {
+        "attempted": len(rows),
+        "succeeded": succeeded,
+        "failed": len(pushes) - succeeded,
+        "repeated": len(rows) - len(pushes),
+        "success_rate": succeeded / len(pushes),
+        "configurations": [row | {"counted": place in pushes} for place, row in enumerate(rows)],
+    }
 
 
 def _executor(

@@ -10,7 +10,7 @@ from typing import Any, ClassVar
 import numpy as np
 from jaxtyping import Float
 
-from dexnudge.execution.executor import Alternatives, Execution, Executor
+from dexnudge.execution.executor import Alternatives, Execution, Executor, distinct_pushes
 from dexnudge.experiments.disturbances import AS_DRAWN, EXECUTED_AT, curves_of, setting_name
 from dexnudge.experiments.metrics import (
     FAILED,
@@ -73,7 +73,7 @@ class ExecutedDraw:
     link_force: float
     cone_share: float
     approach: str
-    began_with: int = 0
+    began_with: int | None = None  # records of earlier versions lack it
     disturbed: dict[str, bool] = field(default_factory=dict)
 
     @property
@@ -94,6 +94,12 @@ class ExecutionRecord(TrialRecord):
     def top(self) -> ExecutedDraw | None:
         """The best verified draw, the one that a robot would use; None where there is none."""
         return next((each for each in self.executed if each.rank == 0), None)
+
+    @property
+    def pushes(self) -> list[ExecutedDraw]:
+        """The executed draws without those whose push began with the same draw as a better one's, and was the same."""
+        began_with = [each.rank if each.began_with is None else each.began_with for each in self.executed]
+        return [self.executed[place] for place in distinct_pushes(began_with)]
 
     @property
     def succeeded(self) -> bool:
@@ -125,12 +131,12 @@ GROUPS: dict[str, Callable[[ExecutedDraw], list[tuple[str, bool]]]] = {  # title
 
 def rates_by(title: str, records: Records) -> Mapping[str, Mapping[str, GroupRate]]:
     """Return the rates of the executed draws by scene and group of `GROUPS`."""
-    return group_rates(records, lambda record: [pair for each in record.executed for pair in GROUPS[title](each)])
+    return group_rates(records, lambda record: [pair for each in record.pushes for pair in GROUPS[title](each)])
 
 
 def _outcomes(records: Records) -> dict[str, int]:
     """Executed draws that fail by outcome, and objects of which none could be executed."""
-    counts = Counter(each.outcome.replace("_", " ") for one in records for each in one.executed if not each.success)
+    counts = Counter(each.outcome.replace("_", " ") for one in records for each in one.pushes if not each.success)
     counts["object failed"] += number_with("failed")(records)
     counts["no draw verified"] += number_with("unverified")(records)
     return {name: count for name, count in counts.most_common() if count}
@@ -148,7 +154,8 @@ class ExecutionTrial(DrawnTrial[ExecutionRecord]):
     about: ClassVar[str] = (
         "Top-ranked: % of all attempted objects whose best verified draw, the one that a robot would use, succeeds in "
         "physics. Length asked and reached: of the push, mean over top-ranked draws. Executed: the first verified draws of "
-        "each, and the share of them that succeeds. In brackets, 95 % intervals by bootstrap over objects."
+        "each, and the share of them that succeeds; one to which no free way leads, and whose push began with another of "
+        "them, counts once with that. In brackets, 95 % intervals by bootstrap over objects."
     )
     folder: ClassVar[str] = "executed"
     record: ClassVar[type[ExecutionRecord]] = ExecutionRecord
@@ -159,8 +166,8 @@ class ExecutionTrial(DrawnTrial[ExecutionRecord]):
         Metric("top", share(lambda each: each.succeeded), "top-ranked"),
         Metric("length_asked_mm", mean(lambda each: each.top and 1e3 * each.top.length_asked), "length asked, mm", 0),
         Metric("length_reached_mm", mean(lambda each: each.top and 1e3 * each.top.length_reached), "reached, mm", 0),
-        Metric("executed", lambda records: sum(len(one.executed) for one in records), "executed", 0),
-        Metric("single", share_of(lambda each: [one.success for one in each.executed]), "of these"),
+        Metric("executed", lambda records: sum(len(one.pushes) for one in records), "executed", 0),
+        Metric("single", share_of(lambda each: [one.success for one in each.pushes]), "of these"),
         Metric("outcomes", _outcomes, "Why executions failed", "counts"),
     )
     rate: ClassVar[str] = "top"
