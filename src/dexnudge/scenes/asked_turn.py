@@ -16,7 +16,7 @@ from dexnudge.scenes.free_way import free_way
 from dexnudge.scenes.motion import Turn, check_asked, turn_point
 from dexnudge.scenes.resting import long_side_along_x
 from dexnudge.scenes.scene import Scene
-from dexnudge.scenes.support_contacts import UPWARD, carrying_normal, touching_contacts
+from dexnudge.scenes.support_contacts import UPWARD, carrying_normal, touching_contacts, without_heading
 from dexnudge.scenes.support_hull import hull_corners
 
 EDGE_TOLERANCE = 5e-4  # [m] to which the outline of what carries the object is kept
@@ -51,7 +51,8 @@ def with_turn(
     motion_length: of the slide after the turn [m]; that of the scene unless given.
 
     Raises:
-        SceneError: an invalid angle or point, both turns at once, or a tip of an object that nothing carries.
+        SceneError: an invalid angle or point, both turns at once, or a tip of an object that nothing carries, or by a motion
+            that leads into or off what carries it.
     """
     if not check_asked(turn_deg=turn_deg, tip_deg=tip_deg, about=about):
         return scene
@@ -111,6 +112,8 @@ def _tipped(scene: Scene, angle: float, motion_length: float) -> Scene:
     """Return the scene with a turn by `angle` [rad] over the edge of the support toward which the motion leads."""
     scene.validate()
     normal, points = _carrying(scene)
+    if wrong := without_heading(scene.motion, normal):
+        raise SceneError(f"{wrong}; give a `motion` toward the edge to tip over")
     outward = _outward(points[hull_corners(points, normal, tolerance=EDGE_TOLERANCE)], normal, scene.motion)
     off = float(np.degrees(np.arccos(np.clip(outward @ scene.motion, -1.0, 1.0))))
     if off < SAID_FROM:

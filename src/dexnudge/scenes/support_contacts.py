@@ -8,6 +8,7 @@ import numpy as np
 import trimesh
 from jaxtyping import Bool, Float, Int
 
+from dexnudge.finding import vector_text
 from dexnudge.geometry.exact_distance import ExactDistance
 from dexnudge.geometry.surface_lattice import Boxes, distinct_rows, lattice_in_boxes, surface_lattice
 from dexnudge.jobs.cached import cached_per_instance
@@ -29,6 +30,8 @@ UPWARD = 0.5
 """z of a normal from which a contact can carry [-]."""
 UPRIGHT = 0.99
 """Cosine of a turn's axis with the support's normal from which the object turns in place [-]."""
+LEAST_HEADING = np.radians(30.0)
+"""Angle between a motion and the normal of what carries the object below which it has no direction along that."""
 MOTION_TOLERANCE = 1e-3
 """|n . u| up to which a support contact counts as sliding, above as separating or blocking [-]."""
 PIVOT_SPEED = 0.02
@@ -118,6 +121,21 @@ def carrying_normal(contacts: SupportContacts) -> Float[np.ndarray, "3"]:
     """Return the mean normal of the contacts that can carry the object, unit; zeros where there is none."""
     normals = contacts.normals[contacts.normals[:, 2] > UPWARD]
     return normals.mean(axis=0) / np.linalg.norm(normals.mean(axis=0)) if len(normals) else np.zeros(3)
+
+
+def without_heading(motion: Float[np.ndarray, "3"], normal: Float[np.ndarray, "3"]) -> str:
+    """Return what is wrong with a motion within 30 degrees of the normal of what carries the object; "" for any other.
+
+    Where along the support it should lead would be a guess.
+    """
+    rise = float(motion @ normal)
+    if abs(rise) <= np.cos(LEAST_HEADING):
+        return ""
+    degrees, way = np.degrees(np.arcsin(min(1.0, abs(rise)))), "into" if rise < 0 else "off"
+    return (
+        f"the motion {vector_text(motion, digits=2)} leads {degrees:.0f} degrees {way} what carries the object; expected "
+        "one along it"
+    )
 
 
 def _with_own_points(
