@@ -10,7 +10,7 @@ import numpy as np
 import pytest
 import trimesh
 
-from dexnudge.execution.film import film_of_trace, write_film
+from dexnudge.execution.film import film_of_trace, told, write_film
 from dexnudge.scenes.scene import Scene
 from dexnudge.simulation.model import OBJECT, scene_model
 from dexnudge.simulation.rollout import Trace
@@ -108,6 +108,16 @@ def test_the_curves_are_those_of_the_verdict(scene, simulation, trace):
     np.testing.assert_array_equal(np.stack([normal.values, tangential.values], axis=1), trace.hand_object_force)
     (clearance,) = film.charts["hand to surroundings"]
     np.testing.assert_array_equal(clearance.values, 1e3 * trace.hand_environment_clearance)
+
+
+def test_the_strip_of_a_push_shows_approach_contact_way_and_end(scene, simulation, trace):
+    moments = told(film_of_trace(scene, simulation, trace)).tolist()
+    assert moments[:2] == [0, NAMES.index("push") - 1]
+    assert moments[-2:] == [NAMES.index("stop") - 1, RECORDS - 1]
+    assert len(moments) == 6
+    lifted = replace(trace, phase=np.array([*NAMES[:6], "release", "regrasp", "lift", "lift", "hold", "hold"]))
+    film = film_of_trace(scene, simulation, lifted)
+    np.testing.assert_array_equal(told(film), film.eventful(6))
 
 
 def test_the_arrow_goes_with_the_push(scene, simulation, trace):

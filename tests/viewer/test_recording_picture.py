@@ -1,8 +1,11 @@
+from dataclasses import replace
+
 import numpy as np
 import pytest
 from PIL import Image
 
 from dexnudge.errors import InputError, OutputError
+from dexnudge.viewer.picture import BAD, GOOD, HEAD_HEIGHT
 from dexnudge.viewer.recording import _one_number, write_recording_pictures
 
 TILE = (120, 90)
@@ -50,6 +53,20 @@ def test_the_strip_shows_six_moments_side_by_side(written):
     tiles = [strip[:, index * (width + gap) :][:, :width] for index in range(6)]
     places = [np.argwhere(orange(tile)).mean(axis=0) for tile in tiles]
     assert np.linalg.norm(np.diff(places, axis=0), axis=1).min() > 0.5
+
+
+@pytest.mark.parametrize(("success", "colour"), [(True, GOOD), (False, BAD)])
+def test_a_verdict_stands_above_rows_of_three_in_its_colour(recording, tmp_path, success, colour):
+    judged = replace(recording, subtitle="the object moved less than 80% of the length; 40 of 100 mm", success=success)
+    shown = {"pictures": 2, "moments": judged.eventful(6), "tile": TILE}
+    write_recording_pictures(judged, tmp_path / "film.png", tmp_path / "film.gif", **shown)
+    with Image.open(tmp_path / "film.png") as picture:
+        strip = np.asarray(picture).astype(int)
+    assert strip.shape == (HEAD_HEIGHT + 2 * 45 + 6, 3 * 60 + 2 * 6, 3)
+    head = strip[:HEAD_HEIGHT]
+    ink = head.min(axis=2) < 220
+    assert head[ink].mean(axis=0).argmax() == np.argmax(colour)
+    assert 100 < np.flatnonzero(ink.any(axis=0))[-1] < strip.shape[1] - 4  # all of it
 
 
 def test_what_cannot_be_shown_or_written_is_refused(recording, tmp_path):

@@ -138,7 +138,9 @@ class Episode:
                 f"there is no film where nothing was played: {self.outcome.sentence} {self.detail}".strip()
             )
         subtitle = repr(self).partition(": ")[2]
-        return film_of_trace(self.scene, self.simulation, self.trace, title=title, subtitle=subtitle)
+        return film_of_trace(
+            self.scene, self.simulation, self.trace, title=title, subtitle=subtitle, success=self.success
+        )
 
     @own_modes()
     def film(self, path: Path | str, *, title: str = "") -> Path:

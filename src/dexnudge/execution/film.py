@@ -13,7 +13,7 @@ from scipy.spatial.transform import Rotation
 from dexnudge.errors import InputError, OutputError, check_path
 from dexnudge.geometry.meshes import centre_of_mass
 from dexnudge.scenes.scene import Scene
-from dexnudge.simulation.hand_path import PHASES, SETTLE
+from dexnudge.simulation.hand_path import PHASES, PUSH, SETTLE
 from dexnudge.simulation.model import SimulationModel
 from dexnudge.simulation.rollout import Trace
 from dexnudge.viewer.page import write_recording_page
@@ -33,6 +33,7 @@ def film_of_trace(
     *,
     title: str = "",
     subtitle: str = "",
+    success: bool | None = None,
     push_phases: Sequence[str] = PHASES,
 ) -> Recording:
     """Return the film of a rollout of `simulation`, with how far the object moved and turned since it came to rest.
@@ -66,7 +67,7 @@ def film_of_trace(
         with_object_at(frame, pose, moving=index < pushing)
         for index, (frame, pose) in enumerate(zip(drawn, poses, strict=True))
     ]
-    return Recording(frames, trace.time, tuple(phases), charts, title, subtitle)
+    return Recording(frames, trace.time, tuple(phases), charts, title, subtitle, success)
 
 
 def write_film(
@@ -79,7 +80,7 @@ def write_film(
 ) -> None:
     """Write the page and, unless `pictures` is off, the strip and the animation into a folder, made where it is missing.
 
-    The files are `name` with .html, .png and .gif; the strip shows `moments`, or what is eventful.
+    The files are `name` with .html, .png and .gif; the strip shows `moments`, or those of `told`.
 
     Raises:
         OutputError: a file cannot be written.
@@ -87,7 +88,8 @@ def write_film(
     folder.mkdir(parents=True, exist_ok=True)
     write_recording_page(film, folder / f"{name}.html")
     if pictures:
-        write_recording_pictures(film, folder / f"{name}.png", folder / f"{name}.gif", moments=moments)
+        shown = told(film) if moments is None else moments
+        write_recording_pictures(film, folder / f"{name}.png", folder / f"{name}.gif", moments=shown)
 
 
 def save_film(film: Recording, path: Path | str, *, moments: Int[np.ndarray, " chosen"] | None = None) -> Path:
@@ -108,7 +110,7 @@ def save_film(film: Recording, path: Path | str, *, moments: Int[np.ndarray, " c
         else:
             # Of the animation two pictures are enough where only the strip is wanted.
             some = 2 if path.suffix == ".png" else None
-            shown = film.eventful(STRIP_PICTURES) if moments is None else moments
+            shown = told(film) if moments is None else moments
             strip, animation = (Path(folder, FILM).with_suffix(suffix) for suffix in (".png", ".gif"))
             write_recording_pictures(film, strip, animation, pictures=some, moments=shown)
         try:
@@ -118,6 +120,17 @@ def save_film(film: Recording, path: Path | str, *, moments: Int[np.ndarray, " c
                 f"the film {path} cannot be written: {error}; expected a folder that exists and is writable"
             ) from error
     return path
+
+
+def told(film: Recording) -> Int[np.ndarray, " chosen"]:
+    """Return the moments that tell a film, ascending: of a push approach, contact, way and end; else what is eventful."""
+    phases = np.asarray(film.phase)
+    pushed = np.flatnonzero(phases == PUSH)
+    if not len(pushed) or "lift" in phases:
+        return film.eventful(STRIP_PICTURES)
+    contact = max(int(pushed[0]) - 1, 0)
+    way = contact + film.part(np.arange(contact, pushed[-1] + 1)).eventful(STRIP_PICTURES - 2)
+    return np.unique(np.concatenate([[0], way, [len(phases) - 1]]))
 
 
 def with_object_at(frame: VisualScene, T_world_object: Float[np.ndarray, "4 4"], *, moving: bool) -> VisualScene:

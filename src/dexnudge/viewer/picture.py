@@ -151,6 +151,9 @@ LIGHT_ELEVATION = 55.0  # [deg]
 GAP = 6  # pixels of white between pictures that stand side by side
 TITLE_HEIGHT = 0.055  # of a picture's height
 TITLE_COLOUR = (45, 52, 62)  # sRGB
+GOOD, BAD = (22, 122, 66), (190, 30, 40)  # sRGB, of a verdict
+HEAD_HEIGHT = 40  # pixels of the line above a sheet, and the share of it that the letters have at most
+LETTERS = 0.6
 
 
 def render_array(
@@ -260,3 +263,17 @@ def arrange(
         margin = round(TITLE_HEIGHT * height / 2)
         ImageDraw.Draw(sheet).text((corner[0] + margin, corner[1] + margin), title, fill=TITLE_COLOUR, font=font)
     return np.asarray(sheet)
+
+
+def headed(
+    sheet: UInt8[np.ndarray, "height width 3"], text: str, colour: tuple[int, int, int]
+) -> UInt8[np.ndarray, "sheet_height width 3"]:
+    """Return a sheet with a line of text above it, as large as fits; sRGB bytes."""
+    height, width = sheet.shape[:2]
+    image = Image.new("RGB", (width, height + HEAD_HEIGHT), "white")
+    image.paste(Image.fromarray(sheet), (0, HEAD_HEIGHT))
+    margin, size = round((1 - LETTERS) / 2 * HEAD_HEIGHT), LETTERS * HEAD_HEIGHT
+    wide = ImageFont.load_default(size).getlength(text)
+    font = ImageFont.load_default(max(1.0, min(size, size * (width - 2 * margin) / max(wide, 1.0))))
+    ImageDraw.Draw(image).text((margin, HEAD_HEIGHT / 2), text, fill=colour, font=font, anchor="lm")
+    return np.asarray(image)

@@ -12,7 +12,7 @@ from PIL import Image
 
 from dexnudge.errors import InputError, writing
 from dexnudge.viewer.camera import Camera, best_camera, hiding_faces
-from dexnudge.viewer.picture import arrange, render_array, write_png
+from dexnudge.viewer.picture import BAD, GOOD, arrange, headed, render_array, write_png
 from dexnudge.viewer.visual_scene import Role, VisualScene, check_same_bodies
 
 JUDGED = 4  # moments by which the camera is chosen
@@ -41,6 +41,7 @@ class Recording:
         charts: curves by the title of the chart that shows them together.
         title: plain text.
         subtitle: plain text, such as what came of it.
+        success: whether that is good, which the strip then says above its pictures, in green or red; None for neither.
 
     Raises:
         InputError: no frames, frames of different bodies, or times, phases or curves of another number.
@@ -52,6 +53,7 @@ class Recording:
     charts: dict[str, tuple[Curve, ...]]
     title: str = ""
     subtitle: str = ""
+    success: bool | None = None
 
     def __post_init__(self) -> None:
         check_same_bodies(self.frames)
@@ -137,6 +139,7 @@ def _corners(frame: VisualScene, *roles: Role) -> Float[np.ndarray, "n 3"]:
 TILE = (960, 640)  # pixels of each picture of the animation, width and height
 STRIP_SCALE = 2  # by which those of the strip are smaller
 STRIP_PICTURES = 6
+STRIP_COLUMNS = 3  # below a verdict, so that it can be read where the strip is as wide as a screen
 PICTURES_PER_SECOND = 10.0  # of the animation, as far as that makes no more than
 MOST_PICTURES = 40
 LIGHT_EVERY = 4  # pixels: shadows of an animation need no more
@@ -164,7 +167,8 @@ def write_recording_pictures(
     Args:
         recording: what is shown.
         strip: up to six of the animation's moments, between which about equally much moves, unless `moments` are given.
-            Where there is an arm, a second row shows hand and object from near. Its pictures are half as large.
+            Where there is an arm, a second row shows hand and object from near. Its pictures are half as large; below what
+            came of it they stand in rows of three.
         animation: evenly spaced moments, in real time where the recording is not too long for that; at most 8 MB.
         pictures: of the animation, at most as many as the recording has moments; ten a second, up to 40, unless given.
         moments: of the recording, which the strip shows.
@@ -185,12 +189,18 @@ def write_recording_pictures(
     drawn = _draw(recording, np.union1d(animated, moments), tile)
     captions = {index: recording.caption(index) for index in drawn}
     small = (tile[0] // STRIP_SCALE, tile[1] // STRIP_SCALE)
-    rows, titles = [drawn[index] for index in moments.tolist()], [captions[index] for index in moments.tolist()]
-    if recording.frames[0].with_role("arm"):
-        rows += _draw(recording, moments, tile, near=True).values()
-        titles += [""] * len(moments)
+    near = _draw(recording, moments, tile, near=True) if recording.frames[0].with_role("arm") else {}
+    columns = len(moments) if recording.success is None else STRIP_COLUMNS
+    rows, titles = list[Picture](), list[str]()
+    for start in range(0, len(moments), columns):
+        row = moments[start : start + columns].tolist()
+        rows += [pictures_of[index] for pictures_of in (drawn, near) if pictures_of for index in row]
+        titles += [captions[index] for index in row] + [""] * len(row) * bool(near)
     rows = [np.asarray(Image.fromarray(picture).resize(small, Image.Resampling.LANCZOS)) for picture in rows]
-    write_png(arrange(rows, titles, columns=len(moments)), strip)
+    sheet = arrange(rows, titles, columns=columns)
+    if recording.success is not None:
+        sheet = headed(sheet, recording.subtitle, GOOD if recording.success else BAD)
+    write_png(sheet, strip)
     shown_for = float(np.clip(length / max(len(animated) - 1, 1), *PICTURE_TIME))
     titled = [arrange([drawn[index]], [captions[index]], columns=1) for index in animated.tolist()]
     with writing(f"the animation {animation}"):
