@@ -143,7 +143,11 @@ ANGLE = "expected 0.1 to 180 degrees, either way"
         ({"tip_deg": 20.0, "turn_deg": 20.0}, "`turn_deg` and `tip_deg` are both given; expected one of them"),
         (
             {"about": (0.0, 0.0, 0.0), "motion": (1, 0, 0)},
-            "`about` is given without `turn_deg`; expected both: a tip is over the edge of the support",
+            "`about` needs `turn_deg`, the angle of the turn; add it, or leave `about` out",
+        ),
+        (
+            {"about": (0.0, 0.0, 0.0), "motion": (1, 0, 0), "tip_deg": 20.0},
+            "`about` is given with `tip_deg`; leave it out: a tip is over the edge of the support",
         ),
         (
             {"turn_deg": 20.0, "about": (50.0, 0.0, 0.0)},
@@ -212,7 +216,7 @@ def test_a_tip_through_the_support_is_told():
         (["--turn", "90", "--tip", "10"], "dexnudge: --turn and --tip are both given; expected one of them\n"),
         (
             ["--about", "0", "0", "0"],
-            "dexnudge: --about is given without --turn; expected both: a tip is over the edge of the support\n",
+            "dexnudge: --about needs --turn, the angle of the turn; add it, or leave --about out\n",
         ),
         (["--tip", "nan"], "dexnudge: --tip is nan; expected 0.1 to 180 degrees\n"),
     ],

@@ -126,6 +126,17 @@ def test_a_missing_key_and_files_that_are_no_scene(folder):
     assert str(caught.value) == f"{path}: no such file; expected a JSON file"
 
 
+def test_a_scene_that_was_saved_on_windows_is_read_and_other_encodings_are_named(folder):
+    path = folder / "scene.json"
+    text = path.read_text()
+    path.write_text(text, encoding="utf-8-sig")
+    assert Scene.load(folder).mass == json.loads(text)["mass"]
+    path.write_text(text, encoding="utf-16")
+    with pytest.raises(SceneError) as caught:
+        Scene.load(folder)
+    assert str(caught.value) == f"{path}: cannot be read as JSON (it is not UTF-8); save it as UTF-8"
+
+
 def test_a_folder_that_cannot_be_written(scene, tmp_path):
     (tmp_path / "taken").write_text("a file")
     with pytest.raises(OutputError, match="the scene cannot be written"):

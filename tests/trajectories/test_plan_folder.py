@@ -370,7 +370,7 @@ def test_a_missing_key_is_refused_by_name(saved, tmp_path, key):
         ("[" * 100_000, "is truncated or damaged"),
         ("[]", "holds a JSON list; expected an object"),
         ("{}", "format_version is None; expected the plan.json that Plan.save"),
-        (b"\xff\xfe\x00", "is truncated or damaged"),
+        (b"\xff\xfe\x00", "it is not UTF-8[)]; save it as UTF-8"),
     ],
 )
 def test_a_foreign_file_is_refused(tmp_path, text, message):

@@ -42,9 +42,12 @@ def read_json(
         found = path.stat()
         if not stat.S_ISDIR(found.st_mode) and (not stat.S_ISREG(found.st_mode) or found.st_size > largest):
             raise error(f"{path}: is no file, or larger than {largest / 1e6:.0f} MB; expected {expected}")
-        return json.loads(path.read_text(encoding="utf-8"), parse_constant=constant, object_pairs_hook=unique_keys)
+        text = path.read_text(encoding="utf-8-sig")  # Windows' editors put a mark before it
+        return json.loads(text, parse_constant=constant, object_pairs_hook=unique_keys)
     except (FileNotFoundError, IsADirectoryError) as cause:
         raise error(f"{path}: no such file; expected {expected}") from cause
+    except UnicodeDecodeError as cause:
+        raise error(f"{path}: cannot be read as JSON (it is not UTF-8); save it as UTF-8") from cause
     except (ValueError, OSError, RecursionError) as cause:
         if isinstance(cause, InputError):
             raise

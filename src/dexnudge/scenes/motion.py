@@ -95,7 +95,9 @@ def check_asked(*, turn_deg: Any, tip_deg: Any, about: Any) -> bool:
     if turn_deg is not None and tip_deg is not None:
         raise SceneError("`turn_deg` and `tip_deg` are both given; expected one of them")
     if about is not None and turn_deg is None:
-        raise SceneError("`about` is given without `turn_deg`; expected both: a tip is over the edge of the support")
+        if tip_deg is not None:
+            raise SceneError("`about` is given with `tip_deg`; leave it out: a tip is over the edge of the support")
+        raise SceneError("`about` needs `turn_deg`, the angle of the turn; add it, or leave `about` out")
     for name, degrees, either in (("turn_deg", turn_deg, ", either way"), ("tip_deg", tip_deg, "")):
         if degrees is None:
             continue
