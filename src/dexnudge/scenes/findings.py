@@ -22,7 +22,6 @@ from dexnudge.scenes.support_contacts import (
     SupportContacts,
     carrying_normal,
     touching_contacts,
-    without_heading,
 )
 from dexnudge.scenes.sweep import sweep_of
 
@@ -128,10 +127,6 @@ def _carried(scene: Scene, touching: SupportContacts) -> Iterator[Finding]:
 
 def _way(scene: Scene, normal: Float[np.ndarray, "3"]) -> Iterator[Finding]:
     """Yield how far the object can go, and where it could go instead."""
-    if scene.motion_length > 0 and (wrong := without_heading(scene.motion, normal)):
-        others = _other_ways(scene, touching_contacts(scene), normal)
-        yield Finding("error", "motion", wrong, f"choose another `motion`: {others}")
-        return
     way, asked = free_way(scene), _motion_text(scene)
     if way.whole:
         yield Finding("note", "free_way", f"the way {asked} is {way}")
