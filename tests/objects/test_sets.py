@@ -6,9 +6,10 @@ import numpy as np
 import pytest
 import trimesh
 
+from dexnudge.cli.scene_options import SceneOptions
 from dexnudge.errors import InputError, MeshError, UnknownNameError
 from dexnudge.objects.builtin import builtin_names
-from dexnudge.objects.sets import resolve_object_set
+from dexnudge.objects.sets import resolve_object, resolve_object_set
 
 SHARED = Path(__file__).parents[3] / "shared" / "objects" / "dexgraspnet"
 
@@ -27,6 +28,13 @@ def test_the_meshdata_layout_is_scaled_to_metres(meshdata):
     entries = resolve_object_set(str(meshdata))
     assert [entry.name for entry in entries] == ["core-a", "core-b"]
     np.testing.assert_allclose(entries[1].load().extents, [0.128, 0.064, 0.016], rtol=1e-6)
+
+
+def test_a_mesh_of_that_layout_alone_is_called_by_its_code(meshdata):
+    file = meshdata / "core-a" / "coacd" / "decomposed.obj"
+    assert resolve_object(str(file), length=0.1).name == "core-a"
+    scene = SceneOptions(object=str(file), scene="shelf")
+    assert f"{scene.label}-{scene.place}" == "core-a-shelf"
 
 
 def test_a_length_overrides_the_scale(meshdata):

@@ -85,7 +85,9 @@ class SceneOptions(MeshOptions):
     @property
     def label(self) -> str:
         """What names the object in the names of folders."""
-        return Path(self.object).stem
+        from dexnudge.objects.sets import name_of
+
+        return name_of(Path(self.object))
 
     @property
     def is_folder(self) -> bool:

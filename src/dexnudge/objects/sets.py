@@ -46,7 +46,7 @@ def resolve_object(text: str, *, units: str = "m", length: float | None = None) 
             f"unknown object {text!r}{did_you_mean(text, known)}; expected a mesh file ({', '.join(FORMATS)}) "
             f"or a built-in object: {describe_builtin_names()}"
         )
-    return NamedObject(path.stem, load_mesh(path, units=units, length=length))
+    return NamedObject(name_of(path), load_mesh(path, units=units, length=length))
 
 
 def object_mesh(
@@ -155,6 +155,11 @@ def is_dexgraspnet(path: Path) -> bool:
     return Path(*path.parts[-2:]) == DEXGRASPNET_MESH and len(path.parts) > 2
 
 
+def name_of(file: Path) -> str:
+    """Return what the object of a mesh file is called: of DexGraspNet its code, else the file."""
+    return file.parent.parent.name if is_dexgraspnet(file) else file.stem
+
+
 def _files_in(folder: Path) -> list[Path]:
     nested = sorted(code / DEXGRASPNET_MESH for code in folder.iterdir() if (code / DEXGRASPNET_MESH).is_file())
     flat = sorted(file for file in folder.iterdir() if file.is_file() and file.suffix.lower().lstrip(".") in FORMATS)
@@ -190,8 +195,8 @@ def _listed_in(file: Path) -> list[Path]:
 def _entries(files: list[Path], units: str, length: float | None) -> list[ObjectEntry]:
     entries: dict[str, ObjectEntry] = {}
     for file in files:
-        stem = file.parent.parent.name if is_dexgraspnet(file) else file.stem
-        name, copy = stem, 1
+        stem = name = name_of(file)
+        copy = 1
         while name in entries:
             copy += 1
             name = f"{stem}-{copy}"
