@@ -42,7 +42,7 @@ class View(DeviceOptions):
     """Port to listen at; the next free one where it is taken."""
 
     def run(self) -> int:
-        """Serve until interrupted."""
+        """Serve until interrupted; draws that are under way then are given up."""
         if find_spec("viser") is None:
             raise InputError(
                 "the studio needs the package viser, which is not installed; expected it; mend it with: "
@@ -60,12 +60,19 @@ class View(DeviceOptions):
             host=self.host,
             port=self.port,
         )
-        with closing(opened) as studio:
-            if self.port not in (0, studio.port):
-                say(f"port {self.port} is taken; the next free one is {studio.port}")
-            say(f"studio: {studio.url}", "Ctrl-C ends it")
-            studio.wait()
-        if studio.session.working:  # compiled code that nothing interrupts; Python would abort if it ended around it
+        code = 0
+        try:
+            with closing(opened) as studio:
+                if self.port not in (0, studio.port):
+                    say(f"port {self.port} is taken; the next free one is {studio.port}")
+                say(f"studio: {studio.url}", "Ctrl-C ends it")
+                studio.wait()
+        except KeyboardInterrupt:  # before it waits, or while it closes
+            pass
+        except SystemExit as ended:  # SIGTERM
+            code = int(ended.code or 0)
+        if opened.session.working:  # compiled code that nothing interrupts; Python would abort if it ended around it
             sys.stdout.flush()
-            os._exit(0)
-        return 0
+            sys.stderr.flush()
+            os._exit(code)
+        return code

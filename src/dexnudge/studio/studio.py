@@ -14,7 +14,7 @@ from dexnudge.studio.session import Session
 from dexnudge.studio.stage import Stage
 
 FRAME_TIME = 1 / 30  # [s] between two moments that are sent while something is played
-PATIENCE = 2.0  # [s] that closing waits for draws that are under way
+PATIENCE = 1.0  # [s] that closing waits for draws that are under way; a command has 2.5 after Ctrl-C
 
 
 class Studio:
@@ -88,7 +88,7 @@ class Studio:
             return
 
     def close(self) -> None:
-        """Stop serving; draws that are under way are given two seconds."""
+        """Stop serving; draws that are under way are given a second."""
         self._closing.set()
         with self.session.lock:
             self.session.changed, self.session.tell = lambda: None, lambda *_: None  # nobody looks any more
