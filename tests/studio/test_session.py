@@ -13,7 +13,7 @@ import viser
 import dexnudge as dn
 from dexnudge.errors import InputError
 from dexnudge.studio.controls import table, without_folders
-from dexnudge.studio.server import open_server
+from dexnudge.studio.server import LARGEST_PORT, open_server
 from dexnudge.studio.session import MOTION
 from dexnudge.studio.studio import Studio
 
@@ -137,6 +137,14 @@ def test_a_port_that_is_taken_gives_the_next_one_and_addresses_elsewhere_are_ref
     for host, port in (("192.0.2.1", 0), ("no.such.host.invalid", 0), ("127.0.0.1", 70_000)):
         with pytest.raises(InputError, match="expected"):
             open_server(host, port)
+
+
+def test_where_no_port_is_left_nothing_is_waited_for():
+    with socket.socket() as taken:
+        taken.bind(("127.0.0.1", LARGEST_PORT))
+        taken.listen()
+        with pytest.raises(InputError, match=f"no free port from {LARGEST_PORT} to {LARGEST_PORT}"):
+            open_server(port=LARGEST_PORT)
 
 
 @pytest.mark.parametrize(

@@ -183,7 +183,7 @@ def _check_values(options: Sequence[str]) -> None:
     for place, option in enumerate(options):
         flag, _, value = option.partition("=")
         word = value if flag.startswith("--") else option
-        if not is_number(word):
+        if not is_number(word) and "--host" not in (flag, *options[max(place - 1, 0) : place]):
             check_path("an option", word)  # what is no number may become one
         if option == UNCERTAIN and (place + 1 == len(options) or options[place + 1].startswith("--")):
             from dexnudge.scenes.uncertainty import EXPECTED

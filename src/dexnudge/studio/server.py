@@ -16,7 +16,7 @@ import viser
 from websockets.asyncio import server as websockets
 from websockets.http11 import Request, Response
 
-from dexnudge.errors import InputError, check_integer
+from dexnudge.errors import InputError, check_integer, quote
 
 HOST, PORT = "127.0.0.1", 8080
 LARGEST_PORT = 65_535
@@ -41,18 +41,11 @@ def open_server(host: str = HOST, port: int = PORT) -> Server:
     """Return a server that listens on `port`, or on the next free one; 0 lets the system choose.
 
     Raises:
-        InputError: an address that is not of this machine, or a port that is invalid or may not be used.
+        InputError: an address that is not of this machine, or a port that is invalid, may not be used, or is taken as are
+            all that follow.
     """
     check_integer("port", port, least=0, most=LARGEST_PORT)
-    try:
-        family = socket.getaddrinfo(host, port)[0][0]
-        socket.create_server((host, port), family=family).close()
-    except OSError as error:
-        if error.errno != errno.EADDRINUSE:
-            raise InputError(
-                f"the studio cannot listen at `host` {host}, `port` {port}: {error.strerror or error}; expected an address "
-                f"of this machine, such as {HOST}, and a port that you may use, such as {PORT}"
-            ) from error
+    port = _free_port(host, port)
     # viser draws a box around the address, and has no option for whom it serves.
     guard = patch.object(websockets, "serve", side_effect=partial(_serve, host, websockets.serve))
     with redirect_stdout(StringIO()), guard as guarded:
@@ -70,6 +63,27 @@ def open_server(host: str = HOST, port: int = PORT) -> Server:
     server.scene.add_light_hemisphere("/sky", sky_color=(255, 255, 255), ground_color=(140, 140, 150), intensity=1.6)
     server.scene.add_light_directional("/sun", intensity=1.8, position=(-1.0, -0.6, 2.0), cast_shadow=False)
     return server
+
+
+def _free_port(host: str, port: int) -> int:
+    """Return the first port from `port` on that is free: viser counts beyond the last one, and waits without end."""
+    for each in range(port, LARGEST_PORT + 1):
+        try:
+            family = socket.getaddrinfo(host, each)[0][0]
+            socket.create_server((host, each), family=family).close()
+        except (OSError, UnicodeError) as error:  # the latter of a name that none can have
+            if getattr(error, "errno", None) == errno.EADDRINUSE:
+                continue
+            why = getattr(error, "strerror", None) or error
+            raise InputError(
+                f"the studio cannot listen at `host` {quote(host)}, `port` {each}: {why}; expected an address "
+                f"of this machine, such as {HOST}, and a port that you may use, such as {PORT}"
+            ) from error
+        return each
+    raise InputError(
+        f"the studio cannot listen at `host` {quote(host)}: no free port from {port} to {LARGEST_PORT}; expected one; give "
+        f"a lower `port`, such as {PORT}, or 0 for any"
+    )
 
 
 def _serve(
