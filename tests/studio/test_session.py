@@ -1,18 +1,23 @@
 """A studio without a browser: what is shown, sampled and saved, and how it ends."""
 
 import gc
+import math
 import socket
 import threading
 import weakref
 from contextlib import closing, contextmanager
+from unittest.mock import Mock
 
+import msgspec
 import numpy as np
 import pytest
 import viser
+from websockets.sync.client import connect
 
 import dexnudge as dn
 from dexnudge.errors import InputError
 from dexnudge.studio.controls import table, without_folders
+from dexnudge.studio.messages import admitted
 from dexnudge.studio.server import LARGEST_PORT, open_server
 from dexnudge.studio.session import MOTION
 from dexnudge.studio.studio import Studio
@@ -167,6 +172,81 @@ def test_other_web_pages_are_refused(origin, host, good):
         lines += ["Sec-WebSocket-Key: dGhlIHNhbXBsZSBub25jZQ==", f"Sec-WebSocket-Protocol: viser-v{viser.__version__}"]
         raw.sendall("\r\n".join([*lines, "", ""]).replace("{}", str(server.get_port())).encode())
         assert raw.recv(12) == (b"HTTP/1.1 101" if good else b"HTTP/1.1 403")
+
+
+def frame(**fields):
+    return msgspec.msgpack.encode(fields)
+
+
+UPDATE = {"type": "GuiUpdateMessage", "uuid": "control"}
+CAMERA = {"type": "ViewerCameraMessage", "wxyz": [1, 0, 0, 0], "position": [1, 1, 1], "look_at": [0, 0, 0]}
+CAMERA |= {"up_direction": [0, 0, 1], "fov": 1, "near": 0.01, "far": 100, "image_height": 300, "image_width": 400}
+
+
+@pytest.mark.parametrize(
+    "raw",
+    [
+        b"",
+        b"\xc1",
+        b"\x93" * 10_000,
+        "text",
+        msgspec.msgpack.encode([1]),
+        frame(type="Nope"),
+        frame(type="GuiUpdateMessage"),
+        frame(**UPDATE, updates={"update_cb": 5}),
+        frame(**UPDATE, updates={"value": 5, "update_cb": 5}),
+        frame(type="GuiUpdateMessage", uuid=[], updates={"value": 5}),
+        frame(type="ViewerCameraMessage", wxyz="abcd"),
+        *(frame(**UPDATE, updates={"value": value}) for value in ("abc", math.nan, math.inf, None, True, [1])),
+    ],
+)
+def test_what_no_page_of_ours_sends_is_dropped(raw):
+    assert admitted(raw, {"control": Mock(value=1, min=1, max=512)}.get) is None
+
+
+@pytest.mark.parametrize(
+    ("now", "sent", "taken"),
+    [
+        (1, 10**9, 512),
+        (1, -3, 1),
+        (1, 2.0, 2),
+        (1.0, 1e308, 512.0),
+        ("all", "verified", "verified"),
+        (False, True, True),
+    ],
+)
+def test_a_number_beyond_the_ends_of_its_control_is_brought_to_them(now, sent, taken):
+    raw = admitted(frame(**UPDATE, updates={"value": sent}), {"control": Mock(value=now, min=1, max=512)}.get)
+    assert msgspec.msgpack.decode(raw) == {**UPDATE, "updates": {"value": taken}}
+
+
+@pytest.mark.parametrize(("now", "sent"), [("mine", "x" * 10**6), (False, "x"), ("mine", 5)])
+def test_texts_are_short_and_boxes_are_ticked_or_not(now, sent):
+    assert admitted(frame(**UPDATE, updates={"value": sent}), {"control": Mock(value=now)}.get) is None
+
+
+def test_hostile_messages_leave_a_control_as_it_is_and_print_no_traceback(capfd):
+    with stopping(open_server(port=0)) as server:
+        number, address = server.gui.add_number("draws", 32, min=1, max=512, step=1), server.url.replace("http", "ws")
+        handle, done = {"type": "GuiUpdateMessage", "uuid": number._impl.uuid}, threading.Event()
+        number.on_update(lambda _: done.set())
+        with connect(address, subprotocols=[f"viser-v{viser.__version__}"], max_size=None, max_queue=None) as client:
+            client.send(b"")
+            client.send(frame(**handle, updates={"update_cb": 5}))
+            client.send(frame(type="SceneNodeClickMessage", name="/x", instance_index=None, ray_origin=[0]))
+            client.send(frame(**handle, updates={"value": math.nan}))
+            client.send(frame(**CAMERA))
+            client.send(frame(**handle, updates={"value": 10**9}))
+            assert done.wait(60.0)
+    assert number.value == 512
+    assert "Traceback" not in "".join(capfd.readouterr())
+
+
+def test_what_cannot_be_played_any_more_is_refused_and_so_are_too_many_draws(session):
+    with pytest.raises(InputError, match="there is no 'gone' to play"):
+        session.play("gone")
+    with pytest.raises(InputError, match="expected at most 512"):
+        session.sample(num=10**9, seed=0, weights={})
 
 
 def test_names_are_text_and_folders_stay_on_this_machine():

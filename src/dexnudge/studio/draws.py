@@ -16,6 +16,7 @@ from dexnudge.studio.layers import Layers
 from dexnudge.verification.verdicts import Verdicts
 
 MOST_AT_ONCE = 32  # hands that are shown together
+MOST_DRAWS = 512  # of one click
 ALL, VERIFIED = "all", "verified"
 
 

@@ -16,6 +16,7 @@ from dexnudge.sampling.sampler import DEFAULT_METHOD
 from dexnudge.scenes.families import scene_families
 from dexnudge.studio.content import FAMILY, OBJECT
 from dexnudge.studio.controls import Reactions, set_range, set_values, table
+from dexnudge.studio.draws import MOST_DRAWS
 from dexnudge.studio.edits import Edits, up
 from dexnudge.studio.server import Server
 
@@ -67,7 +68,7 @@ class SamplePanel:
                 )
                 for name, own in self._own.items()
             }
-        self._num = gui.add_number("draws", 32, min=1, max=512, step=1)
+        self._num = gui.add_number("draws", 32, min=1, max=MOST_DRAWS, step=1)
         self._seed = gui.add_number("seed", 0, min=0, step=1)
         self._start = gui.add_button("Sample", color="teal")
         self._stop = gui.add_button("Stop", disabled=True)

@@ -1,8 +1,11 @@
 """The server of the page: on this machine alone unless told otherwise, never through a tunnel, for its own page alone."""
 
+import asyncio
 import errno
 import re
 import socket
+import sys
+import warnings
 from collections.abc import Callable
 from contextlib import redirect_stdout
 from functools import partial
@@ -17,6 +20,7 @@ from websockets.asyncio import server as websockets
 from websockets.http11 import Request, Response
 
 from dexnudge.errors import InputError, check_integer, quote
+from dexnudge.studio.messages import admitted
 
 HOST, PORT = "127.0.0.1", 8080
 LARGEST_PORT = 65_535
@@ -47,9 +51,15 @@ def open_server(host: str = HOST, port: int = PORT) -> Server:
     check_integer("port", port, least=0, most=LARGEST_PORT)
     port = _free_port(host, port)
     # viser draws a box around the address, and has no option for whom it serves.
-    guard = patch.object(websockets, "serve", side_effect=partial(_serve, host, websockets.serve))
+    warnings.filterwarnings(
+        "ignore", message=r"\[viser\] (?s:.*) does not match annotation"
+    )  # such a message is dropped
+    opened: list[Server] = []
+    serve = partial(_serve, host, partial(_control, opened), websockets.serve)
+    guard = patch.object(websockets, "serve", side_effect=serve)
     with redirect_stdout(StringIO()), guard as guarded:
         server = Server(host=host, port=port, label="dexnudge", verbose=False)
+    opened.append(server)
     if not guarded.called:
         server.stop()
         raise InputError(
@@ -87,9 +97,41 @@ def _free_port(host: str, port: int) -> int:
 
 
 def _serve(
-    host: str, serve: Callable[..., Any], *args: Any, process_request: Callable[..., Any], **options: Any
+    host: str,
+    control: Callable[[str], Any],
+    serve: Callable[..., Any],
+    handle: Callable[..., Any],
+    *args: Any,
+    process_request: Callable[..., Any],
+    **options: Any,
 ) -> Any:
-    return serve(*args, process_request=partial(_answer, host, process_request), **options)
+    async def handle_admitted(connection: websockets.ServerConnection) -> None:
+        receive = connection.recv
+
+        async def receive_admitted() -> bytes:
+            while (message := admitted(await receive(), control)) is None:
+                pass
+            return message
+
+        connection.recv = receive_admitted  # type: ignore[assignment, method-assign]
+        await handle(connection)
+
+    asyncio.get_running_loop().set_exception_handler(_failed)
+    return serve(handle_admitted, *args, process_request=partial(_answer, host, process_request), **options)
+
+
+def _control(opened: list[Server], identifier: str) -> Any:
+    """Return a control of the page; viser has no public way to find one."""
+    return opened[0].gui._gui_input_handle_from_uuid.get(identifier) if opened else None  # noqa: SLF001
+
+
+def _failed(loop: asyncio.AbstractEventLoop, context: dict[str, Any]) -> None:
+    """Say in a line that viser failed at a message of a browser; anything else is told as ever."""
+    task = context.get("future")
+    if isinstance(task, asyncio.Task) and getattr(task.get_coro(), "__name__", "") == "_handle_incoming_message":
+        print(f"dexnudge: a browser's message failed: {quote(context.get('exception'))}", file=sys.stderr)
+    else:
+        loop.default_exception_handler(context)
 
 
 def _answer(

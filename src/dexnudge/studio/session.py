@@ -13,7 +13,7 @@ from typing import Any
 import numpy as np
 from jaxtyping import Float
 
-from dexnudge.errors import DexnudgeError, InputError
+from dexnudge.errors import DexnudgeError, InputError, check_integer, quote
 from dexnudge.objects.builtin import builtin_object
 from dexnudge.results.folder import count_draws, nothing_verified
 from dexnudge.results.samples import Samples
@@ -21,7 +21,7 @@ from dexnudge.sampling.methods import find_method
 from dexnudge.sampling.sampler import DEFAULT_METHOD, Sampler
 from dexnudge.scenes.families import build_scene
 from dexnudge.studio.content import Content
-from dexnudge.studio.draws import MOST_AT_ONCE, VERIFIED, draws, figures, listed
+from dexnudge.studio.draws import MOST_AT_ONCE, MOST_DRAWS, VERIFIED, draws, figures, listed
 from dexnudge.studio.edits import Edits
 from dexnudge.studio.layers import Layers, layers_of
 from dexnudge.studio.playback import Player, carried, forces_at
@@ -185,6 +185,8 @@ class Session:
             if self.samples is None or index is None:
                 raise InputError("there is no draw whose motion could be shown; sample first")
             self.player.load(name, carried(self.samples[index]))
+        elif name not in self.files:
+            raise InputError(f"there is no {quote(name)} to play any more; expected one of those that are listed")
         else:
             self.player.load(name, self.files[name]())
         self.layers = None
@@ -225,6 +227,7 @@ class Session:
         weights: of the energy's terms, where they should differ from the method's own.
         """
         self._check_idle()
+        check_integer("num", num, least=1, most=MOST_DRAWS)
         method = find_method(DEFAULT_METHOD).with_weights(weights)
         edits, scene = self.edits, self.scene
         if self.player.recording is not None:  # an arm is looked at from afar
@@ -264,7 +267,7 @@ class Session:
             raise InputError("there are no draws to save; expected some; sample first")
         if not FOLDER_NAME.fullmatch(name):
             raise InputError(
-                f"the name {name!r} is no folder's; expected letters, digits, points, - and _; choose another"
+                f"the name {quote(name)} is no folder's; expected letters, digits, points, - and _; choose another"
             )
 
         def run() -> None:
