@@ -249,6 +249,28 @@ def test_what_cannot_be_played_any_more_is_refused_and_so_are_too_many_draws(ses
         session.sample(num=10**9, seed=0, weights={})
 
 
+@pytest.mark.parametrize(
+    ("path", "hosts", "status"),
+    [
+        ("/", ["[::1]:{}"], 200),
+        ("/", ["127.0.0.1"], 200),
+        ("/", ["["], 403),
+        ("/", [], 403),
+        ("/", ["127.0.0.1:{}", "evil.example"], 403),
+        ("/", ["evil.example@127.0.0.1"], 403),
+        ("/", ["[::1].evil.example"], 403),
+        ("/", ["127.0.0.1/.evil.example"], 403),
+        ("/", ["1.2.3.4.5"], 403),
+        (f"/{'a' * 300}", ["127.0.0.1:{}"], 404),
+    ],
+)
+def test_a_name_is_read_as_a_whole_and_no_path_is_a_failure(path, hosts, status):
+    with stopping(open_server(port=0)) as server, socket.create_connection(("127.0.0.1", server.get_port())) as raw:
+        lines = [f"GET {path} HTTP/1.1", *(f"Host: {host}" for host in hosts), "", ""]
+        raw.sendall("\r\n".join(lines).replace("{}", str(server.get_port())).encode())
+        assert raw.recv(12) == f"HTTP/1.1 {status}".encode()
+
+
 def test_names_are_text_and_folders_stay_on_this_machine():
     shown = table({"<i>name</i>": "/home/me/scans/<b>phone</b>.obj is empty"})
     assert "&lt;i&gt;name" in shown

@@ -11,9 +11,9 @@ from contextlib import redirect_stdout
 from functools import partial
 from http import HTTPStatus
 from io import StringIO
+from ipaddress import ip_address
 from typing import Any
 from unittest.mock import patch
-from urllib.parse import urlsplit
 
 import viser
 from websockets.asyncio import server as websockets
@@ -24,7 +24,7 @@ from dexnudge.studio.messages import admitted
 
 HOST, PORT = "127.0.0.1", 8080
 LARGEST_PORT = 65_535
-ADDRESS = re.compile(r"[0-9.]+|.*:.*")  # an address in numbers, which no foreign name server can give
+AUTHORITY = re.compile(r"([\w.-]+|\[[0-9A-Fa-f:.]+\])(:[0-9]{1,5})?", re.ASCII)  # a whole Host header
 
 
 class Server(viser.ViserServer):
@@ -138,11 +138,24 @@ def _answer(
     host: str, page: Callable[..., Response | None], connection: websockets.ServerConnection, request: Request
 ) -> Response | None:
     """Answer as `page` does; refuse what another web page sends, or what came by a name that is not this machine's."""
-    asked = request.headers.get("Host", "")
-    name = urlsplit(f"//{asked}").hostname or ""
-    own = name in ("localhost", host.lower(), socket.gethostname().lower()) or ADDRESS.fullmatch(name)
-    if not own or request.headers.get("Origin", f"http://{asked}") not in (f"http://{asked}", f"https://{asked}"):
+    hosts, origins = request.headers.get_all("Host"), request.headers.get_all("Origin")
+    found = AUTHORITY.fullmatch(hosts[0]) if len(hosts) == 1 else None
+    name = found[1].strip("[]").lower() if found else ""
+    own = name in ("localhost", host.lower(), socket.gethostname().lower()) or _is_address(name)
+    if not (found and own) or (origins and origins not in ([f"http://{hosts[0]}"], [f"https://{hosts[0]}"])):
         return connection.respond(
             HTTPStatus.FORBIDDEN, "refused: expected the studio's own page, by an address of its machine\n"
         )
-    return page(connection, request)
+    try:
+        return page(connection, request)
+    except OSError:  # of a path that no file can have
+        return connection.respond(HTTPStatus.NOT_FOUND, "not found\n")
+
+
+def _is_address(name: str) -> bool:
+    """Whether a name is an address in numbers, which no foreign name server can give."""
+    try:
+        ip_address(name)
+    except ValueError:
+        return False
+    return True
