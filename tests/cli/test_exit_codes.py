@@ -95,6 +95,16 @@ def test_sigterm_unwinds_like_an_exception(tmp_path):
     assert os.listdir(tmp_path) == []
 
 
+@pytest.mark.parametrize("arguments", [["--version"], ["plugins"]])
+def test_a_reader_that_has_seen_enough_ends_the_command_quietly(arguments):
+    reader, writer = os.pipe()
+    os.close(reader)
+    command = [sys.executable, "-m", "dexnudge", *arguments]
+    done = subprocess.run(command, stdout=writer, stderr=subprocess.PIPE, text=True, timeout=60, check=False)
+    os.close(writer)
+    assert (done.returncode, done.stderr) == (128 + signal.SIGPIPE, "")
+
+
 def _raise(error: BaseException):
     def run(_self):
         raise error

@@ -283,6 +283,9 @@ def stdout() -> Console:
         def render_str(self, text: str, **options: Any) -> Styled:
             return super().render_str(printable(text), **options)
 
+        def on_broken_pipe(self) -> None:  # rich would exit with 1
+            raise  # noqa: PLE0704 - it is called where the error is handled
+
     console = Plain(highlight=False, markup=False)
     return console if console.is_terminal else Plain(highlight=False, markup=False, width=TABLE_WIDTH)
 

@@ -21,6 +21,7 @@ from dexnudge.version import __version__
 DONE = 0
 BAD_INPUT = 2  # also what argument errors exit with
 INTERRUPTED = 130  # 128 + SIGINT, as shells report it
+PIPE_ENDED = 141  # 128 + SIGPIPE
 TERMINATED = 143  # 128 + SIGTERM
 LEAST_ADDRESS_SPACE = 2_100_000_000  # bytes; 32 draws for a phone on a table took 2.09 GB, 0.76 GB of it resident
 
@@ -239,7 +240,12 @@ def run() -> None:
     warnings.simplefilter("ignore", RuntimeWarning)
     signal.signal(signal.SIGTERM, lambda *_: sys.exit(TERMINATED))
     with ended_after_signal(_interrupted(sys.argv[1:])):
-        code = main()
+        try:
+            code = main()
+            sys.stdout.flush()
+        except BrokenPipeError:  # whoever read the output has seen enough, such as `head`
+            os.dup2(os.open(os.devnull, os.O_WRONLY), sys.stdout.fileno())
+            code = PIPE_ENDED
     sys.exit(code)
 
 
