@@ -24,7 +24,7 @@ SMALL_URDF = """<?xml version="1.0"?>
   <link name="palm">
     <collision><geometry><box size="0.06 0.02 0.08"/></geometry></collision>
     <collision><origin xyz="0 0.01 0.03"/><geometry><cylinder radius="0.01" length="0.03"/></geometry></collision>
-    <visual><geometry><sphere radius="0.5"/></geometry></visual>
+    <visual><geometry><sphere radius="0.3"/></geometry></visual>
   </link>
   <joint name="near" type="revolute">
     <parent link="palm"/><child link="finger"/>

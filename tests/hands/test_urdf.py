@@ -59,7 +59,7 @@ def test_visual_geometry_on_request(write_hand):
     ball = "<visual><geometry><sphere radius='0.004'/></geometry></visual>"
     path.write_text(path.read_text().replace('<link name="pad">', f'<link name="pad">{ball}'))
     hand = hand_from_urdf(path, config)
-    assert mesh_of(hand, "palm").extents == pytest.approx((1, 1, 1), abs=0.01)
+    assert mesh_of(hand, "palm").extents == pytest.approx((0.6, 0.6, 0.6), abs=0.01)
     assert len(mesh_of(hand, "tip").faces) == 0
 
 

@@ -115,7 +115,8 @@ class Episode:
 
     def __repr__(self) -> str:
         kind = "Push" if isinstance(self.result, Execution) else "Slide, grasp and lift"
-        attempts = "" if isinstance(self.result, Execution) else f", {len(self.result.attempts)} attempts"
+        number = 0 if isinstance(self.result, Execution) else len(self.result.attempts)
+        attempts = f", {number} attempt{'s' * (number > 1)}" if number else ""
         detail = f" ({self.detail})" if self.detail else ""
         turned = f"{np.degrees(self.angle_reached):.0f} of {np.degrees(self.angle_asked):.0f} deg"
         slid = f"{round(1e3 * self.length_reached)} of {round(1e3 * self.length_asked)} mm"
