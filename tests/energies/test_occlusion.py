@@ -4,7 +4,7 @@ import numpy as np
 import pytest
 import trimesh
 
-from dexnudge.energies.occlusion import OCCLUSION_CELL, occluded_grid
+from dexnudge.energies.occlusion import OCCLUSION_CELL, occluded_grids
 from dexnudge.geometry.distance_grid import distance_grid
 from dexnudge.geometry.exact_distance import ExactDistance
 
@@ -29,7 +29,7 @@ def setting():
 
 def test_behind_a_thin_wall_it_is_as_deep_as_it_is_far_from_the_light(setting):
     body, wall, exact, plain, x = setting
-    occluded = occluded_grid(plain, body, wall, exact)
+    (occluded,) = occluded_grids([plain], body, wall, exact)
     behind = x > WALL_AT + WALL_THICKNESS / 2 + 2 * OCCLUSION_CELL
     assert (plain.values[behind] > 0).all(), "the signed distance alone knows nothing of the other side"
     assert (occluded.values[behind] < 0).all()
@@ -41,13 +41,13 @@ def test_behind_a_thin_wall_it_is_as_deep_as_it_is_far_from_the_light(setting):
 
 def test_deeper_means_farther_behind(setting):
     body, wall, exact, plain, x = setting
-    along = occluded_grid(plain, body, wall, exact).values[x > WALL_AT + 2 * OCCLUSION_CELL, 20, 20]
+    along = occluded_grids([plain], body, wall, exact)[0].values[x > WALL_AT + 2 * OCCLUSION_CELL, 20, 20]
     assert (np.diff(along) < 0).all()
 
 
 def test_what_can_be_seen_stays_as_it_is(setting):
     body, wall, exact, plain, x = setting
-    occluded = occluded_grid(plain, body, wall, exact)
+    (occluded,) = occluded_grids([plain], body, wall, exact)
     visible = x < WALL_AT - WALL_THICKNESS / 2
     np.testing.assert_array_equal(occluded.values[visible], plain.values[visible])
     assert (occluded.values <= plain.values).all()
@@ -60,10 +60,10 @@ def test_nothing_changes_where_all_is_visible(setting):
     far = place(trimesh.creation.box((0.1, 0.1, 0.1)), 3.0)
     exact = ExactDistance(far)
     plain = distance_grid(exact, np.full(3, -REACH), np.full(3, REACH), cell=CELL)
-    assert occluded_grid(plain, body, far, exact) is plain
+    assert occluded_grids([plain], body, far, exact)[0] is plain
 
 
 def test_nothing_changes_for_an_object_that_sees_nothing(setting):
     body, _, _, plain, _ = setting
     block = trimesh.creation.box((0.1, 0.1, 0.1))  # the object is buried in it
-    assert occluded_grid(plain, body, block, ExactDistance(block)) is plain
+    assert occluded_grids([plain], body, block, ExactDistance(block))[0] is plain

@@ -6,9 +6,9 @@ import numpy as np
 from jaxtyping import Float
 
 from dexnudge.energies.grid_kernel import PackedGrids, grid_distance, inside_box, pack_grids
-from dexnudge.geometry.distance_grid import DistanceGrid, grid_corners, in_threads
+from dexnudge.geometry.distance_grid import DistanceGrid, grid_corners
 from dexnudge.geometry.exact_distance import SEARCH_RADIUS
-from dexnudge.geometry.warp_runtime import wp
+from dexnudge.geometry.warp_runtime import launch_in_threads, wp
 from dexnudge.scenes.motion import Motion
 
 
@@ -29,16 +29,12 @@ def carried_grid(
     poses = np.stack([motion.displacement(way) for way in _ways(motion, corners, grid.cell)])
     packed = pack_grids([grid, around or grid])
     frames = wp.array(poses.astype(np.float32), dtype=wp.mat44, device="cpu")
-    wp.load_module(least_distances.module, device="cpu")  # compiling is not safe from several threads
-
-    def least(points: Float[np.ndarray, "m 3"]) -> Float[np.ndarray, " m"]:
-        found = wp.zeros(len(points), dtype=float, device="cpu")
-        given = wp.array(points.astype(np.float32), dtype=wp.vec3, device="cpu")
-        inputs = [packed, frames, grid.cell, min(relevant, SEARCH_RADIUS), given, found]
-        wp.launch(least_distances, dim=len(points), inputs=inputs, device="cpu")
-        return found.numpy()
-
-    values = in_threads(least, corners.reshape(-1, 3)).reshape(grid.values.shape)
+    points = np.ascontiguousarray(corners.reshape(-1, 3), dtype=np.float32)
+    found = wp.zeros(len(points), dtype=float, device="cpu")
+    given = wp.array(points, dtype=wp.vec3, device="cpu", copy=False)
+    inputs = [packed, frames, grid.cell, min(relevant, SEARCH_RADIUS), given, found]
+    launch_in_threads(least_distances, [len(points)], inputs, device="cpu")
+    values = found.numpy().reshape(grid.values.shape)
     return DistanceGrid(np.minimum(values, grid.values), grid.origin, grid.cell)  # rounded nowhere above
 
 
@@ -54,6 +50,7 @@ def _ways(motion: Motion, corners: Float[np.ndarray, "x y z 3"], cell: float) ->
 
 @wp.kernel(enable_backward=False)
 def least_distances(
+    first: int,
     grids: PackedGrids,
     poses: wp.array(dtype=wp.mat44),
     step: float,
@@ -62,7 +59,7 @@ def least_distances(
     least: wp.array(dtype=float),
 ):
     """One point: the least distance [m] over all poses, which move it by at most `step` [m] from one to the next."""
-    i = wp.tid()
+    i = first + wp.tid()
     found = grid_distance(grids.headers[0], grids.values, points[i])[0]
     pose = wp.int32(1)
     while pose < poses.shape[0]:

@@ -28,35 +28,37 @@ def cluster_points(
         groups: how many groups there are; some may have no points.
         device: of Warp.
     """
-    members: list[Int[np.ndarray, " k"]] = []
-    first_of_group = [0]
-    for index in range(groups):
-        members += _split(points, np.flatnonzero(group == index))
-        first_of_group.append(len(members))
-    centre, radius = np.zeros((len(members), 3)), np.zeros(len(members))
-    for cluster, chosen in enumerate(members):
-        low, high = points[chosen].min(axis=0), points[chosen].max(axis=0)
-        centre[cluster] = (low + high) / 2
-        radius[cluster] = np.linalg.norm(points[chosen] - centre[cluster], axis=1).max()
-    order = np.concatenate([np.zeros(0, dtype=np.int64), *members])
-    ordered = wp.array(points[order].astype(np.float32), dtype=wp.vec3, device=device)
+    order, first = _halved(points, np.argsort(group, kind="stable"), group)
+    placed, sizes = points[order], np.diff(first)
+    centre, radius = np.zeros((len(sizes), 3)), np.zeros(len(sizes))
+    if len(sizes):
+        low, high = (extreme.reduceat(placed, first[:-1]) for extreme in (np.minimum, np.maximum))
+        centre = (low + high) / 2
+        radius = np.maximum.reduceat(np.linalg.norm(placed - centre.repeat(sizes, axis=0), axis=1), first[:-1])
+    first_of_group = np.searchsorted(group[order[first[:-1]]], np.arange(groups + 1))
+    ordered = wp.array(placed.astype(np.float32), dtype=wp.vec3, device=device)
     clusters = Clusters()
-    clusters.first = wp.array(np.cumsum([0, *map(len, members)]).astype(np.int32), dtype=wp.int32, device=device)
+    clusters.first = wp.array(first.astype(np.int32), dtype=wp.int32, device=device)
     clusters.centre = wp.array(centre.astype(np.float32), dtype=wp.vec3, device=device)
     clusters.radius = wp.array(radius.astype(np.float32), dtype=wp.float32, device=device)
-    return ordered, clusters, np.asarray(first_of_group, dtype=np.int32)
+    return ordered, clusters, first_of_group.astype(np.int32)
 
 
-def _split(points: Float[np.ndarray, "p 3"], chosen: Int[np.ndarray, " k"]) -> list[Int[np.ndarray, " part"]]:
-    """Halve along the longest side of the bounding box until every part is small enough."""
-    if len(chosen) == 0:
-        return []
-    if len(chosen) <= LARGEST_CLUSTER:
-        return [chosen]
-    axis = int(np.ptp(points[chosen], axis=0).argmax())
-    along = chosen[np.argsort(points[chosen, axis], kind="stable")]
-    half = len(along) // 2
-    return _split(points, along[:half]) + _split(points, along[half:])
+def _halved(
+    points: Float[np.ndarray, "p 3"], order: Int[np.ndarray, " p"], group: Int[np.ndarray, " p"]
+) -> tuple[Int[np.ndarray, " p"], Int[np.ndarray, " part_and_one"]]:
+    """Halve groups along the longest side of their bounding boxes until every part is small enough.
+
+    Returns the points by part, and where the parts begin.
+    """
+    first = np.flatnonzero(np.diff(group[order], prepend=-1, append=-2))
+    while (sizes := np.diff(first)).max(initial=0) > LARGEST_CLUSTER:
+        low, high = (extreme.reduceat(points[order], first[:-1]) for extreme in (np.minimum, np.maximum))
+        part, large = np.arange(len(sizes)).repeat(sizes), sizes > LARGEST_CLUSTER
+        along = points[order, (high - low).argmax(axis=1)[part]]
+        order = order[np.lexsort((np.where(large[part], along, 0.0), part))]
+        first = np.sort(np.concatenate([first, (first[:-1] + sizes // 2)[large]]))
+    return order, first
 
 
 LINK_CELL = 0.0015  # [m] grid cell of a digit's link

@@ -6,62 +6,118 @@ cannot be seen counts as solid, and its depth is the distance to where the objec
 first steps only; verification never does.
 """
 
+from collections.abc import Sequence
+
 import numpy as np
 import trimesh
-from jaxtyping import Bool, Float
-from scipy.ndimage import affine_transform, distance_transform_edt
+from jaxtyping import Float
+from scipy.ndimage import distance_transform_edt
 
-from dexnudge.geometry.distance_grid import DistanceGrid, in_threads
+from dexnudge.geometry.distance_grid import DistanceGrid
 from dexnudge.geometry.exact_distance import ExactDistance, warp_mesh
 from dexnudge.geometry.surface_points import dart_throwing
-from dexnudge.geometry.warp_runtime import wp
+from dexnudge.geometry.warp_runtime import launch_in_threads, wp
 
 OCCLUSION_CELL = 0.018  # [m] edge of the cells whose visibility is tested
 SOURCE_LIFT = 0.004  # [m] of the viewpoints above the object's surface
 SOURCE_CLEARANCE = 0.003  # [m] that they keep from the environment
 SOURCE_GAP = 0.03  # [m] between them
+WELL_INSIDE = wp.constant(1.0e-3)  # of a triangle's sides and of the way, farther from an edge than rounding
+STEEPEST = wp.constant(1.0e-2)  # sine of the least angle between way and triangle
+
+
+@wp.func
+def _blocks(mesh: wp.uint64, face: int, start: wp.vec3, way: wp.vec3):
+    """Whether one triangle surely stands in the way: a query of the tree would meet it, too."""
+    corner = wp.mesh_get_point(mesh, 3 * face)
+    side, other = wp.mesh_get_point(mesh, 3 * face + 1) - corner, wp.mesh_get_point(mesh, 3 * face + 2) - corner
+    normal = wp.cross(side, other)
+    across = wp.dot(way, normal)
+    if wp.abs(across) <= STEEPEST * wp.length(way) * wp.length(normal):
+        return False
+    offset = start - corner
+    turned = wp.cross(offset, way)
+    u, v = -wp.dot(other, turned) / across, wp.dot(side, turned) / across
+    t = -wp.dot(normal, offset) / across
+    inside = wp.min(wp.min(u, v), 1.0 - u - v) > WELL_INSIDE
+    return inside and t > WELL_INSIDE and t < 1.0 - WELL_INSIDE
 
 
 @wp.kernel(enable_backward=False)
 def _sees(
-    mesh: wp.uint64, cells: wp.array(dtype=wp.vec3), sources: wp.array(dtype=wp.vec3), visible: wp.array(dtype=wp.uint8)
+    first: int,
+    mesh: wp.uint64,
+    sources: wp.array(dtype=wp.vec3),
+    cells: wp.array2d(dtype=wp.vec3),
+    visible: wp.array2d(dtype=wp.uint8),
 ):
-    i = wp.tid()
+    """One row of cells: what hides one of them from a viewpoint mostly hides the next, and is asked first."""
+    row = first + wp.tid()
     for k in range(sources.shape[0]):
-        way = cells[i] - sources[k]
-        length = wp.length(way)
-        if not wp.mesh_query_ray_anyhit(mesh, sources[k], way / length, length):
-            visible[i] = wp.uint8(1)
-            return
+        blocking = wp.int32(-1)
+        for i in range(cells.shape[1]):
+            if visible[row, i] == wp.uint8(0):
+                way = cells[row, i] - sources[k]
+                hidden = False
+                if blocking >= 0:
+                    hidden = _blocks(mesh, blocking, sources[k], way)
+                if not hidden:
+                    length = wp.length(way)
+                    hit = wp.mesh_query_ray(mesh, sources[k], way / length, length)
+                    if hit.result:
+                        blocking = hit.face
+                    else:
+                        visible[row, i] = wp.uint8(1)
 
 
-def occluded_grid(
-    grid: DistanceGrid, object_mesh: trimesh.Trimesh, environment_mesh: trimesh.Trimesh, environment: ExactDistance
-) -> DistanceGrid:
-    """Return the grid of the environment's distances, lowered to minus the depth in occluded space where that is less.
+def occluded_grids(
+    grids: Sequence[DistanceGrid],
+    object_mesh: trimesh.Trimesh,
+    environment_mesh: trimesh.Trimesh,
+    environment: ExactDistance,
+) -> list[DistanceGrid]:
+    """Return grids of the environment's distances, lowered to minus the depth in occluded space where that is less.
 
     Args:
-        grid: signed distances [m] to the environment. Where no point of the object sees anything, it is returned as it is.
-        object_mesh: in the frame of the grid [m].
-        environment_mesh: in the frame of the grid [m].
+        grids: signed distances [m] to the environment. Where no point of the object sees anything, one is returned as it is.
+        object_mesh: in the frame of the grids [m].
+        environment_mesh: in the frame of the grids [m].
         environment: exact distance to the environment.
     """
     sources = _sources(object_mesh, environment)
     if len(sources) == 0:
-        return grid
+        return list(grids)
+    mesh = warp_mesh(environment_mesh.vertices, environment_mesh.faces)
+    viewpoints = wp.array(sources.astype(np.float32), dtype=wp.vec3, device="cpu")
+    return [_occluded(grid, mesh, viewpoints) for grid in grids]
+
+
+def _occluded(grid: DistanceGrid, environment: wp.Mesh, viewpoints: wp.array) -> DistanceGrid:
     extent = (np.asarray(grid.values.shape) - 1) * grid.cell
-    counts = np.maximum(np.ceil(extent / OCCLUSION_CELL).astype(int), 1) + 1
-    axes = [grid.origin[axis] + OCCLUSION_CELL * np.arange(counts[axis]) for axis in range(3)]
-    cells = np.stack(np.meshgrid(*axes, indexing="ij"), axis=-1).reshape(-1, 3)
-    visible = _visible(environment_mesh, cells, sources).reshape(counts)
+    x, y, z = (np.maximum(np.ceil(extent / OCCLUSION_CELL).astype(int), 1) + 1).tolist()
+    axes = [grid.origin[axis] + OCCLUSION_CELL * np.arange(count) for axis, count in enumerate((x, y, z))]
+    cells = np.stack(np.meshgrid(*axes, indexing="ij"), axis=-1).reshape(x * y, z, 3).astype(np.float32)
+    seen = wp.zeros((x * y, z), dtype=wp.uint8, device="cpu")
+    inputs = [environment.id, viewpoints, wp.array(cells, dtype=wp.vec3, device="cpu", copy=False), seen]
+    launch_in_threads(_sees, [x * y], inputs, device="cpu")
+    visible = seen.numpy().astype(bool).reshape(x, y, z)
     if visible.all() or not visible.any():
         return grid
     # Half a cell is uncertain: an occluded cell next to a visible one is not deep at all.
     depth = np.maximum(distance_transform_edt(~visible) - 1.0, 0.0) * OCCLUSION_CELL
-    scale = np.full(3, grid.cell / OCCLUSION_CELL)
-    below = -affine_transform(depth, scale, output_shape=grid.values.shape, order=1, mode="nearest")
+    below = -_interpolated(depth, grid.values.shape, grid.cell / OCCLUSION_CELL)
     lowered = np.where(below < 0.0, np.minimum(grid.values, below), grid.values)
     return DistanceGrid(lowered.astype(np.float32), grid.origin, grid.cell)
+
+
+def _interpolated(values: Float[np.ndarray, "i j k"], counts: Sequence[int], step: float) -> Float[np.ndarray, "x y z"]:
+    """Return values at places that lie `step` of a cell apart along each axis, from those at the cells."""
+    for axis, count in enumerate(counts):
+        place = np.minimum(step * np.arange(count), values.shape[axis] - 1)
+        below = np.minimum(place.astype(int), values.shape[axis] - 2)
+        share = np.expand_dims(place - below, [other for other in range(3) if other != axis])
+        values = values.take(below, axis) * (1 - share) + values.take(below + 1, axis) * share
+    return values
 
 
 def _sources(object_mesh: trimesh.Trimesh, environment: ExactDistance) -> Float[np.ndarray, "k 3"]:
@@ -69,19 +125,3 @@ def _sources(object_mesh: trimesh.Trimesh, environment: ExactDistance) -> Float[
     lifted = points + SOURCE_LIFT * object_mesh.face_normals[faces]
     lifted = lifted[environment(lifted).distance > SOURCE_CLEARANCE]
     return lifted[dart_throwing(lifted, SOURCE_GAP)] if len(lifted) else lifted
-
-
-def _visible(
-    environment_mesh: trimesh.Trimesh, cells: Float[np.ndarray, "n 3"], sources: Float[np.ndarray, "k 3"]
-) -> Bool[np.ndarray, " n"]:
-    mesh = warp_mesh(environment_mesh.vertices, environment_mesh.faces)
-    viewpoints = wp.array(sources.astype(np.float32), dtype=wp.vec3, device="cpu")
-
-    def seen(part: Float[np.ndarray, "m 3"]) -> Bool[np.ndarray, " m"]:
-        visible = wp.zeros(len(part), dtype=wp.uint8, device="cpu")
-        inputs = [mesh.id, wp.array(part.astype(np.float32), dtype=wp.vec3, device="cpu"), viewpoints, visible]
-        wp.launch(_sees, dim=len(part), inputs=inputs, device="cpu")
-        return visible.numpy().astype(bool)
-
-    wp.load_module(_sees.module, device="cpu")
-    return in_threads(seen, cells)

@@ -9,7 +9,7 @@ from dexnudge.energies.carried_grid import carried_grid
 from dexnudge.energies.grid_kernel import pack_grids
 from dexnudge.energies.hand_model import cluster_points
 from dexnudge.energies.kernel_structs import SceneFields
-from dexnudge.energies.occlusion import occluded_grid
+from dexnudge.energies.occlusion import occluded_grids
 from dexnudge.geometry.distance_grid import DistanceGrid, cached_distance_grid, distance_grid
 from dexnudge.geometry.exact_distance import ExactDistance
 from dexnudge.geometry.surface_points import surface_points
@@ -115,7 +115,7 @@ def build_guided_fields(
             swept = [_swept(near, motion, around=far), _swept(far, motion)]
         edge_points = sharp_edge_points(environment_mesh, lower - FAR_REACH, upper + FAR_REACH)
         if guiding:
-            occluded = [occluded_grid(grid, object_mesh, environment_mesh, around) for grid in environment]
+            occluded = occluded_grids(environment, object_mesh, environment_mesh, around)
     spread = surface_points(object_mesh, spacing=OBJECT_POINT_SPACING).points
     on_object, on_edges = (
         cluster_points(points, np.zeros(len(points), dtype=np.int32), 1, device=device)[:2]

@@ -1,17 +1,16 @@
 """Signed distances on a grid, by which guidance and projection measure; those of objects are kept on disk."""
 
-from collections.abc import Callable, Sequence
-from concurrent.futures import ThreadPoolExecutor
+from collections.abc import Sequence
 from dataclasses import dataclass
 
 import numpy as np
 import trimesh
-from jaxtyping import Float, Shaped
+from jaxtyping import Float
 from scipy.ndimage import label
 
 from dexnudge.geometry.disk_cache import cached_array
 from dexnudge.geometry.exact_distance import ExactDistance
-from dexnudge.geometry.warp_runtime import THREADS, wp
+from dexnudge.geometry.warp_runtime import wp
 
 STRIDE = 3  # corners from one exact distance to the next where all are far from the surface
 REGION_MARGIN = 0.01  # of a cell, more than half of one, that keeps rounding out
@@ -59,7 +58,7 @@ def distance_grid(
     if exact.closed:
         values = _signed_by_region(exact, corners, cell, relevant)
     else:
-        values = in_threads(lambda points: exact(points).distance, corners.reshape(-1, 3)).reshape(counts)
+        values = exact.distances(corners.reshape(-1, 3)).reshape(counts)
     return DistanceGrid(values.astype(np.float32), origin, float(cell))
 
 
@@ -83,9 +82,7 @@ def _signed_by_region(
     """
 
     def unsigned(places: Float[np.ndarray, "*n 3"]) -> Float[np.ndarray, "*n"]:
-        return in_threads(lambda points: exact.to_surface(points).distance, places.reshape(-1, 3)).reshape(
-            places.shape[:-1]
-        )
+        return exact.distances(places.reshape(-1, 3), signed=False).reshape(places.shape[:-1])
 
     values = np.full(corners.shape[:3], -np.inf)
     if relevant < np.inf:
@@ -96,10 +93,10 @@ def _signed_by_region(
     region, count = label(far)
     member = np.zeros(count + 1, dtype=np.int64)  # a corner of each region; region 0 is what is near
     member[region.ravel()] = np.arange(region.size)
-    inside = (exact(corners.reshape(-1, 3)[member]).distance < 0.0)[region] & far
+    inside = (exact.distances(corners.reshape(-1, 3)[member]) < 0.0)[region] & far
     values[inside & roughly] = unsigned(corners[inside & roughly])
     values[inside] *= -1.0
-    values[~far] = in_threads(lambda points: exact(points).distance, corners[~far])
+    values[~far] = exact.distances(corners[~far])
     return values
 
 
@@ -111,14 +108,6 @@ def _left_nearby(values: Float[np.ndarray, "i j k"], counts: Sequence[int], cell
     ways = [cell * (np.arange(count) - STRIDE * place) for count, place in zip(counts, places, strict=True)]
     x, y, z = np.meshgrid(*(way**2 for way in ways), indexing="ij", sparse=True)
     return values[np.ix_(*places)] - np.sqrt(x + y + z)
-
-
-def in_threads(
-    query: Callable[[Float[np.ndarray, "m 3"]], Shaped[np.ndarray, " m"]], points: Float[np.ndarray, "n 3"]
-) -> Shaped[np.ndarray, " n"]:
-    """Return what a query that releases the interpreter finds for each point, asked by `THREADS`."""
-    with ThreadPoolExecutor(THREADS) as pool:
-        return np.concatenate(list(pool.map(query, np.array_split(points, THREADS))))
 
 
 FORMAT = "dexnudge distance grid 2"  # another number for other values for the same mesh

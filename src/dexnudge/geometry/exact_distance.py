@@ -12,7 +12,7 @@ import numpy as np
 import trimesh
 from jaxtyping import Float, Int, Num
 
-from dexnudge.geometry.warp_runtime import wp
+from dexnudge.geometry.warp_runtime import launch_in_threads, wp
 
 
 @wp.kernel(enable_backward=False)
@@ -163,6 +163,29 @@ def _query_surface(
     face[i] = f
 
 
+UNSIGNED, SIGNED, CLOSED = wp.constant(0), wp.constant(1), wp.constant(2)
+
+
+@wp.kernel(enable_backward=False)
+def _distances(
+    first: int,
+    mesh: wp.uint64,
+    points: wp.array(dtype=wp.vec3),
+    low: wp.vec3,
+    high: wp.vec3,
+    kind: int,
+    distance: wp.array(dtype=float),
+):
+    i = first + wp.tid()
+    if kind == UNSIGNED:
+        d, _c, _f = surface_nearest(mesh, points[i], SEARCH_RADIUS)
+    elif kind == SIGNED:
+        d, _c, _f = signed_nearest(mesh, points[i], low, high)
+    else:
+        d, _c, _f = closed_nearest(mesh, points[i], low, high)
+    distance[i] = d
+
+
 class ExactDistance:
     """Signed distance of points to one mesh [m], exact to single precision, negative inside.
 
@@ -203,6 +226,16 @@ class ExactDistance:
     def __call__(self, points: Float[np.ndarray, "n 3"]) -> ExactHit:
         """Return what lies nearest to each point [m, the mesh's frame]."""
         return self._launch(_query, points, [self._low, self._high])
+
+    def distances(self, points: Float[np.ndarray, "n 3"], *, signed: bool = True) -> Float[np.ndarray, " n"]:
+        """Return nothing but the distances [m], asked for by `THREADS`: of many points, such as those of a grid."""
+        local = np.ascontiguousarray(points - self.origin, dtype=np.float32)
+        found = wp.empty(len(points), dtype=float, device=self.device)
+        kind = UNSIGNED if not signed else CLOSED if self.closed else SIGNED
+        local = wp.array(local, dtype=wp.vec3, device=self.device, copy=False)
+        inputs = [self._mesh.id, local, self._low, self._high, kind, found]
+        launch_in_threads(_distances, [len(points)], inputs, device=self.device)
+        return found.numpy().astype(np.float64)
 
     def _launch(self, kernel: Any, points: Float[np.ndarray, "n 3"], inputs: list[Any]) -> ExactHit:
         """Run a kernel about the mesh's centre and return what it found, in the mesh's frame."""
