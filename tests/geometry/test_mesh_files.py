@@ -157,6 +157,57 @@ def test_an_stl_is_read_as_far_as_it_announces(ball, tmp_path):
     assert len(read_triangles(written(tmp_path / "b.stl", capitals)).faces) == len(ball.faces)
 
 
+def square_sides(order: str) -> bytes:
+    """Return a binary PLY of six squares and, behind the last of them, what the header does not announce."""
+    mark, name = ("<", "little") if order == "little" else (">", "big")
+    corners = np.array(np.meshgrid([0, 1], [0, 1], [0, 1], indexing="ij")).reshape(3, -1).T
+    sides = [(0, 1, 3, 2), (4, 6, 7, 5), (0, 4, 5, 1), (2, 3, 7, 6), (0, 2, 6, 4), (1, 5, 7, 3)]
+    header = (
+        f"ply\nformat binary_{name}_endian 1.0\nelement vertex 8\nproperty float x\nproperty float y\nproperty float z\n"
+        "element face 6\nproperty list uchar int vertex_indices\nend_header\n"
+    )
+    body = corners.astype(mark + "f4").tobytes() + b"".join(struct.pack(f"{mark}B4i", 4, *side) for side in sides)
+    return header.encode() + body
+
+
+@pytest.mark.parametrize("order", ["little", "big"])
+def test_a_binary_ply_is_read_as_far_as_it_announces(order, ball, tmp_path):
+    squares = read_triangles(written(tmp_path / "squares.ply", square_sides(order) + b"\0 trailing"))
+    assert squares.area == pytest.approx(6.0)
+    if order == "little":
+        data = ball.export(file_type="ply")
+        mesh = read_triangles(written(tmp_path / "ball.ply", data + b"\xff" * 17))
+        np.testing.assert_array_equal(mesh.faces, ball.faces)
+
+
+def test_lists_of_fewer_than_no_corners_end_no_sooner_than_the_file(tmp_path):
+    data = square_sides("little").replace(b"list uchar", b"list char").replace(b"face 6", b"face 100000")
+    path = written(tmp_path / "back.ply", data[:-102] + struct.pack("<b", -1) * 102)
+    assert DAMAGED in message_of(path)
+
+
+@pytest.mark.parametrize(("kind", "encoding"), [("obj", "utf-16"), ("off", "utf-16"), ("stl_ascii", "utf-16-le")])
+def test_text_in_utf_16_is_named(kind, encoding, ball, tmp_path):
+    text = ball.export(file_type=kind)
+    data = text.encode(encoding) if encoding == "utf-16" else b"\xff\xfe" + text.encode(encoding)
+    assert "(it is in UTF-16; expected text in UTF-8)" in message_of(written(tmp_path / f"a.{kind[:3]}", data))
+
+
+@pytest.mark.parametrize("kind", ["obj", "off", "stl_ascii", "ply"])
+def test_lines_may_end_as_on_old_macs(kind, ball, tmp_path):
+    data = ball.export(file_type=kind, **({"encoding": "ascii"} if kind == "ply" else {}))
+    data = data.encode() if isinstance(data, str) else data
+    mesh = read_triangles(written(tmp_path / f"a.{kind[:3]}", data.replace(b"\n", b"\r")))
+    np.testing.assert_allclose(mesh.bounds, ball.bounds, atol=1e-7)
+
+
+@pytest.mark.parametrize("begins", ["", "off\n", "# a ball\nOFF # of 642\n", "\nOFF "])
+def test_an_off_may_leave_out_its_name(begins, ball, tmp_path):
+    text = ball.export(file_type="off").removeprefix("OFF\n")
+    mesh = read_triangles(written(tmp_path / "a.off", (begins + text).encode()))
+    np.testing.assert_allclose(mesh.bounds, ball.bounds, atol=1e-7)
+
+
 def test_an_obj_may_be_open_unended_and_hold_an_unused_vertex(ball, tmp_path):
     ball.update_faces(np.arange(len(ball.faces)) > 2)
     text = "v 0 0 0\n" + "".join(f"v {x} {y} {z}\n" for x, y, z in ball.vertices)
@@ -265,6 +316,27 @@ def test_a_collada_says_which_way_is_up_and_what_its_unit_is(tmp_path):
     mesh = read_triangles(written(tmp_path / "a.dae", collada(PLAIN, unit="0.01", up="Y_UP").encode()))
     np.testing.assert_allclose(mesh.bounds, [[0, 0, 0], [1, 0, 1]], atol=1e-12)
     assert mesh.metadata == {"notes": ["the file says y up: turned so that z is up"], "unit": 0.01}
+
+
+@pytest.mark.parametrize(
+    ("up", "bounds", "notes"),
+    [
+        ("X_UP", [[-1, 0, 0], [0, 0, 1]], ["the file says x up: turned so that z is up"]),
+        ("Z_UP", [[0, 0, 0], [1, 1, 0]], []),
+        ("", [[0, 0, 0], [1, 1, 0]], ["the file does not say which axis is up: read as z"]),
+    ],
+)
+def test_a_collada_may_have_any_axis_up(up, bounds, notes, tmp_path):
+    mesh = read_triangles(written(tmp_path / "a.dae", collada(PLAIN, up=up).encode()))
+    np.testing.assert_allclose(mesh.bounds, bounds, atol=1e-12)
+    assert mesh.metadata["notes"] == notes
+    path = written(tmp_path / "b.dae", collada(PLAIN, up="W_UP").encode())
+    assert message_of(path) == "b.dae: its up axis is 'W_UP'; expected X_UP, Y_UP or Z_UP; mend <up_axis>"
+
+
+def test_a_collada_may_hold_names_in_latin_1(tmp_path):
+    text = collada(PLAIN).replace("<asset>", "<asset><contributor><author>Jörg</author></contributor>")
+    assert len(read_triangles(written(tmp_path / "a.dae", text.encode("latin-1"))).faces) == 1
 
 
 @pytest.mark.parametrize(

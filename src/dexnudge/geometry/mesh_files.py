@@ -18,7 +18,10 @@ FORMATS = ("obj", "stl", "ply", "glb", "off", "dae")
 MAX_BYTES_PER_FACE = 500  # 200,000 faces in the wordiest of the formats take half of this
 NUMBER = re.compile(rb"[+-]?(?:\d+\.?\d*|\.\d+)(?:[eE][+-]?\d+)?")
 CUT_OFF = 0.02  # of an OBJ's vertices; more without a face, and no end to the last line: it was cut off
-Z_UP = np.array([[1.0, 0, 0, 0], [0, 0, -1, 0], [0, 1, 0, 0], [0, 0, 0, 1]])  # turns y up into z up
+Z_UP = {  # turns that axis up into z up
+    "x": np.array([[0.0, -1, 0, 0], [0, 0, -1, 0], [1, 0, 0, 0], [0, 0, 0, 1]]),
+    "y": np.array([[1.0, 0, 0, 0], [0, 0, -1, 0], [0, 1, 0, 0], [0, 0, 0, 1]]),
+}
 
 logging.getLogger("trimesh").addHandler(logging.NullHandler())  # what it logs of damaged files is not printed
 
@@ -114,9 +117,11 @@ def parse_triangles(
             raise damaged(name, kind, f"the last line is not ended and {unused} vertices belong to no face")
         if unused > 0:
             notes.append(f"{unused} vertices belong to no face and the last line is not ended: is the file complete?")
-    if found.y_up and turn:
-        mesh.apply_transform(Z_UP)
-        notes.append(f"{'glTF has' if kind == 'glb' else 'the file says'} y up: turned so that z is up")
+    if found.up in Z_UP and turn:
+        mesh.apply_transform(Z_UP[found.up])
+        notes.append(f"{'glTF has' if kind == 'glb' else 'the file says'} {found.up} up: turned so that z is up")
+    if not found.up and turn:
+        notes.append("the file does not say which axis is up: read as z")
     mesh.metadata.clear()
     mesh.metadata.update(notes=notes, unit=found.unit)
     return mesh

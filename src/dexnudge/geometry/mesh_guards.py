@@ -5,6 +5,7 @@ Parsers believe what a file says: a glTF of 200 bytes can ask for gigabytes, a C
 
 from __future__ import annotations
 
+import codecs
 import json
 import re
 import struct
@@ -24,17 +25,22 @@ MAX_NODES = 200_000  # visited when every reference is followed, with or without
 MAX_DEPTH = 100  # nodes above one another in a scene graph
 STL_HEADER, STL_FACE = 84, 50  # bytes of a binary STL: comment and count; one triangle
 PLY_HEADER = 1_000_000  # bytes in which a PLY's header must end
+PLY_TYPES = dict(zip(b"char uchar short ushort int uint float double".split(), "bBhHiIfd", strict=True))
+PLY_TYPES |= dict(zip(b"int8 uint8 int16 uint16 int32 uint32 float32 float64".split(), "bBhHiIfd", strict=True))
 COMPRESSIONS = {"KHR_draco_mesh_compression": "Draco", "EXT_meshopt_compression": "meshopt"}
 ASCII_COMPATIBLE = ("utf-8", "us-ascii", "ascii", "iso-8859-1", "latin-1", "windows-1252")
 
 
 @dataclass(frozen=True)
 class Announced:
-    """A file's bytes as the parser shall read them, how many faces they announce, the axis that is up, metres a unit."""
+    """A file's bytes as the parser shall read them, how many faces they announce, the axis that is up, metres a unit.
+
+    `up` is "x", "y" or "z", or "" where a file that should say it does not.
+    """
 
     data: bytes
     faces: int | None = None
-    y_up: bool = False
+    up: str = "z"
     unit: float | None = None
 
 
@@ -65,6 +71,8 @@ def announced(data: bytes, kind: str, name: str, *, max_faces: int = MAX_FACES) 
         MeshError: more faces or parts than the limits, a compression or an encoding that is not read, XML entities, or
             numbers that cannot be meant.
     """
+    if kind not in ("glb", "dae") and data[:2] in (codecs.BOM_UTF16_LE, codecs.BOM_UTF16_BE) and b"\0" in data[2:100]:
+        raise damaged(name, kind, "it is in UTF-16; expected text in UTF-8")
     found = _GUARDS[kind](data, name)
     if found.faces is not None and found.faces > max_faces:
         raise too_many_faces(name, found.faces, max_faces)
@@ -72,14 +80,14 @@ def announced(data: bytes, kind: str, name: str, *, max_faces: int = MAX_FACES) 
 
 
 def _ascii(data: bytes) -> bytes:
-    """Return text in which only names and comments can hold other characters, without them."""
+    """Return text in which only names and comments can hold other characters, without them, its lines ended by newlines."""
+    data = data if b"\r" not in data else data.replace(b"\r\n", b"\n").replace(b"\r", b"\n")
     return data if data.isascii() else data.decode("latin-1").encode("ascii", "replace")
 
 
 def _obj(data: bytes, name: str) -> Announced:
     text = _ascii(data)
-    if b"\\\n" in text or b"\\\r\n" in text:  # a line that goes on in the next one
-        text = text.replace(b"\\\r\n", b" ").replace(b"\\\n", b" ")
+    text = text.replace(b"\\\n", b" ")  # a line that goes on in the next one
     for line, fault in (
         (rb"^[ \t]*[vf](?:[ \t]+[^\s#]+){0,2}[ \t]*(?:#.*)?\r?$", "fewer than three numbers"),
         (rb"^[ \t]*f[ \t](?:[^\n#]*[ \t])?[+-]?0+(?:[/\s][^\n]*)?$", "an index 0, though the first vertex has 1"),
@@ -128,12 +136,46 @@ def _stl(data: bytes, name: str) -> Announced:
 def _ply(data: bytes, name: str) -> Announced:  # noqa: ARG001 - as the others
     end = data.find(b"end_header", 0, PLY_HEADER)
     header = data[: end if end >= 0 else PLY_HEADER]
-    text = re.search(rb"format\s+ascii", header)
     count = re.search(rb"element\s+face\s+(\d{1,18})", header)
-    return Announced(_ascii(data) if text else _ascii(header) + data[len(header) :], int(count[1]) if count else None)
+    faces = int(count[1]) if count else None
+    if re.search(rb"format\s+ascii", header):
+        return Announced(_ascii(data), faces)
+    return Announced(_ascii(header) + data[len(header) : _ply_end(header, data)], faces)
+
+
+def _ply_end(header: bytes, data: bytes) -> int:
+    """Return where the last element that a binary PLY announces ends: some programs write more behind it.
+
+    The file's length where that cannot be told, or the file is shorter.
+    """
+    end, order = data.find(b"\n", len(header)) + 1, "<" if b"little" in header else ">"
+    elements: list[tuple[int, list[list[struct.Struct]]]] = []
+    try:
+        for words in map(bytes.split, header.splitlines()):
+            if words[:1] == [b"element"]:
+                elements.append((int(words[2]), []))
+            elif words[:1] == [b"property"]:
+                types = words[2:4] if words[1] == b"list" else words[1:2]
+                elements[-1][1].append([struct.Struct(order + PLY_TYPES[each]) for each in types])
+        sizes = [sum(first.size + sum(3 * item.size for item in items) for first, *items in row) for _, row in elements]
+        if end + sum(count * size for (count, _), size in zip(elements, sizes, strict=True)) == len(data):
+            return len(data)  # all lists are triangles
+        for (count, row), size in zip(elements, sizes, strict=True):
+            if all(len(types) == 1 for types in row):
+                end += count * size
+                continue
+            if count > MAX_SURROUNDINGS_FACES:
+                return len(data)
+            for _ in range(count):
+                for first, *items in row:
+                    end += first.size + sum(item.size * max(0, first.unpack_from(data, end)[0]) for item in items)
+    except (LookupError, ValueError, struct.error):
+        return len(data)
+    return min(end, len(data))
 
 
 def _off(data: bytes, name: str) -> Announced:  # noqa: ARG001 - as the others
+    data = re.sub(rb"\A\s*(?:OFF(?=\s))?(?=(?:\s*#[^\n]*\n)*\s*\d)", b"OFF\n", data, flags=re.IGNORECASE)
     count = re.match(rb"OFF\s+(?:#[^\n]*\s+)*(\d{1,18})\s+(\d{1,18})", data[:4096])
     return Announced(_ascii(data), int(count[2]) if count else None)
 
@@ -162,11 +204,20 @@ def _glb(data: bytes, name: str) -> Announced:
             used = [each.get("indices", each["attributes"].get("POSITION")) for each in mesh["primitives"]]
             children["mesh", number] = sum(counts[accessor] // 3 for accessor in used if accessor is not None)
         roots = [node for scene in content.get("scenes", ()) for node in scene.get("nodes", ())]
-        return Announced(data, _faces_of_graph(roots, children, name, "glb"), y_up=True)
+        return Announced(data, _faces_of_graph(roots, children, name, "glb"), up="y")
     except (ValueError, LookupError, TypeError, AttributeError, RecursionError, struct.error) as error:
         if isinstance(error, MeshError):
             raise
         raise damaged(name, "glb", f"{type(error).__name__}: {str(error)[:120]}") from error
+
+
+def _utf_8(data: bytes) -> bytes:
+    """Return text in UTF-8 as it is, and any other as if it were in Latin-1: numbers are the same in both."""
+    try:
+        data.decode("utf-8")
+    except UnicodeDecodeError:
+        return data.decode("latin-1").encode("utf-8")
+    return data
 
 
 def _dae(data: bytes, name: str) -> Announced:
@@ -178,6 +229,7 @@ def _dae(data: bytes, name: str) -> Announced:
     if re.search(rb"<!\s*(DOCTYPE|ENTITY)", data, re.IGNORECASE):
         raise MeshError(f"{name}: the file declares XML entities (DOCTYPE); expected plain COLLADA; remove them")
     try:
+        data = _utf_8(data) if encoding == "utf-8" else data
         root = ElementTree.fromstring(data)  # noqa: S314 - entities were refused
         for element in root.iter():
             element.tag = str(element.tag).rpartition("}")[2]
@@ -194,7 +246,7 @@ def _dae(data: bytes, name: str) -> Announced:
             children[node] = [*below, *urls]
             children.setdefault("#" + node.get("id", ""), [node])
         faces = _faces_of_graph(list(root.iter("visual_scene")), children, name, "dae")
-        unit, up = root.find("asset/unit"), root.findtext("asset/up_axis", "Z_UP").strip()
+        unit, up = root.find("asset/unit"), root.findtext("asset/up_axis", "").strip()
         metres = float(unit.get("meter", 1)) if unit is not None else None
     except (ElementTree.ParseError, ValueError, LookupError, RecursionError) as error:
         if isinstance(error, MeshError):
@@ -202,7 +254,9 @@ def _dae(data: bytes, name: str) -> Announced:
         raise damaged(name, "dae", f"{type(error).__name__}: {str(error)[:120]}") from error
     if metres is not None and not 0 < metres < np.inf:
         raise MeshError(f"{name}: its unit is {metres} m; expected a length; mend <unit meter=...>")
-    return Announced(data, faces, y_up=up == "Y_UP", unit=metres)
+    if up not in ("", "X_UP", "Y_UP", "Z_UP"):
+        raise MeshError(f"{name}: its up axis is {up[:20]!r}; expected X_UP, Y_UP or Z_UP; mend <up_axis>")
+    return Announced(data, faces, up=up[:1].lower(), unit=metres)
 
 
 def _faces_of_graph(roots: list[Any], children: dict[Any, Any], name: str, kind: str) -> int:
