@@ -97,7 +97,7 @@ def test_specks_are_left_out_and_keys_are_kept(tmp_path):
     np.testing.assert_allclose(found.bounds, [[-0.075, -0.035, -0.006], [0.075, 0.035, 0.0071]], atol=1e-6)
     assert len(found.faces) == len(body().faces) + 12
     assert found.metadata["notes"] == [
-        "1 small parts that stand apart from the rest were left out (the largest 1.1 % of the object's length)"
+        "1 small part that stands apart from the rest was left out (the largest 1.1 % of the object's length)"
     ]
 
 

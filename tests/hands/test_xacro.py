@@ -55,6 +55,13 @@ def test_without_the_package_the_message_says_what_to_type(path):
     )
 
 
+def test_what_is_wrong_with_what_it_gives_is_said_to_be_of_xacro(path):
+    (path.parent / "hand.yaml").write_text("palm: wrist\nfingertips: {a: index_tip}\npalm_normal: [0, 1, 0]")
+    with pytest.raises(HandError, match="names an unknown link") as caught:
+        load_hand(path)
+    assert str(caught.value).endswith("; hand.urdf.xacro is xacro, look at what it gives: xacro hand.urdf.xacro")
+
+
 @pytest.mark.parametrize(
     ("element", "expected"),
     [

@@ -19,6 +19,10 @@ def at(x=0.0, y=0.0, z=0.004):
     return trimesh.transformations.translation_matrix((x, y, z))
 
 
+def moved(mesh, place):
+    return mesh.copy().apply_translation(place)
+
+
 def scene_of(environment=TABLE, pose=None, motion=(1.0, 0.0, 0.0), **values):
     return dn.Scene(FLAT, environment, at() if pose is None else pose, np.array(motion), **values)
 
@@ -128,6 +132,26 @@ def test_what_was_repaired_is_a_note(tmp_path):
     scene = scene_of(dn.load_environment(tmp_path / "sheet.ply"))
     scene = replace(scene, environment_mesh=scene.environment_mesh)
     assert [each.sentence for each in scene.findings() if each.what == "repaired"] == scene.notes
+
+
+@pytest.mark.parametrize(
+    ("places", "sentence"),
+    [
+        ([(0.0, 0.09, 0.0)], ""),  # 20 of 160 mm, but a bridge between them
+        ([(0.0, 0.11, 0.0)], "a part of the object lies 40.0 mm away from the rest, 22% of its length"),
+        (
+            [(0.0, 0.11, 0.0), (0.0, 0.22, 0.0)],
+            "2 parts of the object lie 40.0 mm away from the rest, 14% of its length",
+        ),
+    ],
+)
+def test_parts_that_lie_far_apart_are_a_warning(places, sentence):
+    bridge = [moved(box((-0.01, 0.04, 0.0), (0.01, 0.05, 0.008)), (0, 0, -0.004))] if not sentence else []
+    others = [moved(FLAT, place) for place in places]
+    both = dn.Scene(trimesh.util.concatenate([FLAT, *bridge, *others]), TABLE, at(), np.array([1.0, 0, 0]))
+    found = [str(each) for each in both.findings() if "away from the rest" in each.sentence]
+    remedy = "; they count as one body; if they are several things, leave one of them in the mesh"
+    assert found == ([f"warning: {sentence}{remedy}"] if sentence else [])
 
 
 def test_the_free_way_is_told():

@@ -193,13 +193,12 @@ class SceneOptions(MeshOptions):
         return found.name, found.mesh
 
     def what_matters(self, scene: Scene, hand: Hand) -> list[Finding]:
-        """Return the findings before sampling; of a family's own, which is built to be right, only sizes and errors."""
+        """Return the findings before sampling; of a family, which is built to be right, only about the meshes and errors."""
         if self.scene is None or self.is_folder or self.turning.given():
             return scene.findings(hand)
-        from dexnudge.scenes.placement import size_findings
+        from dexnudge.scenes.findings import reading_findings
 
-        sizes = size_findings(scene.object_mesh, scene.environment_mesh, scene.mass)
-        return [*(finding for finding in sizes if finding.level != "error"), *scene.misplaced]
+        return [*reading_findings(scene), *scene.misplaced]
 
 
 def _refuse(options: dict[str, Any], why: str) -> None:

@@ -88,8 +88,10 @@ def drop_specks(mesh: trimesh.Trimesh) -> str | None:
     if not speck.any():
         return None
     mesh.update_faces(~speck[part])
+    left_out = np.count_nonzero(speck)
+    which = "1 small part that stands" if left_out == 1 else f"{left_out} small parts that stand"
     return (
-        f"{np.count_nonzero(speck)} small parts that stand apart from the rest were left out "
+        f"{which} apart from the rest {'was' if left_out == 1 else 'were'} left out "
         f"(the largest {100 * size[speck].max() / main:.1f} % of the object's length)"
     )
 

@@ -5,7 +5,8 @@ has no geometry. Several elements of one link are taken together. Read: mesh, bo
 """
 
 from collections import Counter
-from collections.abc import Collection, Mapping
+from collections.abc import Collection, Iterator, Mapping
+from contextlib import contextmanager
 from dataclasses import replace
 from pathlib import Path
 from xml.etree.ElementTree import Element
@@ -141,10 +142,10 @@ def hand_from_urdf(
         HandError: anything that cannot be used as given, with the place and the remedy.
     """
     path = Path(path)
-    robot = read_xml(path, root_tag="robot", expand=lambda file: expand_xacro(file, packages))
-    structure = _structure(robot, path)
-    config = config or config_beside(path, structure)
-    return hand_from_tree(_with_geometry(structure, robot, config.geometry, path, packages), config, base=base)
+    with _read(path, packages) as robot:
+        structure = _structure(robot, path)
+        config = config or config_beside(path, structure)
+        return hand_from_tree(_with_geometry(structure, robot, config.geometry, path, packages), config, base=base)
 
 
 def urdf_tree(
@@ -159,8 +160,27 @@ def urdf_tree(
     Raises:
         HandError: what `hand_from_urdf` refuses, whatever the palm.
     """
-    robot = read_xml(path, root_tag="robot", expand=lambda file: expand_xacro(file, packages))
-    return _with_geometry(_structure(robot, path), robot, geometry, path, packages, only)
+    with _read(path, packages) as robot:
+        return _with_geometry(_structure(robot, path), robot, geometry, path, packages, only)
+
+
+@contextmanager
+def _read(path: Path, packages: Mapping[str, Path | str] | None) -> Iterator[Element]:
+    """Give the root element; what is refused of a file that xacro expanded says where its URDF can be seen."""
+    expanded: list[str] = []
+
+    def expand(file: Path) -> str | None:
+        text = expand_xacro(file, packages)
+        expanded.extend([text] if text else [])
+        return text
+
+    robot = read_xml(path, root_tag="robot", expand=expand)
+    try:
+        yield robot
+    except HandError as error:
+        if not expanded:
+            raise
+        raise HandError(f"{error}; {path.name} is xacro, look at what it gives: xacro {path.name}") from error
 
 
 def _structure(robot: Element, path: Path) -> Tree:

@@ -11,6 +11,7 @@ from dexnudge.finding import Finding, length_text, vector_text
 from dexnudge.geometry.near_faces import faces_near
 from dexnudge.hands.hand import Hand
 from dexnudge.scenes.free_way import TIPPING, carried_way, free_way, outside_of
+from dexnudge.scenes.loose_parts import loose_parts_findings
 from dexnudge.scenes.motion import Turn
 from dexnudge.scenes.placement import size_findings
 from dexnudge.scenes.plane_fit import EXACT
@@ -42,8 +43,7 @@ SMALLEST_AREA = 1e-12  # [m^2]
 
 def scene_findings(scene: Scene, hand: Hand | None = None) -> list[Finding]:
     """Return the findings about a scene, errors first; see `Scene.findings`."""
-    sizes = size_findings(scene.object_mesh, scene.environment_mesh, scene.mass)
-    found = [*(finding for finding in sizes if finding.level != "error"), *scene.misplaced]
+    found = [*reading_findings(scene), *scene.misplaced]
     if not scene.misplaced:
         touching = touching_contacts(scene)
         normal = carrying_normal(touching)
@@ -52,8 +52,17 @@ def scene_findings(scene: Scene, hand: Hand | None = None) -> list[Finding]:
         found += _way(scene, normal) if normal.any() else []
         found += room_findings(scene, hand, normal if normal.any() else UP)
     found += _seen(scene)
-    found += [Finding("note", "repaired", note) for note in scene.notes if not any(said in note for said in SAID)]
     return sorted(found, key=lambda finding: ORDER[finding.level])
+
+
+def reading_findings(scene: Scene) -> list[Finding]:
+    """Return what the meshes were taken for: their sizes, parts that lie apart, and what was repaired."""
+    sizes = size_findings(scene.object_mesh, scene.environment_mesh, scene.mass)
+    return [
+        *(finding for finding in sizes if finding.level != "error"),
+        *loose_parts_findings(scene.object_mesh),
+        *(Finding("note", "repaired", note) for note in scene.notes if not any(said in note for said in SAID)),
+    ]
 
 
 def _settled(scene: Scene) -> Iterator[Finding]:
