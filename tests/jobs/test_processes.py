@@ -1,6 +1,7 @@
 """Tasks in several processes: every task has one result, whatever dies."""
 
 import os
+import platform
 import signal
 import subprocess
 import sys
@@ -208,3 +209,25 @@ def test_idle_threads_soon_sleep_unless_the_user_has_said_how_they_wait(monkeypa
         monkeypatch.setenv("OMP_WAIT_POLICY", policy)
     processes.limit_threads()
     assert os.environ.get("GOMP_SPINCOUNT") == (None if policy else processes.SPIN_COUNT)
+
+
+@pytest.mark.skipif("glibc" not in platform.libc_ver(), reason="what other C libraries keep is theirs")
+def test_memory_that_was_freed_between_what_is_held_goes_back_to_the_system():
+    program = """
+        import os
+        from dexnudge.jobs.processes import release_memory
+
+        def resident():
+            with open("/proc/self/statm") as file:
+                return int(file.read().split()[1]) * os.sysconf("SC_PAGE_SIZE") / 1e6
+
+        before, held = resident(), [bytes(6000) for _ in range(50_000)]
+        held = held[::100]
+        freed = resident()
+        release_memory()
+        print(freed - before, resident() - before)
+    """
+    done = subprocess.run([sys.executable, "-c", textwrap.dedent(program)], capture_output=True, text=True, check=True)
+    freed, released = map(float, done.stdout.split())
+    assert freed > 250
+    assert released < 50

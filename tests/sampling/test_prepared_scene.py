@@ -71,7 +71,7 @@ def no_collector() -> Iterator[None]:
 
 @pytest.mark.usefixtures("no_collector")
 def test_old_scenes_are_freed(scene: Scene, monkeypatch: pytest.MonkeyPatch) -> None:
-    monkeypatch.setattr(problem, "COLLECTED_AFTER", 4)
+    monkeypatch.setattr(problem, "RELEASED_AFTER", 4)
     known, meshes = PreparedScene("cpu"), []
     for number in range(4):
         surroundings = scene.environment_mesh.copy()

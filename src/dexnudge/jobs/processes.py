@@ -1,5 +1,7 @@
 """Run many tasks in a few processes; a process that dies costs one task, not the run."""
 
+import ctypes
+import gc
 import math
 import multiprocessing
 import os
@@ -58,6 +60,17 @@ def limit_threads() -> None:
         os.environ.setdefault(name, str(thread_count()))
     if "OMP_WAIT_POLICY" not in os.environ:
         os.environ.setdefault("GOMP_SPINCOUNT", SPIN_COUNT)
+
+
+def release_memory() -> None:
+    """Give back what nothing holds any longer: meshes, which hold themselves in cycles, and what the C library keeps of it.
+
+    Python's collector counts objects and not bytes, so it hardly ever begins; and glibc keeps what was freed in pieces that
+    the next scene does not fit into.
+    """
+    gc.collect()
+    if sys.platform == "linux" and (trim := getattr(ctypes.CDLL(None), "malloc_trim", None)):
+        trim(0)
 
 
 @dataclass(frozen=True)

@@ -1,6 +1,5 @@
 """A scene made ready for sampling: its canonical frame, its distance fields and its force balance."""
 
-import gc
 import pickle
 from collections.abc import Iterable, Sequence
 from dataclasses import dataclass, fields, replace
@@ -21,6 +20,7 @@ from dexnudge.geometry.surface_points import object_cloud
 from dexnudge.geometry.transforms import canonical_frame, transform_configurations
 from dexnudge.geometry.warp_runtime import WarpStruct
 from dexnudge.hands.hand import Hand
+from dexnudge.jobs.processes import release_memory
 from dexnudge.mechanics.friction_cone import ACROSS
 from dexnudge.mechanics.sliding_task import hardest_task
 from dexnudge.mechanics.support_forces import support_forces
@@ -39,7 +39,7 @@ ROOM = 0.006  # [m] that the environment must leave around the keypoint; fingert
 MESHES = ("object_mesh", "environment_mesh")  # of a scene
 ABOUT = ("name", "parameters", "seed")  # what says where it came from
 FRICTION_MARGIN = 1.6  # factor on friction_environment that the contacts are asked to overcome: above robust's 1.5
-COLLECTED_AFTER = 16  # scenes that were made ready
+RELEASED_AFTER = 16  # scenes that were made ready
 PINCHING = 0.6  # of the hand's friction, with which fingers should hold what they pull upright
 
 
@@ -189,8 +189,7 @@ def prepare(scene: Scene, *, device: str = "cpu") -> SamplingProblem:
 class PreparedScene:
     """The scene that was made ready last, for callers that draw from one scene again and again.
 
-    Memory stays flat over many scenes. A `trimesh.Trimesh` holds itself in cycles, so that it and all that was made of it
-    wait for Python's collector, which counts objects and not bytes: now and then it is told to begin.
+    Memory stays flat over many scenes: now and then what is left of earlier ones is released.
     """
 
     def __init__(self, device: str) -> None:
@@ -205,8 +204,8 @@ class PreparedScene:
         if known is None or not same or content != self._content:
             known = self._problem = prepare(scene, device=self.device)
             self._content, self._made = content, self._made + 1
-            if self._made % COLLECTED_AFTER == 0:
-                gc.collect()
+            if self._made % RELEASED_AFTER == 0:
+                release_memory()
         return replace(known, scene=scene)
 
 

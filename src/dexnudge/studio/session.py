@@ -2,7 +2,6 @@
 
 from __future__ import annotations
 
-import gc
 import re
 import threading
 from collections.abc import Callable, Iterator, Mapping
@@ -14,6 +13,7 @@ import numpy as np
 from jaxtyping import Float
 
 from dexnudge.errors import DexnudgeError, InputError, check_integer, quote
+from dexnudge.jobs.processes import release_memory
 from dexnudge.objects.builtin import builtin_object
 from dexnudge.results.folder import count_draws, nothing_verified
 from dexnudge.results.samples import Samples
@@ -159,7 +159,7 @@ class Session:
         self.edits = Edits.none(self.scene)
         self.show_scene()
         self.look()
-        gc.collect()  # meshes hold themselves, see `PreparedScene`: those of the scene before
+        release_memory()  # of the scene before
 
     def edit(self, **changes: Any) -> None:
         """Change the scene, see `Edits`; draws of before stay until others are drawn."""
