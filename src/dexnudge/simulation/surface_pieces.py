@@ -148,7 +148,7 @@ def _reach_out(triangles: Float[np.ndarray, "n 3 3"], exact: ExactDistance) -> F
     first, second = (part.ravel() for part in np.indices((PLACES + 1, PLACES + 1)))
     share = np.stack([first, second, PLACES - first - second], axis=1)[first + second <= PLACES] / PLACES
     points = np.einsum("pc,ncx->npx", share, triangles).reshape(-1, 3)
-    return np.asarray(exact(points).distance.reshape(len(triangles), -1).max(axis=1, initial=0.0))
+    return np.asarray(exact.distances(points).reshape(len(triangles), -1).max(axis=1, initial=0.0))
 
 
 def _near(mesh: trimesh.Trimesh, box: Float[np.ndarray, "2 3"]) -> trimesh.Trimesh:
@@ -287,9 +287,10 @@ def _largest_rectangle(free: Bool[np.ndarray, "x y"]) -> tuple[Corners, int]:
     for row, cells in enumerate(free):
         height[:-1] = np.where(cells, height[:-1] + 1, 0)
         stack: list[int] = []
-        for column, value in enumerate(height.tolist()):
-            while stack and height[stack[-1]] >= value:
-                top = int(height[stack.pop()])
+        columns = height.tolist()
+        for column, value in enumerate(columns):
+            while stack and columns[stack[-1]] >= value:
+                top = columns[stack.pop()]
                 left = stack[-1] + 1 if stack else 0
                 if top * (column - left) > best:
                     best = top * (column - left)
