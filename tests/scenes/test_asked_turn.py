@@ -161,6 +161,11 @@ ANGLE = "expected 0.1 to 180 degrees, either way"
             {"turn_deg": 20.0, "motion_length": 0.1},
             "`motion_length` 0.1 needs `motion` too: a direction (dx, dy, dz) in the world; add it",
         ),
+        (
+            {"turn_deg": 20.0, "motion": (1, 0, 0)},
+            "`motion` is given with `turn_deg`, after which nothing slides; expected `motion_length` too; add it, or leave "
+            "`motion` out",
+        ),
         ({"motion": (1, 0, 0), "motion_length": 0.0}, "`motion_length` is 0.0; expected a finite number > 0"),
         (
             {"motion": (1, 0, 0), "tip_deg": 20.0, "motion_length": -1.0},
@@ -239,6 +244,11 @@ def test_the_command_takes_turns_in_own_surroundings(tmp_path, capsys):
     assert main([*command, "--tip", "20", "--motion", "1", "0", "0", "--motion-length", "0.05"]) == 0
     scene = dn.load_scene(tmp_path / "out")
     assert (scene.motion_length, np.degrees(scene.turn.angle)) == (0.05, pytest.approx(20.0))
+    assert main([*command, "--turn", "20", "--motion", "1", "0", "0"]) == 2
+    assert capsys.readouterr().err == (
+        "dexnudge: --motion is given with --turn, after which nothing slides; expected --motion-length too; add it, or leave "
+        "--motion out\n"
+    )
     assert main(["scene", str(tmp_path / "out"), "--turn", "90", "--out", str(tmp_path / "other")]) == 2
     assert "--turn given with the scene of the folder" in capsys.readouterr().err
 

@@ -6,6 +6,8 @@ import socket
 import threading
 import weakref
 from contextlib import closing, contextmanager
+from functools import partial
+from types import SimpleNamespace
 from unittest.mock import Mock
 
 import msgspec
@@ -109,6 +111,24 @@ def test_the_scene_before_is_freed(session):
         assert mesh() is None
     finally:
         gc.enable()
+
+
+@pytest.mark.parametrize("phase", ["update", "end"])
+@pytest.mark.parametrize(
+    ("position", "wxyz"),
+    [((0.0, math.nan, 0.0), (1.0, 0.0, 0.0, 0.0)), ((0.0,) * 3, (math.nan,) * 4), ((0.0,) * 3, (0.0,) * 4)],
+)
+def test_a_drag_to_no_pose_moves_nothing(studio, session, told, position, wxyz, phase):
+    session.show_scene()
+    before = session.edits
+    target = SimpleNamespace(position=np.array(position), wxyz=np.array(wxyz))
+    event = SimpleNamespace(client=0, target=target, phase=phase)
+    handle = Mock(spec=["on_update"])
+    panel = studio.panels._sample
+    panel._on(handle, partial(panel._dragged, np.eye(4)))
+    handle.on_update.call_args.args[0](event)
+    assert session.edits is before
+    assert told == []
 
 
 def test_a_number_out_of_its_domain_changes_nothing(session):

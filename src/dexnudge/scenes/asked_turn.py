@@ -27,11 +27,16 @@ UP = np.array([0.0, 0.0, 1.0])
 def check_heading(
     motion: Any, *, turn_deg: float | None, tip_deg: float | None, about: Any, slides: float | None
 ) -> bool:
-    """As `check_asked`, in surroundings of one's own, where only an object that just turns needs no motion."""
+    """As `check_asked`, in surroundings of one's own, where an object that just turns needs no motion, and has none."""
     asked = check_asked(turn_deg=turn_deg, tip_deg=tip_deg, about=about)
     if motion is None and (turn_deg is None or slides):
         why = "`tip_deg`" if tip_deg is not None else f"`motion_length` {slides:g}" if asked and slides else "a slide"
         raise SceneError(f"{why} needs `motion` too: a direction (dx, dy, dz) in the world; add it")
+    if motion is not None and turn_deg is not None and slides is None:
+        raise SceneError(
+            "`motion` is given with `turn_deg`, after which nothing slides; expected `motion_length` too; add it, or leave "
+            "`motion` out"
+        )
     return asked
 
 

@@ -20,6 +20,7 @@ from dexnudge.studio.draws import MOST_DRAWS
 from dexnudge.studio.edits import Edits, up
 from dexnudge.studio.server import Server
 
+QUATERNION_TOLERANCE = 0.1  # on the length of the one that a browser sends, in single precision
 GIZMO_SIZE = 0.75  # of the object's longest side
 NUMBERS = {
     "motion_length": ("length [mm]", 1e3, 1.0, 300.0),
@@ -144,6 +145,9 @@ class SamplePanel:
         self._on(self._gizmo, partial(self._dragged, np.linalg.inv(start)))
 
     def _dragged(self, T_start_world: Float[np.ndarray, "4 4"], event: Any) -> None:
+        length = np.linalg.norm(event.target.wxyz)
+        if not (np.isfinite(event.target.position).all() and abs(length - 1.0) < QUATERNION_TOLERANCE):
+            return  # no page of ours sends that
         T = np.eye(4)
         T[:3, :3] = Rotation.from_quat(event.target.wxyz, scalar_first=True).as_matrix()
         T[:3, 3] = event.target.position
