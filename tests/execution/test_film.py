@@ -125,3 +125,13 @@ def test_the_arrow_goes_with_the_push(scene, simulation, trace):
     film = film_of_trace(scene, simulation, replace(trace, phase=phase))
     assert film.phase == tuple(phase.tolist())
     assert [bool(np.any(frame.motion)) for frame in film.frames] == [True] * 6 + [False] * 6
+
+
+@pytest.mark.parametrize("length", [None, 0.04])
+def test_the_arrow_stays_and_ends_where_the_leading_edge_shall_come(scene, simulation, trace, length):
+    film = film_of_trace(scene, simulation, trace, length=length)
+    edge = (scene.object_mesh.vertices @ scene.motion).max()
+    for frame in film.frames[:10]:
+        along = frame.arrow().mesh.vertices @ scene.motion
+        assert along.min() == pytest.approx(edge, abs=0.005)
+        assert np.ptp(along) == pytest.approx(length or scene.motion_length)

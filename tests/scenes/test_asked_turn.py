@@ -163,8 +163,7 @@ ANGLE = "expected 0.1 to 180 degrees, either way"
         ),
         (
             {"turn_deg": 20.0, "motion": (1, 0, 0)},
-            "`motion` is given with `turn_deg`, after which nothing slides; expected `motion_length` too; add it, or leave "
-            "`motion` out",
+            "`motion` is given with `turn_deg`, after which nothing slides; add `motion_length`, or leave `motion` out",
         ),
         ({"motion": (1, 0, 0), "motion_length": 0.0}, "`motion_length` is 0.0; expected a finite number > 0"),
         (
@@ -246,8 +245,7 @@ def test_the_command_takes_turns_in_own_surroundings(tmp_path, capsys):
     assert (scene.motion_length, np.degrees(scene.turn.angle)) == (0.05, pytest.approx(20.0))
     assert main([*command, "--turn", "20", "--motion", "1", "0", "0"]) == 2
     assert capsys.readouterr().err == (
-        "dexnudge: --motion is given with --turn, after which nothing slides; expected --motion-length too; add it, or leave "
-        "--motion out\n"
+        "dexnudge: --motion is given with --turn, after which nothing slides; add --motion-length, or leave --motion out\n"
     )
     assert main(["scene", str(tmp_path / "out"), "--turn", "90", "--out", str(tmp_path / "other")]) == 2
     assert "--turn given with the scene of the folder" in capsys.readouterr().err

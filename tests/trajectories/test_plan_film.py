@@ -13,6 +13,7 @@ from PIL import Image
 import dexnudge as dn
 from dexnudge.trajectories.interpolation import at
 from dexnudge.trajectories.plan_film import ends_of_phases, film_of_plan
+from dexnudge.viewer.picture import HEAD_HEIGHT
 from dexnudge.viewer.recording import recording_camera
 
 
@@ -56,6 +57,15 @@ def test_the_object_keeps_its_place_before_the_palm_while_it_is_pushed(block_pla
     block = np.array([frame.with_role("object")[0].T_world_part[0, 3] for frame in film.frames])
     pushing = np.array(film.phase) == "push"
     np.testing.assert_allclose(np.ptp((block - palm)[pushing]), 0.0, atol=1e-9)
+
+
+def test_the_film_says_what_is_planned_and_its_arrow_how_far(block_plan, film):
+    assert film.subtitle.endswith(f": 50 mm in {block_plan.trajectory.duration:.1f} s")
+    pushing = next(index for index, name in enumerate(film.phase) if name == "push")
+    for frame in film.frames[: pushing + 5]:
+        along = frame.arrow().mesh.vertices[:, 0]
+        leading = block_plan.scene.object_in_world().bounds[1, 0]
+        assert (along.min(), along.max()) == pytest.approx((leading, leading + 0.05), abs=0.005)
 
 
 def test_the_charts_are_shares_of_the_limits_and_the_palms_speed(block_plan, film):
@@ -109,6 +119,6 @@ def test_a_film_is_a_strip_an_animation_or_a_page(block_plan, size_of_films, tmp
     with Image.open(block_plan.film(tmp_path / "plan.png")) as strip:
         width, height = strip.size
     phases = len(block_plan.phases)
-    assert (width, height) == (phases * 480 + (phases - 1) * 6, 2 * 320 + 6)
+    assert (width, height) == (phases * 480 + (phases - 1) * 6, HEAD_HEIGHT + 2 * 320 + 6)
     with pytest.raises(dn.InputError, match=r"expected a name that ends in \.gif, \.png, \.html"):
         block_plan.film(tmp_path / "plan.mp4")

@@ -35,6 +35,13 @@ def test_a_block_is_carried_along_by_motors_alone(episode, block_press):
     assert trace.hand_object_force[-1, 0] == 0.0
 
 
+def test_the_film_says_what_came_of_it(episode):
+    film = episode.recording()
+    assert film.success is True
+    assert film.subtitle == "success; 50 of 50 mm"
+    assert film.frames[0].arrow_length == pytest.approx(0.05)
+
+
 def test_joints_follow_the_plan(episode):
     trace = episode.trace
     assert np.abs(trace.tracking_error[:, :2]).max() < 2e-4  # [m] of the slides

@@ -33,7 +33,8 @@ def recording() -> Recording:
             Part("environment", "environment", floor, np.eye(4)),
             Part("tip", "fingertip", tip, T_world_tip),
         )
-        frames.append(VisualScene(parts, np.zeros((0, 3)), np.array([1.0, 0, 0]) if now <= 1.5 else np.zeros(3)))
+        motion = np.array([1.0, 0, 0]) if now <= 1.5 else np.zeros(3)
+        frames.append(VisualScene(parts, np.zeros((0, 3)), motion, arrow_length=0.1, arrow_from=np.eye(4)))
     charts = {
         "way": (
             Curve("along", "mm", 100.0 * np.maximum(time - 1.0, 0.0)),

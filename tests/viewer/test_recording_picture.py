@@ -49,6 +49,7 @@ def test_the_strip_shows_six_moments_side_by_side(written):
     with Image.open(written / "film.png") as picture:
         strip = np.asarray(picture).astype(int)
     width, gap = TILE[0] // 2, 6
+    strip = strip[HEAD_HEIGHT:]  # below what it is of
     assert strip.shape == (45, 5 * (width + gap) + width, 3)
     tiles = [strip[:, index * (width + gap) :][:, :width] for index in range(6)]
     places = [np.argwhere(orange(tile)).mean(axis=0) for tile in tiles]

@@ -60,6 +60,15 @@ def test_configurations_share_their_meshes(hand, scene):
     assert all(a.mesh is b.mesh for a, b in zip(one.parts, two.parts, strict=True))
 
 
+def test_an_arrow_may_start_where_the_object_was():
+    box = trimesh.creation.box((0.1, 0.06, 0.02))
+    there = trimesh.transformations.translation_matrix([0.08, 0.0, 0.0])
+    frame = VisualScene((Part("object", "object", box, there),), np.zeros((0, 3)), np.array([1.0, 0.0, 0.0]))
+    for from_, begin in ((None, 0.13), (np.eye(4), 0.05)):
+        arrow = replace(frame, arrow_from=from_).arrow().mesh
+        assert arrow.vertices[:, 0].min() == pytest.approx(begin, abs=0.005)
+
+
 @pytest.mark.parametrize("motion", [(1, 0, 0), (0, -1, 0), (0.6, 0, 0.8), (0, 0, 1), (0, 0, -1)])
 def test_arrow_is_a_closed_body_that_starts_at_the_leading_edge(motion):
     motion = np.asarray(motion, dtype=float)

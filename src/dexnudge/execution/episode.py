@@ -140,7 +140,13 @@ class Episode:
             )
         subtitle = repr(self).partition(": ")[2]
         return film_of_trace(
-            self.scene, self.simulation, self.trace, title=title, subtitle=subtitle, success=self.success
+            self.scene,
+            self.simulation,
+            self.trace,
+            title=title,
+            subtitle=subtitle,
+            success=self.success,
+            length=self.length_asked or None,
         )
 
     @own_modes()

@@ -34,11 +34,13 @@ def film_of_trace(
     title: str = "",
     subtitle: str = "",
     success: bool | None = None,
+    length: float | None = None,
     push_phases: Sequence[str] = PHASES,
 ) -> Recording:
     """Return the film of a rollout of `simulation`, with how far the object moved and turned since it came to rest.
 
-    The arrow of the motion is shown until the first phase that is none of `push_phases`.
+    The arrow of the motion is shown until the first phase that is none of `push_phases`. length: of the slide that was asked
+    for [m]; the scene's unless given.
     """
     poses, phases = simulation.object_poses(trace.qpos), trace.phase.tolist()
     resting = next((index for index, name in enumerate(phases) if name != SETTLE), 0)
@@ -64,7 +66,7 @@ def film_of_trace(
     }
     drawn = visual_scenes(scene, simulation.hand, simulation.configurations(trace.qpos))
     frames = [
-        with_object_at(frame, pose, moving=index < pushing)
+        with_object_at(frame, pose, moving=index < pushing, length=length)
         for index, (frame, pose) in enumerate(zip(drawn, poses, strict=True))
     ]
     return Recording(frames, trace.time, tuple(phases), charts, title, subtitle, success)
@@ -133,7 +135,21 @@ def told(film: Recording) -> Int[np.ndarray, " chosen"]:
     return np.unique(np.concatenate([[0], way, [len(phases) - 1]]))
 
 
-def with_object_at(frame: VisualScene, T_world_object: Float[np.ndarray, "4 4"], *, moving: bool) -> VisualScene:
-    """Return a frame with the object where it is then, and the arrow only while it shall move."""
+def with_object_at(
+    frame: VisualScene, T_world_object: Float[np.ndarray, "4 4"], *, moving: bool, length: float | None = None
+) -> VisualScene:
+    """Return a frame with the object where it is then, and the arrow only while it shall move.
+
+    The arrow leads from the leading edge at the start to where that shall come. length: of the slide [m]; the frame's unless
+    given.
+    """
+    length = frame.motion_length if length is None else length
     parts = (replace(part, T_world_part=T_world_object) if part.role == "object" else part for part in frame.parts)
-    return replace(frame, parts=tuple(parts), motion=frame.motion if moving else np.zeros(3))
+    return replace(
+        frame,
+        parts=tuple(parts),
+        motion=frame.motion if moving else np.zeros(3),
+        motion_length=length,
+        arrow_length=length if frame.arrow_length is None else frame.arrow_length,
+        arrow_from=frame.with_role("object")[0].T_world_part,
+    )

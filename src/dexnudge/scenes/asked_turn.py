@@ -34,8 +34,7 @@ def check_heading(
         raise SceneError(f"{why} needs `motion` too: a direction (dx, dy, dz) in the world; add it")
     if motion is not None and turn_deg is not None and slides is None:
         raise SceneError(
-            "`motion` is given with `turn_deg`, after which nothing slides; expected `motion_length` too; add it, or leave "
-            "`motion` out"
+            "`motion` is given with `turn_deg`, after which nothing slides; add `motion_length`, or leave `motion` out"
         )
     return asked
 

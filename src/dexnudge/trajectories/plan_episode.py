@@ -87,7 +87,14 @@ class PlanEpisode:
         """Return the film of the episode."""
         subtitle = repr(self).partition("': ")[2]
         return film_of_trace(
-            self.plan.scene, self.model.simulation, self.trace, title=title, subtitle=subtitle, push_phases=PUSH_PHASES
+            self.plan.scene,
+            self.model.simulation,
+            self.trace,
+            title=title,
+            subtitle=subtitle,
+            success=self.success,
+            length=self.length_asked,
+            push_phases=PUSH_PHASES,
         )
 
     @own_modes()

@@ -27,7 +27,7 @@ def film_of_plan(plan: Plan, *, title: str = "") -> Recording:
     objects = object_poses(plan, time, robot.palm_poses(joints.position))
     last_move = max((index for index, name in enumerate(names) if name == "push"), default=-1)
     frames = [
-        with_object_at(frame, pose, moving=index <= last_move)
+        with_object_at(frame, pose, moving=index <= last_move, length=plan.length)
         for index, (frame, pose) in enumerate(
             zip(visual_scenes(plan.scene, robot.body, robot.coordinates(joints.position)), objects, strict=True)
         )

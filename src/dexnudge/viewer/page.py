@@ -260,16 +260,14 @@ def write_recording_page(recording: Recording, path: Path | str) -> Path:
 def _recording_data(recording: Recording) -> dict[str, Any]:
     """Return what `page_data` has of the frames, with their times, phases, arrows and curves in the order of the charts.
 
-    arrows: how far the object, and with it the arrow, has moved since the first frame [m]; null where there is none.
+    arrows: whether there is one, which stays where it is.
     """
-    origins = np.stack([frame.with_role("object")[0].T_world_part[:3, 3] for frame in recording.frames])
-    moved = np.round(origins - origins[0], DECIMALS + 1).tolist()
     curves = [curve for together in recording.charts.values() for curve in together]
     return {
         **page_data(recording.frames, camera=recording_camera(recording, aspect=ASPECT)),
         "time": np.round(recording.time, DECIMALS).tolist(),
         "phase": list(recording.phase),
-        "arrows": [way if frame.has_arrow else None for frame, way in zip(recording.frames, moved, strict=True)],
+        "arrows": [frame.has_arrow for frame in recording.frames],
         "curves": [
             {
                 "unit": curve.unit,

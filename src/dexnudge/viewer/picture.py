@@ -151,7 +151,7 @@ LIGHT_ELEVATION = 55.0  # [deg]
 GAP = 6  # pixels of white between pictures that stand side by side
 TITLE_HEIGHT = 0.055  # of a picture's height
 TITLE_COLOUR = (45, 52, 62)  # sRGB
-GOOD, BAD = (22, 122, 66), (190, 30, 40)  # sRGB, of a verdict
+GOOD, BAD, NEUTRAL = (22, 122, 66), (190, 30, 40), (40, 44, 52)  # sRGB, of a verdict, and of a text that is none
 HEAD_HEIGHT = 40  # pixels of the line above a sheet, and the share of it that the letters have at most
 LETTERS = 0.6
 

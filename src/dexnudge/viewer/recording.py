@@ -12,7 +12,7 @@ from PIL import Image
 
 from dexnudge.errors import InputError, writing
 from dexnudge.viewer.camera import Camera, best_camera, hiding_faces
-from dexnudge.viewer.picture import BAD, GOOD, arrange, headed, render_array, write_png
+from dexnudge.viewer.picture import BAD, GOOD, NEUTRAL, arrange, headed, render_array, write_png
 from dexnudge.viewer.visual_scene import Role, VisualScene, check_same_bodies
 
 JUDGED = 4  # moments by which the camera is chosen
@@ -41,7 +41,8 @@ class Recording:
         charts: curves by the title of the chart that shows them together.
         title: plain text.
         subtitle: plain text, such as what came of it.
-        success: whether that is good, which the strip then says above its pictures, in green or red; None for neither.
+            The strip says it above its pictures.
+        success: whether that is good, and stands there in green, or in red; None for neither.
 
     Raises:
         InputError: no frames, frames of different bodies, or times, phases or curves of another number.
@@ -139,6 +140,7 @@ def _corners(frame: VisualScene, *roles: Role) -> Float[np.ndarray, "n 3"]:
 TILE = (960, 640)  # pixels of each picture of the animation, width and height
 STRIP_SCALE = 2  # by which those of the strip are smaller
 STRIP_PICTURES = 6
+VERDICT_COLOURS = {True: GOOD, False: BAD, None: NEUTRAL}
 STRIP_COLUMNS = 3  # below a verdict, so that it can be read where the strip is as wide as a screen
 PICTURES_PER_SECOND = 10.0  # of the animation, as far as that makes no more than
 MOST_PICTURES = 40
@@ -198,8 +200,8 @@ def write_recording_pictures(
         titles += [captions[index] for index in row] + [""] * len(row) * bool(near)
     rows = [np.asarray(Image.fromarray(picture).resize(small, Image.Resampling.LANCZOS)) for picture in rows]
     sheet = arrange(rows, titles, columns=columns)
-    if recording.success is not None:
-        sheet = headed(sheet, recording.subtitle, GOOD if recording.success else BAD)
+    if recording.subtitle:
+        sheet = headed(sheet, recording.subtitle, VERDICT_COLOURS[recording.success])
     write_png(sheet, strip)
     shown_for = float(np.clip(length / max(len(animated) - 1, 1), *PICTURE_TIME))
     titled = [arrange([drawn[index]], [captions[index]], columns=1) for index in animated.tolist()]

@@ -6,7 +6,7 @@ Pictures and pages both take a `VisualScene`, so neither knows hands or scenes.
 from __future__ import annotations
 
 from collections.abc import Sequence
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 from itertools import pairwise
 from typing import Literal
 
@@ -112,6 +112,7 @@ class VisualScene:
         motion_length: how far [m].
         arrow_length: of the arrow that shows the motion [m]; of a length that reads well unless given,
             none where it is 0.
+        arrow_from: pose of the object (4, 4) at whose leading edge it starts; that of the object unless given.
         stations: of an object that turns: how far it is, in words, and its displacement (4, 4) then, from beginning to end.
 
     Raises:
@@ -123,6 +124,7 @@ class VisualScene:
     motion: Float[np.ndarray, "3"]
     motion_length: float = 0.10
     arrow_length: float | None = None
+    arrow_from: Float[np.ndarray, "4 4"] | None = None
     stations: tuple[tuple[str, Float[np.ndarray, "4 4"]], ...] = ()
 
     def __post_init__(self) -> None:
@@ -158,7 +160,11 @@ class VisualScene:
         """Return the motion as a solid arrow that starts at the object's leading edge, world frame; empty without one."""
         mesh = trimesh.Trimesh()
         if self.has_arrow:
-            mesh = motion_arrow(self.vertices("object"), self.motion, length=self.arrow_length)
+            bodies = self.with_role("object")
+            if self.arrow_from is not None:
+                bodies = tuple(replace(body, T_world_part=self.arrow_from) for body in bodies)
+            points = np.concatenate([body.vertices_in_world() for body in bodies])
+            mesh = motion_arrow(points, self.motion, length=self.arrow_length)
         return Part("motion", "arrow", mesh, np.eye(4))
 
 
@@ -297,7 +303,9 @@ def visual_scenes(
         links = map(Part, hand.link_names, roles, visual_meshes(hand), T_world_links)
         points = np.zeros((0, 3)) if contacts is None else np.asarray(contacts[index], dtype=np.float64).reshape(-1, 3)
         parts = tuple(part for part in (*fixed, *links) if len(part.mesh.faces))
-        shown = VisualScene(parts, points, np.asarray(scene.motion), float(scene.motion_length), arrow, along)
+        shown = VisualScene(
+            parts, points, np.asarray(scene.motion), float(scene.motion_length), arrow_length=arrow, stations=along
+        )
         result.append(shown)
     return result
 

@@ -12,7 +12,7 @@
 
   const still = [0, 0, 0];
   const redraw = createStage(data, () => ({
-    poses: poses[now], contacts: [], move: still, arrow: data.arrows[now], opacity: opacity.value / 100,
+    poses: poses[now], contacts: [], move: still, arrow: data.arrows[now] ? still : null, opacity: opacity.value / 100,
   }));
 
   const show = (index) => {
