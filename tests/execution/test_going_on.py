@@ -7,6 +7,7 @@ import pytest
 
 from dexnudge.execution.executor import MOST_REGRASPS, Executor
 from dexnudge.execution.scene_rollout import SceneRollout
+from dexnudge.execution.slide_grasp_lift import MOST_PLANNED, Slide
 from dexnudge.planning.approach import Approach
 from dexnudge.planning.hand_clearance import Blocked
 from dexnudge.planning.outcomes import Outcome
@@ -61,6 +62,16 @@ def test_a_push_that_falls_short_goes_on(executor, pad_grasp):
     assert on.trace.phase[-1] != "release"  # a hand that is there does not let go
     count = len(once.trace.time)
     np.testing.assert_array_equal(on.trace.qpos[:count], once.trace.qpos)
+
+
+def test_what_no_longer_fits_takes_no_place_of_what_does(executor, pad_grasp, monkeypatch):
+    q, _ = pad_grasp
+    aside = np.tile(q, (MOST_PLANNED, 1))
+    aside[:, 1] += 0.003  # one pad in the object
+    monkeypatch.setattr(Slide, "_least_margins", lambda *given: given[-1][:, 1])  # these seem to balance best
+    on = executor(q, aside)
+    assert on.verdict.success
+    assert set(on.trace.attempt) == {1, 2}
 
 
 @pytest.mark.parametrize("slide_length", [0.0, LENGTH])

@@ -187,13 +187,16 @@ class Slide:
                 waiting = [waiting[place] for place in np.argsort(-least, kind="stable")]
         planner = ApproachPlanner(self._stage.hand, scene)
         failed = Outcome.NO_CONFIGURATION, ""
-        for index, q in waiting[:MOST_PLANNED]:
+        planned = 0
+        for index, q in waiting:
+            if planned == MOST_PLANNED:
+                break
             if self._stage.begun:
                 verdict = verify(scene, self._stage.hand, q[None])
                 if not verdict.success[0]:
                     failed = Outcome.NO_LONGER_FITS, f"configuration {index}: {verdict.reasons[0]}"
                     continue
-            approach = planner.plan(q, start=self._stage.q)
+            approach, planned = planner.plan(q, start=self._stage.q), planned + 1
             if isinstance(approach, Approach):
                 return index, q, approach
             failed = Outcome.APPROACH_BLOCKED, approach.reason
