@@ -57,3 +57,13 @@ def direction_text(way: Float[np.ndarray, "3"]) -> str:
     """Return where a way leads, seen from an object: "below it", "above it" or "beside it"."""
     steep = abs(way[2]) > np.linalg.norm(way[:2])
     return "beside it" if not steep else "below it" if way[2] < 0 else "above it"
+
+
+KNOWN_TO = 0.05  # what the fit of a probability to some hundred pushes tells apart, at best
+
+
+def probability_text(probability: float) -> str:
+    """Return a probability in words, as finely as it is known: "85%", to 5 %; never as certain, but as ">95%" or "<5%"."""
+    steps, most = round(probability / KNOWN_TO), round(1 / KNOWN_TO)
+    sign = ">" if steps >= most else "<" if steps <= 0 else ""
+    return f"{sign}{min(max(steps, 1), most - 1) * KNOWN_TO:.0%}"

@@ -9,6 +9,7 @@ import numpy as np
 import pytest
 import trimesh
 
+from dexnudge.finding import probability_text
 from dexnudge.mechanics.contacts import HandContacts
 from dexnudge.results import probability
 from dexnudge.results.probability import calibrated, features, probabilities
@@ -73,6 +74,23 @@ def test_the_probability_is_the_logistic_sum_of_the_file(scene, fitted):
             score += of["weight"] * (inside - of["mean"]) / of["scale"]
         assert shown == pytest.approx(1 / (1 + np.exp(-score)))
     assert probabilities(scene, []).shape == (0,)
+
+
+@pytest.mark.parametrize(
+    ("probability", "text"),
+    [
+        (0.0, "<5%"),
+        (0.024, "<5%"),
+        (0.03, "5%"),
+        (0.62, "60%"),
+        (0.63, "65%"),
+        (0.96, "95%"),
+        (0.976, ">95%"),
+        (1.0, ">95%"),
+    ],
+)
+def test_a_probability_is_told_to_five_percent_and_never_as_certain(probability, text):
+    assert probability_text(probability) == text
 
 
 @pytest.mark.usefixtures("fitted")

@@ -152,9 +152,9 @@ def test_a_criterion_of_ones_own_is_a_column(shown, tmp_path):
 
 
 def test_percentages_have_no_decimals(shown, tmp_path):
-    figures = [Figures(True, {"probability": 0.923, "share_of_worlds": 0.5})]
-    page = Parsed(write_page(shown[:1], tmp_path / "percent.html", title="percent", figures=figures))
-    assert page.rows[1][2:4] == ["92", "50"]
+    figures = [Figures(True, {"probability": p, "share_of_worlds": 0.52}) for p in (0.923, 0.985, 0.01)]
+    page = Parsed(write_page(shown[:3], tmp_path / "percent.html", title="percent", figures=figures))
+    assert [row[2:4] for row in page.rows[1:]] == [["90", "52"], [">95", "52"], ["<5", "52"]]
 
 
 def test_only_the_first_of_very_many_are_shown(shown, figures, tmp_path):

@@ -182,6 +182,8 @@ def _print(summary: dict[str, Any]) -> None:
     stdout().print(counts)
     say(with_flags(nothing_verified(summary), Sample) if best is None else f"force margin of the best draw: {best:.2f}")
     if (probability := summary["best_foresight"].get("probability")) is not None:
-        say(f"probability that the best holds in physics: {probability:.0%}")
+        from dexnudge.finding import probability_text
+
+        say(f"probability that the best holds in physics: {probability_text(probability)}")
     say(*([with_flags(summary["uncertain"], Sample)] if "uncertain" in summary else []))
     say(f"seconds: {stages}; total {summary['seconds_total']:.1f}; memory {summary['peak_memory_mb']:.0f} MB")

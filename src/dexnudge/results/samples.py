@@ -15,6 +15,7 @@ from torch import Tensor
 
 from dexnudge.arms.arm import Arm
 from dexnudge.errors import InputError, check_integer, check_path, quote
+from dexnudge.finding import probability_text
 from dexnudge.geometry.devices import own_modes
 from dexnudge.hands.hand import ROOT_COORDINATES, Hand
 from dexnudge.mechanics.contacts import HandContacts
@@ -93,7 +94,7 @@ class Sample:
     def __repr__(self) -> str:
         verdict = "verified" if self.success else f"rejected ({self.reason})"
         probability = self.calibrated.get("probability", np.nan)
-        verdict += "" if np.isnan(probability) else f", holds in physics with {probability:.0%}"
+        verdict += "" if np.isnan(probability) else f", holds in physics with {probability_text(probability)}"
         verdict += "" if np.isnan(self.share_of_worlds) else f" in {self.share_of_worlds:.0%} of the worlds"
         touching = ", ".join(self.contact_links) or "nothing"
         return (

@@ -7,6 +7,7 @@ import numpy as np
 from jaxtyping import Int
 
 from dexnudge.errors import SceneError
+from dexnudge.finding import probability_text
 from dexnudge.results.samples import NOT_ON_PAGE, Sample, Samples
 from dexnudge.sampling.methods import Method
 from dexnudge.sampling.problem import prepare
@@ -40,7 +41,7 @@ def figures(sample: Sample, rank: int, layers: Layers, *, sentence: str = "") ->
         rows[name.replace("_", " ")] = f"{1e3 * value:.2f} mm" if depth else f"{value:.3g}"
     for name, value in sample.calibrated.items():
         if not np.isnan(value):
-            rows[name.replace("_", " ")] = f"{value:.0%}"
+            rows[name.replace("_", " ")] = probability_text(value) if name == "probability" else f"{value:.0%}"
     rows["touches with"] = ", ".join(sample.contact_links) or "nothing"
     if layers.balanced:
         rows["presses with"] = f"{layers.pressed:.1f} N in all"

@@ -15,6 +15,7 @@ import numpy as np
 from jaxtyping import Float
 
 from dexnudge.errors import InputError, check_path, writing
+from dexnudge.finding import probability_text
 from dexnudge.viewer.page_data import ASPECT, page_data
 from dexnudge.viewer.recording import Curve, Recording, recording_camera
 from dexnudge.viewer.visual_scene import PALETTE, Colour, VisualScene
@@ -233,6 +234,8 @@ def _number(name: str, value: float) -> str:
         return "&ndash;"
     if name not in HEADINGS:
         return f"{value:.4g}"
+    if name == "probability":
+        return escape(probability_text(value).rstrip("%"))
     factor = HEADINGS[name][1]
     return f"{factor * value:.{0 if factor == PERCENT else 2}f}"
 
