@@ -2,8 +2,10 @@
 
 import csv
 import json
+import os
 import struct
 import zipfile
+from pathlib import Path
 
 import numpy as np
 import pytest
@@ -93,14 +95,41 @@ def test_claims_of_success_are_not_read(entry_folder, tasks, inside, tmp_path):
         ({"used": "x\n\n## Rates"}, "one line of printable text"),
         ({"machine": "\x1b[31m"}, "one line of printable text"),
         ({"authors": "A" * 1001}, "at most 1000 characters"),
-        ({"seconds": {"phone-200_table_0": -1}}, "seconds is"),
-        ({"seconds": {"nothing": 1}}, "seconds is"),
+        ({"seconds": 3}, "seconds is 3; expected an object: a number for the name of each task"),
+        (
+            {"seconds": {"phone-200_table_0": -1}},
+            "phone-200_table_0 is -1; expected a number from 0 to 1,000,000,000",
+        ),
+        ({"seconds": {"phone-200_table_0": "1"}}, "seconds of phone-200_table_0 is '1'; expected a number"),
+        (
+            {"seconds": {"phone-200_tabel_0": 1}},
+            "seconds names 'phone-200_tabel_0', which is no task .did you mean",
+        ),
     ],
 )
 def test_a_malformed_entry_is_refused(change, message, entry_folder, tasks):
     path = entry_folder / "entry.json"
     path.write_text(json.dumps(json.loads(path.read_text()) | change))
     with pytest.raises(InputError, match=message):
+        load_entry(entry_folder, tasks)
+
+
+def test_an_answer_that_is_no_file_is_said_to_be_none_and_notes_may_lie_beside(entry_folder, tasks):
+    (entry_folder / "answers/README.md").write_text("how they were made")
+    entry, path = load_entry(entry_folder, tasks), entry_folder / "answers/phone-200_table_0.json"
+    path.unlink()
+    for kind, make, unmake in (
+        ("a pipe or a device", os.mkfifo, Path.unlink),
+        ("a folder", Path.mkdir, Path.rmdir),
+        ("a link to nothing", lambda path: path.symlink_to("nothing"), Path.unlink),
+    ):
+        make(path)
+        with pytest.raises(InputError) as caught:
+            read_answer(entry, "phone-200_table_0", tasks.hand, most=2)
+        assert str(caught.value) == f"phone-200_table_0.json is {kind}; expected a file"
+        unmake(path)
+    (entry_folder / "answers/phone-200_table_0.jsn").write_text("{}")
+    with pytest.raises(InputError, match=r"phone-200_table_0.jsn ends in '.jsn'; expected .json or .npz; rename it"):
         load_entry(entry_folder, tasks)
 
 

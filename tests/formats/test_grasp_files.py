@@ -205,7 +205,9 @@ def test_the_folder_one_stands_in_gives_its_name(box_samples, tmp_path, monkeypa
     replace(box_samples, verdicts=verdicts).save(tmp_path / "run")
     (tmp_path / "run/below").mkdir()
     monkeypatch.chdir(tmp_path / "run/below")
-    convert(Path(".."), "dexgraspbench", tmp_path / "out", every=True)
+    said = convert(Path(".."), "dexgraspbench", tmp_path / "out", every=True)
+    assert said == f"{len(box_samples)} configurations"
+    assert convert(Path(".."), "usd", tmp_path / "out.usda", every=True) == "the scene and 1 configuration"
     assert len(list((tmp_path / "out/graspdata/run").glob("*.npy"))) == len(box_samples)
 
 

@@ -12,6 +12,7 @@ import trimesh
 import dexnudge as dn
 from dexnudge.simulation.robot_model import load_robot_model, robot_model
 from dexnudge.trajectories.plan import PHASES
+from dexnudge.trajectories.plan_reader import read_plan_json
 
 from .test_plan_folder import at
 
@@ -256,3 +257,14 @@ def test_a_model_that_names_files_is_refused(crane_plan, part):
         load_robot_model(xml.replace("</mujoco>", part + "</mujoco>"), crane_plan.robot)
     with pytest.raises(dn.InputError, match="document types and entities are not read"):
         load_robot_model('<!DOCTYPE a [<!ENTITY b "c">]>' + xml, crane_plan.robot)
+
+
+def test_phases_are_counted_before_they_are_made(saved, tmp_path, monkeypatch):
+    monkeypatch.setattr("dexnudge.trajectories.plan_reader.from_fields", None)
+    content = json.loads((saved / "plan.json").read_text())
+    content["phases"] *= 100
+    (tmp_path / "plan.json").write_text(json.dumps(content))
+    with pytest.raises(dn.InputError) as caught:
+        read_plan_json(tmp_path / "plan.json")
+    counted = f"phases has {len(content['phases'])} entries; expected at most {len(PHASES)}"
+    assert str(caught.value) == f"{tmp_path / 'plan.json'}: {counted}; plan again, or take the file as it was written"

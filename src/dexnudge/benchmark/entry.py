@@ -8,6 +8,7 @@ An answer holds joint_names (d,), T_world_palm (n, 4, 4) [m] and joint_angles (n
 
 import hashlib
 import os
+from collections.abc import Sequence
 from dataclasses import dataclass, field
 from pathlib import Path
 
@@ -26,6 +27,7 @@ ENTRY, ANSWERS = "entry.json", "answers"
 KEYS = ("T_world_palm", "joint_angles", "joint_names")
 SUFFIXES = (".json", ".npz")
 ARCHIVE = "an npz archive without pickles"
+MOST_SECONDS = 10**9  # of a task: 30 years
 LARGEST_ANSWER = 2**24  # [bytes] a hundred draws are some 100 kB
 
 
@@ -90,14 +92,23 @@ def load_entry(folder: Path | str, tasks: TaskSet) -> Entry:
         raise InputError(f"{path}: name is {quote(content['name'])}; expected letters, digits, _, - and .")
     names = [task.name for task in tasks.tasks]
     seconds = content.get("seconds", {})
-    valid = isinstance(seconds, dict) and all(
-        type(value) in (int, float) and 0 <= value < 1e9 and name in names for name, value in seconds.items()
-    )
-    if not valid:
-        raise InputError(f"{path}: seconds is {quote(seconds)}; expected seconds of each task, by its name")
-    answers = sorted(file for file in (folder / ANSWERS).glob("*") if not file.name.startswith("."))
+    if not isinstance(seconds, dict):
+        raise InputError(f"{path}: seconds is {quote(seconds)}; expected an object: a number for the name of each task")
+    for name, value in seconds.items():
+        if name not in names:
+            raise InputError(
+                f"{path}: seconds names {quote(name)}, which is no task{did_you_mean(name, names)}; expected names of the "
+                f"folders in {tasks.folder / 'tasks'}"
+            )
+        if type(value) not in (int, float) or not 0 <= value < MOST_SECONDS:
+            raise InputError(
+                f"{path}: seconds of {name} is {quote(value)}; expected a number from 0 to {MOST_SECONDS:,}"
+            )
+    answers = sorted(file for file in (folder / ANSWERS).glob("*") if _may_answer(file, names))
     for file in answers:
-        if file.stem not in names or file.suffix not in SUFFIXES:
+        if file.suffix not in SUFFIXES:
+            raise InputError(f"{file} ends in {quote(file.suffix)}; expected {' or '.join(SUFFIXES)}; rename it")
+        if file.stem not in names:
             raise InputError(
                 f"{file} is an answer to no task{did_you_mean(file.stem, names)}; expected TASK.json or TASK.npz with the "
                 f"names of the folders in {tasks.folder / 'tasks'}"
@@ -107,14 +118,25 @@ def load_entry(folder: Path | str, tasks: TaskSet) -> Entry:
     return Entry(folder=folder, seconds=seconds, **{key: content[key] for key in texts})
 
 
+def _may_answer(file: Path, names: Sequence[str]) -> bool:
+    """Whether a file is meant as an answer, by its name; notes may lie beside answers."""
+    return not file.name.startswith(".") and (file.suffix in SUFFIXES or file.stem in names)
+
+
 def read_answer(entry: Entry, name: str, hand: Hand, *, most: int) -> Answer:
     """Return the entry's draws for a task.
 
     Raises:
-        InputError: it is missing, there twice, a link out of the folder, damaged, of other joints, or holds more draws
-            than `most`.
+        InputError: it is missing, no file, there twice, a link out of the folder, damaged, of other joints, or holds more
+            draws than `most`.
     """
-    there = [file for file in (f"{name}{suffix}" for suffix in SUFFIXES) if (entry.folder / ANSWERS / file).is_file()]
+    folder = entry.folder / ANSWERS
+    there = [file for file in (f"{name}{suffix}" for suffix in SUFFIXES) if os.path.lexists(folder / file)]
+    for file in there:
+        if not (folder / file).is_file():
+            path, kind = folder / file, "a pipe or a device"
+            kind = "a folder" if path.is_dir() else "a link to nothing" if not path.exists() else kind
+            raise InputError(f"{file} is {kind}; expected a file")
     if len(there) != 1:
         raise InputError("there is no answer" if not there else "there are two answers; expected one")
     path = path_inside(entry.folder, f"{ANSWERS}/{there[0]}", "an answer", file=ENTRY, what="answer")

@@ -70,7 +70,7 @@ def convert(source: Path, to: str, out: Path, *, every: bool = False) -> str:
         write, marker = GRASPS[to]
         with new_folder(out, marker=marker) as folder:
             write(samples, folder, name=source.resolve().name)
-        return f"{len(samples)} configurations"
+        return _counted(len(samples))
     if out.exists():
         raise OutputError(f"{out} exists; expected a new file; choose another `out`")
     if samples is None:
@@ -78,7 +78,11 @@ def convert(source: Path, to: str, out: Path, *, every: bool = False) -> str:
         return "the scene"
     q = samples.q if to == "mujoco" else samples.q[0]
     SCENES[to](samples.scene, out, hand=samples.hand, q=q)
-    return f"the scene and {len(q) if to == 'mujoco' else 1} configurations"
+    return f"the scene and {_counted(len(q) if to == 'mujoco' else 1)}"
+
+
+def _counted(number: int) -> str:
+    return "1 configuration" if number == 1 else f"{number} configurations"
 
 
 def _episodes(source: Path, out: Path) -> str:

@@ -117,6 +117,9 @@ def plan_file(content: dict[str, Any], path: Path) -> PlanFile:
             f"{path} has format version {version}, from a later dexnudge; expected at most {FORMAT_VERSION}; update "
             "dexnudge, or plan again"
         )
+    phases = content.get("phases")
+    if isinstance(phases, list) and len(phases) > len(PHASES):
+        raise InputError(f"{path}: phases has {len(phases):,} entries; expected at most {len(PHASES)}; {AGAIN}")
     plan = from_fields(content, PlanFile, str(path), error=InputError, again=AGAIN, others=True)
     names = plan.joint_names
     for what, wrong in (
