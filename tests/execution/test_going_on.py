@@ -5,6 +5,8 @@ from dataclasses import replace
 import numpy as np
 import pytest
 
+from dexnudge.execution import executor as executor_module
+from dexnudge.execution import slide_grasp_lift
 from dexnudge.execution.executor import MOST_REGRASPS, Executor
 from dexnudge.execution.scene_rollout import SceneRollout
 from dexnudge.execution.slide_grasp_lift import MOST_PLANNED, Slide
@@ -12,8 +14,10 @@ from dexnudge.planning.approach import Approach
 from dexnudge.planning.hand_clearance import Blocked
 from dexnudge.planning.outcomes import Outcome
 from dexnudge.scenes.motion import Turn
+from dexnudge.scenes.uncertainty import Uncertainty
 from dexnudge.simulation.model import scene_model
 from dexnudge.simulation.open_loop import OpenLoop
+from dexnudge.simulation.push_forces import forces_with_reserve
 from dexnudge.simulation.rollout import Rollout
 
 LENGTH, STRIDE = 0.06, 0.025  # [m]
@@ -72,6 +76,24 @@ def test_what_no_longer_fits_takes_no_place_of_what_does(executor, pad_grasp, mo
     on = executor(q, aside)
     assert on.verdict.success
     assert set(on.trace.attempt) == {1, 2}
+
+
+def test_later_holds_too_are_planned_for_the_hardest_world(pad_hand, block_scene, pad_grasp, monkeypatch):
+    scene = replace(block_scene, motion_length=LENGTH, uncertainty=Uncertainty(friction=(0.8, 1.0), mass=(1.0, 1.5)))
+    planned = []
+
+    def noted(simulation, q, contacts, stations, task):
+        planned.append(task)
+        return forces_with_reserve(simulation, q, contacts, stations, task)
+
+    for module in (executor_module, slide_grasp_lift):
+        monkeypatch.setattr(module, "forces_with_reserve", noted)
+    q, _ = pad_grasp
+    Executor(scene, scene_model(pad_hand, scene), Stride())(q, q[None][:0])
+    assert len(planned) > 1
+    for task in planned:
+        assert task.friction_hand == pytest.approx(0.8 * scene.friction_hand)
+        assert task.mass == pytest.approx(1.5 * scene.mass)
 
 
 @pytest.mark.parametrize("slide_length", [0.0, LENGTH])

@@ -8,12 +8,16 @@ import pytest
 import trimesh
 
 from dexnudge.cli.main import main
+from dexnudge.hands.registry import load_hand
 from dexnudge.mechanics.sliding_task import sliding_task
 from dexnudge.results.checking import check
 from dexnudge.results.ranking import ranking
 from dexnudge.results.samples import Samples
 from dexnudge.results.worlds import MEASURED, balanced_in, sampled_worlds, share_of_worlds, what_to_do
+from dexnudge.sampling.problem import prepare
+from dexnudge.sampling.sampler import Sampler
 from dexnudge.scenes.boxes import box
+from dexnudge.scenes.families import build_scene
 from dexnudge.scenes.scene import Scene
 from dexnudge.scenes.uncertainty import Uncertainty
 from dexnudge.verification.verdicts import verify
@@ -69,6 +73,21 @@ def test_frictions_and_mass_are_spread_evenly_over_their_ranges_by_the_seed(scen
     assert (hardest.friction_hand, hardest.friction_environment, hardest.mass) == pytest.approx((0.4, 0.6, 0.3))
     again, other = (sampled_worlds(scene, replace(uncertainty, seed=seed))[:-1] for seed in (0, 1))
     assert [each.mass for each in again] == [each.mass for each in found] != [each.mass for each in other]
+
+
+def test_what_holds_in_all_worlds_is_ranked_as_in_the_hardest():
+    sampler = Sampler(load_hand("shadow_lite"))
+    layers = build_scene("layers", "phone", seed=0)
+    scene = replace(layers, uncertainty=Uncertainty(friction=(0.6, 1.0)))
+    q = sampler.draw(prepare(scene), num=16, seed=0).q
+    hardest = replace(layers, friction_hand=0.6 * layers.friction_hand)
+    here, there = (verify(each, sampler.hand, q) for each in (scene, hardest))
+    ranked = ranking(scene, here, sampler.hand, q)
+    holding = ranked.order[ranked.foresight["share_of_worlds"][ranked.order] == 1.0]
+    assert len(holding) > 5
+    in_hardest = ranking(hardest, there, sampler.hand, q).order
+    assert holding.tolist() == [row for row in in_hardest if row in holding]
+    assert holding.tolist() != [row for row in ranking(layers, here, sampler.hand, q).order if row in holding]
 
 
 def test_where_a_wall_stands_the_object_cannot_lie(scene):

@@ -17,7 +17,7 @@ from dexnudge.execution.grasp_finder import GraspFinder
 from dexnudge.execution.scene_rollout import SceneRollout
 from dexnudge.geometry.transforms import transform_configurations
 from dexnudge.mechanics.fast_balance import force_margins
-from dexnudge.mechanics.sliding_task import sliding_task
+from dexnudge.mechanics.sliding_task import hardest_task
 from dexnudge.planning.approach import Approach, ApproachPlanner
 from dexnudge.planning.object_path import GraspableLimits, plan_object_motion, stations, stays_flat
 from dexnudge.planning.outcomes import Outcome
@@ -155,7 +155,7 @@ class Slide:
         del self._waiting[index]
         rollout = self._stage.go_to_pre_contact(approach, from_outside=False)
         (contacts,) = contacts_of(scene, self._stage.hand, q[None])
-        task = sliding_task(scene)
+        task = hardest_task(scene)
         with rollout.elsewhere():
             forces = forces_with_reserve(self._stage.model_at(scene), q, contacts, stations(scene, length), task)
         rollout.push(push_path(*approach.last_stretch, motion=scene.object_motion, length=length), forces, self._policy)
@@ -206,7 +206,7 @@ class Slide:
         self, scene: Scene, length: float, q: Float[np.ndarray, "n coordinates"]
     ) -> Float[np.ndarray, " n"]:
         """Return the least force margin of each configuration at both ends of the way."""
-        contacts, task, way = contacts_of(scene, self._stage.hand, q), sliding_task(scene), stations(scene, length)
+        contacts, task, way = contacts_of(scene, self._stage.hand, q), hardest_task(scene), stations(scene, length)
         found = [
             force_margins([each.moved(end.T) for each in contacts], end.supports, end.task(task)).factor[:, 0]
             for end in (way[0], way[-1])

@@ -1,6 +1,6 @@
 """The order of draws: verified ones first, and among them those that hold in most worlds and push best."""
 
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 
 import numpy as np
 from jaxtyping import Float, Int
@@ -14,6 +14,7 @@ from dexnudge.results.probability import probabilities
 from dexnudge.results.worlds import share_of_worlds, uncertainty_of
 from dexnudge.scenes.scene import Scene
 from dexnudge.verification.criteria import MARGIN_AGREEMENT, ROBUST_MARGIN, SUCCESS_MARGIN
+from dexnudge.verification.measurements import contact_margins
 from dexnudge.verification.verdicts import Verdicts
 
 
@@ -50,16 +51,20 @@ class Ranking:
 def ranking(scene: Scene, verdicts: Verdicts, hand: Hand, q: Float[np.ndarray, "n coordinates"]) -> Ranking:
     """Return how draws rank: verified ones first; among them those that push best.
 
-    That is: where something is uncertain, by the share of the worlds in which they hold (`share_of_worlds`); by the margin
-    where the path begins, up to 1.5 (robust); by the least one on the path of those contacts alone that press or push, up to
-    1; by how near to the object's centre of mass or behind it they are on average; by how far they press or push; by the
-    least penetration. Larger margins are those of hands that squeeze, and slip. Where the object turns, nothing but fingers
-    that press apart from one another, or from two sides, turns it: what holds with less friction and blunter
-    contacts comes first (`careful_margins`), then the margin as far as it goes.
+    That is: where something is uncertain, by the share of the worlds in which they hold (`share_of_worlds`), and then by
+    what follows in the hardest of them; by the margin where the path begins, up to 1.5 (robust); by the least one on the
+    path of those contacts alone that press or push, up to 1; by how near to the object's centre of mass or behind it they
+    are on average; by how far they press or push; by the least penetration. Larger margins are those of hands that squeeze,
+    and slip. Where the object turns, nothing but fingers that press apart from one another, or from two sides, turns it:
+    what holds with less friction and blunter contacts comes first (`careful_margins`), then the margin as far as it goes.
     """
     verified = np.flatnonzero(verdicts.success)
     contacts = ContactBatch.of([verdicts.contacts[row] for row in verified])
-    keys = _keys(scene, verdicts, contacts)
+    hardest, margin = scene, np.array(verdicts.force_margin)
+    if scene.uncertainty is not None:
+        hardest = replace(scene, **scene.uncertainty.hardest(scene))
+        margin[verified] = contact_margins(hardest, contacts)[0].factor[:, 0]
+    keys = _keys(hardest, verdicts, margin, contacts)
     foresight, tolerance = {"probability": np.full(len(q), np.nan)}, {"probability": PROBABILITY_AGREEMENT}
     foresight["probability"][verified] = probabilities(scene, contacts)
     agreement = [0.0, MARGIN_AGREEMENT, MARGIN_AGREEMENT, 1e-6, 1e-6, 1e-6]
@@ -71,9 +76,11 @@ def ranking(scene: Scene, verdicts: Verdicts, hand: Hand, q: Float[np.ndarray, "
     return Ranking(keys, np.array(agreement), foresight, tolerance)
 
 
-def _keys(scene: Scene, verdicts: Verdicts, contacts: ContactBatch) -> Float[np.ndarray, "key draw"]:
-    """Return what draws are ranked by where all is certain. contacts: of those that are verified."""
-    margin, verified = np.asarray(verdicts.force_margin), np.flatnonzero(verdicts.success)
+def _keys(
+    scene: Scene, verdicts: Verdicts, margin: Float[np.ndarray, " draw"], contacts: ContactBatch
+) -> Float[np.ndarray, "key draw"]:
+    """Return what draws are ranked by where all is certain. margin: of forces. contacts: of those that are verified."""
+    verified = np.flatnonzero(verdicts.success)
     pressing, ahead, helping = np.zeros((3, len(margin)))
     if len(verified) > 1:
         helping[verified] = mean_help(scene, contacts)
