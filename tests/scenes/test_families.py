@@ -206,6 +206,26 @@ def test_book(meshes):
         assert {-1, 0, 1} == set(touched.normals[:, 1].round(9))  # carried from below, held from both sides
 
 
+def slab_on_feet(*ends: float) -> trimesh.Trimesh:
+    """A slab with a foot 5 mm wide at one side of each of these ends (-1, 1), about which it falls over."""
+    slab = trimesh.creation.box((0.15, 0.05, 0.012))
+    feet = [trimesh.creation.box((0.02, 0.005, 0.012)) for _ in ends]
+    for foot, end in zip(feet, ends, strict=True):
+        foot.apply_translation([end * 0.085, 0.0225, 0.0])
+    return trimesh.convex.convex_hull(np.concatenate([part.vertices for part in (slab, *feet)]))
+
+
+def test_a_book_stands_on_the_end_on_which_it_does_not_fall_over():
+    for seed in range(6):
+        scene = build_scene("book", slab_on_feet(1.0), seed=seed)
+        touched = support_contacts(scene)
+        feet = touched.points[touched.normals[:, 2] > 0.5, 0]
+        assert feet.min() < scene.centre_of_mass[0] - 0.02
+        assert feet.max() > scene.centre_of_mass[0] + 0.02
+    with pytest.raises(SceneError, match="stands upright on neither end"):
+        build_scene("book", slab_on_feet(-1.0, 1.0), seed=0)
+
+
 def test_edge(meshes):
     for scene in drawn("edge", meshes):
         axis = int(np.argmax(np.abs(scene.motion)))

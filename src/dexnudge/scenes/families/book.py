@@ -2,13 +2,18 @@
 
 from __future__ import annotations
 
+from collections.abc import Sequence
+
 import numpy as np
 import trimesh
+from jaxtyping import Float
 
+from dexnudge.errors import SceneError
 from dexnudge.scenes.asked_turn import over_foremost
 from dexnudge.scenes.boxes import box, joined
 from dexnudge.scenes.resting import resting_pose
 from dexnudge.scenes.scene import Scene
+from dexnudge.scenes.support_contacts import UPWARD, support_contacts
 
 GAP = (0.0003, 0.0008)  # [m] from the object to the neighbour on each side: near enough to hold it
 HEIGHT = (0.70, 0.95)  # of the neighbours, of the object's
@@ -19,36 +24,59 @@ FRONT = (0.10, 0.14)  # [m] of the board before the object
 BOARD = (0.40, 0.80, 0.02)  # [m] depth, width, thickness; its top is z = 0
 ANGLE = np.radians([20.0, 30.0])  # of the tip
 PULL = (0.06, 0.08)  # [m] of the slide after it
+STEADY = (
+    0.002  # [m] by which the centre of mass is behind the foremost and before the hindmost point on which it stands
+)
 FORWARD = np.array([1.0, 0.0, 0.0])
 
 
 def book(mesh: trimesh.Trimesh, generator: np.random.Generator) -> Scene:
     """Longest side upright, middle side along +x, thin side between two neighbours; tipped by 20 to 30 deg, then pulled out.
 
-    It tips about the foremost line on which it stands. Nothing is above it.
+    It tips about the foremost line on which it stands. Nothing is above it. One that would fall over by itself stands on its
+    other end.
+
+    Raises:
+        SceneError: it stands on neither.
     """
-    pose = _upright(mesh, front_down=bool(generator.integers(2)), turned=bool(generator.integers(2)))
+    front_down, turned = bool(generator.integers(2)), bool(generator.integers(2))
+    front, angle, pull = generator.uniform(*FRONT), generator.uniform(*ANGLE), generator.uniform(*PULL)
+    beside = [[generator.uniform(*each) for each in (HEIGHT, DEPTH, GAP, THICKNESS, (-FLUSH, FLUSH))] for _ in range(2)]
+    for down in (front_down, not front_down):
+        scene = _row(mesh, _upright(mesh, front_down=down, turned=turned), front, beside)
+        if _stands(scene):
+            scene.parameters["tip_degrees"] = float(np.degrees(angle))
+            return over_foremost(scene, angle, pull)
+    raise SceneError(
+        "the object stands upright on neither end: its centre of mass is not above what it stands on; expected one that a "
+        "row of books holds; choose another scene"
+    )
+
+
+def _row(
+    mesh: trimesh.Trimesh, pose: Float[np.ndarray, "4 4"], front: float, beside: Sequence[Sequence[float]]
+) -> Scene:
+    """Return the object on a board between two neighbours, each of height, depth, gap, thickness and front (see above)."""
     placed = np.asarray(mesh.vertices) @ pose[:3, :3].T + pose[:3, 3]
     depth, _, height = (float(side) for side in np.ptp(placed, axis=0))
-    front, angle, pull = generator.uniform(*FRONT), generator.uniform(*ANGLE), generator.uniform(*PULL)
     parts = [box((front - BOARD[0], -BOARD[1] / 2, -BOARD[2]), (front, BOARD[1] / 2, 0.0))]
     neighbours = []
-    for side in (-1.0, 1.0):
-        tall, deep = generator.uniform(*HEIGHT) * height, generator.uniform(*DEPTH) * depth
-        gap, thick, flush = generator.uniform(*GAP), generator.uniform(*THICKNESS), generator.uniform(-FLUSH, FLUSH)
-        beside = placed[placed[:, 2] <= tall]
-        inner = side * (float((side * beside[:, 1]).max()) + gap)
+    for side, (high, far, gap, thick, flush) in zip((-1.0, 1.0), beside, strict=True):
+        tall, deep = high * height, far * depth
+        near = placed[placed[:, 2] <= tall]
+        inner = side * (float((side * near[:, 1]).max()) + gap)
         outer = inner + side * thick
         parts.append(box((flush - deep, min(inner, outer), 0.0), (flush, max(inner, outer), tall)))
         neighbours.append({"height": tall, "depth": deep, "thickness": thick, "gap": gap, "front": flush})
-    parameters = {
-        "height": height,
-        "front": front,
-        "tip_degrees": float(np.degrees(angle)),
-        "neighbours": neighbours,
-    }
-    scene = Scene(mesh, joined(parts), pose, FORWARD, name="book", parameters=parameters)
-    return over_foremost(scene, angle, pull)
+    parameters = {"height": height, "front": front, "neighbours": neighbours}
+    return Scene(mesh, joined(parts), pose, FORWARD, name="book", parameters=parameters)
+
+
+def _stands(scene: Scene) -> bool:
+    """Return whether the object falls neither forward nor backward; to the sides its neighbours hold it."""
+    contacts, centre = support_contacts(scene), scene.centre_of_mass
+    ahead = contacts.points[contacts.normals[:, 2] > UPWARD, 0] - centre[0]
+    return bool(ahead.min(initial=0.0) <= -STEADY and ahead.max(initial=0.0) >= STEADY)
 
 
 def _upright(mesh: trimesh.Trimesh, *, front_down: bool, turned: bool) -> np.ndarray:
