@@ -53,6 +53,7 @@ ARM_SHOWN = {  # columns of the table of arms
     "executed_of_planned": "of planned",
     "palm_error_mm": "tracking, mm",
 }
+OPEN_LOOP = ", open loop"  # at the end of a group's name
 LIMITS, DEPTHS = ("position", "velocity", "acceleration", "jerk"), ("in_object_mm", "in_environment_mm", "in_itself_mm")
 NOT_PERCENT = {  # digits
     "length_asked_mm": 0,
@@ -188,8 +189,13 @@ def page(listed: dict[str, Any], data: dict[str, list[Row]], docs: Path) -> str:
         if not found:
             continue
         stem = next(filter(None, stems.values()))
-        groups = data.get(f"{stem}-{runs[next(iter(runs))].get('groups', '')}")
-        parts += [f"## {title}", groups_table(groups) if groups else run_table(found), made_with(data[stem], stem)]
+        groups = [
+            (run["label"], data[file])
+            for name, run in runs.items()
+            if (file := f"{stems[name]}-{run.get('groups', '')}") in data
+        ]
+        made = " ".join(made_with(data[each], each) for each in stems.values() if each)
+        parts += [f"## {title}", groups_table(groups) if groups else run_table(found), made]
         chart = docs / "images" / f"{stem}-{'calibration' if stem.endswith('-executed') else 'rates'}.png"
         parts += [f"![{title}](images/{chart.name})"] if chart.is_file() else []
     return "\n\n".join(parts) + "\n"
@@ -314,13 +320,20 @@ def run_table(found: list[tuple[list[Row], dict[str, Any]]]) -> str:
     return Table([*labels, "scene", "method", *columns.values()], table, labels=2 + len(labels)).markdown()
 
 
-def groups_table(rows: list[Row]) -> str:
-    """Rates by group, a column for each scene."""
-    scenes = list(dict.fromkeys(row["scenes"] for row in rows))
-    cells = {(row["group"], row["scenes"]): text(row, "rate") for row in rows}
-    groups = dict.fromkeys(row["group"] for row in rows)
-    table = [[group, *(cells.get((group, scene), "") for scene in scenes)] for group in groups]
-    return Table(["setting", *scenes], table, labels=1).markdown()
+def groups_table(runs: list[tuple[str, list[Row]]]) -> str:
+    """Rates by group, a column for each scene, those of open loop behind those of feedback; runs by their labels."""
+    scenes = list(dict.fromkeys(row["scenes"] for _, rows in runs for row in rows))
+    table = []
+    for label, rows in runs:
+        cells = {(row["group"], row["scenes"]): row for row in rows}
+        for group in dict.fromkeys(row["group"] for row in rows if not row["group"].endswith(OPEN_LOOP)):
+            shown = []
+            for scene in scenes:
+                blind = cells.get((group + OPEN_LOOP, scene))
+                both = f" · {100 * float(blind['rate']):.1f}" if blind else ""
+                shown.append(text(cells.get((group, scene)), "rate") + both)
+            table.append([label, group, *shown])
+    return Table(["planned for", "setting: with feedback · open loop", *scenes], table, labels=2).markdown()
 
 
 def made_with(rows: list[Row], stem: str, link: str = "data") -> str:
