@@ -319,6 +319,20 @@ def test_entities_hidden_by_an_encoding(write_hand):
     )
 
 
+@pytest.mark.parametrize("encoding", ["ISO-8859-1", "windows-1252"])
+def test_one_byte_a_letter_is_read_where_it_is_declared(write_hand, encoding):
+    path = write_hand()
+    plain = path.read_text()
+    plain = plain[plain.index("<robot") :].replace("</robot>", "<!-- Größe: Ø 8 mm --></robot>")
+    path.write_bytes(f'<?xml version="1.0" encoding="{encoding}"?>\n{plain}'.encode(encoding))
+    assert load_hand(path).joint_names
+    hidden = f'<?xml version="1.0" encoding="{encoding}"?><!DOCTYPE robot [<!ENTITY a "é">]><robot/>'
+    path.write_bytes(hidden.encode(encoding))
+    assert "document types and entities are not read" in message(path)
+    path.write_bytes(plain.encode(encoding))
+    assert message(path).endswith("save it as UTF-8")
+
+
 def test_declared_encoding_is_not_obeyed(write_hand):
     path = write_hand()
     path.write_text('<?xml version="1.0" encoding="utf-7"?>\n+ADwAIQ-DOCTYPE robot [+ADwAIQ-ENTITY a "a">]>\n<robot/>')

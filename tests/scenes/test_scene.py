@@ -68,6 +68,8 @@ def test_poses_that_are_not_rigid():
         + "it mirrors: was it written in a left-handed frame?"
     )
     assert message_of(transposed).endswith("; transposed? the translation belongs into the last column")
+    rounded = trimesh.transformations.rotation_matrix(0.7, (1.0, 2.0, 3.0)).round(2)
+    assert message_of(rounded).endswith("; was it rounded? write its numbers with four decimals or more")
     assert message_of(scaled) == (
         "T_world_object is not a rigid transform: |R^T R - I| = 3, det R = 8, last row [0.0, 0.0, 0.0, 1.0]; " + ending
     )

@@ -11,6 +11,7 @@ from dexnudge.errors import SceneError
 
 RIGID_TOLERANCE = 1e-5  # on R^T R - I; poses typed by hand carry six digits
 ROUNDED_TOLERANCE = 1e-3  # on R^T R - I; up to here the nearest rotation is taken: it carries three or four decimals
+ROUGHLY_ROUNDED = 0.03  # on R^T R - I; two decimals leave less
 LAST_ROW = "; add the last row [0, 0, 0, 1]"
 SMALLEST_SQUARED = 1e-100  # components below it or above its inverse are scaled before they are squared
 FARTHEST = 1e3  # [m] a pose farther from the origin than this is no pose of an object in a room
@@ -45,6 +46,8 @@ def rigid_transform(
             remedy = "transposed? the translation belongs into the last column"
         elif skew <= ROUNDED_TOLERANCE and determinant < 0:
             remedy = "it mirrors: was it written in a left-handed frame?"
+        elif ROUNDED_TOLERANCE < skew < ROUGHLY_ROUNDED:
+            remedy = "was it rounded? write its numbers with four decimals or more"
         raise SceneError(
             f"{name} is not a rigid transform: |R^T R - I| = {skew:.2g}, det R = {determinant:.3g}, "
             f"last row {last_row.tolist()}; expected a rotation (tolerance {ROUNDED_TOLERANCE:g}, det 1) and last row "

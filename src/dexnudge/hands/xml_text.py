@@ -1,6 +1,7 @@
-"""Robot descriptions read as text: small, UTF-8, and without entities, which could expand or fetch without limit."""
+"""Robot descriptions read as text: small, and without entities, which could expand or fetch without limit."""
 
 import os
+import re
 import xml.etree.ElementTree as ElementTree
 from collections.abc import Callable, Iterable
 from pathlib import Path
@@ -13,6 +14,9 @@ def numbers(values: Iterable[float]) -> str:
     return " ".join(repr(float(value) + 0.0) for value in values)  # + 0.0 turns -0.0 into 0.0
 
 
+DECLARED = re.compile(rb"""\s*<\?xml[^>]*encoding=["']([\w.-]+)["']""")
+ONE_BYTE = ("iso-8859-1", "iso-8859-15", "latin-1", "latin1", "windows-1252", "us-ascii")
+"""Encodings in which letters of XML are those of ASCII, so that nothing hides in them."""
 MAX_DESCRIPTION_BYTES = 10_000_000  # a hand's description has some ten kilobytes
 
 
@@ -27,7 +31,7 @@ def read_xml(
         expand: gives the plain text of a file with macros of xacro, or None where that cannot be had.
 
     Raises:
-        HandError: missing, too large, not UTF-8, with a DOCTYPE or entities, not well-formed, or another root.
+        HandError: missing, too large, in another encoding, with a DOCTYPE or entities, not well-formed, or another root.
     """
     if not os.path.isfile(path):  # noqa: PTH113 - a name of 300 letters is no file, and no error
         raise HandError(f"the description is missing: expected a file at {path}, found none; mend the path")
@@ -37,12 +41,7 @@ def read_xml(
             f"{path}: the file is too large: expected at most {MAX_DESCRIPTION_BYTES} bytes of XML, got {size}; "
             "keep meshes in files of their own"
         )
-    try:
-        text = path.read_bytes().decode("utf-8-sig")
-    except UnicodeDecodeError as error:
-        raise HandError(
-            f"{path}: not a text file: expected XML in UTF-8, got {error.reason}; save it as UTF-8"
-        ) from error
+    text = _decoded(path.read_bytes(), path)
     root = _parsed(text, root_tag, path)
     if _first_macro(root) is not None and expand is not None and (plain := expand(path)) is not None:
         root = _parsed(plain, root_tag, path)
@@ -52,6 +51,19 @@ def read_xml(
             f"{path}: wrong kind of file: expected a root element <{root_tag}>, got <{root.tag}>; mend the path"
         )
     return root
+
+
+def _decoded(content: bytes, path: Path) -> str:
+    """Return the text of a file in UTF-8, or in one of `ONE_BYTE` that it declares."""
+    try:
+        return content.decode("utf-8-sig")
+    except UnicodeDecodeError as error:
+        declared = DECLARED.match(content)
+        if declared is None or declared[1].decode().lower() not in ONE_BYTE:
+            raise HandError(
+                f"{path}: not a text file: expected XML in UTF-8, got {error.reason}; save it as UTF-8"
+            ) from error
+        return content.decode(declared[1].decode(), errors="replace")
 
 
 def _parsed(text: str, root_tag: str | None, path: Path) -> ElementTree.Element:
