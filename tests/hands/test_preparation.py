@@ -182,6 +182,17 @@ def test_a_joint_that_moves_nothing_and_links_that_overlap_are_told(write):
     assert "index_2 and wall" in warnings["self_collision"]
 
 
+def test_links_of_digits_in_centimetres_are_asked_about(write):
+    long = [part.replace('size="0.014 0.012 0.034"', 'size="0.14 0.12 0.34"') for part in gripper()]
+    found = told(prepare_hand(write(long)), "sizes")
+    assert (found.level, found.sentence) == (
+        "warning",
+        "index_2, middle_2, thumb_2 of a digit: up to 0.34 m long",
+    )
+    assert "in centimetres" in found.remedy
+    assert not [finding for finding in prepare_hand(write(gripper())).findings if finding.what == "sizes"]
+
+
 def test_a_joint_without_limits_moves_what_it_turns(write):
     endless = [part.replace('type="revolute"', 'type="continuous"') for part in gripper()]
     assert not [finding for finding in prepare_hand(write(endless)).findings if finding.what == "joints"]

@@ -13,6 +13,7 @@ from dexnudge.hands.hand import Hand
 
 LEAST_MOVE = 0.001  # [m] of some link while a joint goes through its range; less is a joint that moves nothing
 MEETING = 0.03  # [m] between the tips of a closed hand: fingers that pass beside the thumb still pinch a thin object
+LONGEST_LINK = 0.25  # [m] of a digit: twice the longest of the hands that are known, less than any in centimetres
 APART = np.cos(np.radians(60.0))  # between the stated and the found direction of the palm: they contradict each other
 TRUSTED = 0.5  # confidence from which the found direction may contradict
 SHARES = (0.0, 0.13, 0.38, 0.71, 1.0)  # of a joint's range; uneven, as what turns in full circles comes back
@@ -21,7 +22,7 @@ MOST_NAMED = 4  # links or pairs in one sentence
 
 def hand_findings(hand: Hand, way: Closing) -> list[Finding]:
     """Return the checks of a hand: warnings with a remedy, and notes of what was measured."""
-    return [*_joints(hand), _overlaps(hand), *_opening(hand, way), *_palm(hand, way), _surfaces(hand)]
+    return [*_joints(hand), *_sizes(hand), _overlaps(hand), *_opening(hand, way), *_palm(hand, way), _surfaces(hand)]
 
 
 def direction_numbers(direction: Float[np.ndarray, " 3"]) -> str:
@@ -72,6 +73,18 @@ def _joints(hand: Hand) -> Iterator[Finding]:
     outside = [name for name, angle in zip(hand.joint_names, rest, strict=True) if angle != 0.0]
     if outside:
         yield Finding("note", "limits", f"zero lies outside the limits of {_listed(outside)}")
+
+
+def _sizes(hand: Hand) -> Iterator[Finding]:
+    """Yield that links of digits are longer than any hand's."""
+    lengths = {
+        name: float(mesh.bounding_box_oriented.primitive.extents.max())
+        for name, mesh in zip(hand.link_names, hand.link_meshes, strict=True)
+        if len(mesh.faces) and hand.digit_of_link[name]
+    }
+    if long := [name for name, length in lengths.items() if length > LONGEST_LINK]:
+        sentence = f"{_listed(long)} of a digit: up to {max(lengths.values()):.2f} m long"
+        yield Finding("warning", "sizes", sentence, "in centimetres or inches? scale the meshes in the description")
 
 
 def _overlaps(hand: Hand) -> Finding:
