@@ -183,14 +183,16 @@ def test_a_joint_that_moves_nothing_and_links_that_overlap_are_told(write):
 
 
 def test_links_of_digits_in_centimetres_are_asked_about(write):
-    long = [part.replace('size="0.014 0.012 0.034"', 'size="0.14 0.12 0.34"') for part in gripper()]
-    found = told(prepare_hand(write(long)), "sizes")
-    assert (found.level, found.sentence) == (
-        "warning",
-        "index_2, middle_2, thumb_2 of a digit: up to 0.34 m long",
-    )
+    def sizes(parts: list[str]) -> list[Finding]:
+        path = write(parts)
+        tips = "{index: index_2, middle: middle_2, thumb: thumb_2}"
+        path.with_suffix(".yaml").write_text(f"palm: palm\nfingertips: {tips}\npalm_normal: [0, 0, 1]\n")
+        return [finding for finding in prepare_hand(path).findings if finding.what == "sizes"]
+
+    assert not sizes(gripper())
+    (found,) = sizes([part.replace('size="0.014 0.012 0.034"', 'size="0.14 0.12 0.34"') for part in gripper()])
+    assert (found.level, found.sentence) == ("warning", "index_2, middle_2, thumb_2 of a digit: up to 0.34 m long")
     assert "in centimetres" in found.remedy
-    assert not [finding for finding in prepare_hand(write(gripper())).findings if finding.what == "sizes"]
 
 
 def test_a_joint_without_limits_moves_what_it_turns(write):
