@@ -226,6 +226,19 @@ def test_a_book_stands_on_the_end_on_which_it_does_not_fall_over():
         build_scene("book", slab_on_feet(-1.0, 1.0), seed=0)
 
 
+def test_a_book_with_a_round_foot_tips_as_far_as_that_lets_it():
+    across = np.linspace(-0.035, 0.035, 25)
+    end = 0.075 - across**2 / (2 * 0.07)
+    outline = np.concatenate([np.stack([side * end, across], axis=1) for side in (-1, 1)])
+    corners = np.concatenate([np.insert(outline, 2, height, axis=1) for height in (-0.006, 0.006)])
+    scenes = [build_scene("book", trimesh.convex.convex_hull(corners), seed=seed) for seed in range(6)]
+    assert all(free_way(scene).whole for scene in scenes)
+    tipped = [np.degrees(scene.turn.angle) for scene in scenes]
+    assert min(tipped) >= 20
+    assert max(tipped) < 24
+    assert tipped == [scene.parameters["tip_degrees"] for scene in scenes]
+
+
 def test_edge(meshes):
     for scene in drawn("edge", meshes):
         axis = int(np.argmax(np.abs(scene.motion)))

@@ -11,6 +11,7 @@ from jaxtyping import Float
 from dexnudge.errors import SceneError
 from dexnudge.scenes.asked_turn import over_foremost
 from dexnudge.scenes.boxes import box, joined
+from dexnudge.scenes.free_way import free_way
 from dexnudge.scenes.resting import resting_pose
 from dexnudge.scenes.scene import Scene
 from dexnudge.scenes.support_contacts import UPWARD, support_contacts
@@ -24,9 +25,8 @@ FRONT = (0.10, 0.14)  # [m] of the board before the object
 BOARD = (0.40, 0.80, 0.02)  # [m] depth, width, thickness; its top is z = 0
 ANGLE = np.radians([20.0, 30.0])  # of the tip
 PULL = (0.06, 0.08)  # [m] of the slide after it
-STEADY = (
-    0.002  # [m] by which the centre of mass is behind the foremost and before the hindmost point on which it stands
-)
+STEADY = 0.002  # [m] from the centre of mass to the foremost, and to the hindmost, point on which it stands
+SPARE = np.radians(1.0)  # of a tip, before the angle at which its foot would enter the board
 FORWARD = np.array([1.0, 0.0, 0.0])
 
 
@@ -34,7 +34,7 @@ def book(mesh: trimesh.Trimesh, generator: np.random.Generator) -> Scene:
     """Longest side upright, middle side along +x, thin side between two neighbours; tipped by 20 to 30 deg, then pulled out.
 
     It tips about the foremost line on which it stands. Nothing is above it. One that would fall over by itself stands on its
-    other end.
+    other end, and one with a round foot tips as far as that lets it, if that is 20 deg.
 
     Raises:
         SceneError: it stands on neither.
@@ -42,15 +42,27 @@ def book(mesh: trimesh.Trimesh, generator: np.random.Generator) -> Scene:
     front_down, turned = bool(generator.integers(2)), bool(generator.integers(2))
     front, angle, pull = generator.uniform(*FRONT), generator.uniform(*ANGLE), generator.uniform(*PULL)
     beside = [[generator.uniform(*each) for each in (HEIGHT, DEPTH, GAP, THICKNESS, (-FLUSH, FLUSH))] for _ in range(2)]
-    for down in (front_down, not front_down):
-        scene = _row(mesh, _upright(mesh, front_down=down, turned=turned), front, beside)
-        if _stands(scene):
-            scene.parameters["tip_degrees"] = float(np.degrees(angle))
-            return over_foremost(scene, angle, pull)
-    raise SceneError(
-        "the object stands upright on neither end: its centre of mass is not above what it stands on; expected one that a "
-        "row of books holds; choose another scene"
+    ends = (
+        _row(mesh, _upright(mesh, front_down=down, turned=turned), front, beside)
+        for down in (front_down, not front_down)
     )
+    standing = [scene for scene in ends if _stands(scene)]
+    if not standing:
+        raise SceneError(
+            "the object stands upright on neither end: its centre of mass is not above what it stands on; expected one that "
+            "a row of books holds; choose another scene"
+        )
+    tipped = [_tipped(scene, angle, pull) for scene in standing]
+    return next((scene for scene in tipped if free_way(scene).whole), tipped[0])
+
+
+def _tipped(scene: Scene, angle: float, pull: float) -> Scene:
+    """Return the scene with its motion; a round foot would enter the board at some angle, before which the tip ends then."""
+    free = free_way(over_foremost(scene, angle, pull))
+    if not free.whole and free.angle - SPARE >= ANGLE[0]:
+        angle = free.angle - SPARE
+    scene.parameters["tip_degrees"] = float(np.degrees(angle))
+    return over_foremost(scene, angle, pull)
 
 
 def _row(
