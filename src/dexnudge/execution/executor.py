@@ -27,7 +27,7 @@ from dexnudge.simulation.rollout import Divergence, Rollout, Trace
 from dexnudge.simulation.success import LEAST_ADVANCE, PushVerdict, judge_push
 from dexnudge.verification.verdicts import contacts_of
 
-MOST_REGRASPS = 7
+MOST_REGRASPS = 7  # of a push that falls short
 MOST_APPROACHED = 5  # alternatives, to begin with, where no free way leads to a configuration
 Alternatives = Float[np.ndarray, "n coordinates"] | None
 
