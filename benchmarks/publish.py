@@ -162,7 +162,7 @@ def collect(run: Path, name: str, docs: Path, *, rates_only: bool = False) -> No
                 file = docs / "data" / f"{stem}-{title.lower().replace(' ', '-')}.csv"
                 file.write_text(csv_text(table), encoding="utf-8")
         shown = kind or not any((run / other).is_dir() for other in KINDS if other)  # the page shows what a run is for
-        for chart in ("rates", "calibration") if shown else ():
+        for chart in ("rates", "calibration", "worlds") if shown else ():
             if (run / kind / f"{chart}.png").is_file():
                 shutil.copyfile(run / kind / f"{chart}.png", docs / "images" / f"{stem}-{chart}.png")
 
@@ -189,14 +189,15 @@ def page(listed: dict[str, Any], data: dict[str, list[Row]], docs: Path) -> str:
         if not found:
             continue
         stem = next(filter(None, stems.values()))
-        groups = [
-            (run["label"], data[file])
-            for name, run in runs.items()
-            if (file := f"{stems[name]}-{run.get('groups', '')}") in data
-        ]
-        made = " ".join(made_with(data[each], each) for each in stems.values() if each)
+        files = {
+            name: f"{stems[name]}-{run['groups']}" if "groups" in run else stems[name] for name, run in runs.items()
+        }
+        files = {name: file for name, file in files.items() if file in data}
+        groups = [(runs[name]["label"], data[file]) for name, file in files.items() if "groups" in runs[name]]
+        made = " ".join(made_with(data[file], file) for file in files.values())
         parts += [f"## {title}", groups_table(groups) if groups else run_table(found), made]
-        chart = docs / "images" / f"{stem}-{'calibration' if stem.endswith('-executed') else 'rates'}.png"
+        kind = "worlds" if groups else "calibration" if stem.endswith("-executed") else "rates"
+        chart = docs / "images" / f"{stem}-{kind}.png"
         parts += [f"![{title}](images/{chart.name})"] if chart.is_file() else []
     return "\n\n".join(parts) + "\n"
 

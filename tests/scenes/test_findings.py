@@ -62,6 +62,13 @@ def test_surroundings_in_millimetres_name_the_unit():
     )
 
 
+def test_surroundings_in_metres_beside_an_object_in_millimetres_are_asked_about():
+    shrunk = TABLE.copy().apply_scale(0.001)  # both were read in millimetres
+    (finding,) = said(scene_of(shrunk), "units")
+    assert finding.level == "error"
+    assert finding.remedy == ("is it in metres, not mm (1.2 m)? `units` is of both meshes: write them in the same one")
+
+
 def test_surroundings_in_centimetres_are_asked_about():
     (finding,) = said(scene_of(box((-15.0, -10.0, -1.0), (15.0, 10.0, 0.0))), "units")
     assert (finding.level, "cm (0.3 m)" in finding.remedy) == ("warning", True)

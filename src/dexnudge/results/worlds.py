@@ -96,7 +96,7 @@ def what_to_do(scene: Scene, share: float) -> str:
     uncertainty = uncertainty_of(scene)
     if uncertainty is None:
         return ""
-    said = f"the best holds in {share:.0%} of {uncertainty.worlds} worlds"
+    said = f"the best is verified in {share:.0%} of {uncertainty.worlds} sampled worlds, too"
     hand, environment = (uncertainty.hardest(scene)[name] for name in ("friction_hand", "friction_environment"))
     if share == 1.0:
         return said

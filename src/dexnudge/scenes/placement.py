@@ -242,7 +242,14 @@ def _weight(mass: float) -> str:
 
 def _meant(metres: float, low: float, high: float) -> str:
     """Return the units in which a length is one from `low` to `high` [m], as a remedy."""
-    lengths = {unit: metres * factor for unit, factor in METRES_PER_UNIT.items()}
-    lengths |= {unit: metres / factor for unit, factor in METRES_PER_UNIT.items() if metres < low}
-    fitting = [f"{unit} ({length:.3g} m)" for unit, length in lengths.items() if low <= length <= high and unit != "m"]
-    return f"is it in another unit? pass `units` {' or '.join(fitting)}" if fitting else "scale it to metres"
+    others = {unit: factor for unit, factor in METRES_PER_UNIT.items() if unit != "m"}
+    read_as = {unit: metres * factor for unit, factor in others.items()}
+    fitting = [f"{unit} ({length:.3g} m)" for unit, length in read_as.items() if low <= length <= high]
+    if fitting:
+        return f"is it in another unit? pass `units` {' or '.join(fitting)}"
+    given = [
+        f"not {unit} ({metres / factor:.3g} m)" for unit, factor in others.items() if low <= metres / factor <= high
+    ]
+    if given:
+        return f"is it in metres, {' or '.join(given)}? `units` is of both meshes: write them in the same one"
+    return "scale it to metres"
