@@ -24,7 +24,7 @@ from dexnudge.diffusion.prior import SLIDE, DiffusionPrior
 from dexnudge.diffusion.schedule import ddim_step
 from dexnudge.diffusion.training import TrainingLog, TrainingPlan, plan_training, train
 from dexnudge.diffusion.training_run import TrainingRun
-from dexnudge.errors import CheckpointError, DexnudgeError, InputError
+from dexnudge.errors import CheckpointError, DexnudgeError, InputError, OutputError
 
 
 @pytest.fixture(scope="module")
@@ -387,3 +387,10 @@ def test_samples_recover_the_modes_that_belong_to_the_condition(
     np.testing.assert_allclose(pushes[left, 3:9].mean(axis=0), push_left[3:9], atol=0.15)
     grasps = sample("grasp", twist=None)
     assert (np.linalg.norm(grasps[:, :3] - grasp[:3], axis=1) < 0.04).mean() > 0.9
+
+
+def test_a_folder_of_something_else_is_left_alone(dataset_folder, short, tmp_path):
+    (tmp_path / "thesis.txt").write_text("mine")
+    with pytest.raises(OutputError, match=r"holds 'thesis\.txt' and no training"):
+        train(dataset_folder, tmp_path, short)
+    assert [path.name for path in tmp_path.iterdir()] == ["thesis.txt"]

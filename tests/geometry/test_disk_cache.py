@@ -14,7 +14,7 @@ from dexnudge.energies.scene_fields import build_scene_fields
 from dexnudge.geometry import disk_cache
 from dexnudge.geometry import distance_grid as grids
 from dexnudge.geometry import surface_points as points_module
-from dexnudge.geometry.disk_cache import cache_folder
+from dexnudge.geometry.disk_cache import cache_folder, cached_array
 from dexnudge.geometry.distance_grid import DistanceGrid, cached_distance_grid, distance_grid
 from dexnudge.geometry.exact_distance import ExactDistance
 from dexnudge.geometry.surface_points import cached_surface_points, surface_points
@@ -236,3 +236,15 @@ def test_two_processes_that_write_the_same_grid_never_find_half_of_it(folder):
     found = [writer.communicate(timeout=60)[0] for writer in writers]
     assert [json.loads(text) for text in found] == [40, 40]
     assert list(folder.iterdir()) == [file]
+
+
+def test_what_others_keep_in_the_folder_stays(folder, monkeypatch):
+    folder.mkdir(parents=True, exist_ok=True)
+    for name in ("thesis.tar", "own.npy"):
+        (folder / name).write_bytes(bytes(1000))
+        os.utime(folder / name, (0, 0))
+    monkeypatch.setattr(disk_cache, "LARGEST_CACHE", 600)  # two of the three arrays
+    for number in range(3):
+        cached_array("test", [np.array([number])], lambda: np.zeros(100, dtype=np.uint8))
+    assert {"thesis.tar", "own.npy"} < {file.name for file in folder.iterdir()}
+    assert len(list(folder.iterdir())) == 4

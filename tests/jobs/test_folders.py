@@ -299,3 +299,23 @@ def test_the_first_free_number_is_taken(tmp_path):
     (tmp_path / "out").mkdir()
     (tmp_path / "out-2").write_text("")
     assert free_folder(tmp_path / "out") == tmp_path / "out-3"
+
+
+@pytest.mark.parametrize("kind", ["link", "link to nothing", "folder", "pipe"])
+def test_what_stands_at_the_lock_s_place_is_named_and_left_alone(tmp_path, kind):
+    precious, lock = tmp_path / "precious", tmp_path / ".out.dexnudge-lock"
+    if kind == "link":
+        precious.write_text("mine")
+    make = {"folder": lock.mkdir, "pipe": lambda: os.mkfifo(lock)}.get(kind, lambda: lock.symlink_to(precious))
+    make()
+    with pytest.raises(OutputError, match=r"stands at .*dexnudge-lock"), new_folder(tmp_path / "out", marker="m"):
+        pytest.fail("it was owned")
+    assert (precious.read_text() if kind == "link" else precious.exists()) == ("mine" if kind == "link" else False)
+    assert not (tmp_path / "out").exists()
+
+
+@pytest.mark.parametrize("out", ["/", ""])
+def test_a_path_without_a_name_is_no_output_folder(out):
+    for own in (lambda: new_folder(out, marker="m"), lambda: owned_folder(out)):
+        with pytest.raises(OutputError, match="expected the path of a folder to make"), own():
+            pytest.fail("it was owned")

@@ -10,6 +10,7 @@ import torch
 
 import dexnudge as dn
 from dexnudge.verification.criteria import check_criteria
+from dexnudge.verification.measurements import measure
 from dexnudge.verification.penetration import PenetrationCheck
 
 sys.path.append(str(Path(__file__).parents[2] / "examples"))  # an example is a module of one file
@@ -129,6 +130,46 @@ def test_an_error_of_a_criterion_is_kept_as_the_cause(boxy_hand, block_scene, pr
     with pytest.raises(dn.InputError, match="criterion 'bad' failed: ZeroDivisionError: division by zero") as caught:
         dn.verify(block_scene, boxy_hand, presses, [Bad(lambda n: 1 / 0)])
     assert isinstance(caught.value.__cause__, ZeroDivisionError)
+
+
+class Meddling:
+    """Changes what it is given."""
+
+    name = "meddling"
+
+    def __init__(self, act):
+        self.act = act
+
+    def __call__(self, hands, scene):
+        self.act(hands, scene)
+        return dn.CriterionResult(np.zeros(len(hands)), np.ones(len(hands), dtype=bool))
+
+
+@pytest.mark.parametrize(
+    ("act", "message"),
+    [
+        (lambda hands, _: hands.q.data.add_(1.0), "changed the hands or the scene"),
+        (lambda hands, _: hands.T_world_link.data.mul_(2.0), "changed the hands or the scene"),
+        (lambda _, scene: scene.object_mesh.apply_translation((0.0, 0.0, 0.05)), "changed the hands or the scene"),
+        (lambda _, scene: scene.T_world_object.__setitem__((0, 3), 1.0), "changed the hands or the scene"),
+        (lambda hands, scene: measure(hands, scene).penetrations.object.fill(0.0), "read-only"),
+    ],
+)
+def test_what_a_criterion_changes_is_told(boxy_hand, block_scene, presses, act, message):
+    scene = replace(
+        block_scene, object_mesh=block_scene.object_mesh.copy(), T_world_object=block_scene.T_world_object.copy()
+    )
+    with pytest.raises(dn.InputError, match=f"criterion 'meddling' .*{message}"):
+        dn.verify(scene, boxy_hand, presses, [Meddling(act), *dn.default_criteria()])
+
+
+def test_numbers_of_torch_s_own_are_read_and_devices_are_checked(boxy_hand, block_scene, presses):
+    whole = dn.verify(block_scene, boxy_hand, torch.from_numpy(presses).bfloat16())
+    rounded = torch.from_numpy(presses).bfloat16().double().numpy()
+    np.testing.assert_array_equal(whole.success, dn.verify(block_scene, boxy_hand, rounded).success)
+    for device in ("cuda:99", "tpu"):
+        with pytest.raises(dn.InputError, match="`device` is"):
+            dn.verify(block_scene, boxy_hand, presses, device=device)
 
 
 def test_a_value_that_is_nan_is_no_error_and_counts_by_what_passed(boxy_hand, block_scene, presses):

@@ -32,10 +32,11 @@ from dexnudge.diffusion.config import TrainingConfig
 from dexnudge.diffusion.distributed import Processes, joined_processes
 from dexnudge.diffusion.model_card import write_model_card
 from dexnudge.diffusion.training_run import TrainingRun
-from dexnudge.errors import writing
+from dexnudge.errors import OutputError, quote, writing
 from dexnudge.jobs.folders import remove_leftovers
 from dexnudge.jobs.progress import progress
 
+TENSORBOARD = "tensorboard"  # folder of charts
 LOSS_SMOOTHING = 0.98  # of the loss that is shown
 WARM_UP_STEPS, MEASURED_STEPS = 3, 20  # of a plan: the first steps allocate memory and are slower
 MEASURED_SHARE = 0.05  # of the time limit that measuring may take
@@ -106,7 +107,7 @@ class TrainingLog:
         if importlib.util.find_spec("tensorboard") is not None:
             from torch.utils.tensorboard import SummaryWriter
 
-            self._writer = SummaryWriter(str(folder / "tensorboard"), purge_step=step + 1)
+            self._writer = SummaryWriter(str(folder / TENSORBOARD), purge_step=step + 1)
 
     def write(self, step: int, values: dict[str, float]) -> None:
         """Append one event; the file is flushed so that it can be followed."""
@@ -175,6 +176,12 @@ def train(
     out_folder = Path(out_folder)
     with writing(out_folder, TO_GO_ON):
         out_folder.mkdir(parents=True, exist_ok=True)
+    there = {path.name for path in out_folder.iterdir() if not path.name.startswith(".")}
+    if there and not there & {MODEL_FOLDER, LOG_NAME, STATE_NAME, TENSORBOARD}:
+        raise OutputError(
+            f"{out_folder} holds {quote(min(there))} and no training; expected a new folder, or one of a run to go on with; "
+            "choose another `out`"
+        )
     if config.num_threads is not None:
         torch.set_num_threads(config.num_threads)
     folders = [dataset] if isinstance(dataset, str | Path) else dataset

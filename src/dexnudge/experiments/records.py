@@ -71,7 +71,7 @@ def read_records(folder: Path, kind: type[Record]) -> list[Record]:
     for number, line in enumerate(path.read_bytes().split(b"\n")[:-1], start=1):
         try:
             record = _decoded(json.loads(line), kind)
-        except (ValueError, KeyError, TypeError) as error:
+        except (ValueError, KeyError, TypeError, RecursionError) as error:
             names = ", ".join(sorted(each.name for each in fields(kind)))
             raise InputError(
                 f"{path}, line {number}: {type(error).__name__}: {error}; expected a JSON object with the fields kind, "

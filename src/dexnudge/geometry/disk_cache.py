@@ -10,6 +10,7 @@ import contextlib
 import hashlib
 import io
 import os
+import re
 import tempfile
 from collections.abc import Callable, Sequence
 from pathlib import Path
@@ -19,6 +20,7 @@ from jaxtyping import Shaped
 
 SWITCH, OFF = "DEXNUDGE_CACHE", "off"
 LARGEST_CACHE = 1_000_000_000  # [bytes] of the folder: some 500 objects the size of a phone
+OURS = re.compile(r"[0-9a-f]{64}.*\.(npy|part)")  # names of files in the folder, which may hold others
 DIGEST = hashlib.sha256().digest_size
 
 
@@ -104,8 +106,8 @@ def _digest(file: Path, array: bytes) -> bytes:
 
 
 def _make_room(folder: Path) -> None:
-    """Delete the files that have been unused for longest, until the folder is within its limit."""
-    found = {file: file.stat() for file in folder.iterdir()}
+    """Delete the arrays that have been unused for longest, until all are within the limit; what else lies there stays."""
+    found = {file: file.stat() for file in folder.iterdir() if OURS.fullmatch(file.name)}
     total = sum(each.st_size for each in found.values())
     for file in sorted(found, key=lambda file: found[file].st_mtime_ns):
         if total <= LARGEST_CACHE:

@@ -27,6 +27,7 @@ LOCK_NAME = ".dexnudge-lock"  # in a folder that one run after another goes on w
 LOCK_SUFFIX = ".dexnudge-lock"  # of `.NAME.dexnudge-lock` beside a folder that appears when it is complete
 LOCK_ATTEMPTS = 1000  # each but the last lost to an owner that ended between two system calls
 AT_FDCWD, RENAME_EXCHANGE = -100, 2  # of Linux
+NO_LINK = getattr(os, "O_NOFOLLOW", 0)  # what a link at a lock's place leads to is not ours to write
 LOCKED_BYTE = 1 << 30  # beyond the text: Windows lets nobody read a locked byte
 # What a full, read-only or failing disk raises, with or without the name of a file.
 DISK_ERRORS = frozenset({errno.ENOSPC, errno.EDQUOT, errno.EFBIG, errno.EROFS, errno.EIO})
@@ -73,7 +74,7 @@ def owned_folder(out: Path | str) -> Iterator[Path]:
     Raises:
         OutputError: another process owns it, or it cannot be written.
     """
-    folder = Path(out).absolute()
+    folder = _named(out, "out")
     made = [path for path in (folder, *folder.parents) if not path.exists()]
     try:
         _refuse_held(_lock_beside(folder), folder, "out")
@@ -105,9 +106,7 @@ def new_folder(
         OutputError: another process owns `out`; it exists, is no folder of ours, or cannot be written.
     """
     check_path(argument, out, OutputError)
-    if not str(out):
-        raise OutputError(f"`{argument}` is ''; expected the path of a folder to make; name one")
-    target = Path(out).absolute()
+    target = _named(out, argument)
     made = [path for path in target.parents if not path.exists()]
     partial = target.with_name(f".{target.name}.partial")
     try:
@@ -129,6 +128,14 @@ def new_folder(
                 shutil.rmtree(partial, ignore_errors=True)
     finally:
         _remove_empty(made)
+
+
+def _named(out: Path | str, argument: str) -> Path:
+    """Return the absolute path of an output folder; OutputError for one without a name, such as /."""
+    path = Path(out).absolute()
+    if not str(out) or not path.name:
+        raise OutputError(f"`{argument}` is {str(out)!r}; expected the path of a folder to make; name one")
+    return path
 
 
 def free_folder(out: Path) -> Path:
@@ -190,6 +197,12 @@ def _locked(lock: Path, folder: Path, argument: str) -> Iterator[None]:
     except BlockingIOError as error:
         raise _is_owned(folder, lock, argument) from error
     except OSError as error:
+        if _exists(lock) and (lock.is_symlink() or not lock.is_file()):
+            kind = "a link" if lock.is_symlink() else "a folder" if lock.is_dir() else "no file"
+            raise OutputError(
+                f"{kind} stands at {lock}, where the lock of {folder} belongs; expected a file, or nothing; remove it, or "
+                f"choose another `{argument}`"
+            ) from error
         raise _cannot_write(folder, error, argument) from error
     try:
         yield
@@ -205,7 +218,7 @@ def _acquire(lock: Path) -> int:
     for _ in range(LOCK_ATTEMPTS):
         lock.parent.mkdir(parents=True, exist_ok=True)
         try:
-            descriptor = os.open(lock, os.O_RDWR | os.O_CREAT, 0o666)
+            descriptor = os.open(lock, os.O_RDWR | os.O_CREAT | NO_LINK, 0o666)
         except FileNotFoundError as error:  # the owner before has just removed a folder that it left empty
             missing = error
             continue
@@ -246,7 +259,7 @@ else:
 def _is_held(lock: Path) -> bool:
     """Whether a living process holds this lock."""
     try:
-        descriptor = os.open(lock, os.O_RDWR)
+        descriptor = os.open(lock, os.O_RDWR | NO_LINK)
     except OSError:
         return False
     try:
@@ -267,7 +280,7 @@ def _is_owned(folder: Path, lock: Path, argument: str) -> OutputError:
     try:
         owner = json.loads(lock.read_text(encoding="utf-8"))
         who = f"process {owner['pid']} on {owner['host']} since {owner['since']} ({owner['command']})"
-    except (OSError, ValueError, KeyError, TypeError):  # it has only just begun, or is just ending
+    except (OSError, ValueError, KeyError, TypeError, RecursionError):  # it has only just begun, or is just ending
         who = "another process"
     return OutputError(
         f"the output folder {folder} is being written by {who}; expected one run at a time; wait for it to end, or "

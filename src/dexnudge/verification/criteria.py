@@ -305,6 +305,13 @@ def check_criteria(criteria: Iterable[Any] | None) -> list[Criterion]:
     return [VALID_POSE, *(criterion for criterion in criteria if criterion is not VALID_POSE)]
 
 
+def _seen(hands: HandBatch, scene: Scene) -> list[object]:
+    """Return what tells whether a criterion has changed in place what others see, too."""
+    tensors = [each.detach().cpu().numpy().tobytes() for each in (hands.q, hands.T_world_link)]
+    meshes = [hash(mesh) for mesh in (scene.object_mesh, scene.environment_mesh)]
+    return [*tensors, *meshes, scene.T_world_object.tobytes(), scene.motion.tobytes()]
+
+
 def judge(criterion: Criterion, hands: HandBatch, scene: Scene) -> tuple[np.ndarray, np.ndarray, str]:
     """Return (value (n,) float64, passed (n,) bool, sentence) of one criterion.
 
@@ -314,7 +321,13 @@ def judge(criterion: Criterion, hands: HandBatch, scene: Scene) -> tuple[np.ndar
     if isinstance(criterion, BuiltinCriterion):
         own = criterion(hands, scene)
         return np.asarray(own.value), np.asarray(own.passed), own.sentence
+    before = _seen(hands, scene)
     result = call_foreign(f"criterion '{criterion.name}' failed", criterion, hands, scene)
+    if _seen(hands, scene) != before:
+        raise InputError(
+            f"criterion '{criterion.name}' changed the hands or the scene that it was given; expected it to leave them as "
+            "they are, for others judge them, too; have it work on copies"
+        )
     if not isinstance(result, CriterionResult):
         raise InputError(
             f"criterion '{criterion.name}' returned a {type(result).__name__}; expected "

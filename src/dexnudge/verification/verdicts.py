@@ -13,7 +13,7 @@ from jaxtyping import Bool, Float, Int
 from torch import Tensor
 
 from dexnudge.errors import InputError, check_kind
-from dexnudge.geometry.devices import own_modes
+from dexnudge.geometry.devices import check_device, own_modes
 from dexnudge.hands.batch import HandBatch
 from dexnudge.hands.hand import ROOT_COORDINATES, Hand
 from dexnudge.mechanics.contacts import HandContacts
@@ -168,7 +168,7 @@ def verify(
     """
     check_kind("scene", scene, Scene, 'build_scene("table", "phone")')
     check_kind("hand", hand, Hand, 'load_hand("shadow_lite")')
-    q = _checked(hand, q)
+    q, device = _checked(hand, q), check_device(device)
     chosen = check_criteria(criteria)
     error, valid, sentence = judge(VALID_POSE, HandBatch(hand, torch.from_numpy(q).to(device), dense=True), scene)
     values, passed = {VALID_POSE.name: error}, {VALID_POSE.name: valid}
@@ -208,7 +208,10 @@ def contacts_of(scene: Scene, hand: Hand, q: Float[np.ndarray, "n coordinates"])
 
 
 def _checked(hand: Hand, q: object) -> Float[np.ndarray, "n coordinates"]:
-    array = q.detach().cpu().numpy() if isinstance(q, Tensor) else np.asarray(q)
+    if isinstance(q, Tensor):
+        q = q.detach().cpu().resolve_conj().resolve_neg()
+        q = q.double() if q.is_floating_point() else q
+    array = np.asarray(q)
     coordinates = ROOT_COORDINATES + len(hand.joint_names)
     if array.ndim != 2 or array.shape[1] != coordinates or array.dtype.kind not in "fiu":
         raise InputError(
