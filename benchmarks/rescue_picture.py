@@ -1,4 +1,4 @@
-"""Draws a push that slips in open loop and that feedback saves, as two rows of pictures: docs/images/rescue.png.
+"""Draws a push that slips in open loop and that feedback saves, one above the other: docs/images/rescue.png.
 
 The hand's friction is less than approach and forces were planned for. Objects are tried in order until one shows it.
 """
@@ -48,8 +48,10 @@ class Rescue:
             if [each.verdict.success for each in played.values()] == [False, True]:
                 rows = []
                 for policy, each in played.items():
-                    film = film_of_trace(scene, world, each.trace)
-                    row = self.out.with_stem(type(policy).__name__)
+                    name, outcome = type(policy).__name__, each.verdict.outcome
+                    says = {"subtitle": f"{name}: {outcome.sentence}", "success": each.verdict.success}
+                    film = film_of_trace(scene, world, each.trace, **says, length=each.verdict.length_asked)
+                    row = self.out.with_stem(name)
                     rows.append(np.asarray(Image.open(save_film(film, row)).convert("RGB")))
                     row.unlink()
                 gap = np.full((GAP, rows[0].shape[1], 3), 255, np.uint8)

@@ -17,6 +17,7 @@ from dexnudge.planning.reach_term import ReachTerm
 from dexnudge.sampling import sampler as sampler_module
 from dexnudge.sampling.methods import METHODS, find_method
 from dexnudge.sampling.starts import TrainingPoses
+from dexnudge.verification import verdicts
 
 from .second_device import second_device
 
@@ -50,7 +51,8 @@ class Height:
 
 @pytest.fixture
 def second(monkeypatch):
-    monkeypatch.setattr(sampler_module, "check_device", lambda name: name)
+    for module in (sampler_module, verdicts):
+        monkeypatch.setattr(module, "check_device", lambda name: name)
     monkeypatch.setattr(sampler_module, "free_memory", lambda _: math.inf)
     with second_device() as name:
         yield name
