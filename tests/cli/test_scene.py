@@ -5,6 +5,7 @@ import os
 import re
 import shutil
 import struct
+from inspect import signature
 from pathlib import Path
 
 import numpy as np
@@ -16,7 +17,7 @@ import dexnudge as dn
 from dexnudge.perception.views import save_views
 from dexnudge.simulation.camera_poses import looking_at
 from dexnudge.simulation.depth_camera import DepthCamera, DepthRenderer
-from dexnudge.viewer import picture
+from dexnudge.viewer.scene_view import scene_picture
 
 QUICK = ["--method", "random_start_projection", "--num", "2", "--seed", "3"]
 
@@ -58,7 +59,7 @@ def test_a_scene_folder_is_written_and_sampled(dexnudge, own, tmp_path):
     written = json.loads((tmp_path / "out" / "findings.json").read_text())["findings"]
     assert written == [each.as_dict() for each in dn.load_scene(tmp_path / "out").findings(dn.load_hand("shadow_lite"))]
     size = struct.unpack(">II", (tmp_path / "out" / "scene.png").read_bytes()[16:24])
-    assert size == picture.SIZE
+    assert size == signature(scene_picture).parameters["size"].default
 
     sampled = dexnudge("sample", tmp_path / "out", *QUICK, "--motion-length", "0.05", "--out", tmp_path / "sampled")
     assert sampled.code in (0, 3), sampled.err

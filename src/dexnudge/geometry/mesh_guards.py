@@ -175,7 +175,7 @@ def _ply_end(header: bytes, data: bytes) -> int:
 
 
 def _off(data: bytes, name: str) -> Announced:  # noqa: ARG001 - as the others
-    data = re.sub(rb"\A\s*(?:OFF(?=\s))?(?=(?:\s*#[^\n]*\n)*\s*\d)", b"OFF\n", data, flags=re.IGNORECASE)
+    data = re.sub(rb"\A\s*(?:OFF(?=\s)[ \t]*\n?)?(?=(?:\s*#[^\n]*\n)*\s*\d)", b"OFF\n", data, flags=re.IGNORECASE)
     count = re.match(rb"OFF\s+(?:#[^\n]*\s+)*(\d{1,18})\s+(\d{1,18})", data[:4096])
     return Announced(_ascii(data), int(count[2]) if count else None)
 
