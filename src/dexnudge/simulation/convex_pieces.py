@@ -239,4 +239,4 @@ def _reach_out(part: trimesh.Trimesh, pieces: list[Vertices]) -> float:
     """Return how far the pieces reach out of the part [m], measured at points of their surfaces."""
     hulls = [trimesh.convex.convex_hull(piece) for piece in pieces]
     points = np.concatenate([surface_points(hull, spacing=CHECK_SPACING).points for hull in hulls])
-    return float(ExactDistance(part)(points).distance.max())
+    return float(ExactDistance(part).distances(points).max())

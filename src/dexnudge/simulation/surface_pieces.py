@@ -335,7 +335,7 @@ def _fewer(mesh: trimesh.Trimesh, *, most: int) -> tuple[trimesh.Trimesh, float]
             if len(faces) <= wanted:
                 break
         fewer = trimesh.Trimesh(vertices, faces, process=False)
-        error = float(np.percentile(ExactDistance(fewer).to_surface(points).distance, PERCENT))
+        error = float(np.percentile(ExactDistance(fewer).distances(points, signed=False), PERCENT))
         if error <= TOLERANCE or wanted == most:
             return fewer, error
         wanted *= 2

@@ -46,23 +46,29 @@ def book(mesh: trimesh.Trimesh, generator: np.random.Generator) -> Scene:
         _row(mesh, _upright(mesh, front_down=down, turned=turned), front, beside)
         for down in (front_down, not front_down)
     )
-    standing = [scene for scene in ends if _stands(scene)]
-    if not standing:
-        raise SceneError(
-            "the object stands upright on neither end: its centre of mass is not above what it stands on; expected one that "
-            "a row of books holds; choose another scene"
-        )
-    tipped = [_tipped(scene, angle, pull) for scene in standing]
-    return next((scene for scene in tipped if free_way(scene).whole), tipped[0])
+    blocked: Scene | None = None
+    for scene in filter(_stands, ends):
+        tipped = _tipped(scene, angle, pull)
+        if free_way(tipped).whole:
+            return tipped
+        blocked = blocked or tipped
+    if blocked is not None:
+        return blocked
+    raise SceneError(
+        "the object stands upright on neither end: its centre of mass is not above what it stands on; expected one that a "
+        "row of books holds; choose another scene"
+    )
 
 
 def _tipped(scene: Scene, angle: float, pull: float) -> Scene:
     """Return the scene with its motion; a round foot would enter the board at some angle, before which the tip ends then."""
-    free = free_way(over_foremost(scene, angle, pull))
+    tipped = over_foremost(scene, angle, pull)
+    free = free_way(tipped)
     if not free.whole and free.angle - SPARE >= ANGLE[0]:
         angle = free.angle - SPARE
-    scene.parameters["tip_degrees"] = float(np.degrees(angle))
-    return over_foremost(scene, angle, pull)
+        tipped = over_foremost(scene, angle, pull)
+    tipped.parameters["tip_degrees"] = float(np.degrees(angle))
+    return tipped
 
 
 def _row(
