@@ -10,6 +10,7 @@ import sys
 import pytest
 
 from dexnudge.cli import main as entry
+from dexnudge.cli.benchmark import ScoreBenchmark
 from dexnudge.cli.hand import HandCommand
 from dexnudge.errors import InputError
 from dexnudge.geometry import devices
@@ -21,11 +22,19 @@ def test_a_deliberate_error_is_one_line_on_stderr_and_exit_2(dexnudge, monkeypat
     assert (outcome.code, outcome.out, outcome.err) == (2, "", "dexnudge: what; expected; got; mend\n")
 
 
-def test_ctrl_c_exits_130_without_a_traceback(dexnudge, monkeypatch):
-    monkeypatch.setattr(HandCommand, "run", _raise(KeyboardInterrupt()))
-    outcome = dexnudge("hand", "shadow_lite")
-    message = "dexnudge: interrupted; `dexnudge hand shadow_lite` goes on from where it stopped\n"
-    assert (outcome.code, outcome.err) == (130, message)
+@pytest.mark.parametrize(
+    ("command", "going_on"),
+    [
+        ("hand shadow_lite", "starts again; what stood before is as it was"),
+        ("hand shadow_lite --learn --out x", "goes on from where it stopped"),
+        ("benchmark score entry --suite s --out x", "goes on from where it stopped"),
+    ],
+)
+def test_ctrl_c_exits_130_without_a_traceback(dexnudge, monkeypatch, command, going_on):
+    for kind in (HandCommand, ScoreBenchmark):
+        monkeypatch.setattr(kind, "run", _raise(KeyboardInterrupt()))
+    outcome = dexnudge(*command.split())
+    assert (outcome.code, outcome.err) == (130, f"dexnudge: interrupted; `dexnudge {command}` {going_on}\n")
 
 
 def test_a_bug_passes_through_with_its_traceback(dexnudge, monkeypatch):
@@ -80,7 +89,7 @@ def test_the_process_exits_1_on_a_bug():
     assert done.stderr.endswith("ZeroDivisionError: integer division or modulo by zero\n")
 
 
-def test_sigterm_unwinds_like_an_exception(tmp_path):
+def test_sigterm_unwinds_like_an_exception_and_says_what_to_type(tmp_path):
     code = (
         "import os, signal, sys\nfrom dexnudge.cli import main\nfrom dexnudge.cli.hand import HandCommand\n"
         "from dexnudge.jobs.folders import new_folder\n"
@@ -92,6 +101,7 @@ def test_sigterm_unwinds_like_an_exception(tmp_path):
     )
     done = subprocess.run([sys.executable, "-c", code], capture_output=True, text=True, timeout=30, check=False)
     assert done.returncode == 128 + signal.SIGTERM == entry.TERMINATED
+    assert done.stderr == "dexnudge: interrupted; `dexnudge hand x` starts again; what stood before is as it was\n"
     assert os.listdir(tmp_path) == []
 
 

@@ -48,7 +48,7 @@ COMMANDS = {
     "hand": ("hand", "HandCommand", "understand, prepare and learn a hand"),
     "arm": ("arm", "ArmCommand", "an arm's joints, limits, reach and flange, and a picture of it with a hand"),
 }
-RESUMABLE = ("evaluate", "reproduce", "dataset generate", "dataset turns", "train", "hand")
+RESUMABLE = ("evaluate", "reproduce", "benchmark score", "dataset generate", "dataset turns", "train")
 WHAT = "Hand configurations that push, press or hook thin objects that a robot hand cannot grasp."
 VECTORS = {"--motion": "DX DY DZ", "--about": "X Y Z"}
 UNCERTAIN = "--uncertain"
@@ -111,9 +111,10 @@ def _check_address_space() -> None:
         )
 
 
-def _interrupted(arguments: Sequence[str]) -> str:
+def _interrupted(arguments: list[str]) -> str:
     """Return what to type after an interruption."""
-    resumable = any(list(arguments[: len(name.split())]) == name.split() for name in RESUMABLE)
+    resumable = any(arguments[: len(name.split())] == name.split() for name in RESUMABLE)
+    resumable |= arguments[:1] == ["hand"] and "--learn" in arguments
     going_on = "goes on from where it stopped" if resumable else "starts again; what stood before is as it was"
     return f"dexnudge: interrupted; `{shlex.join(['dexnudge', *arguments])}` {going_on}"
 
@@ -239,10 +240,15 @@ def run() -> None:
     """
     warnings.simplefilter("ignore", RuntimeWarning)
     signal.signal(signal.SIGTERM, lambda *_: sys.exit(TERMINATED))
-    with ended_after_signal(_interrupted(sys.argv[1:])):
+    message = _interrupted(sys.argv[1:])
+    with ended_after_signal(message):
         try:
             code = main()
             sys.stdout.flush()
+        except SystemExit as ended:
+            if ended.code == TERMINATED:
+                print(message, file=sys.stderr)
+            raise
         except BrokenPipeError:  # whoever read the output has seen enough, such as `head`
             os.dup2(os.open(os.devnull, os.O_WRONLY), sys.stdout.fileno())
             code = PIPE_ENDED
