@@ -105,6 +105,19 @@ def test_sigterm_unwinds_like_an_exception_and_says_what_to_type(tmp_path):
     assert os.listdir(tmp_path) == []
 
 
+@pytest.mark.parametrize("again", [signal.SIGINT, signal.SIGTERM])
+def test_a_second_signal_while_python_ends_is_no_traceback(again):
+    code = (
+        "import atexit, os, sys\nfrom dexnudge.cli import main\nfrom dexnudge.cli.hand import HandCommand\n"
+        "def run(self):\n    raise KeyboardInterrupt\n"
+        f"HandCommand.run = run\natexit.register(os.kill, os.getpid(), {int(again)})\n"
+        "sys.argv = ['dexnudge', 'hand', 'x']\nmain.run()"
+    )
+    done = subprocess.run([sys.executable, "-c", code], capture_output=True, text=True, timeout=30, check=False)
+    assert done.returncode == -again
+    assert done.stderr == "dexnudge: interrupted; `dexnudge hand x` starts again; what stood before is as it was\n"
+
+
 @pytest.mark.parametrize("arguments", [["--version"], ["plugins"]])
 def test_a_reader_that_has_seen_enough_ends_the_command_quietly(arguments):
     reader, writer = os.pipe()

@@ -252,6 +252,9 @@ def run() -> None:
         except BrokenPipeError:  # whoever read the output has seen enough, such as `head`
             os.dup2(os.open(os.devnull, os.O_WRONLY), sys.stdout.fileno())
             code = PIPE_ENDED
+        finally:  # another signal, while Python ends, has nothing to unwind
+            for number in (signal.SIGINT, signal.SIGTERM):
+                signal.signal(number, signal.SIG_DFL)
     sys.exit(code)
 
 
