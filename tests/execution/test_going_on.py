@@ -7,9 +7,9 @@ import pytest
 
 from dexnudge.execution import executor as executor_module
 from dexnudge.execution import slide_grasp_lift
-from dexnudge.execution.executor import MOST_REGRASPS, Executor
+from dexnudge.execution.executor import Executor
 from dexnudge.execution.scene_rollout import SceneRollout
-from dexnudge.execution.slide_grasp_lift import MOST_PLANNED, Slide
+from dexnudge.execution.slide_grasp_lift import MOST_PLANNED, MOST_REGRASPS, Slide
 from dexnudge.planning.approach import Approach
 from dexnudge.planning.hand_clearance import Blocked
 from dexnudge.planning.outcomes import Outcome

@@ -55,7 +55,8 @@ class Execute:
     then_grasp: Flag = False
     """Slide, grasp and lift."""
     attempts: Count = 3
-    """With --then-grasp: most attempts; each goes on from where the one before left hand and object."""
+    """With --then-grasp: most attempts; each goes on from where the one before left hand and object. Slides that stop short
+    go on as pushes do, and spend none."""
     seed: Count = 0
     """With --then-grasp: seed of the grasps."""
     weights: OptionalFolder = None

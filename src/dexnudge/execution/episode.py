@@ -276,7 +276,8 @@ def execute(
         then_grasp: slide the object until it can be grasped, grasp it, lift it by 10 cm and hold it for 2 s.
         alternatives: configurations of the same scene with which a push begins to whose own no free way leads, and with
             which one that falls short goes on; with `then_grasp`, with which further attempts push.
-        attempts: with `then_grasp`, at most so many; each goes on from where the one before left hand and object.
+        attempts: with `then_grasp`, at most so many; each goes on from where the one before left hand and object. A slide
+            that stops short goes on as a push does, and spends none, up to seven times.
         draws: with `then_grasp`, the number of grasps that are sampled at a time; 32 unless given.
         seed: with `then_grasp`, the seed of the grasps.
         weights: folder of the model that draws them; None for the one that ships for this hand.

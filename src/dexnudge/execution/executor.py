@@ -10,7 +10,7 @@ from jaxtyping import Float
 
 from dexnudge.errors import InputError, quote
 from dexnudge.execution.scene_rollout import SceneRollout
-from dexnudge.execution.slide_grasp_lift import Attempt, Slide
+from dexnudge.execution.slide_grasp_lift import MOST_REGRASPS, Attempt, Slide
 from dexnudge.mechanics.sliding_task import hardest_task, sliding_task
 from dexnudge.planning.approach import Approach, ApproachPlanner
 from dexnudge.planning.hand_clearance import Blocked
@@ -27,7 +27,6 @@ from dexnudge.simulation.rollout import Divergence, Rollout, Trace
 from dexnudge.simulation.success import LEAST_ADVANCE, PushVerdict, judge_push
 from dexnudge.verification.verdicts import contacts_of
 
-MOST_REGRASPS = 7  # of a push that falls short
 MOST_APPROACHED = 5  # alternatives, to begin with, where no free way leads to a configuration
 Alternatives = Float[np.ndarray, "n coordinates"] | None
 

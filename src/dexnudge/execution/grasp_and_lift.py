@@ -90,7 +90,7 @@ class NoGrasp:
 
 
 class GraspAndLift:
-    """Grasps and lifts the object of a stage; no grasp is tried twice.
+    """Grasps and lifts the object of a stage; no grasp is tried twice, nor planned for where no way was found.
 
     Attributes:
         found: grasps that are known to hold and have not been tried.
@@ -101,6 +101,7 @@ class GraspAndLift:
         self._stage, self._finder, self._draws, self._seed = stage, finder, draws, seed
         self.found: list[Grasp] = []
         self.drawn = 0
+        self._blocked = 0
 
     def choose(self, scene: Scene) -> ChosenGrasp | NoGrasp:
         """Return the best grasp that the hand can reach from where it is, and lift; draw some where none is known."""
@@ -123,10 +124,11 @@ class GraspAndLift:
             if ways is None:
                 reasons.append("no free way up or out")
                 continue
-            approach = planner.plan(q, start=self._stage.q)
+            approach = planner.plan(q, start=self._stage.q, seed=self._blocked)
             if isinstance(approach, Approach):
                 return ChosenGrasp(grasp, approach, ways)
             reasons.append(f"{approach.stage}: {approach.reason}")
+        self.found, self._blocked = self.found[MOST_PLANNED:], self._blocked + 1
         return NoGrasp("approach", Outcome.APPROACH_BLOCKED, f"for {len(reasons)} grasps; the best: {reasons[0]}")
 
     def lift(self, scene: Scene, chosen: ChosenGrasp) -> None:

@@ -9,7 +9,7 @@ from scipy.spatial.transform import Rotation
 
 from dexnudge.hands.hand import ROOT_COORDINATES, Hand
 from dexnudge.mechanics.sliding_task import sliding_task
-from dexnudge.planning.approach import OPENING_ALLOWANCE, Approach
+from dexnudge.planning.approach import OPENING_ALLOWANCE, Approach, ApproachPlanner
 from dexnudge.planning.hand_clearance import CLEARANCE, HandClearance
 from dexnudge.planning.hand_motion import JOINT_SPEED, palm_pose, state_space
 from dexnudge.planning.outcomes import Outcome
@@ -26,6 +26,7 @@ FREE_SPEED = 0.10  # [m/s] of a hand that moves away, in the middle of its way
 REST_TIME = 0.2  # [s] in which an object that was let go comes to rest
 MOST_LEFT = 1.0 - LEAST_ADVANCE  # of a turn that may be left undone
 DISTANCES = (0.0, 0.03, 0.06, 0.10, 0.15, 0.20, 0.30)  # [m] the first that is free is taken
+MOST_RETREATS = 3  # of a hand that still is too near, as springs that gave way have come back
 STEP = 0.002  # [m] between the places that are checked
 OPENING_STEPS = 17  # openings that are checked between two sets of joint angles
 LEAST_CLEARANCE = 0.0015  # [m] kept while it moves away, or what it has where it stands
@@ -85,20 +86,35 @@ class SceneRollout:
         return self.rollout
 
     def back_off(self, approach: Approach) -> None:
-        """Move along the last stretch backward, and on to where the fingers can open."""
+        """Move along the last stretch backward, and on to where the fingers can open; farther where the hand sagged."""
         rollout = self.rollout
         times, q = approach.last_stretch
         back = q[::-1].copy()
         back[:, :3] += rollout.commanded[:3] - q[-1, :3]
         rollout.follow(along_way(times, back), "release")
         rollout.follow(waiting(rollout.commanded, seconds=REST_TIME), "release")
-        free = None if self.why_over() else retreat(self.hand, self.scene_now(), rollout.q)
-        if free is None:
-            return
-        way, openings = free
-        rollout.follow(along_line(rollout.commanded, way, speed=FREE_SPEED), "release")
-        for angles in openings:
-            rollout.follow(bending(rollout.commanded, angles, speed=JOINT_SPEED * self.hand.joint_scales), "release")
+        for _ in range(MOST_RETREATS):
+            if self.why_over():
+                return
+            free = retreat(self.hand, self.scene_now(), rollout.q)
+            if free is None:
+                self.go_out()
+                return
+            way, openings = free
+            rollout.follow(along_line(rollout.commanded, way, speed=FREE_SPEED), "release")
+            for angles in openings:
+                rollout.follow(
+                    bending(rollout.commanded, angles, speed=JOINT_SPEED * self.hand.joint_scales), "release"
+                )
+            if not way.any():
+                return
+
+    def go_out(self) -> None:
+        """Leave the surroundings by a way on which the hand could have come to where it is; stay where there is none."""
+        way = ApproachPlanner(self.hand, self.scene_now()).plan(self.rollout.q)
+        if isinstance(way, Approach):
+            times, q = way.trajectory.times, way.trajectory.q
+            self.rollout.follow(along_way(times[-1] - times[::-1], q[::-1]), "release")
 
     def moved(self, since: Scene) -> Float[np.ndarray, " 3"]:
         """Return the displacement of the object's centre of mass since `since` [m, world]."""

@@ -19,7 +19,7 @@ from dexnudge.geometry.transforms import transform_configurations
 from dexnudge.mechanics.fast_balance import force_margins
 from dexnudge.mechanics.sliding_task import hardest_task
 from dexnudge.planning.approach import Approach, ApproachPlanner
-from dexnudge.planning.object_path import GraspableLimits, plan_object_motion, stations, stays_flat
+from dexnudge.planning.object_path import DEFAULT_LIMITS, GraspableLimits, plan_object_motion, stations, stays_flat
 from dexnudge.planning.outcomes import Outcome
 from dexnudge.sampling.sampler import Sampler
 from dexnudge.scenes.scene import Scene
@@ -41,8 +41,12 @@ from dexnudge.verification.verdicts import contacts_of, verify
 
 GRASP_DRAWS = 32  # of grasps at a time, unless told otherwise
 AIM = GraspableLimits(overhang=(0.40, 0.45), balance=0.008)  # of the slide, which may fall short or go too far
-REACHED = GraspableLimits(overhang=(0.20, 0.90))  # after it: far enough to look for grasps, and not tipping
+WIDE = GraspableLimits(overhang=(0.20, 0.90))  # of objects that come free by more at once
+REACHED = replace(WIDE, balance=0.0)  # after it: far enough to look for grasps; what would tip has tipped
 MOST_PLANNED = 6  # configurations that are planned for until one has a way
+MOST_REGRASPS = 7  # of a push or slide that falls short
+LEAST_ON = 0.005  # [m] that an object is slid on of which no grasp was found
+UNGRASPED = ("grasp search", "approach")  # phases in which an attempt ends before a grasp
 
 
 @dataclass(frozen=True)
@@ -100,10 +104,17 @@ def to_be_graspable(scene: Scene) -> float | Outcome:
     """Return the way of the object until it can be grasped [m], what it has to turn included, or why there is none."""
     turn_length = scene.object_motion.turn_length
     turned = scene.carried(turn_length) if scene.turn else scene
-    plan = plan_object_motion(turned, AIM)
-    if isinstance(plan, Outcome):
-        plan = plan_object_motion(turned)
+    for limits in (AIM, DEFAULT_LIMITS, WIDE):
+        plan = plan_object_motion(turned, limits)
+        if not isinstance(plan, Outcome):
+            break
     return plan if isinstance(plan, Outcome) else turn_length + plan.length
+
+
+def _may_go_on(scene: Scene) -> bool:
+    """Return whether the object can go farther and is graspable there, too."""
+    length = to_be_graspable(scene)
+    return not isinstance(length, Outcome) and length > LEAST_ON
 
 
 def check_slides_at_last(scene: Scene) -> None:
@@ -120,7 +131,9 @@ def check_slides_at_last(scene: Scene) -> None:
 
 
 class Slide:
-    """Slides the object of a stage along the scene's motion with configurations q, each of them once, in their order.
+    """Slides the object of a stage along the scene's motion with configurations q, in their order.
+
+    Each of them slides it once from where the hand has begun already; the one with which it begins may do so once more.
 
     policy: what decides step by step; feedback unless given. length: how far to push [m] in a scene, or why not; to where
     the object can be grasped unless given. there: whether the object is where the hand need not let go of it; nowhere unless
@@ -152,7 +165,8 @@ class Slide:
         if len(chosen) == 2:
             return replace(attempt, outcome=chosen[0], detail=chosen[1])
         index, q, approach = chosen
-        del self._waiting[index]
+        if self._stage.begun:
+            del self._waiting[index]
         rollout = self._stage.go_to_pre_contact(approach, from_outside=False)
         (contacts,) = contacts_of(scene, self._stage.hand, q[None])
         task = hardest_task(scene)
@@ -272,14 +286,20 @@ class SlideGraspLift:
         self._grasp = GraspAndLift(self._stage, finder, draws=draws, seed=seed)
 
     def run(self, most_attempts: int) -> SlideGraspLiftResult:
-        """Try until the object is lifted and held, or cannot be reached any more, or `most_attempts` are spent."""
+        """Try until the object is lifted and held, or cannot be reached any more, or `most_attempts` are spent.
+
+        A slide that stops short is an attempt that spends none, up to `MOST_REGRASPS` times: a push goes on as often.
+        """
         done: list[Attempt] = []
         over: Outcome | None = None
-        while len(done) < most_attempts and not over and not (done and done[-1].success):
+        spent = regrasps = 0
+        while spent < most_attempts and not over and not (done and done[-1].success):
             if self._stage.begun:
                 self._stage.rollout.attempt = len(done) + 1
-            done.append(self._attempt(len(done) + 1))
-            over = self._stage.why_over()
+            done.append(self._attempt(len(done) + 1, done[-1] if done else None))
+            short = done[-1].outcome is Outcome.STOPPED_SHORT and regrasps < MOST_REGRASPS
+            spent, regrasps = spent + (not short), regrasps + short
+            over = self._why_over(done[-1])
         rollout = self._stage.rollout if self._stage.begun else None
         return SlideGraspLiftResult(
             attempts=done,
@@ -288,18 +308,28 @@ class SlideGraspLift:
             divergence=rollout.divergence if rollout else None,
         )
 
-    def _attempt(self, number: int) -> Attempt:
+    def _why_over(self, last: Attempt) -> Outcome | None:
+        """Return why there is no further attempt; one that finds nothing to slide with would find nothing again."""
+        stuck = last.phase == "slide" and last.configuration < 0
+        return self._stage.why_over() or (last.outcome if stuck else None)
+
+    def _attempt(self, number: int, last: Attempt | None) -> Attempt:
+        """Slide where the object cannot be grasped, or was not, and may go farther; grasp, lift, hold."""
+        if last is not None and last.phase == "approach":
+            self._stage.go_out()
         scene = self._stage.scene_now()
         attempt = Attempt(number, "", Outcome.SUCCESS)
         free = overhang(scene)
-        if scene.turn is not None or isinstance(free, tuple):
-            attempt = self._slide(scene, attempt)
-            if not attempt.success:
-                return replace(attempt, phase="slide")
+        must = scene.turn is not None or isinstance(free, tuple)
+        if must or (last is not None and last.phase in UNGRASPED and _may_go_on(scene)):
+            slid = self._slide(scene, attempt)
+            if not slid.success and (must or slid.configuration >= 0):
+                return replace(slid, phase="slide")
+            attempt = slid if slid.success else attempt
             scene = self._stage.scene_now()
             free = overhang(scene)
-            if isinstance(free, tuple):
-                return replace(attempt, phase="slide", outcome=free[0], detail=free[1])
+        if isinstance(free, tuple):
+            return replace(attempt, phase="slide", outcome=free[0], detail=free[1])
         chosen = self._grasp.choose(scene)
         attempt = replace(attempt, overhang=free, grasps=len(self._grasp.found), drawn=self._grasp.drawn)
         if isinstance(chosen, NoGrasp):
