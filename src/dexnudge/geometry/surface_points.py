@@ -5,14 +5,15 @@ from dataclasses import dataclass
 import numpy as np
 import torch
 import trimesh
-from jaxtyping import Float
-from scipy.spatial import cKDTree
+from jaxtyping import Float, Int
 from torch import Tensor
 
 from dexnudge.geometry.disk_cache import cached_array
+from dexnudge.geometry.warp_runtime import wp
 
 CANDIDATES_PER_POINT = 8  # random candidates offered for each point that will be kept
 FORMAT = "dexnudge surface points 1"  # another number for other points on the same mesh
+GRID_CELLS = (64, 64, 64)  # of the table in which neighbours are looked up; what lies farther apart shares its cells
 DISC_PACKING = 0.7  # points kept by dart throwing per (area / radius^2)
 
 
@@ -58,16 +59,24 @@ def cached_surface_points(mesh: trimesh.Trimesh, *, spacing: float, seed: int = 
     return SurfacePoints(np.ascontiguousarray(points), np.ascontiguousarray(normals))
 
 
-def dart_throwing(candidates: Float[np.ndarray, "n 3"], radius: float) -> np.ndarray:
+@wp.kernel(enable_backward=False)
+def _throw_darts(grid: wp.uint64, points: wp.array(dtype=wp.vec3d), radius: wp.float64, kept: wp.array(dtype=wp.uint8)):
+    """One thread: whether each point is farther than `radius` from every earlier one that is kept."""
+    for i in range(points.shape[0]):
+        if kept[i] == wp.uint8(1):
+            for other in wp.hash_grid_query(grid, points[i], radius):
+                if other > i and wp.length_sq(points[other] - points[i]) <= radius * radius:
+                    kept[other] = wp.uint8(0)
+
+
+def dart_throwing(candidates: Float[np.ndarray, "n 3"], radius: float) -> Int[np.ndarray, " kept"]:
     """Return indices of a maximal subset, earliest first, whose members are more than `radius` [m] apart."""
-    tree = cKDTree(candidates)
-    free = np.ones(len(candidates), dtype=bool)
-    kept = []
-    for index in range(len(candidates)):
-        if free[index]:
-            kept.append(index)
-            free[tree.query_ball_point(candidates[index], radius)] = False
-    return np.asarray(kept, dtype=np.int64)
+    points = wp.array(candidates, dtype=wp.vec3d, device="cpu")
+    kept = wp.ones(len(candidates), dtype=wp.uint8, device="cpu")
+    grid = wp.HashGrid(*GRID_CELLS, device="cpu", dtype=wp.float64)
+    grid.build(points, radius)
+    wp.launch(_throw_darts, dim=1, inputs=[grid.id, points, wp.float64(radius), kept], device="cpu")
+    return np.flatnonzero(kept.numpy())
 
 
 CLOUD_POINTS = 1024

@@ -98,7 +98,7 @@ def places_with_room(
     cloud: points [m] and outward normals of the object. clearance: that the fingertip keeps from the environment [m].
     """
     places = cloud[:, :3] + TIP_RADIUS * cloud[:, 3:]
-    room = torch.from_numpy(environment(places.double().numpy()).distance) > ROOM + clearance
+    room = torch.from_numpy(environment.distances(places.double().numpy())) > ROOM + clearance
     return places[room], cloud[room]
 
 
