@@ -57,7 +57,8 @@ class ProjectionConfig:
     """Budget and tolerances of the projection."""
 
     max_steps: int = 80
-    turning_factor: int = 3  # on all counts of steps where the object turns: fingertips go farther, and back
+    turning_factor: int = 5  # on all counts of steps where the object turns: fingertips go farther, and back
+    turning_force: float = 0.5  # of the force's weight there: stronger, it pulls fingertips into the object and off it
     terms_factor: int = 2  # the same where the user has terms: they and the others settle one after the other
     steps: StepSizes = StepSizes(translation=0.002, rotation=0.015, joints=0.03)
     decay: tuple[float, float] = (0.7, 0.8)  # of the moments: see `HandDescent`
@@ -81,6 +82,11 @@ class ProjectionConfig:
         """Return what all counts of steps are multiplied by."""
         turning = self.turning_factor if problem.helpful is not None else 1
         return max(turning, self.terms_factor if problem.terms else 1)
+
+    def energy_weights(self, problem: SamplingProblem) -> TermWeights:
+        """Return the weights of the energy that is descended."""
+        turning = self.turning_force if problem.helpful is not None else 1.0
+        return replace(self.weights, force=turning * self.weights.force)
 
     def letting_go(self) -> "ProjectionConfig":
         """Return the same for the last steps of hands that are not clean: what pulls them yields to what they penetrate."""
@@ -132,7 +138,7 @@ class _Projection:
     ) -> None:
         batch, device = len(q), problem.device
         self.problem, self.config = problem, config
-        self.energy = energy = problem.hand_energy(hand, batch, config.weights)
+        self.energy = energy = problem.hand_energy(hand, batch, config.energy_weights(problem))
         self.tips, self.terms = hand.fingertip_indices, energy.terms
         self.force = energy.force if config.weights.force > 0 else None
         self.helpful = problem.helpful if self.force is not None else None
