@@ -113,6 +113,15 @@ def test_the_range_is_narrowed_to_where_the_loop_closes(tmp_path):
     assert hand.notes[1].startswith("loop 'coupler'-'rocker' closes only for joint 'crank' at -11.5 deg to 2")
 
 
+def test_what_a_line_is_off_beside_its_followers_limits_narrows_nothing(tmp_path):
+    limits = " ".join(f"{rocker_angle(crank, 0.037) + beyond:.4f}" for crank, beyond in ((-0.2, -1e-4), (1.0, 1e-4)))
+    bars = four_bar(0.037).replace(
+        'name="rocker" axis="0 1 0" range="-2 2"', f'name="rocker" axis="0 1 0" range="{limits}"'
+    )
+    hand = hand_from_mjcf(write_model(tmp_path, bars, LOOP), CONFIG)
+    np.testing.assert_allclose((hand.lower[0], hand.upper[0]), (-0.2, 1.0))
+
+
 def test_two_loops_and_a_chain_of_loops(tmp_path):
     second = LOOP.replace("_end", "_end2")
     bars = four_bar() + four_bar(suffix="2", at=0.03)

@@ -200,6 +200,10 @@ class _Change:
         for follower, line in solved.followers.items():
             name, leads = joint_name(self.model, follower), joint_name(self.model, line.leader)
             self._follow(follower, Mimic(leads, line.multiplier, line.offset))
+            # Its limits were kept where the loop was solved; what the line is off beside them narrows nothing.
+            joint, taken = self.joints[name], line.multiplier * np.array(solved.ranges[line.leader]) + line.offset
+            lower, upper = min(joint.lower, float(taken.min())), max(joint.upper, float(taken.max()))
+            self.joints[name] = replace(joint, lower=lower, upper=upper)
             lines.append(f"{name} follows {leads} as {_line_text(line.multiplier, line.offset)}")
         angles = [line.error for joint, line in solved.followers.items() if not self._slides(joint)]
         error = f" / {np.degrees(max(angles)):.2g} deg" if angles else ""
