@@ -64,7 +64,8 @@ class LiftingTrial(DrawnTrial[LiftingRecord]):
     about: ClassVar[str] = (
         "Each object is slid by its verified draws, best first, to where it can be grasped, grasped there, lifted by "
         f"{100 * LIFT:g} cm and held for {HOLD_TIME:g} s. Lifted: % of all attempted objects with which one of the attempts "
-        "succeeds; first attempt: without retries. In brackets, 95 % intervals by bootstrap over objects. Attempts and "
+        "succeeds, three unless told otherwise, besides slides that stop short and go on, up to seven; first attempt: "
+        "without retries, that of a slide included. In brackets, 95 % intervals by bootstrap over objects. Attempts and "
         "seconds: mean over the objects that were played."
     )
     folder: ClassVar[str] = "lifted"
