@@ -626,6 +626,17 @@ def test_a_given_package_holds_meshes_and_nothing_else_is_opened(write_hand, tmp
         load_hand(path, packages={"brand": other.parent})
 
 
+def test_a_mesh_beside_the_folder_is_read_where_the_message_says_how(write_hand, tmp_path):
+    path = write_hand()
+    home = tmp_path / "home"
+    home.mkdir()
+    (path.parent / "hand.yaml").rename(home / "hand.yaml")
+    (home / "small.urdf").write_text(path.read_text().replace("package://small/wedge.stl", "../wedge.stl"))
+    name, folder = path.parent.name, path.parent
+    assert message(home / "small.urdf").endswith(f", or allow the folder that holds both: `packages` {name}={folder}")
+    assert load_hand(home / "small.urdf", packages={name: folder}).num_joints == 3
+
+
 def test_a_wrong_handed_mesh_is_turned_outward(write_hand, small):
     path = write_hand()
     path.write_text(path.read_text().replace('scale="0.001 0.002 0.001"', 'scale="0.001 -0.002 0.001"'))

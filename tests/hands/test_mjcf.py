@@ -168,6 +168,19 @@ def test_no_file_outside_the_folder_is_opened(path, asset):
     assert "'/etc/hostname' lies outside the description's folder" in message(path)
 
 
+def test_a_file_beside_the_folder_is_read_where_the_message_says_how(path):
+    home = path.parent / "home"
+    home.mkdir()
+    (path.parent / "sub.xml").write_text("<mujoco><option/></mujoco>")
+    path.rename(home / "model.xml").write_text(
+        MODEL.replace("<worldbody>", '<include file="../sub.xml"/><worldbody>', 1)
+    )
+    (path.parent / "hand.yaml").rename(home / "hand.yaml")
+    name, folder = path.parent.name, path.parent
+    assert message(home / "model.xml").endswith(f", or allow the folder that holds both: `packages` {name}={folder}")
+    assert load_hand(home / "model.xml", packages={name: folder}).num_joints == 3
+
+
 def test_a_model_that_mujoco_refuses(path):
     path.write_text(MODEL.replace("<freejoint/>", "<unknown/>"))
     assert message(path).startswith("DIR/model.xml: MuJoCo cannot compile it: expected a valid MJCF model, got '")

@@ -1,7 +1,7 @@
 """Meshes of a hand's links: where a description's names lead, what is read, and what is shown in their place."""
 
 import os
-from collections.abc import Mapping
+from collections.abc import Mapping, Sequence
 from importlib.metadata import PackageNotFoundError, distribution
 from importlib.util import find_spec
 from pathlib import Path
@@ -83,6 +83,7 @@ MESH_SUFFIXES = (".stl", ".obj", ".dae", ".ply", ".glb")
 MAX_LINK_FACES = 200_000  # MuJoCo reads no more from one STL file; a link needs some hundreds
 MAX_COORDINATE = 1e5  # [m] a link in micrometres; what is longer than a link is reported with its name
 MAX_MESH_BYTES = 100_000_000
+LEAST_DEPTH = 2  # of a folder to allow: not the root, nor one that holds everybody's files
 PACKAGE_DEPTH = 4  # folders above a description in which its ROS package is looked for
 DESCRIPTION_FOLDERS = ("urdf", "robots", "robot", "xacro", "mjcf", "xml")  # stand beside `meshes` in a ROS package
 MILLIMETRE = 0.001  # [m]
@@ -114,8 +115,8 @@ def mesh_path(filename: str, folder: Path, packages: Mapping[str, Path | str] | 
         places = [(root, start / name) for root in roots for start in (home, root) for name in (below, rest)]
     else:
         places = []
-    readable = "\0" not in filename
-    inside = [path for root, place in places if readable and (path := place.resolve()).is_relative_to(root)]
+    meant = [(root, place.resolve()) for root, place in places if "\0" not in filename]
+    inside = [path for root, path in meant if path.is_relative_to(root)]
     for path in inside:
         if os.path.isfile(path):  # noqa: PTH113 - a name of 300 letters is no file, and no error
             return path
@@ -124,12 +125,21 @@ def mesh_path(filename: str, folder: Path, packages: Mapping[str, Path | str] | 
     if not inside:
         raise HandError(
             f"mesh '{filename}' lies outside the description's folder: expected a file below {folder}; "
-            f"copy the meshes beside the description and name them relative to it{naming}"
+            "copy the meshes beside the description and name them relative to it"
+            f"{allowing(home, [path for _, path in meant]) or naming}"
         )
     raise HandError(
         f"mesh '{filename}' is missing: expected a file below {given.get(package, roots[-1])}, found none; "
         f"copy it there or mend its name in the description{naming if found else ''}"
     )
+
+
+def allowing(home: Path, meant: Sequence[Path]) -> str:
+    """Return how one of the files that are meant may be named, if there is one: by a folder that holds it and `home`."""
+    there = next((path for path in meant if os.path.exists(path)), Path("/"))  # noqa: PTH110 - as above
+    both = Path(os.path.commonpath([home, there]))
+    named = f", or allow the folder that holds both: `packages` {both.name}={both}"
+    return named if len(both.parts) > LEAST_DEPTH else ""
 
 
 def description_folders(home: Path) -> list[Path]:

@@ -11,7 +11,7 @@ import mujoco
 import numpy as np
 
 from dexnudge.errors import HandError
-from dexnudge.hands.link_meshes import description_folders
+from dexnudge.hands.link_meshes import allowing, description_folders
 from dexnudge.hands.tree import MAX_LINKS, MAX_SHAPES
 from dexnudge.hands.xml_text import read_xml
 
@@ -102,7 +102,7 @@ def _check_files(path: Path, packages: Mapping[str, Path | str]) -> None:
                 if not all(any(place.is_relative_to(allowed) for allowed in roots) for place in places):
                     raise HandError(
                         f"{file}: '{value}' lies outside the description's folder: expected a file below {home}; "
-                        "copy the files beside the description and name them relative to it"
+                        f"copy the files beside the description and name them relative to it{allowing(home, places)}"
                     )
                 if element.tag in ("include", "model") and (home / value).resolve() not in checked:
                     waiting.append((home / value).resolve())
