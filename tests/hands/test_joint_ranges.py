@@ -72,6 +72,14 @@ def test_followers_of_followers_and_those_that_run_backwards_count(write_hand):
             ),
         ),
         (
+            follower('lower="-1.2" upper="-0.2"'),
+            (
+                "joint 'middle' follows 'near' as 0.8 x + -0.2 and leaves it no range: expected values within its own "
+                "limits, -1.2 to -0.2, while 'near' goes from 0 to 1.2; mend multiplier, offset or limits: a multiplier of "
+                "-0.8 keeps them"
+            ),
+        ),
+        (
             follower('lower="0" upper="90"'),
             (
                 "joint 'middle': expected limits in radians, got 0 to 90, that is up to 5157 degrees; in degrees? write "

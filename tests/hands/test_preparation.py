@@ -174,12 +174,27 @@ def test_what_a_yaml_states_is_not_assumed(write):
 
 
 def test_a_joint_that_moves_nothing_and_links_that_overlap_are_told(write):
-    sensor = [link("sensor", None), joint("palm", "sensor")]
+    pin = [
+        link("pin", "0.001 0.001 0.02"),
+        joint("palm", "pin", "0 0 0.02", limits="-0.01 0.01").replace("1 0 0", "0 0 1"),
+    ]
     wall = [link("wall", "0.02 0.02 0.06", "-0.03 0.035 0.1"), joint("palm", "wall", kind="fixed")]
-    findings = prepare_hand(write([*gripper(), *sensor, *wall])).findings
+    findings = prepare_hand(write([*gripper(), *pin, *wall])).findings
     warnings = {finding.what: finding.sentence for finding in findings if finding.level == "warning"}
-    assert "joint sensor_j moves no geometry" in warnings["joints"]
+    assert "joint pin_j moves no geometry" in warnings["joints"]
     assert "index_2 and wall" in warnings["self_collision"]
+
+
+def test_a_motor_that_moves_no_geometry_is_left_out_whatever_its_limits(write):
+    motor = [link("motor", "0.002 0.002 0.002"), joint("palm", "motor", limits="-3 7")]
+    spring = [link("spring", None), joint("palm", "spring", limits="0 0.5")]
+    spring[1] = spring[1].replace("<limit", '<mimic joint="index_1_j" multiplier="-1"/><limit')
+    prepared = prepare_hand(write([*gripper(), *motor, *spring]))
+    assert prepared.hand.num_joints == 6
+    assert (
+        "joints that move no geometry above 3.0 mm and lead no other were left out: motor_j, spring_j"
+        in prepared.hand.notes
+    )
 
 
 def test_links_of_digits_in_centimetres_are_asked_about(write):

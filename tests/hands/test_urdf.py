@@ -139,7 +139,9 @@ def test_joints_that_place_the_hand_are_cut_off(write_hand, small, kind):
     assert hand.notes == ("joints that place the hand in the world were cut off: virtual_0, virtual_1",)
 
 
-@pytest.mark.parametrize("name", ["package://some_hand/meshes/WEDGE.STL", "../meshes/WEDGE.STL"])
+@pytest.mark.parametrize(
+    "name", ["package://some_hand/meshes/WEDGE.STL", "package:///some_hand/meshes/WEDGE.STL", "../meshes/WEDGE.STL"]
+)
 @pytest.mark.parametrize("manifest", [True, False])
 def test_meshes_of_a_ros_package_are_found(write_hand, name, manifest, small):
     path = write_hand()

@@ -6,10 +6,11 @@ from dataclasses import replace
 import numpy as np
 
 from dexnudge.errors import HandError, did_you_mean
+from dexnudge.finding import length_text
 from dexnudge.hands.config import HandConfig, unit_direction
 from dexnudge.hands.hand import Hand, Joint
 from dexnudge.hands.joint_ranges import with_ranges
-from dexnudge.hands.tree import Tree, TreeJoint, check_joints, check_names, check_sizes, check_tree, rerooted
+from dexnudge.hands.tree import Tree, TreeJoint, check_joints, check_names, check_sizes, check_tree, locked, rerooted
 
 
 def hand_from_tree(tree: Tree, config: HandConfig, *, base: bool = True) -> Hand:
@@ -22,7 +23,7 @@ def hand_from_tree(tree: Tree, config: HandConfig, *, base: bool = True) -> Hand
     """
     tree, config = renamed_world(without_arm(tree, config), config)
     check_sizes(tree)
-    tree = with_ranges(tree)
+    tree = with_ranges(_without_idle_joints(tree, config))
     check_joints(tree, config)
     notes = list(tree.notes)
     tree = rerooted(tree, config.palm)
@@ -57,6 +58,32 @@ def hand_from_tree(tree: Tree, config: HandConfig, *, base: bool = True) -> Hand
         base_link=config.base_link if config.base_link in links else None,
         notes=tuple(notes),
     )
+
+
+SPECK = 0.003  # [m] a link of at most that size stands for none: simulators want something on every link
+
+
+def _without_idle_joints(tree: Tree, config: HandConfig) -> Tree:
+    """Return the tree with the joints fixed that move no geometry and lead none that does, as motors may; see `notes`."""
+    solid = [link for link, mesh in tree.links.items() if len(mesh.faces) and mesh.extents.max() > SPECK]
+    moved = {each for link in (*solid, config.palm) for each in (link, *tree.links_above(link))}
+    joints = {joint.name: joint for joint in tree.joints if not (joint.fixed or joint.places)}
+    coupled = {name for pair in config.couplings for name in pair}
+    used = [name for name, joint in joints.items() if joint.child in moved or name in coupled]
+    for name in used:
+        mimic = joints[name].mimic
+        if mimic is not None and mimic.leader in joints and mimic.leader not in used:
+            used.append(mimic.leader)
+    idle = [name for name in joints if name not in used]
+    if not idle or not solid:
+        return tree
+
+    def still(joint: TreeJoint) -> TreeJoint:
+        return locked(joint, float(np.clip(0.0, joint.lower, joint.upper)))
+
+    note = f"joints that move no geometry above {length_text(SPECK)} and lead no other were left out: {', '.join(idle)}"
+    kept = tuple(still(joint) if joint.name in idle else joint for joint in tree.joints)
+    return replace(tree, joints=kept, notes=(*tree.notes, note))
 
 
 def _solid_tip(tip: str, digit: str, tree: Tree, notes: list[str]) -> str:

@@ -109,10 +109,14 @@ def _narrowed(leader: TreeJoint, follower: TreeJoint, multiplier: float, offset:
             high = min(high, float(ends[1])) if high - ends[1] > ROUNDED else high
     keeps = multiplier or follower.lower - ROUNDED <= offset <= follower.upper + ROUNDED
     if not keeps or low > high or (high - low < ROUNDED < leader.upper - leader.lower):
+        with np.errstate(over="ignore"):
+            others = offset - multiplier * np.array([leader.lower, leader.upper])
+        mirrored = others.min() >= follower.lower - SAID and others.max() <= follower.upper + SAID
         raise HandError(
             f"joint '{follower.name}' follows '{leader.name}' as {multiplier:g} x + {offset:g} and leaves it no range: "
             f"expected values within its own limits, {follower.lower:g} to {follower.upper:g}, while '{leader.name}' goes "
             f"from {leader.lower:g} to {leader.upper:g}; mend multiplier, offset or limits"
+            f"{f': a multiplier of {-multiplier:g} keeps them' if mirrored else ''}"
         )
     return replace(leader, lower=low, upper=high)
 

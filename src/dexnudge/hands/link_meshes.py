@@ -103,6 +103,7 @@ def mesh_path(filename: str, folder: Path, packages: Mapping[str, Path | str] | 
     given = {name: Path(place).resolve() for name, place in (packages or {}).items()}
     roots = [*description_folders(home), *given.values()]
     scheme, found, rest = filename.rpartition("://")
+    rest = rest if scheme == "file" else rest.lstrip("/")  # some write `package:///`
     package, _, below = rest.partition("/")
     if not found:
         places = [(root, start / filename) for root in roots for start in (home, root)]
