@@ -140,6 +140,21 @@ def test_the_other_commands_name_the_option(refused, command, option, message):
     refused(*command, *option, message=re.escape(message))
 
 
+@pytest.mark.parametrize(
+    ("words", "named"),
+    [
+        (["phone", "--out", "x" * 300], "--out"),
+        (["phone", f"--out={'x' * 300}"], "--out"),
+        (["phone", "--hand", "a\0b"], "--hand"),
+        (["x" * 300, "--scene", "table"], "an argument"),
+    ],
+)
+def test_a_word_that_is_no_path_is_told_with_its_option(dexnudge, words, named):
+    outcome = dexnudge("sample", *words)
+    assert outcome.code == 2
+    assert outcome.err.startswith(f"dexnudge: `{named}` is '")
+
+
 def test_places_that_cannot_be_written(dexnudge, tmp_path):
     (tmp_path / "file").write_text("kept")
     out = ["--out", tmp_path / "file" / "out"]

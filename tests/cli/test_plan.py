@@ -57,8 +57,9 @@ def test_an_object_out_of_reach_is_said_before_planning(dexnudge, sampled, tmp_p
     assert not (tmp_path / "plan").exists()
 
 
-def test_a_map_of_too_many_places_is_refused(dexnudge, sampled, tmp_path):
-    found = dexnudge("find-base", sampled, "--arm", "panda", "--step", "1e-9", "--out", tmp_path / "base")
+@pytest.mark.parametrize("step", ["1e-9", "1e-300"])
+def test_a_map_of_too_many_places_is_refused(dexnudge, sampled, tmp_path, step):
+    found = dexnudge("find-base", sampled, "--arm", "panda", "--step", step, "--out", tmp_path / "base")
     assert found.code == 2
     assert "at most 20,000" in found.err
 

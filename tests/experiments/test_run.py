@@ -55,6 +55,22 @@ def test_a_second_run_computes_only_what_is_missing(tmp_path):
     assert file.read_bytes().splitlines(keepends=True) == lines
 
 
+@pytest.mark.parametrize(
+    ("options", "message"),
+    [
+        ({"length": float("nan")}, "`length` is nan m; expected the longest side"),
+        ({"physics": {"mass": -1.0}}, "`mass` is -1.0; expected a finite number > 0"),
+        ({"physics": {"friction_environment": float("nan")}}, "`friction_environment` is nan; expected a finite"),
+        ({"physics": {"turn_deg": float("inf")}}, "`turn_deg` is inf; expected 0.1 to 180 degrees"),
+        ({"physics": {"about": [0.0, 0.0, 0.0]}}, "`about` needs `turn_deg`"),
+    ],
+)
+def test_numbers_that_no_scene_can_have_are_refused_before_anything_is_written(tmp_path, options, message):
+    with pytest.raises(InputError, match=message):
+        run(tmp_path / "out", config=replace(CONFIG, **options))
+    assert os.listdir(tmp_path) == []
+
+
 def test_other_options_are_refused_by_name(tmp_path):
     run(tmp_path / "out")
     with pytest.raises(InputError, match=r"holds another experiment: num is 4 there and 5 here"):

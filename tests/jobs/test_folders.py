@@ -11,7 +11,7 @@ from pathlib import Path
 
 import pytest
 
-from dexnudge.errors import InputError, OutputError
+from dexnudge.errors import InputError, OutputError, writing
 from dexnudge.jobs.folders import free_folder, new_folder, owned_folder
 
 MARKER = "marker.json"
@@ -278,6 +278,39 @@ def test_what_a_run_killed_while_it_replaced_a_folder_had_set_aside_comes_back(t
         pytest.fail("the block must not begin")
     assert (tmp_path / "out" / MARKER).read_text() == "old"
     assert os.listdir(tmp_path) == ["out"]
+
+
+@pytest.mark.parametrize("make", [Path.mkdir, Path.touch])
+def test_what_no_run_has_left_is_not_taken_for_a_leftover(tmp_path, make):
+    own = tmp_path / ".out.partial"
+    make(own)
+    with pytest.raises(OutputError) as caught, new_folder(tmp_path / "out", marker=MARKER):
+        pytest.fail("the block must not begin")
+    assert str(caught.value) == (
+        f"{own} stands where the output folder {tmp_path / 'out'} is made, and no run of dexnudge left it; expected nothing "
+        "there; move it away, or choose another `out`"
+    )
+    assert os.listdir(tmp_path) == [".out.partial"]
+
+
+def test_a_name_that_leaves_no_room_for_its_lock_is_refused(tmp_path):
+    with new_folder(tmp_path / ("x" * 240), marker=MARKER) as folder:
+        write(folder)
+    with pytest.raises(OutputError, match="too long; expected at most 240 bytes"), new_folder("y" * 241, marker=MARKER):
+        pytest.fail("the block must not begin")
+
+
+def test_what_cannot_be_written_is_named_as_the_user_named_it(tmp_path):
+    with (
+        pytest.raises(OutputError) as caught,
+        new_folder(tmp_path / "out", marker=MARKER) as folder,
+        writing(f"the page {folder / 'view.html'}"),
+    ):
+        raise OSError(errno.ENOSPC, os.strerror(errno.ENOSPC))
+    assert str(caught.value) == (
+        f"cannot write the page {tmp_path / 'out' / 'view.html'}: No space left on device; expected a folder that exists, is "
+        "writable and has free space"
+    )
 
 
 def test_a_folder_into_which_another_run_writes_is_not_replaced(tmp_path):

@@ -184,9 +184,11 @@ def _check_values(options: Sequence[str]) -> None:
 
     for place, option in enumerate(options):
         flag, _, value = option.partition("=")
+        before = options[place - 1] if place else ""
+        named = flag if flag.startswith("--") else before if before.startswith("--") else "an argument"
         word = value if flag.startswith("--") else option
-        if not is_number(word) and "--host" not in (flag, *options[max(place - 1, 0) : place]):
-            check_path("an option", word)  # what is no number may become one
+        if not is_number(word) and named != "--host":
+            check_path(named, word)  # what is no number may become one
         if option == UNCERTAIN and (place + 1 == len(options) or options[place + 1].startswith("--")):
             from dexnudge.scenes.uncertainty import EXPECTED
 

@@ -119,7 +119,7 @@ def save_film(film: Recording, path: Path | str, *, moments: Int[np.ndarray, " c
             shutil.copyfile(written, path)
         except OSError as error:
             raise OutputError(
-                f"the film {path} cannot be written: {error}; expected a folder that exists and is writable"
+                f"the film {path} cannot be written: {error}; expected a folder that exists, is writable and has free space"
             ) from error
     return path
 

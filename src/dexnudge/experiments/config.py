@@ -108,11 +108,13 @@ def trial_keys(config: ExperimentConfig) -> list[TrialKey]:
     """Return every trial of an experiment; those of one object and scene stand together.
 
     Raises:
-        InputError: a name, count, device or loss in the config is not valid. MeshError: the set of objects cannot be found.
+        InputError: a name, count, device, loss or number of the scenes in the config is not valid. MeshError: the set of objects cannot be found.
     """
     from dexnudge.geometry.devices import check_device
     from dexnudge.sampling.methods import METHODS, find_method
     from dexnudge.scenes.families import scene_families
+    from dexnudge.scenes.motion import check_asked
+    from dexnudge.scenes.scene import check_physics
 
     for name, count in (("num", config.num), ("max_objects", config.max_objects)):
         if count is not None and count < 1:
@@ -125,6 +127,9 @@ def trial_keys(config: ExperimentConfig) -> list[TrialKey]:
             raise InputError(f"the {what} {twice[0]!r} is named twice; expected each once")
     if unknown := [scene for scene in config.scenes if scene not in scenes]:
         raise UnknownNameError(f"unknown scene {unknown[0]!r}; expected some of {', '.join(scenes)}")
+    asked = dict(config.physics or {})
+    check_asked(**{name: asked.pop(name, None) for name in ("turn_deg", "tip_deg", "about")})
+    check_physics(asked)
     for method in config.methods:
         find_method(method).with_weights(config.losses or {})  # refuses what makes no sense
     brought(config)

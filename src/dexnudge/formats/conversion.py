@@ -68,7 +68,7 @@ def convert(source: Path, to: str, out: Path, *, every: bool = False) -> str:
     if to in GRASPS:
         assert samples is not None
         write, marker = GRASPS[to]
-        with new_folder(out, marker=marker) as folder:
+        with new_folder(out, overwrite=None, marker=marker) as folder:
             write(samples, folder, name=source.resolve().name)
         return _counted(len(samples))
     if out.exists():
@@ -93,7 +93,7 @@ def _episodes(source: Path, out: Path) -> str:
     if places and (places[0] / CONFIGURATIONS).is_file():
         scene, found = read_inputs(places[0])
         hand, what = found.name, f" {round(1e3 * scene.motion_length)} mm along its motion in scene '{scene.name}'"
-    with new_folder(out, marker="meta") as folder:
+    with new_folder(out, overwrite=None, marker="meta") as folder:
         number = write_lerobot(source, folder, task=f"push the object{what}", robot=hand, version=__version__)
     return f"{number} episodes"
 

@@ -18,13 +18,14 @@ from datetime import datetime
 from pathlib import Path
 from typing import Any
 
-from dexnudge.errors import DexnudgeError, InputError, OutputError, check_path, what_failed, writing
+from dexnudge.errors import LONGEST_PART, DexnudgeError, InputError, OutputError, check_path, what_failed, writing
 from dexnudge.jobs.json_files import MAX_TABLE_BYTES, read_json_object
 from dexnudge.jobs.provenance import machine, versions
 
 TEMPORARY_PREFIX = ".writing-"
 LOCK_NAME = ".dexnudge-lock"  # in a folder that one run after another goes on with
 LOCK_SUFFIX = ".dexnudge-lock"  # of `.NAME.dexnudge-lock` beside a folder that appears when it is complete
+LONGEST_NAME = LONGEST_PART - len(f".{LOCK_SUFFIX}")  # bytes of such a folder's
 LOCK_ATTEMPTS = 1000  # each but the last lost to an owner that ended between two system calls
 AT_FDCWD, RENAME_EXCHANGE = -100, 2  # of Linux
 NO_LINK = getattr(os, "O_NOFOLLOW", 0)  # what a link at a lock's place leads to is not ours to write
@@ -86,7 +87,7 @@ def owned_folder(out: Path | str) -> Iterator[Path]:
 
 @contextmanager
 def new_folder(
-    out: Path | str, *, overwrite: bool = False, marker: str, ours: Sequence[str] = (), argument: str = "out"
+    out: Path | str, *, overwrite: bool | None = False, marker: str, ours: Sequence[str] = (), argument: str = "out"
 ) -> Iterator[Path]:
     """Own `out` and yield an empty folder beside it; when the block ends well it becomes `out` in one step.
 
@@ -97,7 +98,8 @@ def new_folder(
     Args:
         out: the folder to make. It must not exist, unless `overwrite`.
         overwrite: replace an existing `out`, provided that it is empty or holds the file `marker`. Only the files that
-            such an output consists of are replaced; everything else in `out` stays.
+            such an output consists of are replaced; everything else in `out` stays. None: no, and the caller has no such
+            option.
         marker: name of a file that only such an output folder has.
         ours: what else such an output consists of, as patterns of paths in it, such as "hand/meshes/*.obj".
         argument: what the caller's user calls `out`, for messages.
@@ -107,11 +109,19 @@ def new_folder(
     """
     check_path(argument, out, OutputError)
     target = _named(out, argument)
+    if len(os.fsencode(target.name)) > LONGEST_NAME:
+        raise OutputError(
+            f"the name of the output folder {target} is too long; expected at most {LONGEST_NAME} bytes; choose another "
+            f"`{argument}`"
+        )
     made = [path for path in target.parents if not path.exists()]
-    partial = target.with_name(f".{target.name}.partial")
+    partial, lock = target.with_name(f".{target.name}.partial"), _lock_beside(target)
+    killed = _exists(lock)  # a run that was killed left its lock beside what it had begun
     try:
-        with _locked(_lock_beside(target), target, argument):
-            shutil.rmtree(partial, ignore_errors=True)  # of a run that was killed
+        with _locked(lock, target, argument):
+            if not killed:
+                _refuse_others(target, partial, argument)
+            shutil.rmtree(partial, ignore_errors=True)
             _restore(target)
             replaced = _check_replaceable(target, overwrite=overwrite, marker=marker, argument=argument)
             try:
@@ -120,6 +130,10 @@ def new_folder(
                 if replaced is not None:
                     _keep_others(target, partial, (marker, *ours))
                 _put_in_place(partial, target, replaced)
+            except OutputError as error:
+                if str(partial) not in str(error):
+                    raise
+                raise OutputError(str(error).replace(str(partial), str(target))) from error
             except OSError as error:
                 if isinstance(error, DexnudgeError) or not _concerns(error, partial, target):
                     raise
@@ -300,7 +314,17 @@ def _lock_beside(target: Path) -> Path:
     return target.with_name(f".{target.name}{LOCK_SUFFIX}")
 
 
-def _check_replaceable(target: Path, *, overwrite: bool, marker: str, argument: str) -> set[str] | None:
+def _refuse_others(target: Path, partial: Path, argument: str) -> None:
+    """Refuse to make `target` where that would delete what no run of ours has left."""
+    for path in (partial, *([_old_beside(target)] if _exists(target) else [])):
+        if _exists(path):
+            raise OutputError(
+                f"{path} stands where the output folder {target} is made, and no run of dexnudge left it; expected nothing "
+                f"there; move it away, or choose another `{argument}`"
+            )
+
+
+def _check_replaceable(target: Path, *, overwrite: bool | None, marker: str, argument: str) -> set[str] | None:
     """What stands in the folder that is to be replaced; None where there is none."""
     if not _exists(target):
         return None
@@ -309,10 +333,8 @@ def _check_replaceable(target: Path, *, overwrite: bool, marker: str, argument: 
             f"the output {target} exists and is not a folder; expected a new folder; choose another `{argument}`"
         )
     if not overwrite:
-        raise OutputError(
-            f"the output folder {target} exists; expected a new one; choose another `{argument}`, or replace it with "
-            "`overwrite`"
-        )
+        how = "" if overwrite is None else ", or replace it with `overwrite`"
+        raise OutputError(f"the output folder {target} exists; expected a new one; choose another `{argument}`{how}")
     names = {entry.name for entry in target.iterdir()}
     if names and marker not in names:
         raise OutputError(

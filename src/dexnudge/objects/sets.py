@@ -116,8 +116,11 @@ def resolve_object_set(text: str, *, units: str = "m", length: float | None = No
     Raises:
         UnknownNameError: an unknown built-in set.
         InputError: a unit for a built-in set, or a number of objects that it does not have.
-        MeshError: the path does not exist or holds no meshes; a text file names a file that does not exist.
+        MeshError: the path does not exist or holds no meshes; a text file names a file that does not exist; a length that
+            no object can have.
     """
+    if length is not None:
+        check_length(length)
     if text.startswith(BUILTIN_PREFIX):
         refuse_units(text, units)
         names = _some_of(*text.removeprefix(BUILTIN_PREFIX).partition(":"))

@@ -2,7 +2,7 @@
 
 from __future__ import annotations
 
-from collections.abc import Iterable, Sequence
+from collections.abc import Mapping, Sequence
 from dataclasses import dataclass, field, replace
 from numbers import Real
 from pathlib import Path
@@ -35,6 +35,7 @@ FRICTION_ENVIRONMENT = 0.4  # plastic on painted wood
 MASS = 0.15  # [kg] a phone or a remote
 MAX_NORMAL_FORCE = 5.0  # [N] per digit link; what a tendon-driven finger holds continuously
 MOTION_LENGTH = 0.10  # [m]
+POSITIVE = ("mass", "max_normal_force")  # numbers that are never 0
 ABOVE_MIDDLE = 0.75  # of an object's height
 TURN_PLACES = 19  # between which a turn's bounds are taken: 10 degrees apart for the largest one
 SHORTEST_MOTION = 1e-3  # [m] a shorter one is lost in the tolerances
@@ -94,11 +95,9 @@ class Scene:
         object.__setattr__(self, "motion", unit_motion(self.motion))
         if self.turn is not None:
             check_kind("turn", self.turn, Turn, "dn.Turn(np.pi / 2, axis=(0, 0, 1), point=(0, 0, 0))")
-        for label in ("motion_length", "mass", "max_normal_force"):
-            zero = label == "motion_length" and self.turn is not None
-            _check_number(label, getattr(self, label), minimum_excluded=not zero)
-        for label in ("friction_hand", "friction_environment", "surface_noise", "clearance"):
-            _check_number(label, getattr(self, label), minimum_excluded=False)
+        positive = POSITIVE if self.turn is not None else (*POSITIVE, "motion_length")
+        for label in (*NUMBERS, *MARGINS):
+            _check_number(label, getattr(self, label), minimum_excluded=label in positive)
         check_margins(surface_noise=self.surface_noise, clearance=self.clearance)
         object.__setattr__(self, "clearance", max(self.clearance, self.surface_noise))
         if self.turn is not None and (away := float(self.turn.distance(self._corners).min())) > FARTHEST_AXIS:
@@ -431,11 +430,16 @@ def load_scene(folder: str | Path) -> Scene:
     return Scene.load(folder)
 
 
-def check_physics(physics: Iterable[str]) -> None:
-    """Refuse names that are not physical parameters of a scene; SceneError."""
+def check_physics(physics: Mapping[str, object]) -> None:
+    """Refuse names that are not physical parameters of a scene, and numbers that none can have; SceneError.
+
+    Whether a scene without a turn has a `motion_length` of 0 is left to the scene.
+    """
     unknown = sorted(set(physics) - set(NUMBERS))
     if unknown:
         raise SceneError(f"unknown physical parameter {unknown[0]!r}; expected {', '.join(NUMBERS)}")
+    for label, value in physics.items():
+        _check_number(label, value, minimum_excluded=label in POSITIVE)
 
 
 def _check_number(label: str, value: object, *, minimum_excluded: bool) -> None:

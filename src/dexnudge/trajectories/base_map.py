@@ -179,10 +179,9 @@ def find_base(
             f"no map of `extent` {extent}, `step` {step} and `heights` {heights}; expected 0 < step <= extent and at most "
             f"{FARTHEST:g} m"
         )
-    places = len(high) * (2 * int(extent / step) + 1) ** 2
-    if places > MOST_PLACES:
+    if len(high) * (2 * int(extent / step) + 1) ** 2 > MOST_PLACES:
         raise InputError(
-            f"a map of {places:.3g} places: `extent` {extent:g} m, `step` {step:g} m, {len(high)} heights; expected at most "
+            f"a map of `extent` {extent:g} m, `step` {step:g} m and {len(high)} heights has too many places; expected at most "
             f"{MOST_PLACES:,}; give a longer `step`"
         )
     scene, reach = samples.scene, Reach(arm, mount=mount)
