@@ -66,7 +66,7 @@ def changed(old: str, new: str, count: int = 1):
     [
         (
             six_axis_urdf(end="l7", extra=SOLID_END),
-            r"flange named: .* one of l4, l5, l6, l7, jaw; write 'flange: LINK'",
+            r"flange named: .* one of jaw, l4, l5, l6, l7; write 'flange: LINK'",
         ),
         (
             changed('velocity="3.0"', 'velocity="nan"'),

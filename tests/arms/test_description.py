@@ -221,6 +221,14 @@ def test_a_home_is_chosen_in_front_of_the_arm_where_none_is_stated(described):
     assert flange[2, 2] < -0.99
 
 
+def test_what_is_mounted_faces_down_at_that_home_whichever_axis_of_the_flange_points_out(described):
+    text = six_axis_urdf(
+        extra='<link name="ee"/>' + joint("ee_mount", "l6", "ee", ("0 0 0.06", "0 1.5707963 0"), "", "fixed")
+    )
+    arm = dn.load_arm(described(text, {"limits": LIMITS, "flange": "ee"}))
+    assert arm.flange_poses(arm.home[None])[0, 2, 0] > 0.99  # its -x points out of the arm
+
+
 def test_the_keyframe_home_of_an_mjcf_is_its_home(described):
     key = '<keyframe><key name="home" qpos="0.1 0.2 0.3 0.4 0.5 0.6"/></keyframe></mujoco>'
     text = six_axis_mjcf().replace("</mujoco>", key)
@@ -256,3 +264,13 @@ def test_of_several_flanges_none_is_guessed(described):
     )
     with pytest.raises(dn.ArmError, match=r"without the flange named: .* one of tool0, second_tool0"):
         dn.load_arm(described(six_axis_urdf(extra=two), {"limits": LIMITS}))
+
+
+def test_where_no_flange_is_clear_those_that_carry_a_gripper_are_named_first(described):
+    slide = '<axis xyz="0 1 0"/>' + limit(0, 0.04)
+    jaws = "".join(
+        link(jaw, "0.01 0.01 0.04") + joint(f"{jaw}_slide", "l6", jaw, ("0 0 0.1", "0 0 0"), slide, "prismatic")
+        for jaw in ("left_jaw", "right_jaw")
+    )
+    with pytest.raises(dn.ArmError, match=r"may be one of l6, end, left_jaw, right_jaw, l4, l5"):
+        dn.load_arm(described(six_axis_urdf(end="end", extra=jaws), {"limits": LIMITS}))

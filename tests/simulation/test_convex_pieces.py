@@ -11,7 +11,7 @@ from dexnudge.geometry.surface_points import surface_points
 from dexnudge.objects.builtin import builtin_object
 from dexnudge.scenes.boxes import box, joined
 from dexnudge.scenes.families.shelf import cell
-from dexnudge.simulation import decomposition
+from dexnudge.simulation import convex_pieces, decomposition
 from dexnudge.simulation.convex_pieces import (
     DECOMPOSE_OBJECT,
     TOLERANCE,
@@ -61,6 +61,15 @@ def test_simple_hull_leaves_out_at_most_the_tolerance():
     equations = ConvexHull(kept).equations
     assert (ball.vertices @ equations[:, :3].T + equations[:, 3]).max() <= 2.0e-4
     assert len(kept) < len(ball.vertices) / 10
+
+
+def test_a_large_round_body_takes_few_hulls(monkeypatch):
+    made = []
+    monkeypatch.setattr(convex_pieces, "ConvexHull", lambda points: made.append(ConvexHull(points)) or made[-1])
+    ball = np.asarray(trimesh.creation.icosphere(subdivisions=4, radius=0.1).vertices)
+    kept = ConvexHull(simple_hull(ball, tolerance=2.0e-4))
+    assert len(made) < convex_pieces.ONE_BY_ONE + 10 < len(kept.vertices)
+    assert (ball @ kept.equations[:, :3].T + kept.equations[:, 3]).max() <= 2.0e-4 + 1e-12
 
 
 def test_the_walls_of_a_shelf_are_five_boxes():

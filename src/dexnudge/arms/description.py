@@ -10,7 +10,7 @@ from jaxtyping import Float
 
 from dexnudge.arms.arm import Arm, JointLimits
 from dexnudge.arms.config import LIMITS, ArmConfig, per_joint, read_arm_config
-from dexnudge.arms.flange import ALONG, cut_at, find_flange, from_base, last_axis
+from dexnudge.arms.flange import ALONG, cut_at, find_flange, from_base, last_axis, outward_frame
 from dexnudge.arms.inverse_kinematics import InverseKinematics
 from dexnudge.errors import ArmError, HandError
 from dexnudge.hands.config import GEOMETRIES, yaml_beside
@@ -201,7 +201,7 @@ def _home(arm: Arm, config: ArmConfig, where: str) -> tuple[Float[np.ndarray, " 
         home = np.array([arm.tree.home[name] for name in arm.joint_names])
         if (home >= low - ROUNDED).all() and (home <= high + ROUNDED).all():
             return np.clip(home, low, high), "the home is the description's own; 'home' in the arm's YAML names another"
-    chosen = "the flange half the reach ahead, facing down, or else the middle of the limits"
+    chosen = "the flange half the reach ahead, what it carries facing down, or else the middle of the limits"
     return home_in_front(arm), f"the home was chosen: {chosen}; 'home' in the arm's YAML names another"
 
 
@@ -210,7 +210,7 @@ STARTS = 12
 
 
 def home_in_front(arm: Arm) -> Float[np.ndarray, " n"]:
-    """Return joint angles at which the flange faces down in front of the base, its joints as high as they may be.
+    """Return joint angles at which what is mounted faces down in front of the base, the joints as high as they may be.
 
     The middle of the limits, with joints at zero where that is within them, if no such angles are found.
     """
@@ -218,6 +218,7 @@ def home_in_front(arm: Arm) -> Float[np.ndarray, " n"]:
     straight = np.clip(0.0, limits.lower, limits.upper)
     target = np.diag([1.0, -1.0, -1.0, 1.0])
     target[:3, 3] = [AHEAD * arm.reach, 0.0, UP * arm.reach]
+    target = target @ np.linalg.inv(outward_frame(arm))
     solver, generator = InverseKinematics(arm), np.random.default_rng(0)
     starts = [straight, *generator.uniform(limits.lower, limits.upper, (STARTS, arm.num_joints))]
     found = [home for start in starts if (home := solver.solve(arm.T_world_base @ target, start)) is not None]

@@ -1,11 +1,15 @@
 """Where an arm ends: the flange among a description's links, and what of the rest belongs to the arm."""
 
 import re
+from collections import Counter
 from collections.abc import Sequence
 from dataclasses import replace
 
 import numpy as np
+import trimesh
+from jaxtyping import Float
 
+from dexnudge.arms.arm import Arm
 from dexnudge.arms.config import ArmConfig
 from dexnudge.errors import ArmError, did_you_mean
 from dexnudge.hands.assembly import WORLD
@@ -14,6 +18,7 @@ from dexnudge.hands.tree import Tree, TreeJoint
 
 LEAST_JOINTS = 4  # fewer bring a hand to few poses: a wrist, or a gripper
 ALONG = np.cos(np.radians(10.0))  # of the flange's z-axis to the last joint's
+LEAST_AWAY = 0.001  # [m] of a flange from its last joint, along the axis, that tells on which side it lies
 MOST_NAMED = 20  # links in a message
 # Names of flanges, the surest first. ROS-Industrial's tool0 has z out of the arm, where its flange has x.
 NAMES = (
@@ -71,12 +76,21 @@ def find_flange(tree: Tree, source: str) -> str:
     bare = [link for link in leaves if not len(tree.links[link].faces) and _points_out(tree, link)]
     if not best and len(leaves) == len(bare) == 1 and not tree.carrier[bare[0]].mimic:
         return bare[0]
-    shown = list(best) or ends
+    shown = list(best) or _likely_first(ends, turns, tree)
     more = f" and {len(shown) - MOST_NAMED} more" if len(shown) > MOST_NAMED else ""
     raise ArmError(
         f"{source}: an arm without the flange named: expected the link that a hand is mounted on, z out of the arm; it may "
         f"be one of {', '.join(shown[:MOST_NAMED])}{more}; write 'flange: LINK' into the YAML beside the description"
     )
+
+
+def _likely_first(links: list[str], turns: dict[str, int], tree: Tree) -> list[str]:
+    """Return the links at which arms end before the ends of fingers, and before those from which one more joint goes on."""
+    bodies = {tree.root: tree.root}
+    for joint in tree.joints_below(tree.root):
+        bodies[joint.child] = bodies[joint.parent] if joint.fixed else joint.child
+    goes_on = Counter(bodies[joint.parent] for joint in tree.joints if not joint.fixed)
+    return sorted(links, key=lambda link: (goes_on[bodies[link]] == 1, turns[link]))
 
 
 def cut_at(tree: Tree, flange: str, source: str) -> Tree:
@@ -144,13 +158,41 @@ def _is_called(link: str, name: str) -> bool:
 
 def last_axis(tree: Tree, link: str) -> np.ndarray:
     """Return the axis of the last joint that moves a link, in the link's frame."""
-    turn = np.eye(3)
+    return _last_joint(tree, link)[0]
+
+
+def _last_joint(tree: Tree, link: str) -> tuple[np.ndarray, np.ndarray]:
+    """Return axis and place [m] of the last joint that moves a link, in the link's frame."""
+    T_joint_link = np.eye(4)
     for joint in reversed(tree.chain_to(link)):
         if not joint.fixed:
-            return np.asarray(turn.T @ joint.axis)
-        turn = joint.origin[:3, :3] @ turn
-    return np.array([0.0, 0.0, 1.0])
+            return np.asarray(T_joint_link[:3, :3].T @ joint.axis), np.linalg.inv(T_joint_link)[:3, 3]
+        T_joint_link = joint.origin @ T_joint_link
+    return np.array([0.0, 0.0, 1.0]), np.zeros(3)
 
 
 def _points_out(tree: Tree, link: str) -> bool:
     return bool(abs(last_axis(tree, link)[2]) > ALONG)
+
+
+def outward_frame(arm: Arm) -> Float[np.ndarray, "4 4"]:
+    """Return a frame in the flange's: z along that axis of the flange that is nearest the last joint's, out of the arm.
+
+    Out is away from the last joint, or from the geometry that does not move with the flange where that lies in the joint.
+    """
+    axis, place = _last_joint(arm.tree, arm.flange)
+    nearest = int(np.abs(axis).argmax())
+    if nearest == 2:
+        return np.eye(4)
+    behind = place[nearest]
+    if abs(behind) < LEAST_AWAY:
+        poses, still = arm.link_poses(arm.home), arm.rigid_with(arm.flange)
+        flange = np.linalg.inv(poses[arm.flange])
+        meshes = [(link, mesh) for link, mesh in arm.tree.links.items() if link not in still and len(mesh.faces)]
+        points = [trimesh.transform_points(mesh.vertices, flange @ poses[link]) for link, mesh in meshes[-2:]]
+        behind = np.concatenate(points)[:, nearest].mean() if points else -1.0
+    z = np.eye(3)[nearest] * (-1.0 if behind > 0 else 1.0)
+    x = np.eye(3)[(nearest + 1) % 3]
+    outward = np.eye(4)
+    outward[:3, :3] = np.stack([x, np.cross(z, x), z], axis=1)
+    return outward

@@ -10,7 +10,7 @@ from jaxtyping import Float
 from scipy.spatial.transform import Rotation
 
 from dexnudge.arms.arm import Arm, rigid_pose
-from dexnudge.arms.flange import last_axis
+from dexnudge.arms.flange import outward_frame
 from dexnudge.arms.robot import Robot
 from dexnudge.errors import ArmError, check_kind
 from dexnudge.geometry.overlap import deepest_overlap
@@ -63,7 +63,8 @@ def mount(arm: Arm, hand: Hand, T_flange_mount: Any = None) -> Robot:
         everywhere = any(of_arm in rigid for _, _, of_arm in met)
         raise ArmError(
             f"this mount turns the hand into the arm: {links}, {'whatever the joint angles' if everywhere else 'at home'}; "
-            f"expected an overlap of at most {1e3 * DEEPEST:g} mm; mend `mount`{'' if everywhere else ' or the home'}: "
+            f"expected an overlap of at most {1e3 * DEEPEST:g} mm; mend `mount`"
+            f"{', or name a flange before that link: what hangs from it is cut off' if everywhere else ' or the home'}; "
             "z of the flange points out of the arm"
         )
     return robot
@@ -123,24 +124,6 @@ def default_mount(arm: Arm, hand: Hand) -> Float[np.ndarray, "4 4"]:
 def _pair(arm: Arm, hand: Hand) -> tuple[str, str]:
     """Return the names by which a pair is known; of an arm that only shares its name with one of ours, none is."""
     return (arm.name if FLANGES.get(arm.name) == arm.flange else "", hand.name)
-
-
-def outward_frame(arm: Arm) -> Float[np.ndarray, "4 4"]:
-    """Return a frame in the flange's: z along that axis of the flange that is nearest the last joint's, out of the arm."""
-    axis = last_axis(arm.tree, arm.flange)
-    nearest = int(np.abs(axis).argmax())
-    if nearest == 2:
-        return np.eye(4)
-    poses = arm.link_poses(arm.home)
-    flange = np.linalg.inv(poses[arm.flange])
-    still = arm.rigid_with(arm.flange)
-    meshes = [(link, mesh) for link, mesh in arm.tree.links.items() if link not in still]
-    behind = [trimesh.transform_points(mesh.vertices, flange @ poses[link]) for link, mesh in meshes if len(mesh.faces)]
-    z = np.eye(3)[nearest] * (-1.0 if behind and np.concatenate(behind[-2:])[:, nearest].mean() > 0 else 1.0)
-    x = np.eye(3)[(nearest + 1) % 3]
-    outward = np.eye(4)
-    outward[:3, :3] = np.stack([x, np.cross(z, x), z], axis=1)
-    return outward
 
 
 def _mount_index(hand: Hand) -> int:

@@ -27,6 +27,7 @@ MOST_BODIES = 64  # a mesh of more closed bodies than this is a soup of parts, a
 THINNEST_PIECE = 1.0e-9  # of the longest side cubed; a thinner piece is flat
 TOLERANCE = 1.0e-4  # [m] that a piece may leave out of its hull: rounded edges need no more vertices than that
 LINK_TOLERANCE = 2.0e-4  # [m] the same for links; a fifth of the penetration that is allowed
+ONE_BY_ONE = 200  # vertices of a hull; each costs a hull of those before, 900 of an upper arm a minute
 HOLLOW = 0.7  # volume / volume of the hull below which a link is cut: the palm's hull fills the hollow of the hand
 THINNEST_PART = 1.0e-4  # [m] mean thickness of a part of the surroundings; a thinner one is a sheet
 MOST_FACES_SPLIT = 100_000  # of surroundings that are looked at part by part; a larger mesh is a scan
@@ -43,17 +44,20 @@ VOXELS_OF_OPEN_MESH = 100  # along the longest side: an open mesh is first close
 def simple_hull(points: Float[np.ndarray, "point 3"], *, tolerance: float) -> Float[np.ndarray, "vertex 3"]:
     """Return some of the points, whose hull leaves out at most `tolerance` [m] of the hull of all.
 
-    Points are added one by one where they lie farthest outside the hull of those before (quickhull's rule, Barber et
-    al., 1996, stopped early).
+    Points are added where they lie farthest outside the hull of those before (quickhull's rule, Barber et al., 1996, stopped
+    early): one by one, and of large round bodies, which need hundreds, then one for each face.
     """
     vertices = points[ConvexHull(points).vertices]
     chosen = _first_body(vertices)
     while True:
         equations = ConvexHull(vertices[chosen]).equations
-        outside = (vertices @ equations[:, :3].T + equations[:, 3]).max(axis=1)
+        outside = vertices @ equations[:, :3].T + equations[:, 3]
         if outside.max() <= tolerance:
             return vertices[chosen]
-        chosen.append(int(outside.argmax()))
+        if len(chosen) < ONE_BY_ONE:
+            chosen.append(int(outside.max(axis=1).argmax()))
+        else:
+            chosen += np.unique(outside.argmax(axis=0)[outside.max(axis=0) > tolerance]).tolist()
 
 
 def _first_body(vertices: Float[np.ndarray, "vertex 3"]) -> list[int]:
