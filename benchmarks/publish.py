@@ -357,6 +357,7 @@ def text(row: Row | None, column: str) -> str:
     if digits is None:
         value, *ends = (100 * number for number in numbers)
         return f"{value:.1f}" + (f" ({ends[0]:.0f}–{ends[1]:.0f})" if len(ends) == 2 else "")
+    numbers = [round(number, digits) + 0.0 for number in numbers]  # no "-0"
     return f"{numbers[0]:.{digits}f}" + (
         f" ({numbers[1]:.{digits}f}–{numbers[2]:.{digits}f})" if len(numbers) == 3 else ""
     )

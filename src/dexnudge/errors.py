@@ -159,7 +159,9 @@ class OutputError(DexnudgeError, OSError):
 
 
 @contextmanager
-def writing(what: object, remedy: str = "expected a folder that exists, is writable and has free space") -> Iterator[None]:
+def writing(
+    what: object, remedy: str = "expected a folder that exists, is writable and has free space"
+) -> Iterator[None]:
     """Let the block write `what`; OutputError where the disk refuses."""
     try:
         yield

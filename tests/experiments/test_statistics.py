@@ -111,3 +111,7 @@ def test_a_quantile_is_a_value_that_was_measured_and_its_interval_that_of_resamp
     assert (found.low, found.high) == pytest.approx((low, high), abs=0.05)
     assert quantile_estimate([3.0, 1.0, 2.0, 10.0], 0.9).value == 10.0
     assert quantile_estimate([], 0.5) is None
+
+
+def test_a_number_that_rounds_to_zero_has_no_sign():
+    assert Estimate(-0.2, -1.2, 0.9).text(0) == "0 (-1-1)"

@@ -32,7 +32,8 @@ class Estimate:
 
     def text(self, digits: int = 2) -> str:
         """Return the number as text: "0.21 (0.19-0.24)"; "0.21 (-)" where an end is infinite, so that it says nothing."""
-        value, low, high = (f"{number:.{digits}f}" for number in (self.value, self.low, self.high))
+        numbers = (round(number, digits) + 0.0 for number in (self.value, self.low, self.high))  # no "-0"
+        value, low, high = (f"{number:.{digits}f}" for number in numbers)
         interval = f"{low}-{high}" if np.isfinite([self.low, self.high]).all() else "-"
         return f"{value} ({interval})" if np.isfinite(self.value) else "none"
 
