@@ -143,6 +143,31 @@ def test_a_command_with_nan_ends_the_push(sample):
         execute(sample, feedback=Spoilt)
 
 
+class Brief(OpenLoop):
+    """Ends each push after 20 steps of the plan, and counts them."""
+
+    begun = 0
+
+    def start(self, plan):
+        """Count."""
+        super().start(plan)
+        self.begun, self.steps = self.begun + 1, 0
+
+    def command(self, seen):
+        """Return the plan's command, or that the push is over."""
+        self.steps += 1
+        return super().command(seen) if self.steps <= 20 else None
+
+
+def test_a_policy_of_ones_own_ends_the_push_unless_there_are_alternatives(sample):
+    ends = Brief()
+    assert not execute(sample, feedback=ends).success
+    assert ends.begun == 1
+    goes_on = Brief()
+    execute(sample, feedback=goes_on, alternatives=[sample])
+    assert goes_on.begun > 1
+
+
 class Halfway:
     """A policy that cannot begin."""
 

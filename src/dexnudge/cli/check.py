@@ -33,6 +33,8 @@ class Check:
         shown.add_row("verified", str(int(written.success.sum())), str(int(found.success.sum())), "")
         own, again = written.values | written.foresight, found.values | found.foresight
         for key, value in again.items():
+            if np.isnan(value).all():
+                continue  # such as the probability where nothing is verified
             scale, unit = (1e3, " [mm]") if key.startswith("penetration_") else (1.0, "")
             one, other = scale * own.get(key, np.full(len(value), np.nan)), scale * value
             with np.errstate(invalid="ignore"):  # two infinities: their difference is NaN

@@ -48,7 +48,8 @@ class Train:
             return 0 if result.finished else INTERRUPTED
         for name, value in result.validation.items():
             console.print(f"{name}: {value:.4g}")
-        console.print(f"{result.step} steps in {result.minutes:.1f} min; model: {result.model_folder}", soft_wrap=True)
+        kept = f"model: {result.model_folder}" if result.model_folder.is_dir() else "nothing to keep yet"
+        console.print(f"{result.step} steps in {result.minutes:.1f} min; {kept}", soft_wrap=True)
         if not result.finished:
             raise KeyboardInterrupt
         return 0

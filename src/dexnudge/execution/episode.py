@@ -23,6 +23,7 @@ from dexnudge.results.folder import SUMMARY, write_summary
 from dexnudge.results.samples import Sample
 from dexnudge.sampling.sampler import Sampler
 from dexnudge.scenes.scene import Scene
+from dexnudge.simulation.feedback import Feedback
 from dexnudge.simulation.hand_path import rotations
 from dexnudge.simulation.model import TIMESTEP, SimulationModel, scene_model
 from dexnudge.simulation.policy import Policy
@@ -275,7 +276,8 @@ def execute(
             of your own.
         then_grasp: slide the object until it can be grasped, grasp it, lift it by 10 cm and hold it for 2 s.
         alternatives: configurations of the same scene with which a push begins to whose own no free way leads, and with
-            which one that falls short goes on; with `then_grasp`, with which further attempts push.
+            which one that falls short goes on; with `then_grasp`, with which further attempts push. Without any,
+            `Feedback` goes on with the configuration itself, and a policy of your own ends where it returns None.
         attempts: with `then_grasp`, at most so many; each goes on from where the one before left hand and object. A slide
             that stops short goes on as a push does, and spends none, up to seven times.
         draws: with `then_grasp`, the number of grasps that are sampled at a time; 32 unless given.
@@ -300,7 +302,8 @@ def execute(
     q = np.stack([np.asarray(each.q, dtype=np.float64) for each in (sample, *alternatives)])
     if not then_grasp:
         simulation = scene_model(sample.hand, sample.scene)
-        execution = Executor(sample.scene, simulation, policy)(q[0], q[1:] if feedback else None)
+        goes_on = feedback is not False and (isinstance(policy, Feedback) or len(alternatives) > 0)
+        execution = Executor(sample.scene, simulation, policy)(q[0], q[1:] if goes_on else None)
         return Episode(sample.scene, simulation, execution, type(policy).__name__)
     sampler = Sampler.from_pretrained(sample.hand, weights=weights)
     simulation = scene_model(sample.hand, sample.scene)
