@@ -308,8 +308,8 @@ def test_what_cannot_be_written_is_named_as_the_user_named_it(tmp_path):
     ):
         raise OSError(errno.ENOSPC, os.strerror(errno.ENOSPC))
     assert str(caught.value) == (
-        f"cannot write the page {tmp_path / 'out' / 'view.html'}: No space left on device; expected a folder that exists, is "
-        "writable and has free space"
+        f"cannot write the page {tmp_path / 'out' / 'view.html'}: No space left on device; expected a folder that exists, "
+        "is writable and has free space"
     )
 
 

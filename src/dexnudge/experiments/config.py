@@ -108,7 +108,8 @@ def trial_keys(config: ExperimentConfig) -> list[TrialKey]:
     """Return every trial of an experiment; those of one object and scene stand together.
 
     Raises:
-        InputError: a name, count, device, loss or number of the scenes in the config is not valid. MeshError: the set of objects cannot be found.
+        InputError: a name, count, device, loss or number of the scenes in the config is not valid.
+        MeshError: the set of objects cannot be found.
     """
     from dexnudge.geometry.devices import check_device
     from dexnudge.sampling.methods import METHODS, find_method

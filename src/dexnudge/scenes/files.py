@@ -49,8 +49,8 @@ def write_scene(
         path.write_text(json.dumps(content, indent=2, allow_nan=False) + "\n", encoding="utf-8")
     except OSError as error:
         raise OutputError(
-            f"{folder}: the scene cannot be written ({what_failed(error)}); expected a folder with free space that you may write to; "
-            "choose another `out`"
+            f"{folder}: the scene cannot be written ({what_failed(error)}); expected a folder with free space that you may "
+            "write to; choose another `out`"
         ) from error
     return path
 

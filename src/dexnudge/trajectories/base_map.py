@@ -181,8 +181,8 @@ def find_base(
         )
     if len(high) * (2 * int(extent / step) + 1) ** 2 > MOST_PLACES:
         raise InputError(
-            f"a map of `extent` {extent:g} m, `step` {step:g} m and {len(high)} heights has too many places; expected at most "
-            f"{MOST_PLACES:,}; give a longer `step`"
+            f"a map of `extent` {extent:g} m, `step` {step:g} m and {len(high)} heights has too many places; expected "
+            f"at most {MOST_PLACES:,}; give a longer `step`"
         )
     scene, reach = samples.scene, Reach(arm, mount=mount)
     hands = HandBatch(samples.hand, torch.as_tensor(samples.q[rows].astype(np.float64)), dense=True)
