@@ -122,6 +122,12 @@ def test_options_that_contradict_or_make_no_sense(refused, options, message):
 @pytest.mark.parametrize(
     ("command", "option", "message"),
     [
+        (
+            ["hand", "shadow_lite", "--learn"],
+            ["--minutes", -1],
+            "--minutes is -1.0; expected more than 0, at most 1e+07",
+        ),
+        (["execute", "none"], ["--weights", "w"], "--weights is given without --then-grasp; expected both"),
         (["evaluate", "--objects", "builtin:test"], ["--seed", -1], "--seed is -1; expected at least 0"),
         (["evaluate", "--objects", "builtin:test"], ["--seed", 2**64], f"expected at most {2**63 - 1}"),
         (["evaluate", "--objects", "builtin:test"], ["--num", 10**9], "expected at most 10000"),

@@ -10,6 +10,11 @@ import pytest
         (("convert", "none", "--to", "usd", "--out", "out"), "none is not a folder"),
         (("convert", "a.npy", "--to", "dexnudge", "--out", "out"), "no --scene is given"),
         (("convert", "here", "--to", "usd", "--scene", "here", "--out", "out"), "--scene is given with the format usd"),
+        (("convert", "here", "--to", "usd", "--scale", "nan", "--out", "out"), "--scale is given with the format usd"),
+        (
+            ("convert", "here", "--to", "usd", "--hand", "allegro", "--out", "out"),
+            "--hand is given with the format usd",
+        ),
         (("convert", "a.npy", "--to", "dexnudge", "--scene", "here", "--out", "out"), "scene.json"),
         (("benchmark", "make", "smal", "--out", "out"), "unknown suite 'smal' (did you mean 'small'?)"),
         (("benchmark", "make", "bad.yaml", "--out", "out"), "bad.yaml: expected 'key: value' lines, got list"),

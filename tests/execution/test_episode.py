@@ -194,9 +194,23 @@ def test_where_nothing_was_played_there_is_no_film(sample):
         episode.film("none.gif")
 
 
-def test_bad_numbers_are_refused(sample):
-    with pytest.raises(InputError, match="`attempts` is 0; expected at least 1"):
-        execute(sample, then_grasp=True, attempts=0)
+@pytest.mark.parametrize(
+    ("options", "message"),
+    [
+        ({"attempts": 0}, "`attempts` is 0; expected at least 1"),
+        ({"draws": 10**9}, "`draws` is 1000000000; expected at most 10000"),
+        ({"seed": -1}, "`seed` is -1; expected a whole number"),
+    ],
+)
+def test_bad_numbers_are_refused(sample, options, message):
+    with pytest.raises(InputError, match=message):
+        execute(sample, then_grasp=True, **options)
+
+
+def test_an_alternative_of_another_scene_is_refused(sample):
+    other = replace(sample, scene=replace(sample.scene, motion=np.array([0.0, 1.0, 0.0])))
+    with pytest.raises(InputError, match="of another scene or hand than `sample`"):
+        execute(sample, alternatives=[other])
 
 
 def test_every_outcome_has_its_sentence_and_its_name_in_lower_case():

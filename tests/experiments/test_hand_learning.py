@@ -231,7 +231,7 @@ def test_another_hand_other_minutes_and_a_damaged_plan_are_refused(prepared, tmp
         learn_hand(folder, minutes=60.0)
     with pytest.raises(InputError, match="is a plan with `seed` 3, got 4"):
         learn_hand(folder, seed=4)
-    for wrong in (0.0, -1.0, float("nan"), float("inf")):
+    for wrong in (0.0, -1.0, float("nan"), float("inf"), 1e300):
         with pytest.raises(InputError, match=r"`minutes` is .*; expected more than 0"):
             learn_hand(folder, minutes=wrong)
     with (

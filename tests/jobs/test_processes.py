@@ -11,8 +11,9 @@ from pathlib import Path
 
 import pytest
 
-from dexnudge.errors import MeshError
+from dexnudge.errors import InputError, MeshError
 from dexnudge.jobs import processes
+from dexnudge.jobs.engines import run_tasks_by
 from dexnudge.jobs.processes import WorkerDied, run_tasks
 
 MOST_SECONDS = 600.0  # for processes to end; a bound for a failure, no measure of a quiet machine
@@ -47,6 +48,11 @@ def make_impossible():
 def test_every_task_has_one_result(workers, count):
     results = dict(run_tasks(make_square, range(count), workers=workers))
     assert results == {x: x * x for x in range(count)}
+
+
+def test_an_address_without_ray_is_refused():
+    with pytest.raises(InputError, match="`ray_address` is given without `engine` ray"):
+        run_tasks_by("processes", make_square, [1], workers=1, ray_address="here:1")
 
 
 def test_a_killed_process_costs_its_own_task_only():

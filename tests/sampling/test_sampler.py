@@ -4,12 +4,14 @@ import shutil
 import subprocess
 import sys
 from contextlib import contextmanager
+from dataclasses import replace
 from functools import partial
 from pathlib import Path
 
 import numpy as np
 import pytest
 import torch
+from trimesh.transformations import translation_matrix
 
 from dexnudge.diffusion.checkpoint import SHIPPED_WEIGHTS
 from dexnudge.errors import CheckpointError, InputError, UnknownNameError
@@ -132,6 +134,12 @@ def test_samples_are_a_sequence(hand, scene, drawn):
     assert drawn.num_verified + sum(drawn.rejections().values()) == 16
     with pytest.raises(IndexError):
         drawn[16]
+
+
+def test_a_problem_of_another_scene_is_refused(sampler, scene, problem):
+    moved = replace(scene, T_world_object=translation_matrix((0.01, 0.0, 0.0)) @ scene.T_world_object)
+    with pytest.raises(InputError, match="`problem` was prepared for another scene"):
+        sampler.sample(moved, method=RANDOM, problem=problem)
 
 
 def test_drawing_goes_on_until_enough_are_verified(sampler, scene, problem):

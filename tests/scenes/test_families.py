@@ -5,7 +5,7 @@ import pytest
 import trimesh
 from scipy.spatial import ConvexHull, cKDTree
 
-from dexnudge.errors import SceneError, UnknownNameError
+from dexnudge.errors import MeshError, SceneError, UnknownNameError
 from dexnudge.geometry.overlap import deepest_overlap
 from dexnudge.objects.builtin import builtin_object
 from dexnudge.scenes.families import SCENE_FAMILIES, build_scene
@@ -296,6 +296,14 @@ def test_physics_come_from_the_caller(meshes):
     scene = build_scene("table", meshes["phone"], seed=0, mass=0.3, friction_environment=0.2, motion_length=0.05)
     assert (scene.mass, scene.friction_environment, scene.motion_length) == (0.3, 0.2, 0.05)
     assert (scene.friction_hand, scene.max_normal_force) == (0.8, 5.0)
+
+
+def test_a_mesh_that_is_none_is_refused():
+    broken = trimesh.creation.box((0.15, 0.07, 0.01))
+    broken.vertices[0] = np.nan
+    for mesh in (broken, trimesh.Trimesh()):
+        with pytest.raises(MeshError, match="has no faces, or vertices that are NaN"):
+            build_scene("table", mesh)
 
 
 def test_an_unknown_family_lists_the_known_ones(meshes):

@@ -82,7 +82,7 @@ def test_a_floor_in_which_something_stands_is_refused(carrier, scene, floor, wha
         with_floor(scene, carrier.arm, floor)
 
 
-@pytest.mark.parametrize("floor", [np.nan, np.inf])
+@pytest.mark.parametrize("floor", [np.nan, np.inf, 1e300])
 def test_a_floor_that_is_no_height_is_refused(carrier, scene, floor):
     with pytest.raises(dn.InputError, match="expected the height of its top"):
         with_floor(scene, carrier.arm, floor)

@@ -1,6 +1,7 @@
 """Where an arm stands in a scene: a sensible place, what is wrong with a given one, and a floor below it."""
 
 from dataclasses import replace
+from numbers import Real
 from typing import Any
 
 import numpy as np
@@ -103,6 +104,11 @@ def _point(where: Float[np.ndarray, " 3"]) -> str:
     return f"({', '.join(f'{value:.2f}' for value in where)})"
 
 
+def _is_height(value: object) -> bool:
+    return isinstance(value, Real) and abs(float(value)) <= FARTHEST_FLOOR
+
+
+FARTHEST_FLOOR = 1000.0  # [m] from the origin
 SIDE, THICKNESS = 3.0, 0.02  # [m] of the slab: beyond any reach to all sides
 ASSUMED = 1  # what `metadata["origin"]` of measured surroundings says of a face that no camera saw
 
@@ -113,11 +119,13 @@ def with_floor(scene: Scene, arm: Arm, floor: float) -> Scene:
     The base may stand on it, and the object lie on it.
 
     Raises:
-        InputError: `floor` is no finite number.
+        InputError: `floor` is no number, or farther away than any.
         ArmError: the base or the object would stand in it by more than 1 mm.
     """
-    if not np.isfinite(floor):
-        raise InputError(f"`floor` is {quote(floor)}; expected the height of its top [m, world z]")
+    if not _is_height(floor):
+        raise InputError(
+            f"`floor` is {quote(floor)}; expected the height of its top [m, world z], at most {FARTHEST_FLOOR:g} either way"
+        )
     lowest = {"the object": scene.way_bounds()[0, 2], f"the base of '{arm.name}'": standing_mesh(arm).bounds[0, 2]}
     for what, height in lowest.items():
         if height < floor - DEEPEST:

@@ -2,7 +2,7 @@
 
 from __future__ import annotations
 
-from dataclasses import dataclass
+from dataclasses import dataclass, fields
 from pathlib import Path
 from typing import Annotated
 
@@ -45,8 +45,12 @@ class Convert:
 
         if self.to == BACK:
             return self._read_back()
-        if self.scene is not None:
-            raise InputError(f"`scene` is given with the format {self.to}; expected it with {BACK} alone; leave it out")
+        usual = {field.name: field.default for field in fields(self)}
+        for name in ("scene", "hand", "base", "scale"):
+            if getattr(self, name) != usual[name]:
+                raise InputError(
+                    f"`{name}` is given with the format {self.to}; expected it with {BACK} alone; leave it out"
+                )
         written = convert(Path(self.source), self.to, Path(self.out), every=self.every)
         say(f"written: {self.out}: {written}")
         return 0

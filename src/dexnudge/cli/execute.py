@@ -77,6 +77,10 @@ class Execute:
                 f"`top` is {self.top} with `then_grasp`, which goes through the configurations by itself, best first; "
                 "expected no `top`; use `attempts`"
             )
+        if self.weights is not None and not self.then_grasp:
+            raise InputError(
+                "`weights` is given without `then_grasp`; expected both; add `then_grasp`, or leave it out"
+            )
         given = Path(self.folder)
         is_plan = given.name == "plan.json" or (given / "plan.json").is_file()
         play = self._plan if is_plan else self._then_grasp if self.then_grasp else self._push

@@ -73,7 +73,12 @@ class HandCommand:
 
     def run(self) -> int:
         """Write the folder if asked, learn in it if asked; print the tables and the findings."""
-        if self.learn:
+        if self.learn:  # what cannot be is said before a hand is prepared, which takes seconds
+            from dexnudge.experiments.learning.plan import check_minutes
+
+            check_at_least(1, workers=self.workers)
+            check_at_least(0, seed=self.seed)
+            check_minutes(self.minutes)
             return self._learn(self._learning_folder())
         prepared = self._prepared() if self.prepare is None else self._write(self.prepare)
         _print(prepared)
@@ -146,8 +151,6 @@ class HandCommand:
         return Path(out)
 
     def _learn(self, folder: Path) -> int:
-        check_at_least(1, workers=self.workers)
-        check_at_least(0, seed=self.seed)
         from dexnudge.experiments.learning.learn import learn_hand
 
         learned = learn_hand(folder, minutes=self.minutes, workers=self.workers, seed=self.seed, say=say)

@@ -13,7 +13,7 @@ from torch import Tensor
 from dexnudge.dataset.manifest import Manifest, read_manifest
 from dexnudge.dataset.schema import BEHAVIOURS, INFEASIBLE, TURNS
 from dexnudge.dataset.shards import column_matrix, complete_objects, read_cloud, read_shard
-from dexnudge.errors import DatasetError
+from dexnudge.errors import DatasetError, check_path
 
 
 def turn_vectors(vectors: Float[Tensor, "*batch 3"], yaw: Float[Tensor, "*#batch"]) -> Float[Tensor, "*batch 3"]:
@@ -114,6 +114,7 @@ def load_dataset(folder: Path | str, *, allow_incomplete: bool = False) -> Datas
     Raises DatasetError for a missing manifest, a truncated, foreign or outdated shard, and, unless `allow_incomplete`,
     for an object of the manifest that has neither a shard nor a recorded failure.
     """
+    check_path("folder", folder, DatasetError)
     folder = Path(folder)
     manifest = read_manifest(folder)
     names = complete_objects(folder, manifest)

@@ -9,7 +9,7 @@ from xml.etree import ElementTree
 
 import numpy as np
 
-from dexnudge.errors import InputError, check_kind
+from dexnudge.errors import InputError, check_integer, check_kind, check_seed
 from dexnudge.execution.episode_files import ARRAYS, forces_of_acts, forces_used, write_arrays, write_figures
 from dexnudge.execution.executor import Execution, Executor, chosen_policy
 from dexnudge.execution.film import film_of_trace, save_film, write_film
@@ -21,7 +21,7 @@ from dexnudge.planning.approach import Approach
 from dexnudge.planning.outcomes import Outcome
 from dexnudge.results.folder import SUMMARY, write_summary
 from dexnudge.results.samples import Sample
-from dexnudge.sampling.sampler import Sampler
+from dexnudge.sampling.sampler import LARGEST_CALL, Sampler
 from dexnudge.scenes.scene import Scene
 from dexnudge.simulation.feedback import Feedback
 from dexnudge.simulation.hand_path import rotations
@@ -285,15 +285,22 @@ def execute(
         weights: folder of the model that draws them; None for the one that ships for this hand.
 
     Raises:
-        InputError: `sample` or `feedback` is something else, `attempts` or `draws` is below 1, or what the policy commands
-            is no `Command` of finite numbers.
+        InputError: `sample` or `feedback` is something else, an alternative is of another scene or hand, `attempts`, `draws`
+            or `seed` is out of range, or what the policy commands is no `Command` of finite numbers.
         CheckpointError: no weights for this hand, or weights that are broken or made for another.
         MeshError: MuJoCo cannot take the object or the surroundings.
     """
     check_kind("sample", sample, Sample, "samples[0]")
-    for name, value in (("attempts", attempts), ("draws", draws)):
-        if value < 1:
-            raise InputError(f"`{name}` is {value}; expected at least 1")
+    for each in alternatives:
+        check_kind("alternatives", each, Sample, "samples[1]")
+        if not each.scene.lies_as(sample.scene) or each.hand.joint_names != sample.hand.joint_names:
+            raise InputError(
+                "`alternatives` has a configuration of another scene or hand than `sample`; expected samples of one scene, "
+                "such as samples[1:]"
+            )
+    check_integer("attempts", attempts, least=1)
+    check_integer("draws", draws, least=1, most=LARGEST_CALL)
+    check_seed(seed)
     policy = chosen_policy(feedback)
     if not sample.success:
         warnings.warn(

@@ -3,6 +3,7 @@
 from collections.abc import Callable, Generator, Hashable, Sequence
 from typing import Literal, TypeVar
 
+from dexnudge.errors import InputError
 from dexnudge.jobs.processes import WorkerDied, run_tasks
 from dexnudge.jobs.ray_cluster import run_tasks_on_ray
 
@@ -27,9 +28,13 @@ def run_tasks_by(
     workers: cores of this machine. ray_address: of a running cluster, all of whose cores are used; None starts one here.
 
     Raises:
-        InputError: a number of workers or an address that is not valid, or Ray is not installed.
+        InputError: a number of workers or an address that is not valid, one without `ray`, or Ray is not installed.
         Exception: whatever the handler raised, from the first task that did.
     """
+    if engine != "ray" and ray_address is not None:
+        raise InputError(
+            "`ray_address` is given without `engine` ray; expected both; add `engine` ray, or leave it out"
+        )
     if engine == "ray":
         return run_tasks_on_ray(make_handler, tasks, workers=workers, address=ray_address)
     return run_tasks(make_handler, tasks, workers=workers, isolated=isolated, together=together)

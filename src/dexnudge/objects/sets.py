@@ -8,6 +8,7 @@ from dataclasses import dataclass
 from functools import partial
 from pathlib import Path
 
+import numpy as np
 import trimesh
 
 from dexnudge.errors import InputError, MeshError, UnknownNameError, did_you_mean, quote
@@ -54,6 +55,10 @@ def object_mesh(
 ) -> trimesh.Trimesh:
     """Return the mesh [m] of an object given as a name, a file or a mesh; see `resolve_object`."""
     if isinstance(source, trimesh.Trimesh):
+        if not len(source.faces) or not np.isfinite(source.vertices).all():
+            raise MeshError(
+                "the mesh of `object` has no faces, or vertices that are NaN or infinite; expected triangles, all finite"
+            )
         return scaled_to_length(source if length is None else source.copy(), length)
     if not isinstance(source, str | Path):
         raise InputError(

@@ -223,7 +223,8 @@ class Sampler:
 
         Raises:
             UnknownNameError: no such method.
-            InputError: a seed or count out of range, `max_draws` without `verified`, or a criterion that does not fit.
+            InputError: a seed or count out of range, `max_draws` without `verified`, a criterion that does not fit, or a
+                problem or hand that is another one.
             CheckpointError: no usable weights.
         """
         check_kind("scene", scene, Scene, 'build_scene("table", "phone")')
@@ -236,6 +237,15 @@ class Sampler:
         if missing := missing_criteria(criterion.name for criterion in criteria):
             raise InputError(
                 f"`criteria` leave out {', '.join(missing)}; expected all of default_criteria(), and your own after them"
+            )
+        if problem is not None:
+            check_kind("problem", problem, SamplingProblem, "sampling.problem.prepare(scene)")
+            if not problem.scene.lies_as(scene):
+                raise InputError("`problem` was prepared for another scene; expected that of `scene`; prepare it again")
+        if hand is not None and hand.joint_names != self.hand.joint_names:
+            raise InputError(
+                f"`hand` is '{hand.name}', whose joints are not those of the sampler's '{self.hand.name}'; expected the "
+                "same hand; make a sampler of it"
             )
         method, hand = _method(method), hand or self.hand
         self.load(method)
@@ -361,7 +371,7 @@ def _warn_of_split(most: int, why: str) -> None:
 def check_counts(num: int, verified: int | None, max_draws: int | None) -> None:
     """Refuse counts that `Sampler.sample` could not serve, before anything slow has begun; InputError."""
     for name, value in (("num", num), ("verified", verified), ("max_draws", max_draws)):
-        if value is not None:
+        if value is not None or name == "num":
             check_integer(name, value, least=1)
     if num > LARGEST_CALL:
         raise InputError(

@@ -35,6 +35,7 @@ FRICTION_ENVIRONMENT = 0.4  # plastic on painted wood
 MASS = 0.15  # [kg] a phone or a remote
 MAX_NORMAL_FORCE = 5.0  # [N] per digit link; what a tendon-driven finger holds continuously
 MOTION_LENGTH = 0.10  # [m]
+SAME_PLACE = 1e-6  # [m] and entries of a pose: what writing to files changes
 POSITIVE = ("mass", "max_normal_force")  # numbers that are never 0
 ABOVE_MIDDLE = 0.75  # of an object's height
 TURN_PLACES = 19  # between which a turn's bounds are taken: 10 degrees apart for the largest one
@@ -89,6 +90,7 @@ class Scene:
 
     def __post_init__(self) -> None:
         for label, mesh in (("object", self.object_mesh), ("environment", self.environment_mesh)):
+            check_kind(f"{label}_mesh", mesh, trimesh.Trimesh, 'load_mesh("phone.obj")')
             if len(mesh.faces) == 0:
                 raise SceneError(f"the {label} mesh of the scene is empty; expected at least one triangle")
         object.__setattr__(self, "T_world_object", rigid_transform(self.T_world_object))
@@ -105,6 +107,13 @@ class Scene:
                 f"the axis of the turn is {away:.3g} m from the object; expected at most {FARTHEST_AXIS:g} m; give a point "
                 "nearer to it, in metres, or slide it"
             )
+
+    def lies_as(self, other: Scene) -> bool:
+        """Return whether an object of as many vertices lies in the same place, and should go the same way, as in `other`."""
+        mine, theirs = (
+            (len(each.object_mesh.vertices), *each.T_world_object.ravel(), *each.motion) for each in (self, other)
+        )
+        return bool(np.allclose(mine, theirs, atol=SAME_PLACE))
 
     def object_in_world(self) -> trimesh.Trimesh:
         """Return a copy of the object's mesh in the world frame, metres."""

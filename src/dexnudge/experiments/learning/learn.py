@@ -5,7 +5,6 @@ HAND/ is a prepared hand. HAND/learning/ holds the plan, the three stages and th
 
 import hashlib
 import json
-import math
 import shutil
 import threading
 import time
@@ -21,7 +20,7 @@ from dexnudge.diffusion.model_card import CARD_NAME
 from dexnudge.diffusion.training import train
 from dexnudge.errors import InputError, OutputError, check_integer, check_seed
 from dexnudge.experiments.config import ExperimentConfig
-from dexnudge.experiments.learning.plan import METHODS, LearningPlan, plan_learning, training_config
+from dexnudge.experiments.learning.plan import METHODS, LearningPlan, check_minutes, plan_learning, training_config
 from dexnudge.experiments.learning.rates import measure_rates
 from dexnudge.experiments.learning.report import write_learning_report
 from dexnudge.experiments.report import write_report
@@ -133,8 +132,7 @@ def learn_hand(
     """
     folder = Path(folder)
     hand = load_hand(folder / PREPARED_NAME)
-    if minutes is not None and not 0.0 < minutes < math.inf:
-        raise InputError(f"`minutes` is {minutes}; expected more than 0")
+    check_minutes(minutes)
     if workers is not None:
         check_integer("workers", workers, least=1, most=MOST_WORKERS)
     if seed is not None:

@@ -30,8 +30,16 @@ VALIDATIONS = 8
 AVERAGED_SHARE = 0.05  # of the steps that the averaged weights remember
 LONGEST_AVERAGE = 0.999  # decay: some 1000 steps
 
+LONGEST = 1e7  # [min] as of training
+
 Amount = Annotated[float, AT_LEAST_0]
 Count = Annotated[int, AT_LEAST_0]
+
+
+def check_minutes(minutes: float | None) -> None:
+    """Refuse minutes that nothing could be learned in, or that nobody waits for; InputError."""
+    if minutes is not None and not 0.0 < minutes <= LONGEST:
+        raise InputError(f"`minutes` is {minutes}; expected more than 0, at most {LONGEST:g}")
 
 
 @dataclass(frozen=True, kw_only=True)
