@@ -1,5 +1,6 @@
 """Hands found in any description: generated ones of many kinds, and what is no hand."""
 
+import re
 from collections.abc import Callable
 from pathlib import Path
 
@@ -210,6 +211,19 @@ def test_links_of_digits_in_centimetres_are_asked_about(write):
     assert "in centimetres" in found.remedy
 
 
+def test_collision_geometry_that_lies_elsewhere_than_what_is_shown_is_told(write):
+    shape = re.compile(r"<collision>.*?</collision>")
+
+    def told(place: str) -> list[str]:
+        both = [shape.sub(lambda found: found[0] + found[0].replace("collision", "visual"), part) for part in gripper()]
+        both = [part.replace('<collision><origin xyz="0 0 0.02"', f'<collision><origin xyz="{place}"') for part in both]
+        return [finding.sentence for finding in prepare_hand(write(both)).findings if finding.what == "geometry"]
+
+    assert not told("0 0 0.02")
+    (sentence,) = told("0 0.02 0")
+    assert sentence.startswith("collision geometry of index_2, middle_2, thumb_2 lies elsewhere")
+
+
 def test_a_joint_without_limits_moves_what_it_turns(write):
     endless = [part.replace('type="revolute"', 'type="continuous"') for part in gripper()]
     assert not [finding for finding in prepare_hand(write(endless)).findings if finding.what == "joints"]
@@ -229,6 +243,16 @@ def test_fingers_that_close_side_by_side_onto_the_palm_are_told_and_face_where_t
     np.testing.assert_allclose(prepared.hand.palm_normal, (0, 0, z), atol=1e-9)
     warnings = [finding.sentence for finding in prepared.findings if finding.level == "warning"]
     assert any("no digit opposes another: all close side by side, towards only the palm" in each for each in warnings)
+
+
+def test_jaws_that_stand_a_little_apart_at_zero_open_to_their_far_ends(write):
+    parts = [link("palm", "0.08 0.06 0.04", "0 0 -0.02")]
+    for name, y, turn in (("left", 0.008, HALF_TURN), ("right", -0.008, 0.0)):
+        jaw = joint("palm", name, f"0 {y} 0", f"0 0 {turn}", limits="-0.1 1.0")
+        parts += [link(name, "0.02 0.006 0.08", "0 0 0.04"), jaw]
+    prepared = prepare_hand(write(parts))
+    np.testing.assert_allclose(prepared.closing.open, 1.0)
+    np.testing.assert_allclose(prepared.hand.palm_normal, [0.0, 0.0, 1.0])
 
 
 def test_where_limits_do_not_tell_to_which_side_fingers_close_the_direction_is_asked_for(write):

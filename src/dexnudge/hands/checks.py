@@ -10,10 +10,14 @@ from jaxtyping import Float
 from dexnudge.finding import Finding, length_text
 from dexnudge.hands.closing import Closing, tip_distance
 from dexnudge.hands.hand import Hand
+from dexnudge.hands.link_meshes import shown_meshes
 
 LEAST_MOVE = 0.001  # [m] of some link while a joint goes through its range; less is a joint that moves nothing
 MEETING = 0.03  # [m] between the tips of a closed hand: fingers that pass beside the thumb still pinch a thin object
 LONGEST_LINK = 0.25  # [m] of a digit: twice the longest of the hands that are known, less than any in centimetres
+ELSEWHERE = (
+    0.4  # of a link's size, between the middles of two descriptions of it; boxes around virtual links reach 0.37
+)
 APART = np.cos(np.radians(60.0))  # between the stated and the found direction of the palm: they contradict each other
 TRUSTED = 0.5  # confidence from which the found direction may contradict
 SHARES = (0.0, 0.13, 0.38, 0.71, 1.0)  # of a joint's range; uneven, as what turns in full circles comes back
@@ -22,7 +26,8 @@ MOST_NAMED = 4  # links or pairs in one sentence
 
 def hand_findings(hand: Hand, way: Closing) -> list[Finding]:
     """Return the checks of a hand: warnings with a remedy, and notes of what was measured."""
-    return [*_joints(hand), *_sizes(hand), _overlaps(hand), *_opening(hand, way), *_palm(hand, way), _surfaces(hand)]
+    found = [*_joints(hand), *_sizes(hand), *_elsewhere(hand), _overlaps(hand), *_opening(hand, way)]
+    return [*found, *_palm(hand, way), _surfaces(hand)]
 
 
 def direction_numbers(direction: Float[np.ndarray, " 3"]) -> str:
@@ -85,6 +90,21 @@ def _sizes(hand: Hand) -> Iterator[Finding]:
     if long := [name for name, length in lengths.items() if length > LONGEST_LINK]:
         sentence = f"{_listed(long)} of a digit: up to {max(lengths.values()):.2f} m long"
         yield Finding("warning", "sizes", sentence, "in centimetres or inches? scale the meshes in the description")
+
+
+def _elsewhere(hand: Hand) -> Iterator[Finding]:
+    """Yield that links of digits are judged elsewhere than they are shown, as where a collision mesh was not turned."""
+    shown = shown_meshes(hand)
+    apart = [
+        name
+        for name, mesh in zip(hand.link_names, hand.link_meshes, strict=True)
+        if hand.digit_of_link[name] and len(mesh.faces) and name in shown and len(shown[name].faces)
+        if np.linalg.norm(mesh.bounds.mean(axis=0) - shown[name].bounds.mean(axis=0))
+        > ELSEWHERE * max(np.linalg.norm(mesh.extents), np.linalg.norm(shown[name].extents))
+    ]
+    if apart:
+        sentence = f"collision geometry of {_listed(apart)} lies elsewhere than what is shown of it"
+        yield Finding("warning", "geometry", sentence, "try `geometry` visual, or mend <collision> in the description")
 
 
 def _overlaps(hand: Hand) -> Finding:

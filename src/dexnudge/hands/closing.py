@@ -148,6 +148,7 @@ STEP = 0.05  # of a joint's range, the first step; the last is a tenth of it
 REST_WEIGHT = 0.02  # of a joint at its far end, against tips one hand's length apart
 HYPEREXTENSION = 0.3  # [rad] of the open pose past straight; farther back a finger's back would count as its front
 CLOSED_AT_REST = 2.0  # the spread of the tips at rest over that when closed, below which the rest pose is a closed one
+NEAR_AT_REST = 0.015  # [m] between the tips at rest, below which it is one, too, however near they then come
 PATH_POSES = 13  # from rest to where the tips meet, looked through for the first touch
 HALVINGS = 4  # of the step in which they first touch
 TOUCH = 0.003  # [m] between points 2 mm apart on surfaces that meet
@@ -190,7 +191,8 @@ def closing(hand: Hand) -> Closing:
     rest = np.clip(0.0, hand.lower, hand.upper)
     met = _tips_together(hand, rest)
     start = rest
-    if _spread(hand, rest[None])[0] < CLOSED_AT_REST * _spread(hand, met[None])[0]:
+    closed_at_rest = _spread(hand, rest[None])[0] < CLOSED_AT_REST * _spread(hand, met[None])[0]
+    if closed_at_rest or tip_distance(hand, rest) < NEAR_AT_REST:
         start = np.where(met - hand.lower > hand.upper - met, hand.lower, hand.upper)
     apart = _spread(hand, start[None])[0] <= CLOSED_AT_REST * _spread(hand, met[None])[0]
     onto_palm = _onto_palm(hand, rest) if apart else None

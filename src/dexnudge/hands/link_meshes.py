@@ -233,11 +233,8 @@ LARGER = 2.5  # times as long may the one diagonal be as the other
 
 
 @cached_per_instance
-def visual_meshes(hand: Hand) -> tuple[trimesh.Trimesh, ...]:
-    """Return the meshes to show for each link, link frame [m]: those of `hand.shown_by`, or else the judged ones.
-
-    A link whose visual mesh is elsewhere than its judged one, as where its frame was moved, is shown as it is judged.
-    """
+def shown_meshes(hand: Hand) -> dict[str, trimesh.Trimesh]:
+    """Return the visual meshes of `hand.shown_by`, by link, link frame of the file [m]."""
     from dexnudge.hands.registry import read_tree
 
     shown: dict[str, trimesh.Trimesh] = {}
@@ -246,6 +243,16 @@ def visual_meshes(hand: Hand) -> tuple[trimesh.Trimesh, ...]:
             shown |= read_tree(path, "visual").links
         except HandError:  # what is only to be looked at may be missing, or of a kind that is not read
             continue
+    return shown
+
+
+@cached_per_instance
+def visual_meshes(hand: Hand) -> tuple[trimesh.Trimesh, ...]:
+    """Return the meshes to show for each link, link frame [m]: those of `hand.shown_by`, or else the judged ones.
+
+    A link whose visual mesh is elsewhere than its judged one, as where its frame was moved, is shown as it is judged.
+    """
+    shown = shown_meshes(hand)
     pairs = zip(hand.link_names, hand.link_meshes, strict=True)
     return tuple(_thinned(shown[name]) if _alike(shown.get(name), mesh) else mesh for name, mesh in pairs)
 
