@@ -75,7 +75,7 @@ def test_what_was_judged_is_not_judged_again_and_changed_entries_are_refused(
     assert score([entry_folder], tasks.folder, tmp_path / "out", workers=1) == text
     answer = next((entry_folder / "answers").iterdir())
     answer.write_text(answer.read_text() + "\n")
-    with pytest.raises(InputError, match="holds another experiment: entry is"):
+    with pytest.raises(InputError, match="was changed since it was judged in"):
         score([entry_folder], tasks.folder, tmp_path / "out", workers=1)
 
 

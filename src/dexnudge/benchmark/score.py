@@ -178,6 +178,13 @@ def _score_entry(
     entry: Entry, tasks: TaskSet, out: Path, workers: int, on_record: Callable[[str, int, int], None] | None
 ) -> None:
     claim = {"entry": entry.hash, "suite": tasks.fingerprint, "name": entry.name}
+    if (out / FILE).is_file():
+        judged = read_claim(out, FILE, format_version=FORMAT_VERSION)["config"]
+        if judged.get("suite") == tasks.fingerprint and judged.get("entry") != entry.hash:
+            raise InputError(
+                f"the entry '{entry.name}' was changed since it was judged in {out}; expected it as it was; choose another "
+                "`out`, or remove that folder"
+            )
     claim_folder(out, FILE, claim, format_version=FORMAT_VERSION, device="cpu")
     groups = _groups(tasks, entry)
     done = {record.key for record in read_records(out, ScoreRecord)}

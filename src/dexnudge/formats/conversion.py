@@ -95,7 +95,7 @@ def _episodes(source: Path, out: Path) -> str:
         hand, what = found.name, f" {round(1e3 * scene.motion_length)} mm along its motion in scene '{scene.name}'"
     with new_folder(out, overwrite=None, marker="meta") as folder:
         number = write_lerobot(source, folder, task=f"push the object{what}", robot=hand, version=__version__)
-    return f"{number} episodes"
+    return f"{number} episode{'s' * (number > 1)}"
 
 
 def read_back(source: Path, scene: Scene, hand: Hand, *, scale: float | None = None) -> Samples:

@@ -2,7 +2,7 @@
 
 observation.state: palm (position [m], quaternion wxyz) and joint angles; observation.environment_state: the object's pose,
 likewise; action: what the base aims at, likewise (nothing of an arm's plan), and commanded joint angles. Frames are 20 ms
-apart; next.success is true at the end of an episode that succeeded.
+apart, each the record nearest in time; next.success is true at the end of an episode that succeeded.
 """
 
 import json
@@ -103,21 +103,22 @@ def _read_episode(path: Path) -> dict[str, Any]:
     found = read_episode(path.parent, RECORDED)
     joints = [str(name) for name in found["joint_names"]]
     time = found["time"]
-    # Where a push ends between two frames, it ends with a record, which is no frame.
-    records = len(time) - int(len(time) > 1 and time[-1] - time[-2] < 1 / FPS - UNEVEN)
-    if np.abs(time[:records] - time[0] - np.arange(records) / FPS).max() > UNEVEN:
-        raise InputError(f"{path}: its records are not {1000 // FPS} ms apart; expected those of `dexnudge execute`")
-    found = {name: values if name == "joint_names" else values[:records] for name, values in found.items()}
+    # A phase that ends between two frames ends with a record: each frame is the record nearest to it.
+    at = time[0] + np.arange(1 + int((time[-1] - time[0] + UNEVEN) * FPS)) / FPS
+    records = np.searchsorted((time[1:] + time[:-1]) / 2, at)
+    if np.abs(time[records] - at).max() > 0.5 / FPS + UNEVEN:
+        raise InputError(f"{path}: its records are over {1000 // FPS} ms apart; expected those of `dexnudge execute`")
+    found = {name: values if name == "joint_names" else values[records] for name, values in found.items()}
     target, angles = found["mocap"], found["joint_angles"]
     success = bool(read_json_object(path.with_name(FIGURES), error=InputError).get("success"))
-    last = np.arange(records) == records - 1
+    last = np.arange(len(at)) == len(at) - 1
     columns = {
         "observation.state": np.concatenate([_seven(found["T_world_palm"]), angles], axis=1),
         "observation.environment_state": _seven(found["T_world_object"]),
         "action": np.concatenate([target, found["commanded_joint_angles"]], axis=1),
         "next.done": last,
         "next.success": last & success,
-        "timestamp": np.arange(records) / FPS,
+        "timestamp": np.arange(len(at)) / FPS,
     }
     names = {
         "observation.state": [*(f"palm_{axis}" for axis in POSE), *joints],
