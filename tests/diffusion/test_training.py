@@ -5,6 +5,7 @@ import itertools
 import json
 import math
 import os
+import shutil
 import signal
 from types import SimpleNamespace
 
@@ -17,7 +18,14 @@ from dexnudge.dataset.loading import load_dataset
 from dexnudge.dataset.manifest import write_manifest
 from dexnudge.dataset.schema import NUM_DIRECTIONS, BehaviourCounts, ConfigurationRow
 from dexnudge.dataset.shards import write_shard
-from dexnudge.diffusion.checkpoint import STATE_NAME, read_provenance, read_state_header, save_state
+from dexnudge.diffusion.checkpoint import (
+    MODEL_FOLDER,
+    STATE_NAME,
+    WEIGHTS_NAME,
+    read_provenance,
+    read_state_header,
+    save_state,
+)
 from dexnudge.diffusion.config import TrainingConfig
 from dexnudge.diffusion.distributed import has_bfloat16
 from dexnudge.diffusion.prior import SLIDE, DiffusionPrior
@@ -128,6 +136,22 @@ def test_a_finished_run_is_not_trained_again(dataset_folder, short, uninterrupte
     assert again.step == 12
     assert again.validation == read_provenance(uninterrupted / "model")["validation"] != {}
     assert outcome(uninterrupted) == before
+
+
+@pytest.mark.parametrize("left", ["earlier model", "no model", "new weights beside the old config", "half"])
+def test_a_run_killed_before_its_last_model_was_written_writes_it(dataset_folder, short, uninterrupted, tmp_path, left):
+    train(dataset_folder, tmp_path, short, stop_at_step=7)
+    model, last = tmp_path / MODEL_FOLDER, uninterrupted / MODEL_FOLDER / WEIGHTS_NAME
+    shutil.copy(uninterrupted / STATE_NAME, tmp_path)
+    if left == "no model":
+        shutil.rmtree(model)
+    elif left == "new weights beside the old config":
+        shutil.copy(last, model)
+    elif left == "half":
+        (model / WEIGHTS_NAME).write_bytes(last.read_bytes()[:1000])
+    assert train(dataset_folder, tmp_path, short).finished
+    assert (model / WEIGHTS_NAME).read_bytes() == last.read_bytes()
+    assert read_provenance(model)["step"] == 12
 
 
 def test_another_run_is_not_continued(toy, dataset_folder, short, uninterrupted, tmp_path):

@@ -23,7 +23,9 @@ from dexnudge.diffusion.checkpoint import (
     LOG_NAME,
     MODEL_FOLDER,
     STATE_NAME,
+    load_model,
     load_state,
+    read_provenance,
     read_state_header,
     save_model,
     save_state,
@@ -32,7 +34,7 @@ from dexnudge.diffusion.config import TrainingConfig
 from dexnudge.diffusion.distributed import Processes, joined_processes
 from dexnudge.diffusion.model_card import write_model_card
 from dexnudge.diffusion.training_run import TrainingRun
-from dexnudge.errors import OutputError, quote, writing
+from dexnudge.errors import CheckpointError, OutputError, quote, writing
 from dexnudge.jobs.folders import remove_leftovers
 from dexnudge.jobs.progress import progress
 
@@ -262,6 +264,8 @@ def _train(run: TrainingRun, folder: Path, provenance: dict[str, Any], stop_at_s
     ):
         bar = bars.add_task("training", total=run.num_steps, completed=run.step, loss=math.nan, visible=log is not None)
         done = run.progress >= 1.0
+        if done and processes.is_main and not _is_model_of(folder / MODEL_FOLDER, run.step):
+            save()  # the process was killed between the last state and its model, or the model was damaged since
         while not done:
             if processes.largest(float(stop.is_set())) or run.step == stop_at_step:
                 save()
@@ -287,6 +291,15 @@ def _train(run: TrainingRun, folder: Path, provenance: dict[str, Any], stop_at_s
             spent(started)
             bars.update(bar, completed=run.step, loss=mean_loss)
     return validation
+
+
+def _is_model_of(folder: Path, step: int) -> bool:
+    """Whether a whole model lies in the folder that was written after this step."""
+    try:
+        load_model(folder)
+        return bool(read_provenance(folder).get("step") == step)
+    except CheckpointError:
+        return False
 
 
 class StopRun(Exception):  # noqa: N818 - no error
