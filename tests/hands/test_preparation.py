@@ -8,7 +8,8 @@ import numpy as np
 import pytest
 import trimesh
 
-from dexnudge.errors import HandError
+from dexnudge.arms.registry import load_arm
+from dexnudge.errors import ArmError, HandError
 from dexnudge.finding import Finding
 from dexnudge.hands import preparation
 from dexnudge.hands.anatomy import digit_names
@@ -172,6 +173,20 @@ def test_what_a_yaml_states_is_not_assumed(write):
     prepared = prepare_hand(path)
     assert set(prepared.hand.fingertips) == {"a", "b"}
     assert not [finding for finding in prepared.findings if finding.what in ("palm", "fingertips", "palm_normal")]
+
+
+def test_a_yaml_of_the_arm_is_none_of_its_hand(write):
+    path = write([*arm(5, "palm"), *gripper()])
+    path.with_suffix(".yaml").write_text("flange: arm4\nlimits: {velocity: 2, effort: 50}\n")
+    assert any(finding.what == "palm" for finding in prepare_hand(path).assumptions)
+    with pytest.raises(ArmError, match=r"(?s)acceleration of all joints.*into .*robot.yaml:"):
+        load_arm(path)
+    tips = "{index: index_2, middle: middle_2, thumb: thumb_2}"
+    path.with_suffix(".yaml").write_text(f"palm: palm\nfingertips: {tips}\npalm_normal: [0, 0, 1]\n")
+    assert not prepare_hand(path).assumptions
+    path.with_name("arm.yaml").write_text("flange: arm4\n")
+    with pytest.raises(ArmError, match=r"(?s)velocity of all joints.*into .*arm.yaml:"):
+        load_arm(path)
 
 
 def test_a_joint_that_moves_nothing_and_links_that_overlap_are_told(write):

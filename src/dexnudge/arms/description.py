@@ -173,7 +173,8 @@ def _missing(missing: dict[str, list[str]], names: tuple[str, ...], path: Path) 
             said.append(f"{key} of {of}")
             value = "?" if len(joints) == len(names) else "{" + ", ".join(f"{name}: ?" for name in joints) + "}"
             lines.append(f"  {key}: {value}  # [{LIMITS[key][0]}], a number for all joints, or {{joint: number}}")
-    beside = yaml_beside(path, OTHER_YAML) or path.with_suffix(".yaml")
+    own = path.with_suffix(".yaml")
+    beside = yaml_beside(path, OTHER_YAML) or (path.with_name(OTHER_YAML) if own.is_file() else own)
     return ArmError(
         f"{path}: limits missing: {'; '.join(said)}: expected them in the description or in the YAML beside it; write the "
         f"numbers of its maker in place of ? into {beside}:\nlimits:\n" + "\n".join(lines)

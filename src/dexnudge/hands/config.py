@@ -3,6 +3,7 @@
 It stands in a YAML beside the description, read without trust: small, plain, and with known keys only.
 """
 
+import re
 from collections.abc import Sequence
 from dataclasses import asdict, dataclass
 from pathlib import Path
@@ -131,10 +132,25 @@ def read_hand_config(path: Path) -> HandConfig:
     return from_fields(given, HandConfig, str(path), error=HandError, again="mend it")
 
 
+KEYS_OF = {"hand.yaml": ("palm", "fingertips", "palm_normal"), "arm.yaml": ("flange", "home", "limits", "base")}
+
+
 def yaml_beside(path: Path, other: str = "hand.yaml") -> Path | None:
-    """Return the YAML beside a description file: `<stem>.yaml`, else the `other`; None without either."""
-    found = (file for file in (path.with_suffix(".yaml"), path.with_name(other)) if file.is_file())
-    return next(found, None)
+    """Return the YAML beside a description file: `<stem>.yaml`, else the `other`; None without either.
+
+    A `<stem>.yaml` of an arm is none of the hand that it carries, and the other way round.
+    """
+    own = path.with_suffix(".yaml")
+    found = (file for file in (own, path.with_name(other)) if file.is_file())
+    return next((file for file in found if file != own or not _is_of_another(own, other)), None)
+
+
+def _is_of_another(path: Path, other: str) -> bool:
+    """Whether the keys in a YAML are those of another kind of robot, and none are of this one."""
+    with path.open(encoding="utf-8", errors="replace") as file:
+        keys = set(re.findall(r"^(\w+)\s*:", file.read(MAX_CONFIG_BYTES), re.MULTILINE))
+    kinds = {kind for kind, own in KEYS_OF.items() if keys & set(own)}
+    return bool(kinds) and other not in kinds
 
 
 def write_hand_config(config: HandConfig, path: Path) -> None:
