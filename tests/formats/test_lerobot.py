@@ -161,6 +161,7 @@ def test_episodes_tasks_and_statistics(dataset):
     ("changes", "message"),
     [
         ({"time": 0.05 * np.arange(RECORDS)}, "over 20 ms apart"),
+        ({"time": np.append(0.02 * np.arange(RECORDS - 1), 1e12)}, "over 20 ms apart"),
         ({"joint_angles": np.full((RECORDS, 2), np.nan)}, "NaN"),
         ({"T_world_object": np.tile(np.eye(4), (3, 1, 1))}, r"shape \(3, 4, 4\)"),
         ({"joint_names": np.array(["FFJ4", "THJ1"])}, "another hand"),

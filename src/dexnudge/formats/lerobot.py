@@ -103,11 +103,11 @@ def _read_episode(path: Path) -> dict[str, Any]:
     found = read_episode(path.parent, RECORDED)
     joints = [str(name) for name in found["joint_names"]]
     time = found["time"]
+    if np.diff(time).max(initial=0.0) > 1 / FPS + UNEVEN:
+        raise InputError(f"{path}: its records are over {1000 // FPS} ms apart; expected those of `dexnudge execute`")
     # A phase that ends between two frames ends with a record: each frame is the record nearest to it.
     at = time[0] + np.arange(1 + int((time[-1] - time[0] + UNEVEN) * FPS)) / FPS
     records = np.searchsorted((time[1:] + time[:-1]) / 2, at)
-    if np.abs(time[records] - at).max() > 0.5 / FPS + UNEVEN:
-        raise InputError(f"{path}: its records are over {1000 // FPS} ms apart; expected those of `dexnudge execute`")
     found = {name: values if name == "joint_names" else values[records] for name, values in found.items()}
     target, angles = found["mocap"], found["joint_angles"]
     success = bool(read_json_object(path.with_name(FIGURES), error=InputError).get("success"))

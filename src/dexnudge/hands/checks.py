@@ -15,9 +15,7 @@ from dexnudge.hands.link_meshes import shown_meshes
 LEAST_MOVE = 0.001  # [m] of some link while a joint goes through its range; less is a joint that moves nothing
 MEETING = 0.03  # [m] between the tips of a closed hand: fingers that pass beside the thumb still pinch a thin object
 LONGEST_LINK = 0.25  # [m] of a digit: twice the longest of the hands that are known, less than any in centimetres
-ELSEWHERE = (
-    0.4  # of a link's size, between the middles of two descriptions of it; boxes around virtual links reach 0.37
-)
+ELSEWHERE = 0.4  # of a link's size, between the middles of its two descriptions; boxes around virtual links reach 0.37
 APART = np.cos(np.radians(60.0))  # between the stated and the found direction of the palm: they contradict each other
 TRUSTED = 0.5  # confidence from which the found direction may contradict
 SHARES = (0.0, 0.13, 0.38, 0.71, 1.0)  # of a joint's range; uneven, as what turns in full circles comes back

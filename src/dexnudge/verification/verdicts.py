@@ -213,11 +213,7 @@ def _checked(hand: Hand, q: object) -> Float[np.ndarray, "n coordinates"]:
             q = q.detach().cpu().resolve_conj().resolve_neg()
             q = q.double() if q.is_floating_point() else q
         array = np.asarray(q)
-    except (
-        ValueError,
-        TypeError,
-        NotImplementedError,
-    ) as error:  # rows of several lengths; tensors that are sparse or meta
+    except (ValueError, TypeError, NotImplementedError) as error:  # ragged rows, and tensors that are sparse or meta
         raise InputError(f"`q` cannot be read as an array ({error}); expected numbers, a row for each hand") from error
     coordinates = ROOT_COORDINATES + len(hand.joint_names)
     if array.ndim != 2 or array.shape[1] != coordinates or array.dtype.kind not in "fiu":
