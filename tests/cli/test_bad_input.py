@@ -107,6 +107,14 @@ def test_an_object_that_does_not_fit_its_scene(refused, tmp_path):
         (["--scene", "table", "--seed", "-1"], "--seed is -1; expected at least 0"),
         (["--scene", "table", "--seed", 2**64], f"--seed is {2**64}; expected at most {2**63 - 1}"),
         (["--scene", "table", "--num", 10**9], f"--num is {10**9}; expected at most 10000, the draws of one call"),
+        (
+            ["--scene", "table", "--verified", 2**31],
+            f"--verified is {2**31}; expected at most 10000, all of which are kept",
+        ),
+        (
+            ["--scene", "table", "--verified", 2, "--max-draws", 2**31],
+            f"--max-draws is {2**31}; expected at most 320000",
+        ),
         (["--scene", "table", "--weight-object", "1e300"], "expected a number from 0 to 1e+06"),
         (["--scene", "table", "--mass", "-1"], "--mass is -1"),
         (["--scene", "table", "--friction-hand", "nan"], "--friction-hand is nan"),
@@ -128,6 +136,10 @@ def test_options_that_contradict_or_make_no_sense(refused, options, message):
             "--minutes is -1.0; expected more than 0, at most 1e+07",
         ),
         (["execute", "none"], ["--weights", "w"], "--weights is given without --then-grasp; expected both"),
+        (["execute", "none"], ["--attempts", 2], "--attempts is given without --then-grasp; expected both"),
+        (["plan", "none"], ["--weights", "w"], "--weights is given without --then-grasp; expected both"),
+        (["evaluate", "--objects", "builtin:test"], ["--execute-num", 2], "--execute-num is given without --execute"),
+        (["evaluate", "--objects", "builtin:test"], ["--data", "d"], "--data is given without the method nearest_pose"),
         (["evaluate", "--objects", "builtin:test"], ["--seed", -1], "--seed is -1; expected at least 0"),
         (["evaluate", "--objects", "builtin:test"], ["--seed", 2**64], f"expected at most {2**63 - 1}"),
         (["evaluate", "--objects", "builtin:test"], ["--num", 10**9], "expected at most 10000"),
@@ -144,6 +156,28 @@ def test_options_that_contradict_or_make_no_sense(refused, options, message):
 )
 def test_the_other_commands_name_the_option(refused, command, option, message):
     refused(*command, *option, message=re.escape(message))
+
+
+@pytest.mark.parametrize(
+    ("words", "message"),
+    [
+        (
+            ["dataset", "info", "none", "--objects", "o"],
+            "--objects is given without --out; expected both; add --out, or",
+        ),
+        (["dataset", "info", "none", "--seed", 1], "--seed is given without --out; expected both"),
+        (["dataset", "check", "none", "--num", 1], "--num is given without --objects; expected both"),
+        (["dataset", "check", "none", "--objects", "o", "--seed", 1], "--seed is given without --num; expected both"),
+        (["hand", "shadow_lite", "--minutes", 5], "--minutes is given without --learn; expected both"),
+        (["hand", "shadow_lite", "--overwrite"], "--overwrite is given without --prepare; expected both"),
+        (["hand", "shadow_lite", "--palm", "x"], "--palm is 'x', but shadow_lite is a hand with a name"),
+        (["hand", "shadow_lite", "--package", "a=b"], "--package is {'a': 'b'}, but shadow_lite is a hand with a name"),
+    ],
+)
+def test_options_that_do_nothing_without_another_are_refused(dexnudge, words, message):
+    outcome = dexnudge(*words)
+    assert (outcome.code, outcome.out) == (2, "")
+    assert outcome.err.startswith(f"dexnudge: {message}")
 
 
 @pytest.mark.parametrize(

@@ -34,7 +34,15 @@ def test_scans_are_sampled_in_and_judged_in_the_true_scene(dexnudge, tmp_path):
 @pytest.mark.parametrize(
     ("options", "message"),
     [
-        (["--noise-mm", 1], "--noise-mm is 1 without --scan; expected both; add --scan"),
+        (["--noise-mm", 1], "--noise-mm is given without --scan; expected both; add --scan, or leave it out"),
+        (
+            ["--scan", "--open-loop"],
+            "--open-loop is given without --execute; expected both; add --execute, or leave it out",
+        ),
+        (
+            ["--scan", "--execute", "--open-loop"],
+            "--scan and --open-loop are both given; expected one of them; run them one after the other",
+        ),
         (["--scan", "--pose-mm", -1], "--pose-mm is -1; expected 0 to 50"),
         (
             ["--scan", "--then-grasp"],

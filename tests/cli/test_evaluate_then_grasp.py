@@ -41,7 +41,10 @@ def test_an_experiment_is_lifted_and_goes_on_where_it_was_stopped(dexnudge, tmp_
     ("options", "message"),
     [
         (["--then-grasp", "--attempts", 0], "--attempts is 0; expected at least 1"),
-        (["--attempts", 2], "--attempts is 2 without --then-grasp; expected both; add --then-grasp"),
+        (
+            ["--attempts", 2],
+            "--attempts is given without --then-grasp; expected both; add --then-grasp, or leave it out",
+        ),
     ],
 )
 def test_attempts_that_make_no_sense_are_refused(dexnudge, tmp_path, options, message):

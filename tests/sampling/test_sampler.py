@@ -152,6 +152,13 @@ def test_drawing_goes_on_until_enough_are_verified(sampler, scene, problem):
     np.testing.assert_array_equal(few[few.own_rank == 3].q, sampler.draw(problem, num=4, seed=3, method=RANDOM).q[3:])
 
 
+def test_a_search_ends_where_nothing_can_be_verified(sampler, scene, problem):
+    """A scene that nothing balances: 40 verified draws would be looked for in 32 * 40."""
+    blocked = replace(problem, balances=())
+    found = sampler.sample(scene, problem=blocked, method=RANDOM, verified=40, num=4, seed=3)
+    assert len(found) == 4
+
+
 def test_the_samplers_own_order_is_worth_something(drawn):
     """Converged ones stand first, and more of the first half succeed."""
     success = drawn.success[np.argsort(drawn.own_rank)]

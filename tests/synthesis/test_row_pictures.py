@@ -80,8 +80,14 @@ def test_among_equal_margins_the_arrow_points_along_the_middle(hand, manifest, t
 def test_another_mesh_or_none_is_refused(manifest, tmp_path):
     box = trimesh.creation.box((0.15, 0.07, 0.01))
     box.export(tmp_path / f"{NAME}.stl")
-    with pytest.raises(DatasetError, match=f"the mesh of '{NAME}' is not the one that the dataset was generated from"):
+    with pytest.raises(
+        DatasetError, match=f"the mesh of '{NAME}' in .*stl is not the one that the dataset was generated from"
+    ):
         ObjectMeshes(manifest, str(tmp_path / f"{NAME}.stl")).at_rest(NAME, manifest.objects[NAME])
+    with pytest.raises(
+        DatasetError, match=rf"'{NAME}' of the built-in object with that name is not .* give it as `objects`"
+    ):
+        ObjectMeshes(manifest, None).at_rest(NAME, "of another mesh")
     with pytest.raises(DatasetError, match=r"is not in the built-in objects.*`objects`"):
         ObjectMeshes(manifest, None).at_rest("cup", "")
     with pytest.raises(DatasetError, match=r"the mesh of 'cup' is not in .*stl; expected the set"):

@@ -68,6 +68,22 @@ def check_at_least(minimum: int, **options: int | None) -> None:
             check_integer(name, value, least=minimum, most=most)
 
 
+def given(options: Any, *names: str) -> list[str]:
+    """Return the options of these names, all unless some are named, that differ from their defaults."""
+    chosen = [field for field in fields(options) if not names or field.name in names]
+    return [field.name for field in chosen if getattr(options, field.name) != field.default]
+
+
+def refuse_without(other: str, options: Any, *names: str) -> None:
+    """Refuse options that do nothing without the option `other`, which the caller found not given.
+
+    Raises:
+        InputError: names the first of `names`, all fields of `options` unless some are named, that differs from its default.
+    """
+    for name in given(options, *names):
+        raise InputError(f"`{name}` is given without `{other}`; expected both; add `{other}`, or leave it out")
+
+
 Settings = TypeVar("Settings")
 
 

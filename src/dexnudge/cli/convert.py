@@ -2,13 +2,23 @@
 
 from __future__ import annotations
 
-from dataclasses import dataclass, fields
+from dataclasses import dataclass
 from pathlib import Path
 from typing import Annotated
 
 import tyro
 
-from dexnudge.cli.arguments import NOTHING_SUCCEEDED, Flag, Folder, OptionalFolder, OptionalNumber, Text, metavar, say
+from dexnudge.cli.arguments import (
+    NOTHING_SUCCEEDED,
+    Flag,
+    Folder,
+    OptionalFolder,
+    OptionalNumber,
+    Text,
+    given,
+    metavar,
+    say,
+)
 from dexnudge.errors import InputError
 
 
@@ -45,12 +55,10 @@ class Convert:
 
         if self.to == BACK:
             return self._read_back()
-        usual = {field.name: field.default for field in fields(self)}
-        for name in ("scene", "hand", "base", "scale"):
-            if getattr(self, name) != usual[name]:
-                raise InputError(
-                    f"`{name}` is given with the format {self.to}; expected it with {BACK} alone; leave it out"
-                )
+        for name in given(self, "scene", "hand", "base", "scale"):
+            raise InputError(
+                f"`{name}` is given with the format {self.to}; expected it with {BACK} alone; leave it out"
+            )
         written = convert(Path(self.source), self.to, Path(self.out), every=self.every)
         say(f"written: {self.out}: {written}")
         return 0

@@ -13,6 +13,7 @@ from dexnudge.cli.arguments import (
     SetOptions,
     check_at_least,
     listed,
+    refuse_without,
     settings,
 )
 from dexnudge.errors import InputError
@@ -70,6 +71,8 @@ class Info:
     def run(self) -> int:
         """Print the tables and write the page."""
         check_at_least(0, seed=self.seed)
+        if self.out is None:
+            refuse_without("out", self, "objects", "seed")
         from dexnudge.dataset.info import describe
         from dexnudge.synthesis.dataset_card import description
 
@@ -129,6 +132,10 @@ class CheckDataset:
         """Print what was checked; InputError when something does not hold."""
         check_at_least(0, seed=self.seed, num=self.num)
         check_at_least(1, workers=self.workers)
+        if self.objects is None:
+            refuse_without("objects", self, "num")
+        if self.num is None:
+            refuse_without("num", self, "seed")
         from dexnudge.synthesis.recheck import check_dataset
 
         report = check_dataset(

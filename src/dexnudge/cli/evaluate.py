@@ -20,7 +20,9 @@ from dexnudge.cli.arguments import (
     Turning,
     Uncertain,
     check_at_least,
+    given,
     metavar,
+    refuse_without,
     say,
     settings,
 )
@@ -93,14 +95,16 @@ class Evaluate(DeviceOptions, EngineOptions, SetOptions):
 
     def _check_options(self) -> None:
         """Refuse options that need another one, or that exclude each other; InputError."""
-        usual, own = vars(ScanErrors()), vars(self.scans)
-        needed = {"attempts": "then_grasp"} | {name: "scan" for name, value in own.items() if value != usual[name]}
-        given = {**vars(self), **own, "arm": self.robot.arm}
-        for name, other in needed.items():
-            if given[name] is not None and not given[other]:
-                raise InputError(f"`{name}` is {given[name]:g} without `{other}`; expected both; add `{other}`")
-        for one, other in (("scan", "then_grasp"), ("arm", "scan"), ("arm", "attempts"), ("arm", "execute_errors")):
-            if given[one] and given[other]:
+        if not self.execute:
+            refuse_without("execute", self, "execute_num", "execute_errors", "open_loop")
+        if not self.then_grasp:
+            refuse_without("then_grasp", self, "attempts")
+        if not self.scan:
+            refuse_without("scan", self.scans)
+        with_scan = ("then_grasp", "execute_num", "execute_errors", "open_loop")
+        with_arm = ("scan", "attempts", "execute_num", "execute_errors", "open_loop")
+        for one, there, others in (("scan", self.scan, with_scan), ("arm", self.robot.arm, with_arm)):
+            for other in given(self, *others) if there else ():
                 raise InputError(
                     f"`{one}` and `{other}` are both given; expected one of them; run them one after the other"
                 )

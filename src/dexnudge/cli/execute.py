@@ -18,6 +18,7 @@ from dexnudge.cli.arguments import (
     check_at_least,
     counted,
     out_folder,
+    refuse_without,
     say,
     stdout,
     table,
@@ -77,10 +78,8 @@ class Execute:
                 f"`top` is {self.top} with `then_grasp`, which goes through the configurations by itself, best first; "
                 "expected no `top`; use `attempts`"
             )
-        if self.weights is not None and not self.then_grasp:
-            raise InputError(
-                "`weights` is given without `then_grasp`; expected both; add `then_grasp`, or leave it out"
-            )
+        if not self.then_grasp:
+            refuse_without("then_grasp", self, "attempts", "seed", "weights")
         given = Path(self.folder)
         is_plan = given.name == "plan.json" or (given / "plan.json").is_file()
         play = self._plan if is_plan else self._then_grasp if self.then_grasp else self._push

@@ -19,6 +19,7 @@ from dexnudge.cli.arguments import (
     check_at_least,
     metavar,
     named_folders,
+    refuse_without,
     say,
     stdout,
     table,
@@ -80,6 +81,9 @@ class HandCommand:
             check_at_least(0, seed=self.seed)
             check_minutes(self.minutes)
             return self._learn(self._learning_folder())
+        refuse_without("learn", self, "minutes", "out", "workers", "seed")
+        if self.prepare is None:
+            refuse_without("prepare", self, "overwrite")
         prepared = self._prepared() if self.prepare is None else self._write(self.prepare)
         _print(prepared)
         if self.prepare is not None:
@@ -137,6 +141,7 @@ class HandCommand:
 
         out = self.out if self.prepare is None else self.prepare
         if out is None and (Path(self.hand) / DESCRIPTION).is_file():
+            refuse_without("prepare", self, "palm", "palm_normal", "geometry", "package", "overwrite")
             return Path(self.hand)
         if out is None:
             raise InputError(

@@ -19,6 +19,7 @@ from dexnudge.cli.arguments import (
     counted,
     metavar,
     out_folder,
+    refuse_without,
     say,
     stdout,
     table,
@@ -73,6 +74,8 @@ class Plan(MountOptions):
         """Plan, write, print."""
         check_at_least(1, top=self.top)
         check_at_least(0, seed=self.seed, films=self.films)
+        if not self.then_grasp:
+            refuse_without("then_grasp", self, "weights")
         from dexnudge.jobs.folders import new_folder
         from dexnudge.trajectories.plan_folder import PLAN, PLAN_FILES, write_plan
 

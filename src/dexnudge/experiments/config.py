@@ -133,6 +133,11 @@ def trial_keys(config: ExperimentConfig) -> list[TrialKey]:
     check_physics(asked)
     for method in config.methods:
         find_method(method).with_weights(config.losses or {})  # refuses what makes no sense
+    if config.data is not None and all(find_method(method).start != "nearest" for method in config.methods):
+        raise InputError(
+            "`data` is given without the method nearest_pose, which alone uses it; expected both; add nearest_pose to "
+            "`methods`, or leave it out"
+        )
     brought(config)
     check_device(config.device)
     return [

@@ -12,7 +12,7 @@ import numpy as np
 import trimesh
 from jaxtyping import Float
 
-from dexnudge.errors import HandError, check_path
+from dexnudge.errors import HandError, check_path, quote
 from dexnudge.finding import Finding, length_text
 from dexnudge.geometry.devices import own_modes
 from dexnudge.hands.anatomy import LEAST_DIGITS, LONGEST_DIGIT, HandPart, hand_at, hands_in, why_no_hand
@@ -86,7 +86,14 @@ def prepare_hand(
     if (path / PREPARED_NAME).is_file():
         path /= PREPARED_NAME
     if str(name_or_path) in HANDS or not is_description(path):
-        return _stated(load_hand(name_or_path, base=base), palm_normal)
+        hand = load_hand(name_or_path, base=base)
+        for argument, value in (("palm", palm), ("geometry", geometry), ("packages", packages)):
+            if value:
+                raise HandError(
+                    f"`{argument}` is {quote(value)}, but {name_or_path} is a hand with a name, whose description states "
+                    "its own; expected the path of a description with it; leave it out"
+                )
+        return _stated(hand, palm_normal)
     yaml = yaml_beside(path)
     config = None if yaml is None else read_hand_config(yaml)
     if config is not None and palm in (None, config.palm):

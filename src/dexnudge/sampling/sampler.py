@@ -18,7 +18,7 @@ from jaxtyping import Float
 from dexnudge.diffusion.checkpoint import CONFIG_NAME, SHIPPED_WEIGHTS
 from dexnudge.diffusion.prior import DiffusionPrior
 from dexnudge.energies.terms import EnergyTerm, check_terms
-from dexnudge.errors import CheckpointError, InputError, check_integer, check_kind, check_path, check_seed
+from dexnudge.errors import CheckpointError, InputError, check_integer, check_kind, check_path, check_seed, quote
 from dexnudge.geometry.devices import check_device, free_memory, own_modes, ran_out_of_memory, torch_stream
 from dexnudge.hands.hand import Hand
 from dexnudge.results.path_margins import find_stations
@@ -41,6 +41,7 @@ DEFAULT_METHOD = "steered_noise"
 WITHOUT_WEIGHTS = "random_start_projection"
 MAX_DRAWS_FACTOR = 32  # a search for K verified draws gives up after this many draws each, unless told otherwise
 LARGEST_CALL = 10_000  # draws that are in memory, and in one batch, at once
+MOST_DRAWS = MAX_DRAWS_FACTOR * LARGEST_CALL  # of a search; all of them are kept, judged and written
 SMALLEST_CALL = 4  # draws: fewer take as long, since a call's own steps cost more than their arithmetic
 MEMORY_PER_HAND = 2.0e5  # bytes for each hand of a batch: three times what drawing and verifying 2,048 took
 MEMORY_SHARE = 0.8  # of what is free that a batch may take
@@ -211,7 +212,7 @@ class Sampler:
             method: name of a method, built in or of a package (`dexnudge plugins` lists them), or a method made from one;
                 `steered_noise` unless given.
             criteria: what a draw must meet to succeed: `default_criteria()`, and your own after them.
-            verified: go on drawing until this many succeed.
+            verified: go on drawing until this many succeed; in a scene whose motion is blocked, `num` draws end the search.
             max_draws: stop after this many draws; the default is 32 for each one asked for in `verified`.
             problem: the scene made ready, where a caller draws from it more than once; then no time is spent on it here.
             hand: the hand that is verified and that the samples carry, such as one read back from the files of a
@@ -249,16 +250,17 @@ class Sampler:
             )
         method, hand = _method(method), hand or self.hand
         self.load(method)
-        limit = num if verified is None else max_draws or max(num, MAX_DRAWS_FACTOR * verified)
         calls: list[Draws] = []
         verdicts: list[Verdicts] = []
         seconds: Counter[str] = Counter()
         if problem is None:
             start = time.perf_counter()
             problem = self._prepared(scene)
-            if problem.balances:  # without, nothing can be verified
+            if problem.balances:
                 find_stations(scene)
             seconds.update({"prepare": time.perf_counter() - start})
+        limit = num if verified is None else max_draws or max(num, MAX_DRAWS_FACTOR * verified)
+        limit = limit if problem.balances else min(limit, num)  # without, nothing can be verified
         drawn = succeeded = 0
         most = self._most_at_once(method, min(num, limit))
         while drawn < limit and (verified is None or succeeded < verified):
@@ -370,14 +372,17 @@ def _warn_of_split(most: int, why: str) -> None:
 
 def check_counts(num: int, verified: int | None, max_draws: int | None) -> None:
     """Refuse counts that `Sampler.sample` could not serve, before anything slow has begun; InputError."""
+    hints = {
+        "num": (LARGEST_CALL, "the draws of one call; ask for `verified` draws, or sample again with another seed"),
+        "verified": (LARGEST_CALL, "all of which are kept; sample again with another seed for more"),
+        "max_draws": (MOST_DRAWS, f"{MAX_DRAWS_FACTOR} for each of {LARGEST_CALL} verified ones"),
+    }
     for name, value in (("num", num), ("verified", verified), ("max_draws", max_draws)):
         if value is not None or name == "num":
             check_integer(name, value, least=1)
-    if num > LARGEST_CALL:
-        raise InputError(
-            f"`num` is {num}; expected at most {LARGEST_CALL}, the draws of one call; ask for `verified` draws, or sample "
-            "again with another seed"
-        )
+            most, hint = hints[name]
+            if int(value) > most:  # type: ignore[arg-type]  # None is refused
+                raise InputError(f"`{name}` is {quote(value)}; expected at most {most}, {hint}")
     if max_draws is not None and verified is None:
         raise InputError(
             "`max_draws` limits the search for `verified` draws; expected both or neither; use `num` instead"

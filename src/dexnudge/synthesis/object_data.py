@@ -149,8 +149,11 @@ class ObjectMeshes:
         self.check_known(name)
         mesh = self._known[name].load()
         if mesh_hash(mesh) != digest:
+            found = f"in {self._objects}" if self._objects else "of the built-in object with that name"
+            mend = "correct `objects`" if self._objects else "give it as `objects`"
             raise DatasetError(
-                f"the mesh of {name!r} is not the one that the dataset was generated from; correct `objects`"
+                f"the mesh of {name!r} {found} is not the one that the dataset was generated from; expected the set that "
+                f"it was generated from; {mend}"
             )
         return at_rest(mesh, upright=stands(name, self._upright))
 
