@@ -136,7 +136,7 @@ def test_another_set_is_refused(data, names, tmp_path):
         check_dataset(data, objects=str(tmp_path), workers=1)
     for name in names:
         trimesh.creation.box((0.1, 0.1, 0.1)).export(tmp_path / f"{name}.obj")
-    with pytest.raises(DatasetError, match="the mesh of 'bar' is not the one"):
+    with pytest.raises(DatasetError, match=r"the mesh of 'bar' in .* is not the one"):
         check_dataset(data, objects=str(tmp_path), workers=1)
 
 

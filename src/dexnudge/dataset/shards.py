@@ -4,6 +4,7 @@ import json
 from collections import Counter
 from collections.abc import Collection, Iterator, Sequence
 from dataclasses import asdict, dataclass, replace
+from hashlib import sha256
 from pathlib import Path
 
 import numpy as np
@@ -13,6 +14,7 @@ import pyarrow.parquet as pq
 from jaxtyping import Float, Float32
 
 from dexnudge.dataset.manifest import UNITS, Manifest, check_object_name
+from dexnudge.dataset.parquet_footer import announced_sizes
 from dexnudge.dataset.schema import (
     BEHAVIOURS,
     CLOUD_COLUMNS,
@@ -36,6 +38,7 @@ from dexnudge.jobs.folders import replace_atomically
 from dexnudge.jobs.json_files import from_fields, unique_keys
 
 _METADATA_KEY = b"dexnudge"
+_DIGEST = "sha256"  # in a header, of the rest of it; shards from before 0.19.0 have none
 _PROVENANCE = ("hand", "joint_names", "config", "seed", "versions")  # of the manifest; a shard must agree on each
 
 
@@ -191,8 +194,8 @@ def read_shard(
     kept = Counter(table.column("behaviour").to_pylist())
     if kept != {behaviour: count.kept for behaviour, count in found.counts.items() if count.kept}:
         raise DamagedShardError(f"{path} has other rows than its counts say were kept: {dict(kept)}; {AGAIN}")
-    for behaviour, count in found.counts.items():
-        count.validate(behaviour)
+    if wrong_counts := [name for name, count in found.counts.items() if count.accounted != count.attempted]:
+        raise DamagedShardError(f"{path}: its counts of {', '.join(wrong_counts)} do not add up; {AGAIN}")
     turns = None
     if found.turns is not None and "turn_margin" in table.schema.names:
         if len(found.turns) != len(TURNS) or any(twist is not None and len(twist) != 6 for twist in found.turns):
@@ -317,7 +320,8 @@ def _check_rows(
 
 
 def _write_table(path: Path, table: pa.Table, header: dict[str, object]) -> None:
-    table = table.replace_schema_metadata({_METADATA_KEY: json.dumps(header).encode()})
+    signed = header | {_DIGEST: _digest(header)}
+    table = table.replace_schema_metadata({_METADATA_KEY: json.dumps(signed).encode()})
     leaves = dict(map(_leaf, table.schema))
     floats = [path for path, kind in leaves.items() if pa.types.is_floating(kind)]
     with replace_atomically(path) as temporary:
@@ -332,6 +336,11 @@ def _write_table(path: Path, table: pa.Table, header: dict[str, object]) -> None
         )
 
 
+def _digest(header: dict[str, object]) -> str:
+    """SHA-256 of a header: Parquet has checksums of its pages, and none of its footer, where the header stands."""
+    return sha256(json.dumps(header, sort_keys=True).encode()).hexdigest()
+
+
 def _leaf(field: pa.Field) -> tuple[str, pa.DataType]:
     """Path and type by which Parquet knows the values of a column."""
     path, kind = field.name, field.type
@@ -340,16 +349,14 @@ def _leaf(field: pa.Field) -> tuple[str, pa.DataType]:
     return path, kind
 
 
-def _check_size(announced: pq.FileMetaData, path: Path) -> None:
+def _check_size(path: Path) -> None:
     """Refuse a file before it takes memory: what it announces is what a reader makes room for."""
-    chunks = [
-        announced.row_group(k).column(n) for k in range(announced.num_row_groups) for n in range(announced.num_columns)
-    ]
-    values = max((chunk.num_values for chunk in chunks), default=0)
-    if sum(chunk.total_uncompressed_size for chunk in chunks) > LARGEST_FILE or values > MOST_VALUES:
+    sizes = announced_sizes(path)
+    values, unpacked = max((values for values, _ in sizes), default=0), sum(size for _, size in sizes)
+    if unpacked > LARGEST_FILE or values > MOST_VALUES:
         raise DamagedShardError(
-            f"{path} announces {announced.num_rows} rows of up to {values} values in a column; expected at most "
-            f"{MOST_VALUES} values and {LARGEST_FILE >> 20} MiB; {AGAIN}"
+            f"{path} announces {unpacked >> 20} MiB and up to {values} values in a column; expected at most "
+            f"{LARGEST_FILE >> 20} MiB and {MOST_VALUES} values; {AGAIN}"
         )
 
 
@@ -358,8 +365,8 @@ def _read_table(path: Path, manifest: Manifest, object_name: str, schema: pa.Sch
         what = "is no file" if path.exists() else "does not exist"
         raise DamagedShardError(f"{path} {what}; resume `dexnudge dataset generate` to write it.")
     try:
+        _check_size(path)
         with pq.ParquetFile(path, page_checksum_verification=True) as file:
-            _check_size(file.metadata, path)
             table = file.read()
     except DamagedShardError:
         raise
@@ -373,6 +380,8 @@ def _read_table(path: Path, manifest: Manifest, object_name: str, schema: pa.Sch
         header = dict(header.items())
     except (AttributeError, KeyError, ValueError, RecursionError) as error:
         raise DatasetError(f"{path} was not written by dexnudge: it has no header; delete it.") from error
+    if (digest := header.pop(_DIGEST, None)) is not None and digest != _digest(header):
+        raise DamagedShardError(f"{path}: its header has another checksum than it says; {AGAIN}")
     for key, value in json.loads(json.dumps({**_shared(manifest), "object": object_name})).items():
         if header.get(key) != value:
             raise DatasetError(
