@@ -23,7 +23,7 @@ def test_round_trip(toy, tmp_path):
         ({"units": {"length": "mm", "angle": "rad"}}, r"has units .*'mm'.*, expected .*'m'"),
         (
             {"surprise": 1},
-            r"has the unknown field 'surprise'; expected hand, joint_names, .*; generate the dataset again",
+            r"has the unknown field 'surprise'; expected hand, joint_names, .*; the shards beside it are not lost",
         ),
         ({"objects": ["phone"]}, r"objects is \['phone'\]; expected an object"),
         ({"objects": {"../phone": None}}, r"object name '../phone' cannot be part of a file name"),

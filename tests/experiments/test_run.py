@@ -71,6 +71,24 @@ def test_numbers_that_no_scene_can_have_are_refused_before_anything_is_written(t
     assert os.listdir(tmp_path) == []
 
 
+@pytest.mark.parametrize("damaged", ["", "{", '{"format_version": 3, "config": 1}'])
+def test_records_beside_a_damaged_experiment_are_not_lost(tmp_path, damaged):
+    """What the message says is true: the file of another run with the same options takes its place."""
+    records = run(tmp_path / "out")
+    file = tmp_path / "out" / "toy" / "experiment.json"
+    whole = file.read_bytes()
+    file.write_text(damaged)
+    with pytest.raises(
+        InputError, match=r"the same command with another `out` writes an equal experiment.json at once"
+    ):
+        run(tmp_path / "out")
+    with pytest.raises(KeyboardInterrupt):
+        run(tmp_path / "again", on_record=lambda *_: (_ for _ in ()).throw(KeyboardInterrupt))
+    assert (tmp_path / "again" / "toy" / "experiment.json").read_bytes() == whole
+    file.write_bytes(whole)
+    assert run(tmp_path / "out", on_record=lambda *_: pytest.fail("computed again")) == records
+
+
 def test_other_options_are_refused_by_name(tmp_path):
     run(tmp_path / "out")
     with pytest.raises(InputError, match=r"holds another experiment: num is 4 there and 5 here"):

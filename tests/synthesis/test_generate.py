@@ -117,6 +117,22 @@ def test_what_is_missing_or_damaged_is_named_and_made_again(
 
 
 @pytest.mark.slow
+@pytest.mark.parametrize("damage", [lambda path: path.unlink(), lambda path: path.write_text(path.read_text()[:300])])
+def test_a_manifest_that_is_lost_is_made_anew_from_the_shards(copy, data, objects, config, names, files_of, damage):
+    written = {name: shard_path(copy, name).stat().st_mtime_ns for name in names}
+    damage(copy / "manifest.json")
+    with pytest.raises(DatasetError, match=r"manifest\.json: .*`dexnudge dataset generate`"):
+        read_manifest(copy)
+    with pytest.raises(DatasetError, match="another seed: expected 5, got 4"):  # the folder can be read again even so
+        generate_dataset(str(objects), copy, config, seed=5, workers=1)
+    assert read_manifest(copy) == replace(read_manifest(data), failed_objects={})
+    damage(copy / "manifest.json")
+    generate_dataset(str(objects), copy, config, seed=4, workers=1)
+    assert files_of(copy) == files_of(data)
+    assert {name: shard_path(copy, name).stat().st_mtime_ns for name in names} == written
+
+
+@pytest.mark.slow
 @pytest.mark.parametrize(("changed", "seed", "label"), [({"non_prehensile": 25}, 4, "config"), ({}, 5, "seed")])
 def test_another_run_is_refused_in_the_same_folder(copy, objects, config, files_of, changed, seed, label):
     before = files_of(copy)

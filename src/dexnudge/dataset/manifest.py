@@ -23,6 +23,16 @@ ABOVE = f"..{os.sep}"  # begins the path of a hand that lies above its dataset
 _OBJECT_NAME = re.compile(r"[A-Za-z0-9][A-Za-z0-9_.\-]*")
 
 
+AGAIN = (
+    "the shards beside it are not lost: `dexnudge dataset generate` with the options that made them, which README.md there "
+    "names, writes it anew from them"
+)
+
+
+class DamagedManifestError(DatasetError):
+    """A manifest that is missing or cannot be read: generating the dataset again makes it anew from its shards."""
+
+
 @dataclass(kw_only=True)
 class Manifest:
     """What a dataset folder holds.
@@ -98,7 +108,7 @@ def read_manifest(folder: Path | str) -> Manifest:
     path = Path(folder) / MANIFEST_NAME
     expected = f"a dataset folder with a {MANIFEST_NAME}; make one with `dexnudge dataset generate` or correct the path"
     content = read_json_object(
-        path, error=DatasetError, expected=expected, again="generate the dataset again", largest=MAX_TABLE_BYTES
+        path, error=DamagedManifestError, expected=expected, again=AGAIN, largest=MAX_TABLE_BYTES
     )
     if content.get("format_version") != FORMAT_VERSION:
         raise DatasetError(
@@ -110,16 +120,15 @@ def read_manifest(folder: Path | str) -> Manifest:
     given = {key: value for key, value in content.items() if key not in ("format_version", "units")}
     if JOINT_GROUPS_KEY in given:
         given["joint_groups"] = given.pop(JOINT_GROUPS_KEY)
-    again = "generate the dataset again"
-    manifest = from_fields(given, Manifest, str(path), error=DatasetError, again=again)
+    manifest = from_fields(given, Manifest, str(path), error=DamagedManifestError, again=AGAIN)
     for name in (*manifest.objects, *manifest.failed_objects):
         check_object_name(name)
     owned = [joint for group in manifest.joint_groups.values() for joint in group]
     names = manifest.joint_names
     if len({*names}) < len(names) or len({*owned}) < len(owned) or not {*owned} <= {*range(len(names))}:
-        raise DatasetError(
+        raise DamagedManifestError(
             f"{path}: joint_names or {JOINT_GROUPS_KEY} name a joint twice, or one that there is not; expected each joint "
-            f"in one digit at most; {again}"
+            f"in one digit at most; {AGAIN}"
         )
     return manifest
 

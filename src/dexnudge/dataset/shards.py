@@ -3,9 +3,11 @@
 import json
 from collections import Counter
 from collections.abc import Collection, Iterator, Sequence
+from contextlib import contextmanager
 from dataclasses import asdict, dataclass, replace
 from hashlib import sha256
 from pathlib import Path
+from typing import Any
 
 import numpy as np
 import pyarrow as pa
@@ -50,7 +52,7 @@ MOST_VALUES = 2**26  # of a column, lists within lists counted through: repeated
 
 
 @dataclass(frozen=True, kw_only=True)
-class _ShardHeader:
+class ShardHeader:
     """What stands in a file beside what it shares with the manifest."""
 
     object: str
@@ -178,7 +180,7 @@ def read_shard(
     table, header = _read_table(path, manifest, object_name, configuration_schema(len(manifest.joint_names)))
     check_rows(table, manifest, str(path), links=links)
     own = {key: value for key, value in header.items() if key not in _shared(manifest)}
-    found = from_fields(own, _ShardHeader, f"{path}: its header", error=DamagedShardError, again=AGAIN)
+    found = from_fields(own, ShardHeader, f"{path}: its header", error=DamagedShardError, again=AGAIN)
     rotation = column_matrix(table, "q")[:, 3:POSE_DIMENSIONS].reshape(-1, 2, 3)
     sizes = [pc.list_value_length(table.column(name)).to_numpy() for name in ("contact_links", "contact_points")]
     for what, wrong in (
@@ -360,14 +362,32 @@ def _check_size(path: Path) -> None:
         )
 
 
-def _read_table(path: Path, manifest: Manifest, object_name: str, schema: pa.Schema) -> tuple[pa.Table, dict]:
+def read_header(path: Path) -> dict[str, Any]:
+    """Return what a file says of itself, without its rows: `ShardHeader`, and what it shares with the manifest.
+
+    Raises:
+        DatasetError: a truncated or foreign file.
+    """
     if not path.is_file():
         what = "is no file" if path.exists() else "does not exist"
         raise DamagedShardError(f"{path} {what}; resume `dexnudge dataset generate` to write it.")
-    try:
+    with _readable(path):
         _check_size(path)
-        with pq.ParquetFile(path, page_checksum_verification=True) as file:
-            table = file.read()
+        metadata = pq.read_schema(path).metadata or {}
+    try:
+        header = dict(json.loads(metadata[_METADATA_KEY], object_pairs_hook=unique_keys).items())
+    except (AttributeError, KeyError, ValueError, RecursionError) as error:
+        raise DatasetError(f"{path} was not written by dexnudge: it has no header; delete it.") from error
+    if (digest := header.pop(_DIGEST, None)) is not None and digest != _digest(header):
+        raise DamagedShardError(f"{path}: its header has another checksum than it says; {AGAIN}")
+    return header
+
+
+@contextmanager
+def _readable(path: Path) -> Iterator[None]:
+    """Raise what cannot be read as Parquet in the block as DamagedShardError."""
+    try:
+        yield
     except DamagedShardError:
         raise
     except (pa.ArrowException, OSError, ValueError, MemoryError) as error:
@@ -375,13 +395,12 @@ def _read_table(path: Path, manifest: Manifest, object_name: str, schema: pa.Sch
             f"{path} cannot be read as Parquet: truncated or not a shard ({error}); "
             "resume `dexnudge dataset generate` to make it again."
         ) from error
-    try:
-        header = json.loads((table.schema.metadata or {})[_METADATA_KEY], object_pairs_hook=unique_keys)
-        header = dict(header.items())
-    except (AttributeError, KeyError, ValueError, RecursionError) as error:
-        raise DatasetError(f"{path} was not written by dexnudge: it has no header; delete it.") from error
-    if (digest := header.pop(_DIGEST, None)) is not None and digest != _digest(header):
-        raise DamagedShardError(f"{path}: its header has another checksum than it says; {AGAIN}")
+
+
+def _read_table(path: Path, manifest: Manifest, object_name: str, schema: pa.Schema) -> tuple[pa.Table, dict]:
+    header = read_header(path)
+    with _readable(path), pq.ParquetFile(path, page_checksum_verification=True) as file:
+        table = file.read()
     for key, value in json.loads(json.dumps({**_shared(manifest), "object": object_name})).items():
         if header.get(key) != value:
             raise DatasetError(

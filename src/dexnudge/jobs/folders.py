@@ -18,7 +18,16 @@ from datetime import datetime
 from pathlib import Path
 from typing import Any
 
-from dexnudge.errors import LONGEST_PART, DexnudgeError, InputError, OutputError, check_path, what_failed, writing
+from dexnudge.errors import (
+    LONGEST_PART,
+    DexnudgeError,
+    InputError,
+    OutputError,
+    check_path,
+    quote,
+    what_failed,
+    writing,
+)
 from dexnudge.jobs.json_files import MAX_TABLE_BYTES, read_json_object
 from dexnudge.jobs.provenance import machine, versions
 
@@ -195,11 +204,15 @@ def read_claim(folder: Path, file: str, *, format_version: int) -> dict[str, Any
     """
     path = folder / file
     expected = "the file that `dexnudge evaluate` or `dexnudge reproduce` wrote"
-    content = read_json_object(
-        path, error=InputError, expected=expected, again="choose another `out`", largest=MAX_TABLE_BYTES
+    again = (
+        f"the records beside it are not lost: the same command with another `out` writes an equal {file} at once; stop it, "
+        "and copy that file here"
     )
+    content = read_json_object(path, error=InputError, expected=expected, again=again, largest=MAX_TABLE_BYTES)
     if content.get("format_version") != format_version:
         raise InputError(f"{path} is of another format; expected format_version {format_version}; choose another `out`")
+    if not isinstance(content.get("config"), dict):
+        raise InputError(f"{path}: config is {quote(content.get('config'))}; expected the run's options; {again}")
     return content
 
 

@@ -17,7 +17,7 @@ import numpy as np
 from rich.progress import Progress, TextColumn
 
 from dexnudge.dataset.manifest import (
-    MANIFEST_NAME,
+    DamagedManifestError,
     Manifest,
     joint_groups,
     read_manifest,
@@ -34,6 +34,7 @@ from dexnudge.jobs.processes import WorkerDied
 from dexnudge.jobs.progress import progress
 from dexnudge.objects.sets import BUILTIN_PREFIX, resolve_object_set
 from dexnudge.synthesis.object_data import GenerationConfig, ObjectOutcome, ObjectTask
+from dexnudge.synthesis.rebuilt_manifest import rebuilt_manifest
 from dexnudge.version import __version__
 
 
@@ -243,7 +244,7 @@ def _open(out: Path, config: GenerationConfig, seed: int) -> Manifest:
         seed=seed,
         versions={"dexnudge": __version__, **{package: version(package) for package in PACKAGES}},
     )
-    found = read_manifest(out) if (out / MANIFEST_NAME).exists() else wanted
+    found = _found(out, wanted)
     for label in ("hand", "joint_names", "config", "seed", "versions"):
         if getattr(found, label) != getattr(wanted, label):
             raise DatasetError(
@@ -252,6 +253,19 @@ def _open(out: Path, config: GenerationConfig, seed: int) -> Manifest:
             )
     remove_leftovers(out)
     return found
+
+
+def _found(out: Path, wanted: Manifest) -> Manifest:
+    """The manifest that is there; where it is missing or damaged, that of the shards there, or else `wanted`."""
+    try:
+        return read_manifest(out)
+    except DamagedManifestError:
+        rebuilt = rebuilt_manifest(out, wanted)
+    if rebuilt is None:
+        return wanted
+    if rebuilt.joint_names == wanted.joint_names:  # else another hand's, whose joints' groups are not known here
+        write_manifest(out, rebuilt)
+    return rebuilt
 
 
 def _enter(manifest: Manifest, out: Path, name: str, outcome: ObjectOutcome) -> None:
