@@ -181,6 +181,15 @@ def test_a_truncated_state_is_named(dataset_folder, short, uninterrupted, tmp_pa
             train(dataset_folder, tmp_path, short)
 
 
+@pytest.mark.parametrize("place", [-1, -1000, 0.5])
+def test_a_flipped_bit_in_a_state_is_named(dataset_folder, short, uninterrupted, tmp_path, place):
+    data = bytearray((uninterrupted / STATE_NAME).read_bytes())
+    data[place if place < 0 else int(place * len(data))] ^= 1
+    (tmp_path / STATE_NAME).write_bytes(data)
+    with pytest.raises(CheckpointError, match=rf"{STATE_NAME} is damaged: its SHA-256 is not"):
+        train(dataset_folder, tmp_path, short)
+
+
 @pytest.mark.parametrize(
     ("key", "value"),
     [

@@ -178,22 +178,28 @@ def _read_config(path: Path) -> dict[str, Any]:
 MODEL_FOLDER, LOG_NAME = "model", "train.jsonl"  # in the folder of a run, beside its state
 STATE_NAME = "training_state.safetensors"
 FIGURE = re.compile(r"[\w/.-]+")  # names in a state's header
+_DIGEST = "sha256"  # in a state's header, of the file without it; states from before 0.19.0 have none
 STATE_VERSION = 1  # raised whenever the optimiser or the order of random draws changes
 
 
 def save_state(folder: Path, tensors: dict[str, Tensor], header: dict[str, Any]) -> None:
     """Write a run's tensors and its header: step, minutes, validation, loss, and what names it (`TrainingRun.identity`)."""
     on_cpu = {name: tensor.detach().cpu().contiguous() for name, tensor in tensors.items()}
-    data = _bytes(on_cpu, {"training": json.dumps({"version": STATE_VERSION, **header})})
+    header = {"version": STATE_VERSION, **header}
+    data = _state_bytes(on_cpu, {**header, _DIGEST: hashlib.sha256(_state_bytes(on_cpu, header)).hexdigest()})
     with replace_atomically(folder / STATE_NAME) as temporary:
         temporary.write_bytes(data)
+
+
+def _state_bytes(tensors: dict[str, Tensor], header: dict[str, Any]) -> bytes:
+    return _bytes(tensors, {"training": json.dumps(header)})
 
 
 def load_state(folder: Path, identity: dict[str, Any]) -> tuple[dict[str, Tensor], dict[str, Any]] | None:
     """Return tensors and header of the state saved in `folder`, or None if there is none.
 
     Raises:
-        CheckpointError: it is truncated or belongs to another run: other settings, dataset or version.
+        CheckpointError: it is damaged or belongs to another run: other settings, dataset or version.
     """
     path = folder / STATE_NAME
     if not path.is_file():
@@ -202,6 +208,11 @@ def load_state(folder: Path, identity: dict[str, Any]) -> tuple[dict[str, Tensor
         return None
     with _opened(path) as (header, file):
         tensors = {name: file.get_tensor(name) for name in file.keys()}  # noqa: SIM118 - not a dict
+    digest = header.pop(_DIGEST, None)
+    if digest is not None and digest != hashlib.sha256(_state_bytes(tensors, header)).hexdigest():
+        raise CheckpointError(
+            f"{path} is damaged: its SHA-256 is not the one that it was written with; delete it to start again."
+        )
     ours = json.loads(json.dumps({"version": STATE_VERSION, **identity}))  # tuples become lists, as in the file
     found, expected = _flat({name: header.get(name) for name in ours}), _flat(ours)
     names = sorted(name for name in {*found, *expected} if found.get(name) != expected.get(name))
@@ -220,7 +231,7 @@ def read_state_header(folder: Path | str) -> dict[str, Any]:
     if not path.is_file():
         raise CheckpointError(f"{path} does not exist; expected the folder of a run of `dexnudge train`.")
     with _opened(path) as (header, _):
-        return header
+        return {name: value for name, value in header.items() if name != _DIGEST}
 
 
 @contextmanager

@@ -2,6 +2,7 @@
 
 from dataclasses import asdict, replace
 from pathlib import Path
+from typing import Any
 
 from dexnudge.dataset.manifest import Manifest
 from dexnudge.dataset.schema import BehaviourCounts
@@ -22,7 +23,7 @@ def rebuilt_manifest(folder: Path, like: Manifest) -> Manifest | None:
     for path in sorted(folder.glob("shard-*.parquet")):
         name = path.stem.removeprefix("shard-")
         objects[name] = None
-        says = {"error": DamagedShardError, "again": AGAIN, "others": True}
+        says: dict[str, Any] = {"error": DamagedShardError, "again": AGAIN, "others": True}
         try:
             content = read_header(path)
             own = from_fields(content, ShardHeader, str(path), **says)
