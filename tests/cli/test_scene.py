@@ -15,8 +15,7 @@ from PIL import Image
 
 import dexnudge as dn
 from dexnudge.perception.views import save_views
-from dexnudge.simulation.camera_poses import looking_at
-from dexnudge.simulation.depth_camera import DepthCamera, DepthRenderer
+from dexnudge.simulation.depth_camera import DepthCamera, DepthRenderer, looking_at
 from dexnudge.viewer.scene_view import scene_picture
 
 QUICK = ["--method", "random_start_projection", "--num", "2", "--seed", "3"]

@@ -4,7 +4,7 @@ import numpy as np
 import pytest
 import trimesh
 
-from dexnudge.energies.carried_grid import carried_grid
+from dexnudge.energies.environment_grids import carried_grid
 from dexnudge.energies.scene_fields import swept_grid
 from dexnudge.geometry.distance_grid import distance_grid, grid_corners
 from dexnudge.geometry.exact_distance import ExactDistance

@@ -4,7 +4,7 @@ import numpy as np
 import pytest
 import trimesh
 
-from dexnudge.energies.occlusion import OCCLUSION_CELL, occluded_grids
+from dexnudge.energies.environment_grids import OCCLUSION_CELL, occluded_grids
 from dexnudge.geometry.distance_grid import distance_grid
 from dexnudge.geometry.exact_distance import ExactDistance
 

@@ -6,7 +6,7 @@ import torch
 from scipy.optimize import nnls
 
 from dexnudge.energies.force_residual import ForceResidual
-from dexnudge.execution.grasp_finder import NARROWED, holding_balance
+from dexnudge.execution.grasp_and_lift import NARROWED, holding_balance
 from dexnudge.objects.builtin import builtin_object
 from dexnudge.sampling.problem import prepare
 from dexnudge.scenes.families import build_scene

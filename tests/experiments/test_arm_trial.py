@@ -6,8 +6,7 @@ import pytest
 import trimesh
 
 from dexnudge.cli.main import main
-from dexnudge.experiments.arm_records import ArmRecord
-from dexnudge.experiments.arm_trial import ArmTrial
+from dexnudge.experiments.arm_trial import ArmRecord, ArmTrial
 from dexnudge.experiments.metrics import measure
 from dexnudge.trajectories.planner import Failure
 

@@ -12,8 +12,7 @@ import pytest
 import yaml
 
 from dexnudge.cli.main import main
-from dexnudge.experiments.arm_records import ArmRecord
-from dexnudge.experiments.arm_trial import ArmTrial
+from dexnudge.experiments.arm_trial import ArmRecord, ArmTrial
 from dexnudge.experiments.config import ExperimentConfig
 from dexnudge.experiments.execution_trial import ExecutionRecord, ExecutionTrial
 from dexnudge.experiments.records import RecordWriter

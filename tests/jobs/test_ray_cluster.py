@@ -10,8 +10,8 @@ from functools import partial
 import pytest
 
 from dexnudge.errors import InputError, MeshError
+from dexnudge.jobs.engines import run_tasks_on_ray
 from dexnudge.jobs.processes import WorkerDied
-from dexnudge.jobs.ray_cluster import run_tasks_on_ray
 
 ray = pytest.importorskip("ray")
 pytestmark = [
@@ -66,7 +66,7 @@ def test_no_cluster_at_the_address(tmp_path):
 @pytest.mark.parametrize("answer", [b"", b"HTTP/1.1 400 Bad Request\r\n\r\n"])
 def test_what_listens_at_the_address_is_not_ray(tmp_path, monkeypatch, address, answer):
     """Ray itself would wait for minutes."""
-    monkeypatch.setattr("dexnudge.jobs.ray_cluster.REACHABLE", 0.5)
+    monkeypatch.setattr("dexnudge.jobs.engines.REACHABLE", 0.5)
     with socket.create_server(("127.0.0.1", 0)) as server:
         kept = []
 

@@ -8,8 +8,7 @@ import trimesh
 
 from dexnudge.perception.depth_view import DepthView
 from dexnudge.scenes.scene import Scene
-from dexnudge.simulation.camera_poses import looking_at
-from dexnudge.simulation.depth_camera import DepthCamera, DepthRenderer
+from dexnudge.simulation.depth_camera import DepthCamera, DepthRenderer, looking_at
 
 
 def boxes(*bounds) -> trimesh.Trimesh:

@@ -8,7 +8,7 @@ import torch
 from dexnudge.diffusion.prior import DiffusionPrior
 from dexnudge.sampling import denoise as denoising
 from dexnudge.sampling.denoise import DenoisingConfig, denoise
-from dexnudge.sampling.guidance.rule import unguided
+from dexnudge.sampling.guidance import unguided
 
 NUM, FIRST, PARTICLES = 3, 4, 16
 CONFIG = DenoisingConfig(particles=PARTICLES, first_particles=FIRST, coarse_steps=2)

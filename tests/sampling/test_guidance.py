@@ -14,8 +14,7 @@ from dexnudge.energies.descent import pose_from_configuration
 from dexnudge.energies.force_residual import ForceResidual
 from dexnudge.hands.hand import ROOT_COORDINATES
 from dexnudge.sampling.denoise import DenoisingConfig
-from dexnudge.sampling.guidance.clean import CleanDescent, CleanGradient
-from dexnudge.sampling.guidance.rule import (
+from dexnudge.sampling.guidance import (
     ReverseStep,
     active_contacts,
     configuration_energy,
@@ -25,7 +24,15 @@ from dexnudge.sampling.guidance.rule import (
     unguided,
     unit,
 )
-from dexnudge.sampling.guidance.spherical import CleanSpherical, PaperGuidance, Resampled, SphericalGuidance, resampled
+from dexnudge.sampling.guidance_rules import (
+    CleanDescent,
+    CleanGradient,
+    CleanSpherical,
+    PaperGuidance,
+    Resampled,
+    SphericalGuidance,
+    resampled,
+)
 from force_balance import solve
 
 BATCH = 6

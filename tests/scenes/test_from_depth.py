@@ -9,8 +9,7 @@ from dexnudge.geometry.exact_distance import ExactDistance
 from dexnudge.perception.fusion import ASSUMED, SEEN, UNSEEN
 from dexnudge.scenes.free_way import free_way
 from dexnudge.scenes.scene import Scene
-from dexnudge.simulation.camera_poses import looking_at
-from dexnudge.simulation.depth_camera import DepthCamera, DepthRenderer
+from dexnudge.simulation.depth_camera import DepthCamera, DepthRenderer, looking_at
 
 VOXEL = 0.006
 SIZE = (0.15, 0.07, 0.02)

@@ -10,7 +10,7 @@ from dexnudge.errors import InputError, SceneError
 from dexnudge.hands.registry import load_hand
 from dexnudge.objects.builtin import builtin_object
 from dexnudge.objects.sets import resolve_object_set
-from dexnudge.scenes.poses import load_pose
+from dexnudge.scenes.files import load_pose
 from dexnudge.scenes.scene import Scene
 
 

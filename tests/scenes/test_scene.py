@@ -8,7 +8,7 @@ import trimesh
 
 from dexnudge.errors import SceneError
 from dexnudge.geometry.rigid import rigid_transform
-from dexnudge.scenes.poses import unit_motion
+from dexnudge.scenes.motion import unit_motion
 from dexnudge.scenes.scene import Scene
 
 

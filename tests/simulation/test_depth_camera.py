@@ -8,15 +8,16 @@ from dexnudge.perception.views import load_views, save_views
 from dexnudge.scenes.boxes import box
 from dexnudge.scenes.families import build_scene
 from dexnudge.scenes.scene import Scene
-from dexnudge.simulation.camera_poses import camera_poses, looking_at
 from dexnudge.simulation.depth_camera import (
     DISPARITY_STEP,
     DepthCamera,
     DepthRenderer,
     SeenSurface,
     axial_noise,
+    camera_poses,
     depth_views,
     lateral_noise,
+    looking_at,
     measured_depth,
 )
 

@@ -9,7 +9,7 @@ import trimesh
 
 from dexnudge.mechanics.sliding_task import GRAVITY
 from dexnudge.studio.draws import figures, listed
-from dexnudge.studio.layers import LONGEST_ARROW, clearance_colour, layers_of, link_clearance
+from dexnudge.studio.views import LONGEST_ARROW, clearance_colour, layers_of, link_clearance
 
 
 @pytest.fixture(scope="module")

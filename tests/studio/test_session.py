@@ -19,8 +19,7 @@ from websockets.sync.client import connect
 import dexnudge as dn
 from dexnudge.errors import InputError
 from dexnudge.studio.controls import table, without_folders
-from dexnudge.studio.messages import admitted
-from dexnudge.studio.server import LARGEST_PORT, open_server
+from dexnudge.studio.server import LARGEST_PORT, admitted, open_server
 from dexnudge.studio.session import MOTION
 from dexnudge.studio.studio import Studio
 

@@ -11,8 +11,7 @@ from dexnudge.geometry.surface_lattice import surface_lattice
 from dexnudge.hands.hand import Hand
 from dexnudge.scenes.scene import Scene
 from dexnudge.verification.penetration import hand_solids
-from dexnudge.verification.solid_surface import SURFACE_SPACING, TriangleSurface
-from dexnudge.verification.solids import DIRECTIONS
+from dexnudge.verification.solids import DIRECTIONS, SURFACE_SPACING, TriangleSurface
 
 
 def test_directions_are_units_that_come_in_opposite_pairs() -> None:

@@ -4,7 +4,7 @@ import numpy as np
 import pytest
 import trimesh
 
-from dexnudge.geometry.thinning import LARGEST_MESH, thinned
+from dexnudge.geometry.coarsening import LARGEST_MESH, thinned
 from dexnudge.viewer.page_data import page_geometry
 from dexnudge.viewer.picture import corner_normals
 

@@ -18,11 +18,11 @@ from dexnudge.hands.export import (
     add_place,
     export_hand,
     mesh_files,
+    mjcf_of_hand,
     urdf_of_hand,
     write_meshes,
     write_xml,
 )
-from dexnudge.hands.mjcf_export import mjcf_of_hand
 from dexnudge.hands.motors import Actuator, JointDrives, actuators, nominal_drives
 from dexnudge.hands.xml_text import numbers
 

@@ -149,7 +149,7 @@ def typed_pose(argument: str, words: tuple[str, ...], key: str) -> Any:
     if not words:
         return None
     if len(words) == 1 and not is_number(words[0]):
-        from dexnudge.scenes.poses import load_pose
+        from dexnudge.scenes.files import load_pose
 
         try:
             return load_pose(Path(words[0]), key, argument)

@@ -37,7 +37,7 @@ class Plugins:
 def builtin_names() -> dict[str, tuple[str, ...]]:
     """Return the built-in names of each kind."""
     from dexnudge.arms.registry import ARMS
-    from dexnudge.energies.weights import BUILTIN_WEIGHTS
+    from dexnudge.energies.terms import BUILTIN_WEIGHTS
     from dexnudge.hands.registry import HANDS
     from dexnudge.sampling.methods import METHODS
     from dexnudge.scenes.families import SCENE_FAMILIES

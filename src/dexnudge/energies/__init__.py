@@ -2,6 +2,6 @@
 
 from dexnudge.energies.evaluator import HandEnergy, HandPose
 from dexnudge.energies.scene_fields import build_scene_fields
-from dexnudge.energies.weights import TermWeights
+from dexnudge.energies.terms import TermWeights
 
 __all__ = ["HandEnergy", "HandPose", "TermWeights", "build_scene_fields"]

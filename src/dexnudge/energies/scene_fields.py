@@ -5,11 +5,10 @@ import trimesh
 from jaxtyping import Float
 from scipy.ndimage import map_coordinates, minimum_filter1d
 
-from dexnudge.energies.carried_grid import carried_grid
+from dexnudge.energies.environment_grids import carried_grid, occluded_grids
 from dexnudge.energies.grid_kernel import pack_grids
 from dexnudge.energies.hand_model import cluster_points
 from dexnudge.energies.kernel_structs import SceneFields
-from dexnudge.energies.occlusion import occluded_grids
 from dexnudge.geometry.distance_grid import DistanceGrid, cached_distance_grid, distance_grid
 from dexnudge.geometry.exact_distance import ExactDistance
 from dexnudge.geometry.surface_points import surface_points

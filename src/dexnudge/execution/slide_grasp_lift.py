@@ -12,8 +12,7 @@ import numpy as np
 from jaxtyping import Float
 
 from dexnudge.errors import InputError
-from dexnudge.execution.grasp_and_lift import LIFT, GraspAndLift, NoGrasp
-from dexnudge.execution.grasp_finder import GraspFinder
+from dexnudge.execution.grasp_and_lift import LIFT, GraspAndLift, GraspFinder, NoGrasp
 from dexnudge.execution.scene_rollout import SceneRollout
 from dexnudge.geometry.transforms import transform_configurations
 from dexnudge.mechanics.fast_balance import force_margins

@@ -115,17 +115,12 @@ def margin_bin(margin: float) -> str:
     return MARGIN_BINS[int(np.searchsorted(MARGIN_EDGES, margin, side="right")) - 1]
 
 
-def _with_errors(draw: ExecutedDraw) -> list[tuple[str, bool]]:
-    """A draw that was played with errors, with each of them and without any."""
-    return [(AS_DRAWN, draw.success), *draw.disturbed.items()] if draw.disturbed else []
-
-
 GROUPS: dict[str, Callable[[ExecutedDraw], list[tuple[str, bool]]]] = {  # title -> (group, success) of an executed draw
     "By force margin": lambda each: [(margin_bin(each.force_margin), each.success)],
     "By behaviour": lambda each: [(each.behaviour, each.success)],
     "By links in contact": lambda each: [(f"{each.links:2d}", each.success)],
     "By approach": lambda each: [("found" if each.approach else "none, starts at contact", each.success)],
-    WITH_ERRORS: _with_errors,
+    WITH_ERRORS: lambda each: [(AS_DRAWN, each.success), *each.disturbed.items()] if each.disturbed else [],
 }
 
 

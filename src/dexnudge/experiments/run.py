@@ -4,6 +4,7 @@ from collections.abc import Callable, Iterator, Sequence
 from contextlib import closing
 from dataclasses import asdict, dataclass
 from functools import partial
+from operator import attrgetter
 from pathlib import Path
 from typing import Any
 
@@ -59,7 +60,8 @@ class TrialRunner:
         keys = trial_keys(self.config)
         with owned_folder(self.out):
             for kind in self.kinds:
-                run = partial(run_tasks_by, engine, workers=workers, ray_address=ray_address, together=_scene_of)
+                together = attrgetter("object", "scene")  # trials that share what has to be prepared for them
+                run = partial(run_tasks_by, engine, workers=workers, ray_address=ray_address, together=together)
                 yield kind, self._run(kind, keys, run, on_record)
 
     def _run(
@@ -106,11 +108,6 @@ def read_run(kind: TrialKind[Record], out: Path) -> tuple[dict[str, Any], list[R
     """
     folder = out / kind.folder
     return read_claim(folder, FILE, format_version=FORMAT_VERSION), read_records(folder, kind.record)
-
-
-def _scene_of(key: TrialKey) -> tuple[str, str]:
-    """Trials of one object and scene share what has to be prepared for them."""
-    return key.object, key.scene
 
 
 def _start(kind: TrialKind[Record], config: ExperimentConfig) -> Callable[[TrialKey], Record]:

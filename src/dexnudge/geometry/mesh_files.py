@@ -12,7 +12,7 @@ import numpy as np
 import trimesh
 
 from dexnudge.errors import MeshError
-from dexnudge.geometry.mesh_guards import MAX_FACES, announced, damaged, no_triangles
+from dexnudge.geometry.mesh_guards import MAX_FACES, announced, damaged
 
 FORMATS = ("obj", "stl", "ply", "glb", "off", "dae")
 MAX_BYTES_PER_FACE = 500  # 200,000 faces in the wordiest of the formats take half of this
@@ -157,7 +157,7 @@ def _parsed(data: bytes, kind: str, name: str, *, keep_order: bool) -> trimesh.T
     except errors as error:
         raise damaged(name, kind, _fault(data, kind)) from error
     if any(isinstance(each, trimesh.PointCloud) for each in scene.geometry.values()) and not len(mesh.vertices):
-        raise no_triangles(name)
+        raise MeshError(f"{name}: no triangles in it; expected a triangle mesh; a point cloud must be meshed first")
     if not isinstance(mesh, trimesh.Trimesh):
         raise damaged(name, kind, "no triangles in it; a point cloud must be meshed first")
     return mesh

@@ -51,11 +51,6 @@ def damaged(name: str, kind: str, detail: str) -> MeshError:
     )
 
 
-def no_triangles(name: str) -> MeshError:
-    """Return the error for a file of points, or of nothing."""
-    return MeshError(f"{name}: no triangles in it; expected a triangle mesh; a point cloud must be meshed first")
-
-
 def too_many_faces(name: str, count: int, limit: int) -> MeshError:
     """Return the error for a mesh above the limit."""
     return MeshError(

@@ -1,13 +1,16 @@
-"""Regular points on triangles: on a square lattice inside each, and along its edges, corners included.
+"""Regular points on triangles: on a square lattice inside each, and along its edges, corners included; faces near a box.
 
 Unlike random points these need no search, are the same for any part of a surface that one asks for, and hold every
 corner and edge of the mesh, where one body reaches deepest into another.
 """
 
+from __future__ import annotations
+
 from collections.abc import Sequence
 from dataclasses import dataclass
 
 import numpy as np
+import trimesh
 from jaxtyping import Float, Int, Num
 
 
@@ -203,3 +206,13 @@ def _ragged(count: Int[np.ndarray, " row"]) -> tuple[Int[np.ndarray, " n"], Int[
 
 def _cross(one: Float[np.ndarray, "n 2"], other: Float[np.ndarray, "n 2"]) -> Float[np.ndarray, " n"]:
     return one[:, 0] * other[:, 1] - one[:, 1] * other[:, 0]
+
+
+def faces_near(mesh: trimesh.Trimesh, bounds: Float[np.ndarray, "2 3"]) -> Int[np.ndarray, " near"]:
+    """Return the faces of a mesh whose boxes touch the given bounds [m]; few operations for each vertex of a large mesh."""
+    vertices, faces = np.asarray(mesh.vertices), np.asarray(mesh.faces)
+    near = np.arange(len(faces))
+    for axis in range(3):
+        for outside in (vertices[:, axis] < bounds[0, axis], vertices[:, axis] > bounds[1, axis]):
+            near = near[~outside[faces[near]].all(axis=1)]
+    return near

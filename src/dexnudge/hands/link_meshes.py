@@ -11,9 +11,9 @@ import trimesh
 from jaxtyping import Float
 
 from dexnudge.errors import HandError, MeshError
+from dexnudge.geometry.coarsening import thinned
 from dexnudge.geometry.mesh_files import parse_triangles
 from dexnudge.geometry.mesh_repair import wind_outward
-from dexnudge.geometry.thinning import thinned
 from dexnudge.hands.hand import Hand
 from dexnudge.hands.xml_text import refuse_entities
 from dexnudge.jobs.cached import cached_per_instance

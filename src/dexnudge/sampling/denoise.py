@@ -10,10 +10,10 @@ from torch import Tensor
 from dexnudge.diffusion.network import Condition
 from dexnudge.diffusion.prior import DiffusionPrior
 from dexnudge.energies.descent import pose_from_configuration
-from dexnudge.energies.weights import TermWeights
+from dexnudge.energies.terms import TermWeights
 from dexnudge.errors import InputError
 from dexnudge.hands.hand import Hand
-from dexnudge.sampling.guidance.rule import GuidanceRule, ReverseStep, active_contacts, unguided
+from dexnudge.sampling.guidance import GuidanceRule, ReverseStep, active_contacts, unguided
 from dexnudge.sampling.problem import SamplingProblem
 
 SELECTION_SWEEPS = 60  # of the balance solver, from a cold start

@@ -6,13 +6,19 @@ from dataclasses import asdict, dataclass, field, replace
 from jaxtyping import Float
 from torch import Tensor
 
-from dexnudge.energies.weights import TermWeights
+from dexnudge.energies.terms import TermWeights
 from dexnudge.errors import InputError, UnknownNameError, did_you_mean
 from dexnudge.plugins import call_foreign, load_plugin, plugin_names, plugin_title
 from dexnudge.sampling.denoise import DenoisingConfig
-from dexnudge.sampling.guidance.clean import CleanDescent, CleanGradient
-from dexnudge.sampling.guidance.rule import GuidanceRule, ReverseStep, unguided
-from dexnudge.sampling.guidance.spherical import CleanSpherical, PaperGuidance, Resampled, SphericalGuidance
+from dexnudge.sampling.guidance import GuidanceRule, ReverseStep, unguided
+from dexnudge.sampling.guidance_rules import (
+    CleanDescent,
+    CleanGradient,
+    CleanSpherical,
+    PaperGuidance,
+    Resampled,
+    SphericalGuidance,
+)
 from dexnudge.sampling.projection import ProjectionConfig
 
 GUIDING_WEIGHTS = TermWeights(contact=6.0, sweep=1.0, base=1.0, clearance_base=0.010)

@@ -26,11 +26,11 @@ from dexnudge.energies.descent import (
 )
 from dexnudge.energies.hand_kernel import kinematics
 from dexnudge.energies.kernel_structs import FAR
-from dexnudge.energies.weights import TermWeights
+from dexnudge.energies.terms import TermWeights
 from dexnudge.geometry.warp_runtime import WarpStruct, wp
 from dexnudge.hands.hand import Hand
 from dexnudge.sampling import projection_kernel
-from dexnudge.sampling.guidance.rule import active_contacts
+from dexnudge.sampling.guidance import active_contacts
 from dexnudge.sampling.problem import FACING_MOTION, ON_TOP, TIP_RADIUS, PushableSurface, SamplingProblem
 
 PROJECTION_WEIGHTS = TermWeights(

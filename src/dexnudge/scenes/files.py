@@ -1,4 +1,4 @@
-"""A scene as a folder: scene.json, object.obj and environment.obj."""
+"""A scene as a folder: scene.json, object.obj and environment.obj; and poses in files of their own."""
 
 from __future__ import annotations
 
@@ -8,14 +8,14 @@ from typing import Any
 
 import numpy as np
 import trimesh
+from jaxtyping import Float
 
-from dexnudge.errors import OutputError, SceneError, quote, what_failed
+from dexnudge.errors import LONGEST_QUOTE, OutputError, SceneError, check_path, quote, what_failed
 from dexnudge.geometry.meshes import load_environment, load_mesh
-from dexnudge.geometry.rigid import rigid_transform
-from dexnudge.jobs.json_files import path_inside, read_json_object
+from dexnudge.geometry.rigid import real_numbers, rigid_transform
+from dexnudge.jobs.json_files import path_inside, read_json, read_json_object
 from dexnudge.jobs.provenance import recorded_versions
-from dexnudge.scenes.motion import Turn
-from dexnudge.scenes.poses import unit_motion
+from dexnudge.scenes.motion import Turn, unit_motion
 from dexnudge.scenes.uncertainty import Uncertainty
 
 SCENE_FILE, OBJECT_FILE, ENVIRONMENT_FILE = "scene.json", "object.obj", "environment.obj"
@@ -133,3 +133,55 @@ def _plain(value: Any) -> Any:
     if isinstance(value, np.ndarray | np.generic):
         return value.tolist()
     return value
+
+
+POSE_KEY, POSITION_KEY, QUATERNION_KEY = "T_world_object", "position", "quaternion_wxyz"
+QUATERNION_TOLERANCE = 1e-3  # on the norm; three decimals are what people type
+
+
+def load_pose(path: str | Path, key: str = POSE_KEY, argument: str = "object_pose") -> Float[np.ndarray, "4 4"]:
+    """Read a pose from a JSON file: the 4 x 4 list, alone or named `key`, or "position" [m] and "quaternion_wxyz".
+
+    Raises:
+        SceneError: missing, malformed, or not a rigid pose.
+    """
+    check_path(argument, path, SceneError)
+    path = Path(path)
+    content = read_json(path)
+    if (
+        isinstance(content, list) and all(isinstance(row, list) for row in content) and len(content) > 1
+    ):  # the bare matrix
+        content = {key: content}
+    if not isinstance(content, dict):
+        raise SceneError(f"{path}: holds a JSON {type(content).__name__}; expected an object with named values")
+    if key in content and (POSITION_KEY in content or QUATERNION_KEY in content):
+        raise SceneError(
+            f"{path}: holds the pose twice, as {key!r} and as {POSITION_KEY!r} or {QUATERNION_KEY!r}; expected one "
+            "of them; remove the other"
+        )
+    if key in content:
+        return rigid_transform(content[key], f"{path}: {key}")
+    if POSITION_KEY not in content or QUATERNION_KEY not in content:
+        raise SceneError(
+            f"{path}: holds {quote(list(content))[1:-1] or 'nothing'}; expected {key!r} (4 x 4), or "
+            f"{POSITION_KEY!r} (x, y, z in metres) and {QUATERNION_KEY!r}"
+        )
+    position = _vector(content[POSITION_KEY], 3, POSITION_KEY, path)
+    quaternion = _vector(content[QUATERNION_KEY], 4, QUATERNION_KEY, path)
+    norm = float(np.linalg.norm(quaternion))
+    if not abs(norm - 1) <= QUATERNION_TOLERANCE:
+        raise SceneError(f"{path}: {QUATERNION_KEY} has norm {norm:.4g}; expected 1, in the order w, x, y, z")
+    pose = np.eye(4)
+    pose[:3, :3] = trimesh.transformations.quaternion_matrix(quaternion / norm)[:3, :3]
+    pose[:3, 3] = position
+    return rigid_transform(pose, key)
+
+
+def _vector(value: Any, size: int, key: str, path: Path) -> np.ndarray:
+    try:
+        vector = real_numbers(value)
+    except (TypeError, ValueError, OverflowError) as error:
+        raise SceneError(f"{path}: {key} is {repr(value)[:LONGEST_QUOTE]}; expected {size} numbers") from error
+    if vector.shape != (size,) or not np.isfinite(vector).all():
+        raise SceneError(f"{path}: {key} is {repr(value)[:LONGEST_QUOTE]}; expected {size} finite numbers")
+    return vector

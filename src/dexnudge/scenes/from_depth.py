@@ -12,8 +12,9 @@ import trimesh
 from jaxtyping import Float
 
 from dexnudge.errors import SceneError, quote
+from dexnudge.geometry.coarsening import coarsened_faces
 from dexnudge.geometry.exact_distance import ExactDistance
-from dexnudge.geometry.far_surroundings import coarsened_faces
+from dexnudge.geometry.rigid import rigid_transform
 from dexnudge.perception.completion import bridged, complete, without_object
 from dexnudge.perception.depth_view import DepthView, consistent
 from dexnudge.perception.fusion import ASSUMED, UNSEEN, VOXEL, EmptySpace, FusedSurface, fuse
@@ -21,7 +22,7 @@ from dexnudge.perception.masked_object import masked_object
 from dexnudge.perception.object_pixels import object_pixels
 from dexnudge.perception.planes import Plane, find_planes
 from dexnudge.perception.views import load_views
-from dexnudge.scenes.poses import load_pose, rigid_transform
+from dexnudge.scenes.files import load_pose
 
 REACH = 0.36  # [m] around the object and its way: wherever a hand can be that touches it
 WAYS = 0.10  # [m] a multiple of it is fused on all sides, so that ways of about one length are in the same world

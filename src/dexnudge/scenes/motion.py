@@ -187,6 +187,23 @@ class Motion:
         return Twist(self.direction, np.zeros(3))
 
 
+def unit_motion(value: Any) -> Float[np.ndarray, "3"]:
+    """Return `value` as a unit vector; SceneError when it is zero, not finite, or not three real numbers."""
+    try:
+        motion = real_numbers(value)
+    except (TypeError, ValueError, OverflowError, RuntimeError) as error:
+        raise SceneError(f"motion is not a vector of numbers; expected three ({error})") from error
+    if motion.shape != (3,):
+        raise SceneError(f"motion has shape {motion.shape}; expected three numbers (dx, dy, dz)")
+    largest = float(np.abs(motion).max())
+    if not 0 < largest < np.inf:
+        raise SceneError(
+            f"motion is ({motion[0]:g}, {motion[1]:g}, {motion[2]:g}); expected a finite direction that is not zero, "
+            "such as (1, 0, 0)"
+        )
+    return unit_vector(motion)
+
+
 def three_numbers(name: str, value: Any) -> Float[np.ndarray, "3"]:
     """Return a value as three finite numbers; SceneError with its name where it is none."""
     try:

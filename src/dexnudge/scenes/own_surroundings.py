@@ -13,7 +13,7 @@ from scipy.spatial import ConvexHull
 
 from dexnudge.errors import SceneError, quote
 from dexnudge.geometry.exact_distance import Rays
-from dexnudge.geometry.near_faces import faces_near
+from dexnudge.geometry.surface_lattice import faces_near
 from dexnudge.scenes.plane_fit import EXACT, MAD_TO_DEVIATION
 from dexnudge.scenes.settling import MOST_SHIFT, MOST_TURN, Settled, along_support, settle, snapped
 from dexnudge.scenes.supports import Support, all_supports, facing_points

@@ -15,9 +15,8 @@ from dexnudge.finding import Finding, Level, direction_text, length_text, vector
 from dexnudge.geometry.exact_distance import ExactDistance, ExactHit, Rays
 from dexnudge.geometry.meshes import LONGEST_ENVIRONMENT, LONGEST_OBJECT, SHORTEST_OBJECT
 from dexnudge.geometry.meshes import UNITS as METRES_PER_UNIT
-from dexnudge.geometry.near_faces import faces_near
 from dexnudge.geometry.overlap import deepest_overlap, way_to_surface
-from dexnudge.geometry.surface_lattice import surface_lattice
+from dexnudge.geometry.surface_lattice import faces_near, surface_lattice
 from dexnudge.jobs.cached import cached_per_instance
 from dexnudge.scenes.supports import facing_points
 

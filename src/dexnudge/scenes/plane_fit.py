@@ -11,7 +11,7 @@ import numpy as np
 import trimesh
 from jaxtyping import Bool, Float, Int
 
-from dexnudge.geometry.near_faces import faces_near
+from dexnudge.geometry.surface_lattice import faces_near
 
 LEAST_POINTS = 12  # of a patch; fewer make no plane
 TRIPLES = 300  # of points tried; half of the points may belong to no plane and one of them is good all the same

@@ -10,6 +10,7 @@ from jaxtyping import Float
 from scipy.spatial import ConvexHull
 
 from dexnudge.errors import SceneError
+from dexnudge.geometry.mesh_repair import solid_angles
 from dexnudge.geometry.meshes import centre_of_mass
 from dexnudge.scenes.boxes import shift, turn
 
@@ -79,7 +80,7 @@ def _most_stable_direction(mesh: trimesh.Trimesh) -> Float[np.ndarray, "3"]:
     hull = mesh.convex_hull
     corners = np.asarray(hull.triangles) - centre_of_mass(mesh)
     normals = np.asarray(hull.face_normals)
-    angles = _solid_angles(corners)
+    angles = np.abs(solid_angles(corners))
     height = np.einsum("ij,ij->i", corners[:, 0], normals)
     feet = normals * height[:, None]
     inside = trimesh.triangles.points_to_barycentric(corners, feet).min(axis=1) >= -EDGE_TOLERANCE
@@ -92,15 +93,6 @@ def _most_stable_direction(mesh: trimesh.Trimesh) -> Float[np.ndarray, "3"]:
     # Rounded so that noise in the last digits does not decide between equal directions.
     keys = np.round(normals[best], 6)
     return normals[best[np.lexsort((keys[:, 0], keys[:, 1], keys[:, 2]))[0]]]
-
-
-def _solid_angles(corners: Float[np.ndarray, "n 3 3"]) -> Float[np.ndarray, " n"]:
-    """Solid angle [sr] of triangles seen from the origin (Van Oosterom and Strackee, 1983)."""
-    a, b, c = corners[:, 0], corners[:, 1], corners[:, 2]
-    na, nb, nc = (np.linalg.norm(v, axis=1) for v in (a, b, c))
-    volume = np.abs(np.einsum("ij,ij->i", a, np.cross(b, c)))
-    ab, bc, ca = (np.einsum("ij,ij->i", u, v) for u, v in ((a, b), (b, c), (c, a)))
-    return 2 * np.arctan2(volume, na * nb * nc + ab * nc + bc * na + ca * nb)
 
 
 def _face_down(normal: Float[np.ndarray, "3"]) -> Float[np.ndarray, "3 3"]:

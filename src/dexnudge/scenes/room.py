@@ -10,7 +10,7 @@ from jaxtyping import Float
 
 from dexnudge.finding import Finding, Level
 from dexnudge.geometry.exact_distance import Rays
-from dexnudge.geometry.near_faces import faces_near
+from dexnudge.geometry.surface_lattice import faces_near
 from dexnudge.hands.hand import Hand
 from dexnudge.jobs.cached import cached_per_instance
 from dexnudge.scenes.scene import Scene

@@ -14,18 +14,17 @@ from jaxtyping import Float
 
 from dexnudge.errors import SceneError, check_kind, check_path, quote
 from dexnudge.finding import Finding
-from dexnudge.geometry.far_surroundings import coarsened_far
+from dexnudge.geometry.coarsening import coarsened_far
 from dexnudge.geometry.mesh_repair import turned_toward
 from dexnudge.geometry.meshes import centre_of_mass, checked_environment, load_environment
 from dexnudge.geometry.rigid import rigid_transform
 from dexnudge.jobs.cached import cached_per_instance
 from dexnudge.objects.sets import object_mesh
 from dexnudge.perception.depth_view import DepthView
-from dexnudge.scenes.files import LARGEST_NUMBER, MARGINS, NUMBERS, read_scene, write_scene
-from dexnudge.scenes.motion import FARTHEST_AXIS, SMALLEST_TURN, Motion, Turn
+from dexnudge.scenes.files import LARGEST_NUMBER, MARGINS, NUMBERS, load_pose, read_scene, write_scene
+from dexnudge.scenes.motion import FARTHEST_AXIS, SMALLEST_TURN, Motion, Turn, unit_motion
 from dexnudge.scenes.own_surroundings import check_margins, understood, without_hole_below
 from dexnudge.scenes.placement import placement_findings, size_findings
-from dexnudge.scenes.poses import load_pose, unit_motion
 from dexnudge.scenes.resting import long_side_along_x
 from dexnudge.scenes.supports import TOUCHING, Support, all_supports
 from dexnudge.scenes.uncertainty import Uncertainty

@@ -14,7 +14,7 @@ from scipy.spatial.transform import Rotation
 
 from dexnudge.geometry.exact_distance import Rays
 from dexnudge.geometry.meshes import centre_of_mass
-from dexnudge.geometry.near_faces import faces_near
+from dexnudge.geometry.surface_lattice import faces_near
 from dexnudge.scenes.plane_fit import EXACT, STRAY
 from dexnudge.scenes.supports import Support, facing_points, nearest_surface
 

@@ -14,8 +14,7 @@ import trimesh
 from jaxtyping import Bool, Float, Int
 
 from dexnudge.geometry.exact_distance import Rays
-from dexnudge.geometry.near_faces import faces_near
-from dexnudge.geometry.surface_lattice import distinct_rows, surface_lattice
+from dexnudge.geometry.surface_lattice import distinct_rows, faces_near, surface_lattice
 from dexnudge.scenes.plane_fit import (
     EXACT,
     LEAST_POINTS,

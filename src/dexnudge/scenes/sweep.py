@@ -10,8 +10,7 @@ from jaxtyping import Bool, Float
 from scipy.spatial.transform import Rotation
 
 from dexnudge.geometry.exact_distance import ExactDistance, Rays
-from dexnudge.geometry.near_faces import faces_near
-from dexnudge.geometry.surface_lattice import Boxes, distinct_rows, lattice_in_boxes, surface_lattice
+from dexnudge.geometry.surface_lattice import Boxes, distinct_rows, faces_near, lattice_in_boxes, surface_lattice
 from dexnudge.jobs.cached import cached_per_instance
 from dexnudge.scenes.motion import Motion, Turn
 from dexnudge.scenes.placement import INITIAL_PENETRATION_LIMIT, surroundings_distance

@@ -20,8 +20,8 @@ from scipy.spatial.transform import Rotation
 
 from dexnudge.errors import InputError, SceneError
 from dexnudge.geometry.meshes import centre_of_mass
+from dexnudge.hands.export import body_inertia, mjcf_of_hand
 from dexnudge.hands.hand import ROOT_COORDINATES, Hand
-from dexnudge.hands.mjcf_export import body_inertia, mjcf_of_hand
 from dexnudge.jobs.cached import cached_per_instance
 from dexnudge.mechanics.contacts import HandContacts
 from dexnudge.mechanics.sliding_task import GRAVITY

@@ -13,7 +13,7 @@ from dexnudge.sampling.methods import Method
 from dexnudge.sampling.problem import prepare
 from dexnudge.sampling.sampler import Sampler, call_seed
 from dexnudge.scenes.scene import Scene
-from dexnudge.studio.layers import Layers
+from dexnudge.studio.views import Layers
 from dexnudge.verification.verdicts import Verdicts
 
 MOST_AT_ONCE = 32  # hands that are shown together

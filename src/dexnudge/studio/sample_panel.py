@@ -9,7 +9,7 @@ import numpy as np
 from jaxtyping import Float
 from scipy.spatial.transform import Rotation
 
-from dexnudge.energies.weights import BUILTIN_WEIGHTS
+from dexnudge.energies.terms import BUILTIN_WEIGHTS
 from dexnudge.objects.builtin import KINDS
 from dexnudge.sampling.methods import find_method
 from dexnudge.sampling.sampler import DEFAULT_METHOD

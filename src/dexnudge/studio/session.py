@@ -23,13 +23,14 @@ from dexnudge.scenes.families import build_scene
 from dexnudge.studio.content import Content
 from dexnudge.studio.draws import MOST_AT_ONCE, MOST_DRAWS, VERIFIED, draws, figures, listed
 from dexnudge.studio.edits import Edits
-from dexnudge.studio.layers import Layers, layers_of
 from dexnudge.studio.playback import Player, carried, forces_at
 from dexnudge.studio.stage import Stage
 from dexnudge.studio.views import (
+    Layers,
     clearance_colours,
     draws_together,
     force_colours,
+    layers_of,
     mark,
     scene_alone,
     sliding_parts,

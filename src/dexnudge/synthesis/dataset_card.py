@@ -32,7 +32,7 @@ from dexnudge.scenes.scene import FRICTION_ENVIRONMENT, FRICTION_HAND, MASS, MAX
 from dexnudge.simulation import hold, model
 from dexnudge.synthesis.acceptance import PENETRATION_LIMIT, PRESSING
 from dexnudge.synthesis.turns import TABLE_EDGE
-from dexnudge.verification.solid_surface import SURFACE_SPACING
+from dexnudge.verification.solids import SURFACE_SPACING
 
 CARD_FILE = "README.md"
 TAGS = ["robotics", "dexterous-manipulation", "non-prehensile", "grasping", "robot-hand"]

@@ -17,7 +17,7 @@ from torch import Tensor
 
 from dexnudge.energies import HandEnergy, HandPose
 from dexnudge.energies.descent import HandDescent, StepSizes, configuration_from_pose
-from dexnudge.energies.weights import TermWeights
+from dexnudge.energies.terms import TermWeights
 from dexnudge.geometry.surface_points import SurfacePoints
 from dexnudge.geometry.warp_runtime import WarpStruct
 from dexnudge.hands.hand import Hand

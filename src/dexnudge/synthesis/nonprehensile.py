@@ -14,7 +14,7 @@ from torch import Tensor
 
 from dexnudge.energies import HandEnergy
 from dexnudge.energies.descent import HandDescent, HandPose, StepSizes, configuration_from_pose
-from dexnudge.energies.weights import TermWeights
+from dexnudge.energies.terms import TermWeights
 from dexnudge.geometry.surface_points import SurfacePoints
 from dexnudge.geometry.warp_runtime import WarpStruct
 from dexnudge.hands.hand import Hand

@@ -7,8 +7,16 @@ import numpy as np
 from jaxtyping import Float
 
 from dexnudge.arms.robot import Robot
-from dexnudge.execution.grasp_and_lift import HOLD_TIME, LIFT, LIFT_SPEED, MOST_PLANNED, SQUEEZE_SHARE, LiftWay
-from dexnudge.execution.grasp_finder import Grasp, GraspFinder
+from dexnudge.execution.grasp_and_lift import (
+    HOLD_TIME,
+    LIFT,
+    LIFT_SPEED,
+    MOST_PLANNED,
+    SQUEEZE_SHARE,
+    Grasp,
+    GraspFinder,
+    LiftWay,
+)
 from dexnudge.execution.scene_rollout import opening_path
 from dexnudge.execution.slide_grasp_lift import AIM, GRASP_DRAWS
 from dexnudge.geometry.transforms import transform_configurations

@@ -146,11 +146,6 @@ def _motion_not_blocked(
     return np.full(len(hands), found.free_way.length), np.full(len(hands), found.free_way.whole)
 
 
-def _what_blocks(found: Measurements) -> str:
-    """Return the beginning of a sentence: "the object is blocked after 41 mm by something 6 mm high at (…) m"."""
-    return f"the object is {found.free_way}"
-
-
 def _force_margin(_: HandBatch, found: Measurements) -> tuple[Float[np.ndarray, " n"], Bool[np.ndarray, " n"]]:
     """Largest factor in [0, 3] on friction_environment at which forces balance; they must at the friction itself too.
 
@@ -204,7 +199,7 @@ _BUILTIN = (
         "motion_not_blocked",
         _motion_not_blocked,
         ", and no hand can help it; choose another `motion` or a shorter `motion_length`, or mend the `object_pose`",
-        found=_what_blocks,
+        found=lambda found: f"the object is {found.free_way}",  # "blocked after 41 mm by something 6 mm high at (…) m"
     ),
     BuiltinCriterion(
         "force_margin",

@@ -13,8 +13,7 @@ from dexnudge.jobs.cached import cached_per_instance
 from dexnudge.scenes.placement import surroundings_distance
 from dexnudge.scenes.scene import Scene
 from dexnudge.verification.point_tree import PointHits, build_tree, near_points, raise_depths
-from dexnudge.verification.solid_surface import TriangleSurface
-from dexnudge.verification.solids import SolidDistance, Solids
+from dexnudge.verification.solids import SolidDistance, Solids, TriangleSurface
 
 WIDEST_HOLE = 0.03
 """A wider opening in the surroundings is the border of a scan, not a hole in a body; see `SolidDistance` [m]."""

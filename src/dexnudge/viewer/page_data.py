@@ -7,7 +7,7 @@ from typing import Any
 import numpy as np
 import trimesh
 
-from dexnudge.geometry.thinning import thinned
+from dexnudge.geometry.coarsening import thinned
 from dexnudge.viewer.camera import Camera, choose_camera
 from dexnudge.viewer.picture import corner_normals
 from dexnudge.viewer.visual_scene import (

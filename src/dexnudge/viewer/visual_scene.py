@@ -17,8 +17,8 @@ from jaxtyping import Float
 from scipy.spatial.transform import Rotation
 
 from dexnudge.errors import InputError
-from dexnudge.geometry.near_faces import faces_near
-from dexnudge.geometry.thinning import thinned
+from dexnudge.geometry.coarsening import thinned
+from dexnudge.geometry.surface_lattice import faces_near
 from dexnudge.hands.hand import Hand
 from dexnudge.hands.link_meshes import visual_meshes
 from dexnudge.scenes.boxes import joined

@@ -9,7 +9,7 @@ from dexnudge.dataset.manifest import Manifest, read_manifest
 from dexnudge.diffusion.checkpoint import read_state_header
 from dexnudge.diffusion.model_card import CARD_NAME
 from dexnudge.experiments.learning.plan import METHODS, LearningPlan
-from dexnudge.experiments.metrics import Measured, measure, named
+from dexnudge.experiments.metrics import measure, named
 from dexnudge.experiments.report import FEW, FEWEST, REPORT, made_with, write_files
 from dexnudge.experiments.run import read_run
 from dexnudge.experiments.sampling_records import METRICS
@@ -59,6 +59,9 @@ def write_learning_report(
     claim, records = runs[0][0], [record for _, found in runs for record in found]
     records.sort(key=lambda each: (scenes.index(each.scene), METHODS.index(each.method), each.object))
     measured = measure(records, METRICS)
+    single = {row["method"]: row["single"].percent() for row in measured if row["scene"] == "table"}
+    learned, without = (single[method] for method in METHODS)
+    headline = f"On the table {learned} % of single draws succeed, without learning {without} %."
     few = FEW if plan.trial_objects < FEWEST else ""
     about = (
         f"{plan.trial_objects} objects of builtin:test, none of which was learned from, {plan.draws} draws each, "
@@ -68,7 +71,7 @@ def write_learning_report(
     left_out = [*plan.cuts, *([f"evaluation in the scenes {', '.join(late)}: no time was left"] if late else [])]
     success, picture = f"{about}{ABOUT}{few}", _picture(folder, hand, plan)
     sections = [
-        Section("", f"{hand.num_joints} joints, {len(hand.fingertips)} digits. {_headline(measured)}"),
+        Section("", f"{hand.num_joints} joints, {len(hand.fingertips)} digits. {headline}"),
         Section("Success", success, metric_table(measured, SHOWN)),
         Section("Time", "", _time_table(plan, seconds)),
         _data(manifest),
@@ -98,12 +101,6 @@ def write_learning_report(
             f"{before}{CARD_HEADING}{success}\n\n{metric_table(measured, SHOWN).markdown()}\n", encoding="utf-8"
         )
     return text, any(row["any"].value > 0 for row in measured if row["method"] == METHODS[0])
-
-
-def _headline(measured: Sequence[Measured]) -> str:
-    single = {row["method"]: row["single"] for row in measured if row["scene"] == "table"}
-    learned, without = (single[method] for method in METHODS)
-    return f"On the table {learned.percent()} % of single draws succeed, without learning {without.percent()} %."
 
 
 def _time_table(plan: LearningPlan, seconds: Mapping[str, float]) -> Table:

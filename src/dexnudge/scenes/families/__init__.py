@@ -17,13 +17,10 @@ from dexnudge.plugins import call_plugin, plugin_names, usable_plugins
 from dexnudge.scenes.asked_turn import with_turn
 from dexnudge.scenes.families.book import book
 from dexnudge.scenes.families.clutter import clutter
-from dexnudge.scenes.families.corner import corner
 from dexnudge.scenes.families.drawer import drawer
-from dexnudge.scenes.families.edge import edge
 from dexnudge.scenes.families.layers import layers, slot
 from dexnudge.scenes.families.shelf import deep, shelf
-from dexnudge.scenes.families.stack import stack
-from dexnudge.scenes.families.table import ramp, table, turn
+from dexnudge.scenes.families.table import corner, edge, ramp, stack, table, turn
 from dexnudge.scenes.motion import check_asked
 from dexnudge.scenes.scene import Scene, check_physics
 

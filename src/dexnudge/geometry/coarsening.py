@@ -1,8 +1,9 @@
-"""Large surroundings, made coarse where neither hand nor object comes: what is near stays as it is, triangle by triangle.
+"""Meshes with fewer triangles: large surroundings, coarse where neither hand nor object comes, and what is only looked at.
 
-Vertices beyond are joined by the cells of a grid whose cells grow with the distance (vertex clustering, Rossignac and
-Borrel, 1993). Nothing is cut off: joining vertices maps closed surfaces onto closed ones, so the winding number near the
-object, and with it inside and outside, is that of the whole.
+Of surroundings what is near stays as it is, triangle by triangle. Vertices beyond are joined by the cells of a grid whose
+cells grow with the distance (vertex clustering, Rossignac and Borrel, 1993). Nothing is cut off: joining vertices maps
+closed surfaces onto closed ones, so the winding number near the object, and with it inside and outside, is that of the
+whole.
 """
 
 from __future__ import annotations
@@ -220,3 +221,23 @@ def _faces_left(
     keep[gone] = False
     left = np.flatnonzero(keep)
     return left, corners[left]
+
+
+LARGEST_MESH = 40_000  # triangles; a finer mesh is thinned, so that a page stays below a few megabytes
+FIRST_CELL = 1 / 400  # of a mesh's diagonal: cells into which a too fine mesh is thinned
+COARSER = 1.25  # by this the cells grow until the mesh is small enough
+
+
+def thinned(mesh: trimesh.Trimesh, *, most: int = LARGEST_MESH) -> trimesh.Trimesh:
+    """Return a mesh of at most so many triangles that looks the same: vertices that share a small cell become one.
+
+    Only for looking at; nothing is ever judged on it.
+    """
+    result, cell = mesh, float(np.linalg.norm(mesh.extents)) * FIRST_CELL
+    while len(result.faces) > most:
+        result = trimesh.Trimesh((mesh.vertices - mesh.bounds[0]) / cell, mesh.faces, process=False)
+        result.merge_vertices(digits_vertex=0)
+        result.update_faces(result.nondegenerate_faces() & result.unique_faces())
+        result = trimesh.Trimesh(mesh.bounds[0] + cell * result.vertices, result.faces, process=False)
+        cell *= COARSER
+    return result

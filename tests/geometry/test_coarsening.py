@@ -5,9 +5,9 @@ import pytest
 import trimesh
 from scipy.spatial import cKDTree
 
-from dexnudge.geometry import far_surroundings
+from dexnudge.geometry import coarsening
+from dexnudge.geometry.coarsening import coarsened_faces, coarsened_far
 from dexnudge.geometry.exact_distance import ExactDistance
-from dexnudge.geometry.far_surroundings import coarsened_faces, coarsened_far
 from dexnudge.geometry.mesh_repair import solid_angles
 from dexnudge.perception.fusion import isosurface
 
@@ -29,7 +29,7 @@ def room():
 @pytest.fixture(scope="module")
 def coarse(room):
     with pytest.MonkeyPatch.context() as patch:
-        patch.setattr(far_surroundings, "LARGE", 1000)
+        patch.setattr(coarsening, "LARGE", 1000)
         return coarsened_far(room, LOW, HIGH, reach=REACH)
 
 
@@ -73,7 +73,7 @@ def test_an_open_border_stays_an_open_border(room):
     top = room.copy()
     top.update_faces(top.face_normals[:, 2] > 0.5)
     with pytest.MonkeyPatch.context() as patch:
-        patch.setattr(far_surroundings, "LARGE", 500)
+        patch.setattr(coarsening, "LARGE", 500)
         found = coarsened_far(top, LOW, HIGH, reach=REACH)
     assert len(found.faces) < 0.7 * len(top.faces)
     for height in (-0.05, 0.05):

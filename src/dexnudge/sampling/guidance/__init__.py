@@ -1,1 +1,0 @@
-"""Guidance rules: how the scene's losses steer the reverse diffusion."""
