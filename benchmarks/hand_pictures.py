@@ -4,9 +4,9 @@ from pathlib import Path
 
 import dexnudge as dn
 from dexnudge.hands.closing import closing
-from dexnudge.viewer.hand_picture import hand_cameras
 from dexnudge.viewer.hand_view import hand_views
 from dexnudge.viewer.picture import arrange, render_array, write_png
+from dexnudge.viewer.robot_pictures import hand_cameras
 
 NAMED = ("shadow_lite", "shadow_full", "allegro", "leap", "dex3", "panda_gripper")
 SIDE = "from the front"

@@ -48,7 +48,7 @@ def test_what_cannot_be_is_refused(dexnudge, arguments, message):
 
 
 def test_the_picture_shows_the_hand():
-    from dexnudge.viewer.arm_picture import arm_picture
+    from dexnudge.viewer.robot_pictures import arm_picture
 
     arm = dn.load_arm("panda")
     robot = dn.mount(arm, dn.load_hand("panda_gripper"))

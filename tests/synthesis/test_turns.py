@@ -13,10 +13,9 @@ from dexnudge.mechanics.balance import balance_problem, problem_margin
 from dexnudge.mechanics.sliding_task import sliding_task
 from dexnudge.objects.builtin import builtin_object
 from dexnudge.scenes.resting import standing_pose
-from dexnudge.synthesis.acceptance import NonPrehensileVerifier, resting_scene
+from dexnudge.synthesis.acceptance import TABLE_EDGE, NonPrehensileVerifier, resting_scene, resting_turns
 from dexnudge.synthesis.object_data import at_rest, generate_object, stands
 from dexnudge.synthesis.recheck import check_dataset, label_turns
-from dexnudge.synthesis.turns import TABLE_EDGE, resting_turns
 
 LENGTH, WIDTH, HEIGHT = 0.2, 0.1, 0.04  # [m]
 PLACE = 2e-6  # [m, m/m] supports are found on points that are rounded to 1e-7 m

@@ -6,8 +6,8 @@ import numpy as np
 import pytest
 import trimesh
 
-from dexnudge.viewer.hand_picture import hand_picture
 from dexnudge.viewer.hand_view import ARROW_COLOUR, DIGIT_COLOURS, hand_views, palm_in_view
+from dexnudge.viewer.robot_pictures import hand_picture
 
 TILE, GAP = (168, 180), 6  # pixels
 HEADING = 23  # pixels

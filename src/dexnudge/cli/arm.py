@@ -56,8 +56,8 @@ class ArmCommand(MountOptions):
 
     def _write(self, shown: Arm | Robot, out: str) -> None:
         from dexnudge.jobs.folders import new_folder
-        from dexnudge.viewer.arm_picture import arm_picture
         from dexnudge.viewer.picture import write_png
+        from dexnudge.viewer.robot_pictures import arm_picture
 
         with new_folder(out, overwrite=self.overwrite, marker=PICTURE) as folder:
             write_png(arm_picture(shown), folder / PICTURE)

@@ -99,9 +99,9 @@ class HandCommand:
     def _write(self, out: str) -> PreparedHand:
         from dexnudge.hands.export import export_hand
         from dexnudge.jobs.folders import new_folder
-        from dexnudge.viewer.hand_picture import hand_picture
         from dexnudge.viewer.hand_view import write_hand_page
         from dexnudge.viewer.picture import write_png
+        from dexnudge.viewer.robot_pictures import hand_picture
 
         argument = "prepare" if self.prepare is not None else "out"
         former = self._replaceable(out, argument) if self.overwrite else ()
