@@ -4,7 +4,7 @@ import torch
 from jaxtyping import Float
 from torch import Tensor
 
-from dexnudge.energies import HandPose
+from dexnudge.energies.descent import HandPose
 from dexnudge.hands.hand import ROOT_COORDINATES, Hand
 
 

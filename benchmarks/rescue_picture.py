@@ -13,7 +13,7 @@ from PIL import Image
 import dexnudge as dn
 from dexnudge.execution.executor import Executor
 from dexnudge.execution.film import film_of_trace, save_film
-from dexnudge.objects import resolve_object_set
+from dexnudge.objects.sets import resolve_object_set
 from dexnudge.simulation.model import scene_model
 
 GAP = 6  # pixels between the rows

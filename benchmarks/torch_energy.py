@@ -15,8 +15,9 @@ from moves import rotation_vector_to_matrix
 from torch import Tensor
 from torch.nn.functional import grid_sample
 
-from dexnudge.energies import HandPose, TermWeights
+from dexnudge.energies.descent import HandPose
 from dexnudge.energies.hand_model import build_hand_model
+from dexnudge.energies.terms import TermWeights
 from dexnudge.geometry.warp_runtime import WarpStruct
 from dexnudge.hands.export import export_hand
 from dexnudge.hands.hand import Hand

@@ -17,8 +17,7 @@ from jaxtyping import Bool, Float
 from moves import retract
 from torch import Tensor
 
-from dexnudge.energies import HandPose
-from dexnudge.energies.descent import configuration_from_pose
+from dexnudge.energies.descent import HandPose, configuration_from_pose
 from dexnudge.geometry.warp_runtime import WarpStruct
 from dexnudge.hands.hand import Hand
 

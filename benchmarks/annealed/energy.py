@@ -26,7 +26,8 @@ from annealed.starts import farthest_points
 from jaxtyping import Float, Int
 from torch import Tensor
 
-from dexnudge.energies import HandEnergy, HandPose
+from dexnudge.energies.descent import HandPose
+from dexnudge.energies.evaluator import HandEnergy
 from dexnudge.energies.hand_kernel import kinematics, reduce_gradient
 from dexnudge.geometry.exact_distance import ExactDistance
 from dexnudge.geometry.surface_points import surface_points

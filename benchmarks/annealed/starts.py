@@ -6,7 +6,7 @@ import trimesh
 from jaxtyping import Float
 from scipy.stats import truncnorm
 
-from dexnudge.energies import HandPose
+from dexnudge.energies.descent import HandPose
 from dexnudge.hands.hand import ROOT_COORDINATES, Hand
 
 INFLATION = 0.2  # [m] by which the object's convex hull grows

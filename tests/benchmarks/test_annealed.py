@@ -16,9 +16,9 @@ from annealed.energy import (
 from annealed.starts import BACK_OFF, CONE, INFLATION, PALM_TO_FINGERS, annealing_starts
 from moves import retract
 
-from dexnudge.energies import HandPose, build_scene_fields
-from dexnudge.energies.descent import configuration_from_pose
+from dexnudge.energies.descent import HandPose, configuration_from_pose
 from dexnudge.energies.grid_kernel import pack_grids
+from dexnudge.energies.scene_fields import build_scene_fields
 from dexnudge.geometry.distance_grid import DistanceGrid
 from dexnudge.geometry.exact_distance import ExactDistance
 from dexnudge.geometry.meshes import centre_of_mass

@@ -6,13 +6,16 @@ import torch
 import trimesh
 from moves import retract, rotation_vector_to_matrix
 
-from dexnudge.energies import HandEnergy, HandPose, TermWeights, build_scene_fields
 from dexnudge.energies.descent import (
     HandDescent,
+    HandPose,
     StepSizes,
     configuration_from_pose,
     pose_from_configuration,
 )
+from dexnudge.energies.evaluator import HandEnergy
+from dexnudge.energies.scene_fields import build_scene_fields
+from dexnudge.energies.terms import TermWeights
 
 BATCH = 5
 ROUNDING = 1e-6

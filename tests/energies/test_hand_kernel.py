@@ -8,7 +8,8 @@ import torch
 import trimesh
 from moves import rotation_vector_to_matrix
 
-from dexnudge.energies import HandEnergy, HandPose, TermWeights, build_scene_fields
+from dexnudge.energies.descent import HandPose
+from dexnudge.energies.evaluator import HandEnergy
 from dexnudge.energies.hand_model import _link_grid
 from dexnudge.energies.scene_fields import (
     FAR_CELL,
@@ -18,8 +19,10 @@ from dexnudge.energies.scene_fields import (
     OBJECT_CELL,
     OBJECT_PADDING,
     build_guided_fields,
+    build_scene_fields,
     swept_grid,
 )
+from dexnudge.energies.terms import TermWeights
 from dexnudge.errors import InputError
 from dexnudge.geometry.distance_grid import DistanceGrid, distance_grid
 from dexnudge.geometry.exact_distance import ExactDistance

@@ -8,7 +8,7 @@ from dexnudge.objects.builtin import builtin_object
 from dexnudge.planning.approach import Approach, ApproachPlanner
 from dexnudge.planning.hand_motion import palm_pose
 from dexnudge.sampling.sampler import Sampler
-from dexnudge.scenes import build_scene
+from dexnudge.scenes.families import build_scene
 from dexnudge.verification.penetration import PenetrationCheck
 
 LIMIT = 1e-3  # [m] the penetration that a configuration may have

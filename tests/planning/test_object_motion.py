@@ -7,7 +7,7 @@ from dexnudge.objects.builtin import builtin_object
 from dexnudge.planning.lying_object import lying_object
 from dexnudge.planning.object_path import GraspableLimits, ObjectMotion, plan_object_motion
 from dexnudge.planning.outcomes import Outcome
-from dexnudge.scenes import build_scene
+from dexnudge.scenes.families import build_scene
 
 LIFT = 0.0015  # [m] steps lower than this are no obstacle
 

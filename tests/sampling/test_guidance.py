@@ -9,9 +9,10 @@ from diffusers import DPMSolverMultistepScheduler
 
 from dexnudge.diffusion.prior import DiffusionPrior
 from dexnudge.diffusion.schedule import ddim_mean_and_sigma
-from dexnudge.energies import HandEnergy, TermWeights
 from dexnudge.energies.descent import pose_from_configuration
+from dexnudge.energies.evaluator import HandEnergy
 from dexnudge.energies.force_residual import ForceResidual
+from dexnudge.energies.terms import TermWeights
 from dexnudge.hands.hand import ROOT_COORDINATES
 from dexnudge.sampling.denoise import DenoisingConfig
 from dexnudge.sampling.guidance import (

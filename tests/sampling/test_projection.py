@@ -9,8 +9,9 @@ import numpy as np
 import pytest
 import torch
 
-from dexnudge.energies import HandEnergy, TermWeights
 from dexnudge.energies.descent import StepSizes, pose_from_configuration
+from dexnudge.energies.evaluator import HandEnergy
+from dexnudge.energies.terms import TermWeights
 from dexnudge.mechanics.contacts import HAND_CONTACT_DISTANCE
 from dexnudge.sampling.problem import prepare
 from dexnudge.sampling.projection import ProjectionConfig, project
@@ -162,7 +163,8 @@ def test_the_start_is_not_changed(hand, problem, starts):
 UNLOADED_KERNELS = """
 import torch
 import dexnudge as dn
-from dexnudge.energies import force_residual, hand_kernel
+from dexnudge.energies import force_residual
+from dexnudge.energies import hand_kernel
 from dexnudge.sampling import projection, projection_kernel
 
 KERNELS = hand_kernel.kinematics, hand_kernel.energies, force_residual.solve_balance, projection_kernel.advance

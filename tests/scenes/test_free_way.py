@@ -6,9 +6,8 @@ import numpy as np
 import pytest
 import trimesh
 
-from dexnudge.scenes import build_scene
 from dexnudge.scenes.boxes import box, joined
-from dexnudge.scenes.families import SCENE_FAMILIES
+from dexnudge.scenes.families import SCENE_FAMILIES, build_scene
 from dexnudge.scenes.free_way import free_way
 from dexnudge.scenes.scene import Scene
 from dexnudge.scenes.support_contacts import support_contacts

@@ -8,7 +8,7 @@ import numpy as np
 import pytest
 
 from dexnudge.objects.builtin import builtin_object
-from dexnudge.scenes import build_scene
+from dexnudge.scenes.families import build_scene
 from dexnudge.simulation.model import OBJECT_SIDE, scene_model
 from dexnudge.simulation.push_forces import closed_configuration
 from dexnudge.verification.verdicts import contacts_of

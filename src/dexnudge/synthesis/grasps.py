@@ -15,8 +15,8 @@ import trimesh
 from jaxtyping import Bool, Float, Int
 from torch import Tensor
 
-from dexnudge.energies import HandEnergy, HandPose
-from dexnudge.energies.descent import HandDescent, StepSizes, configuration_from_pose
+from dexnudge.energies.descent import HandDescent, HandPose, StepSizes, configuration_from_pose
+from dexnudge.energies.evaluator import HandEnergy
 from dexnudge.energies.terms import TermWeights
 from dexnudge.geometry.surface_points import SurfacePoints
 from dexnudge.geometry.warp_runtime import WarpStruct

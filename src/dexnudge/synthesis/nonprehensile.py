@@ -12,8 +12,8 @@ import torch
 from jaxtyping import Bool, Float
 from torch import Tensor
 
-from dexnudge.energies import HandEnergy
 from dexnudge.energies.descent import HandDescent, HandPose, StepSizes, configuration_from_pose
+from dexnudge.energies.evaluator import HandEnergy
 from dexnudge.energies.terms import TermWeights
 from dexnudge.geometry.surface_points import SurfacePoints
 from dexnudge.geometry.warp_runtime import WarpStruct

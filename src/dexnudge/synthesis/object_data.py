@@ -17,8 +17,10 @@ from jaxtyping import Float
 from dexnudge.dataset.manifest import Manifest
 from dexnudge.dataset.schema import BehaviourCounts, ConfigurationRow, round_configuration
 from dexnudge.dataset.shards import write_shard
-from dexnudge.energies import HandEnergy, TermWeights, build_scene_fields
 from dexnudge.energies.descent import pose_from_configuration
+from dexnudge.energies.evaluator import HandEnergy
+from dexnudge.energies.scene_fields import build_scene_fields
+from dexnudge.energies.terms import TermWeights
 from dexnudge.errors import DatasetError, DexnudgeError, OutputError
 from dexnudge.geometry.meshes import centre_of_mass
 from dexnudge.geometry.surface_points import object_cloud, surface_points
