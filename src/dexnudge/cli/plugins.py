@@ -38,7 +38,7 @@ def builtin_names() -> dict[str, tuple[str, ...]]:
     """Return the built-in names of each kind."""
     from dexnudge.arms.registry import ARMS
     from dexnudge.energies.terms import BUILTIN_WEIGHTS
-    from dexnudge.hands.registry import HANDS
+    from dexnudge.hands.named import HANDS
     from dexnudge.sampling.methods import METHODS
     from dexnudge.scenes.families import SCENE_FAMILIES
     from dexnudge.verification.criteria import default_criteria

@@ -20,6 +20,7 @@ from dexnudge.errors import InputError
 from dexnudge.geometry.meshes import centre_of_mass
 from dexnudge.hands.hand import Hand
 from dexnudge.jobs.folders import replace_atomically
+from dexnudge.mechanics.sliding_task import GRAVITY
 from dexnudge.scenes.scene import Scene
 from dexnudge.simulation.convex_pieces import environment_pieces
 from dexnudge.simulation.model import add_scene, scene_model
@@ -27,7 +28,6 @@ from dexnudge.simulation.model import add_scene, scene_model
 if TYPE_CHECKING:
     from pxr import Usd
 
-GRAVITY = 9.81  # [m/s^2]
 SUFFIXES = (".usda", ".usdc", ".usd")
 
 

@@ -22,8 +22,8 @@ from dexnudge.hands.config import HandConfig
 from dexnudge.hands.hand import Hand
 from dexnudge.hands.loops.couplings import coupled
 from dexnudge.hands.mjcf_files import compiled_model
-from dexnudge.hands.tree import Mimic, Tree, TreeJoint, check_tree
-from dexnudge.hands.urdf import CONTINUOUS_LIMIT, config_beside
+from dexnudge.hands.tree import CONTINUOUS_LIMIT, Mimic, Tree, TreeJoint, check_tree
+from dexnudge.hands.urdf import config_beside
 
 
 def hand_from_mjcf(

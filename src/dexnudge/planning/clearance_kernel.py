@@ -13,6 +13,7 @@ import numpy as np
 from jaxtyping import Float, Int
 
 from dexnudge.geometry.disk_cache import cached_array
+from dexnudge.geometry.exact_distance import INSIDE_WINDING_NUMBER, WINDING_ACCURACY
 from dexnudge.geometry.warp_runtime import wp
 from dexnudge.hands.hand import LinkPoints
 from dexnudge.hands.kinematics import KinematicTree, place_links
@@ -85,8 +86,6 @@ def _split(points: Float[np.ndarray, "p 3"], members: Int[np.ndarray, " n"]) -> 
     return parts
 
 
-WINDING_ACCURACY = wp.constant(2.0)  # Barnes-Hut opening ratio of Warp's fast winding number; 2 is Warp's default
-INSIDE_WINDING_NUMBER = wp.constant(0.5)  # a point is inside where the surface winds around it at least half a turn
 SMALL_BALL = wp.constant(0.3)  # a ball this much smaller than its clearance is not opened: its own bound will do
 FAR = wp.constant(1.0e3)  # [m] farther than any scene is wide
 

@@ -13,8 +13,8 @@ from torch import Tensor
 from dexnudge.diffusion.network import Condition
 from dexnudge.diffusion.prior import DiffusionPrior
 from dexnudge.diffusion.schedule import ddim_step
-from dexnudge.energies.descent import pose_from_configuration
-from dexnudge.energies.evaluator import HandEnergy, HandPose
+from dexnudge.energies.descent import HandPose, pose_from_configuration
+from dexnudge.energies.evaluator import HandEnergy
 from dexnudge.geometry.transforms import rotation_6d_to_matrix
 from dexnudge.hands.hand import ROOT_COORDINATES, Hand
 

@@ -15,7 +15,7 @@ from dexnudge.errors import SceneError, quote
 from dexnudge.geometry.exact_distance import Rays
 from dexnudge.geometry.surface_lattice import faces_near
 from dexnudge.scenes.plane_fit import EXACT, MAD_TO_DEVIATION
-from dexnudge.scenes.settling import MOST_SHIFT, MOST_TURN, Settled, along_support, settle, snapped
+from dexnudge.scenes.settling import DOWN, MOST_SHIFT, MOST_TURN, Settled, along_support, settle, snapped
 from dexnudge.scenes.supports import Support, all_supports, facing_points
 
 SETTLE = ("auto", "off")
@@ -145,7 +145,6 @@ UPWARD = 0.5  # z of the normal of a surface that can carry
 LEAST_VERTICES = 12  # of the surface around it
 MOST_NOISE = 2e-3  # [m] of that surface about its plane
 BEYOND = 0.005  # [m] by which the patch is wider than the footprint
-DOWN = np.array([0.0, 0.0, -1.0])
 
 
 def without_hole_below(environment: trimesh.Trimesh, body: trimesh.Trimesh) -> tuple[trimesh.Trimesh, float | None]:

@@ -14,10 +14,11 @@ from jaxtyping import Float
 from scipy.spatial.transform import Rotation
 from viser import ClientHandle
 
+from dexnudge.geometry.coarsening import thinned
 from dexnudge.jobs.cached import cached_per_instance
 from dexnudge.studio.server import Server
 from dexnudge.viewer.camera import Camera
-from dexnudge.viewer.visual_scene import CREASE_ANGLE, Colour, Part, Role, VisualScene, thinned
+from dexnudge.viewer.visual_scene import CREASE_ANGLE, Colour, Part, Role, VisualScene
 
 GROUPS: dict[str, tuple[Role, ...]] = {
     "hand": ("link", "fingertip", "arm"),

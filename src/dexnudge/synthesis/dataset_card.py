@@ -30,7 +30,8 @@ from dexnudge.mechanics.contacts import HAND_CONTACT_DISTANCE
 from dexnudge.objects.sets import BUILTIN_PREFIX, resolve_object_set
 from dexnudge.scenes.scene import FRICTION_ENVIRONMENT, FRICTION_HAND, MASS, MAX_NORMAL_FORCE
 from dexnudge.simulation import hold, model
-from dexnudge.synthesis.acceptance import PENETRATION_LIMIT, PRESSING, TABLE_EDGE
+from dexnudge.synthesis.acceptance import PRESSING, TABLE_EDGE
+from dexnudge.verification.criteria import PENETRATION_LIMIT
 from dexnudge.verification.solids import SURFACE_SPACING
 
 CARD_FILE = "README.md"

@@ -11,8 +11,9 @@ from dexnudge.arms.export import robot_actuators
 from dexnudge.hands.motors import Actuator
 from dexnudge.simulation.hand_path import interpolated
 from dexnudge.simulation.model import TIMESTEP
+from dexnudge.simulation.policy import Command
 from dexnudge.simulation.robot_model import RobotModel
-from dexnudge.simulation.rollout import Command, Rollout, Trace
+from dexnudge.simulation.rollout import Rollout, Trace
 from dexnudge.trajectories.interpolation import at
 from dexnudge.trajectories.plan import Plan
 

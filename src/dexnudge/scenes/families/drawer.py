@@ -7,6 +7,7 @@ import trimesh
 
 from dexnudge.errors import SceneError
 from dexnudge.scenes.boxes import box, joined
+from dexnudge.scenes.families.shelf import LIP
 from dexnudge.scenes.resting import place_at_rest
 from dexnudge.scenes.scene import MOTION_LENGTH, Scene
 
@@ -14,7 +15,6 @@ LENGTH = (0.38, 0.50)  # [m] inside, along the motion
 WIDTH = (0.30, 0.45)  # [m] inside
 HEIGHT = (0.08, 0.14)  # [m] of the walls above the floor
 WALL = 0.015  # [m]
-LIP = 0.002  # [m]; see `shelf.LIP`
 WALL_GAP = (0.010, 0.040)  # [m] from the object to the wall behind it
 SIDE_GAP = 0.01  # [m] least distance to the side walls
 YAW = np.radians(30.0)  # largest turn of the long side from the walls

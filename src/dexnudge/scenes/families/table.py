@@ -15,6 +15,7 @@ import trimesh
 from dexnudge.errors import SceneError
 from dexnudge.scenes.asked_turn import over_foremost
 from dexnudge.scenes.boxes import box, joined
+from dexnudge.scenes.families.shelf import LIP
 from dexnudge.scenes.motion import Turn
 from dexnudge.scenes.resting import place_at_rest
 from dexnudge.scenes.scene import Scene
@@ -144,7 +145,6 @@ def edge(mesh: trimesh.Trimesh, generator: np.random.Generator) -> Scene:
 WALL = 0.02  # [m] thickness
 WALL_HEIGHT = (0.10, 0.20)  # [m]
 WALL_GAP = (0.0, 0.005)  # [m] from the object to each wall
-LIP = 0.002  # [m] of the walls over the table's rim; see `shelf.LIP`
 
 
 def corner(mesh: trimesh.Trimesh, generator: np.random.Generator) -> Scene:
