@@ -23,7 +23,7 @@ from dexnudge.benchmark.entry import ANSWERS, ENTRY
 from dexnudge.benchmark.score import score
 from dexnudge.benchmark.suite import load_suite
 from dexnudge.benchmark.tasks import MANIFEST, TaskSet, load_tasks, make_tasks
-from dexnudge.energies.scene_fields import build_scene_fields
+from dexnudge.energies.kernel_inputs import build_scene_fields
 from dexnudge.formats.hand_poses import palm_poses
 from dexnudge.geometry.meshes import centre_of_mass
 from dexnudge.geometry.surface_points import surface_points

@@ -13,7 +13,7 @@ from jaxtyping import Float
 
 from dexnudge.cli.arguments import stdout, table
 from dexnudge.energies.grid_kernel import PackedGrids, grid_distance, pack_grids
-from dexnudge.energies.scene_fields import OBJECT_CELL, OBJECT_PADDING
+from dexnudge.energies.kernel_inputs import OBJECT_CELL, OBJECT_PADDING
 from dexnudge.geometry.distance_grid import DistanceGrid, cached_distance_grid
 from dexnudge.geometry.exact_distance import ExactDistance
 from dexnudge.geometry.warp_runtime import wp

@@ -14,7 +14,7 @@ from torch_energy import TorchEnergy
 from dexnudge.cli.arguments import stdout, table
 from dexnudge.energies.descent import HandDescent, HandPose
 from dexnudge.energies.evaluator import HandEnergy
-from dexnudge.energies.scene_fields import build_scene_fields
+from dexnudge.energies.kernel_inputs import build_scene_fields
 from dexnudge.geometry.meshes import centre_of_mass
 from dexnudge.geometry.surface_points import surface_points
 from dexnudge.geometry.warp_runtime import wp

@@ -15,7 +15,7 @@ import tyro
 
 from dexnudge.cli.arguments import stdout, table
 from dexnudge.dataset.schema import BEHAVIOURS
-from dexnudge.energies.scene_fields import build_scene_fields
+from dexnudge.energies.kernel_inputs import build_scene_fields
 from dexnudge.hands.registry import load_hand
 from dexnudge.jobs.provenance import machine, versions
 from dexnudge.objects.sets import resolve_object_set

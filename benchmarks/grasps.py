@@ -12,7 +12,7 @@ import tyro
 from annealed.annealing import AnnealConfig, anneal_grasps
 
 from dexnudge.cli.arguments import stdout, table
-from dexnudge.energies.scene_fields import build_scene_fields
+from dexnudge.energies.kernel_inputs import build_scene_fields
 from dexnudge.geometry.meshes import centre_of_mass
 from dexnudge.geometry.surface_points import surface_points
 from dexnudge.hands.registry import load_hand

@@ -16,7 +16,7 @@ from torch import Tensor
 from torch.nn.functional import grid_sample
 
 from dexnudge.energies.descent import HandPose
-from dexnudge.energies.hand_model import build_hand_model
+from dexnudge.energies.kernel_inputs import build_hand_model
 from dexnudge.energies.terms import TermWeights
 from dexnudge.geometry.warp_runtime import WarpStruct
 from dexnudge.hands.export import export_hand

@@ -18,7 +18,7 @@ from moves import retract
 
 from dexnudge.energies.descent import HandPose, configuration_from_pose
 from dexnudge.energies.grid_kernel import pack_grids
-from dexnudge.energies.scene_fields import build_scene_fields
+from dexnudge.energies.kernel_inputs import build_scene_fields
 from dexnudge.geometry.distance_grid import DistanceGrid
 from dexnudge.geometry.exact_distance import ExactDistance
 from dexnudge.geometry.meshes import centre_of_mass

@@ -13,7 +13,7 @@ from hypothesis import strategies as st
 from dexnudge.dataset.info import BINS, describe, histogram, known_hand, round_edges
 from dexnudge.dataset.manifest import read_manifest, write_manifest
 from dexnudge.dataset.schema import BehaviourCounts
-from dexnudge.hands.named.shadow_lite import shadow_lite
+from dexnudge.hands.named.shadow import shadow_lite
 
 
 def all_rows(folder) -> list[dict]:

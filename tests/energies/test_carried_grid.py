@@ -5,7 +5,7 @@ import pytest
 import trimesh
 
 from dexnudge.energies.environment_grids import carried_grid
-from dexnudge.energies.scene_fields import swept_grid
+from dexnudge.energies.kernel_inputs import swept_grid
 from dexnudge.geometry.distance_grid import distance_grid, grid_corners
 from dexnudge.geometry.exact_distance import ExactDistance
 from dexnudge.scenes.motion import Motion, Turn

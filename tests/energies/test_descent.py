@@ -14,7 +14,7 @@ from dexnudge.energies.descent import (
     pose_from_configuration,
 )
 from dexnudge.energies.evaluator import HandEnergy
-from dexnudge.energies.scene_fields import build_scene_fields
+from dexnudge.energies.kernel_inputs import build_scene_fields
 from dexnudge.energies.terms import TermWeights
 
 BATCH = 5

@@ -10,14 +10,14 @@ from moves import rotation_vector_to_matrix
 
 from dexnudge.energies.descent import HandPose
 from dexnudge.energies.evaluator import HandEnergy
-from dexnudge.energies.hand_model import _link_grid
-from dexnudge.energies.scene_fields import (
+from dexnudge.energies.kernel_inputs import (
     FAR_CELL,
     FAR_REACH,
     NEAR_CELL,
     NEAR_PADDING,
     OBJECT_CELL,
     OBJECT_PADDING,
+    _link_grid,
     build_guided_fields,
     build_scene_fields,
     swept_grid,
@@ -27,7 +27,7 @@ from dexnudge.errors import InputError
 from dexnudge.geometry.distance_grid import DistanceGrid, distance_grid
 from dexnudge.geometry.exact_distance import ExactDistance
 from dexnudge.geometry.transforms import matrix_to_rotation_6d
-from dexnudge.hands.named.shadow_lite import shadow_lite
+from dexnudge.hands.named.shadow import shadow_lite
 from dexnudge.scenes.motion import Motion
 
 BATCH = 4

@@ -4,7 +4,7 @@ import numpy as np
 import pytest
 import trimesh
 
-from dexnudge.energies.scene_fields import swept_grid
+from dexnudge.energies.kernel_inputs import swept_grid
 from dexnudge.geometry.distance_grid import distance_grid
 from dexnudge.geometry.exact_distance import ExactDistance
 

@@ -11,7 +11,7 @@ from moves import retract, rotation_vector_to_matrix
 
 from dexnudge.energies.descent import HandPose
 from dexnudge.energies.evaluator import HandEnergy
-from dexnudge.energies.scene_fields import build_scene_fields
+from dexnudge.energies.kernel_inputs import build_scene_fields
 from dexnudge.energies.terms import TermEnergy, TermWeights, check_terms
 from dexnudge.errors import InputError
 from dexnudge.scenes.scene import Scene

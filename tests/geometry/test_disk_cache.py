@@ -10,7 +10,7 @@ import numpy as np
 import pytest
 import trimesh
 
-from dexnudge.energies.scene_fields import build_scene_fields
+from dexnudge.energies.kernel_inputs import build_scene_fields
 from dexnudge.geometry import disk_cache
 from dexnudge.geometry import distance_grid as grids
 from dexnudge.geometry import surface_points as points_module

@@ -15,7 +15,7 @@ from dexnudge.energies.grid_kernel import (
     least_distance_anywhere,
     pack_grids,
 )
-from dexnudge.energies.scene_fields import OBJECT_CELL, OBJECT_PADDING
+from dexnudge.energies.kernel_inputs import OBJECT_CELL, OBJECT_PADDING
 from dexnudge.geometry.distance_grid import DistanceGrid, distance_grid
 from dexnudge.geometry.exact_distance import ExactDistance
 from dexnudge.objects.builtin import builtin_object

@@ -7,7 +7,7 @@ import trimesh
 from scipy.spatial.transform import Rotation
 
 from dexnudge.geometry.transforms import canonical_frame, resting_origin, transform_configurations
-from dexnudge.hands.named.shadow_lite import shadow_lite
+from dexnudge.hands.named.shadow import shadow_lite
 
 RAMP = np.radians(15.0)
 MOTIONS = {

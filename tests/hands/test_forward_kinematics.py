@@ -6,7 +6,7 @@ import pytest
 import torch
 
 from dexnudge.hands.export import export_hand
-from dexnudge.hands.named.shadow_full import compiled_model
+from dexnudge.hands.named.shadow import compiled_model
 from dexnudge.hands.registry import load_hand
 
 TOLERANCE = 1e-6  # [m], and as much in the rotation's entries

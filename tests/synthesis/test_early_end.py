@@ -5,7 +5,7 @@ import pytest
 import torch
 
 from dexnudge.dataset.schema import round_configuration
-from dexnudge.energies.scene_fields import build_scene_fields
+from dexnudge.energies.kernel_inputs import build_scene_fields
 from dexnudge.geometry.meshes import centre_of_mass
 from dexnudge.geometry.surface_points import surface_points
 from dexnudge.hands.hand import Hand

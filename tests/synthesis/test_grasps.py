@@ -9,7 +9,7 @@ import trimesh
 
 from dexnudge.energies.descent import HandPose, configuration_from_pose
 from dexnudge.energies.evaluator import HandEnergy
-from dexnudge.energies.scene_fields import build_scene_fields
+from dexnudge.energies.kernel_inputs import build_scene_fields
 from dexnudge.geometry.meshes import centre_of_mass
 from dexnudge.geometry.surface_points import SurfacePoints, surface_points
 from dexnudge.synthesis.grasps import (

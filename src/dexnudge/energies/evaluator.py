@@ -12,7 +12,7 @@ from dexnudge.energies import hand_kernel
 from dexnudge.energies.descent import HandPose
 from dexnudge.energies.force_residual import Contacts, ForceResidual, SlidingBalance
 from dexnudge.energies.hand_kernel import contacts, energies, kinematics, reduce_gradient
-from dexnudge.energies.hand_model import build_hand_model
+from dexnudge.energies.kernel_inputs import build_hand_model
 from dexnudge.energies.kernel_structs import NUM_TERMS, EnergyWeights, State, state_fields
 from dexnudge.energies.terms import OUTSIDE_KERNEL, TermEnergy, TermWeights
 from dexnudge.geometry.warp_runtime import WarpStruct, wp

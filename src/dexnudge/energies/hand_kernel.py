@@ -7,7 +7,7 @@ translation and rotation vector and in the joint angles, one thread per hand. `c
 the contacts of some links, and nothing else.
 
 The terms of one link stand in `penetration_kernel`.
-All positions are in the working frame of the scene (see `scene_fields`); [m], distances negative inside.
+All positions are in the working frame of the scene (see `kernel_inputs`); [m], distances negative inside.
 """
 
 from dexnudge.energies.grid_kernel import grid_distance

@@ -12,7 +12,7 @@ from torch import Tensor
 
 from dexnudge.energies.evaluator import HandEnergy
 from dexnudge.energies.force_residual import SlidingBalance, support_wrenches
-from dexnudge.energies.scene_fields import build_guided_fields
+from dexnudge.energies.kernel_inputs import build_guided_fields
 from dexnudge.energies.terms import EnergyTerm, TermEnergy, TermWeights
 from dexnudge.geometry.exact_distance import ExactDistance
 from dexnudge.geometry.surface_points import object_cloud

@@ -19,7 +19,7 @@ from dexnudge.dataset.schema import BehaviourCounts, ConfigurationRow, round_con
 from dexnudge.dataset.shards import write_shard
 from dexnudge.energies.descent import pose_from_configuration
 from dexnudge.energies.evaluator import HandEnergy
-from dexnudge.energies.scene_fields import build_scene_fields
+from dexnudge.energies.kernel_inputs import build_scene_fields
 from dexnudge.energies.terms import TermWeights
 from dexnudge.errors import DatasetError, DexnudgeError, OutputError
 from dexnudge.geometry.meshes import centre_of_mass

@@ -7,7 +7,7 @@ from dexnudge.hands.config import HandConfig
 from dexnudge.hands.hand import Hand
 from dexnudge.hands.link_meshes import package_file
 from dexnudge.hands.named.leap import leap
-from dexnudge.hands.named.shadow_lite import shadow_lite
+from dexnudge.hands.named.shadow import shadow_full, shadow_lite
 from dexnudge.hands.urdf import hand_from_urdf
 
 
@@ -62,17 +62,11 @@ PANDA_GRIPPER = HandConfig(
 )
 
 
-def _shadow_full(*, base: bool) -> Hand:
-    from dexnudge.hands.named.shadow_full import shadow_full  # imports MuJoCo, which most commands can do without
-
-    return shadow_full(base=base)
-
-
 HANDS: dict[str, Callable[..., Hand]] = {
     "allegro": PackagedHand("allegro_hand_description/urdf/allegro_right_hand.urdf", ALLEGRO),
     "dex3": PackagedHand("g1_description/urdf/g1_29dof_with_hand_rev_1_0.urdf", DEX3),
     "leap": leap,
     "panda_gripper": PackagedHand("panda_description/urdf/panda.urdf", PANDA_GRIPPER),
-    "shadow_full": _shadow_full,
+    "shadow_full": shadow_full,
     "shadow_lite": shadow_lite,
 }

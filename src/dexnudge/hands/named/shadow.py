@@ -1,15 +1,17 @@
-"""Shadow Dexterous Hand Lite, right: three fingers and a thumb, no little finger, no wrist.
+"""Shadow Robot's hands: the Dexterous Hand, and its Lite version of three fingers and a thumb."""
 
-Kinematics: Shadow Robot's published description of the Lite (`sr_common`, hand G). Link meshes: the Shadow Hand of the
-`gymnasium-robotics` package; its thumb meshes stand in frames turned by -90 degrees about z against Shadow's own.
-13 motors drive 16 joints: J1 and J2 of a finger share a tendon, which holds J1 <= J2. THJ3 is fixed at zero.
-"""
+import re
+from dataclasses import replace
+from typing import Any
 
 import numpy as np
 import trimesh
 
+from dexnudge.hands.assembly import hand_from_tree
+from dexnudge.hands.config import HandConfig
 from dexnudge.hands.hand import Hand, Joint
-from dexnudge.hands.link_meshes import gymnasium_mesh
+from dexnudge.hands.link_meshes import gymnasium_assets, gymnasium_mesh
+from dexnudge.hands.tree import Tree
 
 KNUCKLES = {"FF": (0.033, 0.0, 0.095), "MF": (0.011, 0.0, 0.099), "RF": (-0.011, 0.0, 0.095)}  # [m] palm frame
 ABDUCTION_AXES = {"FF": (0.0, -1.0, 0.0), "MF": (0.0, -1.0, 0.0), "RF": (0.0, 1.0, 0.0)}
@@ -27,7 +29,12 @@ Vector = tuple[float, float, float]
 
 
 def shadow_lite(*, base: bool = True) -> Hand:
-    """Return the Lite with 16 joint angles FFJ4..FFJ1, MFJ4..MFJ1, RFJ4..RFJ1, THJ5, THJ4, THJ2, THJ1.
+    """Return the Lite, right: three fingers and a thumb, no little finger, no wrist.
+
+    Kinematics: Shadow Robot's published description (`sr_common`, hand G). Link meshes: the Shadow Hand of the
+    `gymnasium-robotics` package; its thumb meshes stand in frames turned by -90 degrees about z against Shadow's own.
+    13 motors drive 16 joints, FFJ4..FFJ1, MFJ4..MFJ1, RFJ4..RFJ1, THJ5, THJ4, THJ2, THJ1: J1 and J2 of a finger share a
+    tendon, which holds J1 <= J2. THJ3 is fixed at zero.
 
     Args:
         base: whether the forearm box behind the palm is part of the collision geometry.
@@ -113,3 +120,67 @@ def shadow_lite(*, base: bool = True) -> Hand:
 
 def _shift(translation: Vector) -> np.ndarray:
     return trimesh.transformations.translation_matrix(translation)
+
+
+PREFIX = "robot0:"
+MOUNT = "hand mount"  # the package's empty body that places the hand in its own scenes
+FINGERS = ("FF", "MF", "RF", "LF")
+CONFIG = HandConfig(
+    palm="palm",
+    fingertips={digit: f"{digit.lower()}distal" for digit in (*FINGERS, "TH")},
+    palm_normal=(0.0, -1.0, 0.0),
+    couplings=tuple((f"{finger}J1", f"{finger}J2") for finger in FINGERS),
+    base_link="forearm",
+)
+
+
+def shadow_full(*, base: bool = True) -> Hand:
+    """Return the Shadow Dexterous Hand, right, from the model in the `gymnasium-robotics` package.
+
+    24 joint angles with the base (wrist and forearm), which then move behind the palm; 22 without.
+
+    Names are Shadow's (the package counts joints from zero: its FFJ3 is Shadow's FFJ4, its WRJ1 is WRJ2); axes, zero poses
+    and ranges are the package's, so THJ2 and THJ1 turn about y there and bend the thumb towards negative angles. The tree
+    hangs from the palm. Geometry: the visual meshes, of the forearm its convex hull.
+
+    Raises:
+        HandError: the package gymnasium-robotics is not installed.
+    """
+    import mujoco  # which most commands can do without
+
+    from dexnudge.hands.mjcf import tree_of_model
+
+    model = compiled_model()
+    names = [model.geom(geom).name.removeprefix(PREFIX) for geom in range(model.ngeom)]
+    meshes = [bool(kind == mujoco.mjtGeom.mjGEOM_MESH) for kind in model.geom_type]
+
+    def is_judged(geom: int) -> bool:
+        return meshes[geom] and names[geom] != "V_forearm"
+
+    tree = tree_of_model(model, "shadow_full", f"{PREFIX}palm", is_judged)
+    return hand_from_tree(_shadow_names(tree), CONFIG, base=base)
+
+
+def compiled_model() -> Any:
+    """Return the package's hand alone, without its scene; only the classes that `robot.xml` refers to are set."""
+    import mujoco
+
+    assets = gymnasium_assets()
+    classes = "".join(f'<default class="{PREFIX}{name}"/>' for name in ("asset_class", "DC_Hand", "D_Touch"))
+    return mujoco.MjModel.from_xml_string(
+        f'<mujoco><compiler angle="radian" meshdir="{assets / "stls" / "hand"}"/>'
+        f'<default>{classes}<default class="{PREFIX}D_Vizual"><geom type="mesh"/></default></default>'
+        f'<asset><include file="{assets / "hand" / "shared_asset.xml"}"/></asset>'
+        f'<worldbody><include file="{assets / "hand" / "robot.xml"}"/></worldbody></mujoco>'
+    )
+
+
+def _shadow_names(tree: Tree) -> Tree:
+    def plain(link: str) -> str:
+        return link.removeprefix(PREFIX)
+
+    def counted_from_one(joint: str) -> str:
+        return re.sub(r"J(\d)$", lambda match: f"J{int(match[1]) + 1}", plain(joint))
+
+    tree = tree.renamed(plain).without({MOUNT})
+    return replace(tree, joints=tuple(replace(joint, name=counted_from_one(joint.name)) for joint in tree.joints))
