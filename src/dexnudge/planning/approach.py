@@ -17,7 +17,6 @@ from dexnudge.planning.hand_clearance import (
     Blocked,
     HandClearance,
     MotionCheck,
-    blocked_by,
     blocked_by_itself,
     nearest_obstacle,
 )
@@ -329,7 +328,10 @@ class ApproachPlanner:
         return timed(own, np.stack([closed, here]), contact_from=2)
 
     def _blocked(self, check: MotionCheck[StateSpace], where: State, stage: str, reason: str) -> Blocked:
-        return blocked_by(check, self.scene, where, stage=stage, reason=reason)
+        """Return what the hand is nearest to in the state `where`, which is known to be blocked."""
+        near = nearest_obstacle(check, self.scene, where)
+        assert near is not None
+        return Blocked(stage, *near[:4], reason)
 
     def _configuration(self, name: str, q: np.ndarray) -> Float[np.ndarray, " coordinates"]:
         q = np.asarray(q, dtype=np.float64)

@@ -299,13 +299,6 @@ def nearest_obstacle(
     return OBSTACLES[column], link, hit.closest[0], float(found.distance[0, column]), away
 
 
-def blocked_by(check: MotionCheck[StateSpace], scene: Scene, where: State, *, stage: str, reason: str) -> Blocked:
-    """Return what the hand is nearest to in the state `where`, which is known to be blocked."""
-    near = nearest_obstacle(check, scene, where)
-    assert near is not None
-    return Blocked(stage, *near[:4], reason)
-
-
 def blocked_by_itself(stage: str, depth: float) -> Blocked:
     """Return that the hand's links are `depth` [m] in one another."""
     return Blocked(

@@ -76,7 +76,9 @@ def _chart(title: str, curves: Sequence[Curve], recording: Recording) -> str:
         parts.append(f'<line x1="{LEFT}" y1="{y:.1f}" x2="{WIDTH - RIGHT}" y2="{y:.1f}" class="grid"/>')
         parts.append(f'<text x="{LEFT - 5}" y="{y + 4:.1f}" class="tick">{tick:g}</text>')
     parts.append(f'<text x="4" y="{LEGEND_ROW:g}" class="title">{escape(title)}</text>')
-    for curve, colour, (x, y) in zip(curves, _colours(curves), legend, strict=True):
+    turns = cycle(COLOURS)
+    colours = [LIMIT_COLOUR if curve.limit else next(turns) for curve in curves]
+    for curve, colour, (x, y) in zip(curves, colours, legend, strict=True):
         points = _points(recording.time, curve.values, place)
         dashed = ' stroke-dasharray="4 3"' if curve.limit else ""
         parts += [f'<polyline points="{run}" stroke="{colour}" class="curve"{dashed}/>' for run in points]
@@ -100,12 +102,6 @@ def _legend(title: str, curves: Sequence[Curve]) -> list[tuple[float, float]]:
         places.append((x, y))
         x += wide + 12
     return places
-
-
-def _colours(curves: Sequence[Curve]) -> list[str]:
-    """Return the colour of each curve."""
-    turns = cycle(COLOURS)
-    return [LIMIT_COLOUR if curve.limit else next(turns) for curve in curves]
 
 
 def _points(
