@@ -12,7 +12,7 @@ import trimesh
 
 from dexnudge.jobs.folders import new_folder
 
-ENDLESS = ["--method", "random_start_projection", "--num", "4", "--verified", "100000"]
+ENDLESS = ["--method", "random_start_projection", "--num", "4", "--verified", "10000"]
 SHORT = ["--method", "random_start_projection", "--num", "1"]
 
 

@@ -10,7 +10,7 @@ from dexnudge.dataset.manifest import write_manifest
 from dexnudge.dataset.schema import BEHAVIOURS
 from dexnudge.dataset.shards import column_matrix, read_cloud, read_shard, shard_path
 from dexnudge.errors import DatasetError
-from dexnudge.jobs.folders import TEMPORARY_PREFIX
+from dexnudge.jobs.atomic_files import TEMPORARY_PREFIX
 
 
 def test_rows_point_to_their_object(toy, toy_folder):

@@ -19,7 +19,7 @@ from dexnudge.experiments.records import RecordWriter
 from dexnudge.experiments.report import write_report
 from dexnudge.experiments.run import FILE, FORMAT_VERSION
 from dexnudge.experiments.sampling_trial import SamplingTrial
-from dexnudge.jobs.folders import claim_folder
+from dexnudge.jobs.claims import claim_folder
 from dexnudge.trajectories.planner import Failure
 
 SCRIPT = Path(__file__).parents[2] / "benchmarks" / "publish.py"

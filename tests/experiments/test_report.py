@@ -20,7 +20,7 @@ from dexnudge.experiments.run import FILE, FORMAT_VERSION
 from dexnudge.experiments.sampling_trial import SamplingTrial
 from dexnudge.experiments.statistics import Estimate
 from dexnudge.experiments.tables import csv_text, interval_chart, method_table
-from dexnudge.jobs.folders import claim_folder
+from dexnudge.jobs.claims import claim_folder
 from dexnudge.sampling.methods import METHODS
 
 SAMPLING = SamplingTrial()

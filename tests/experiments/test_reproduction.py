@@ -15,7 +15,7 @@ from dexnudge.experiments.records import RecordWriter
 from dexnudge.experiments.reproduction import HARD_SCENES, NEW_SCENES, ReproductionConfig, left_out, parts, reproduce
 from dexnudge.experiments.run import FILE, FORMAT_VERSION
 from dexnudge.experiments.sampling_records import SamplingRecord
-from dexnudge.jobs.folders import claim_folder
+from dexnudge.jobs.claims import claim_folder
 from dexnudge.sampling.methods import METHODS
 
 COMMON = ExperimentConfig(objects="builtin:test", max_objects=3, scenes=("table", "shelf", "slot"), num=8, data="data")

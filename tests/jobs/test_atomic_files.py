@@ -6,7 +6,7 @@ import sys
 import pytest
 
 from dexnudge.errors import OutputError
-from dexnudge.jobs.folders import TEMPORARY_PREFIX, remove_leftovers, replace_atomically
+from dexnudge.jobs.atomic_files import TEMPORARY_PREFIX, remove_leftovers, replace_atomically
 
 
 def test_a_failing_writer_keeps_the_old_file_and_leaves_nothing(tmp_path):
@@ -23,7 +23,7 @@ def test_a_killed_writer_keeps_the_old_file_and_its_leftover_can_be_cleared(tmp_
     path.write_text("old")
     script = (
         "import os, signal, sys\n"
-        "from dexnudge.jobs.folders import replace_atomically\n"
+        "from dexnudge.jobs.atomic_files import replace_atomically\n"
         "with replace_atomically(sys.argv[1]) as temporary:\n"
         "    temporary.write_text('half of the n')\n"
         "    os.kill(os.getpid(), signal.SIGKILL)\n"

@@ -15,7 +15,7 @@ from pathlib import Path
 import pytest
 
 from dexnudge.dataset.manifest import read_manifest
-from dexnudge.jobs.folders import TEMPORARY_PREFIX
+from dexnudge.jobs.atomic_files import TEMPORARY_PREFIX
 from dexnudge.synthesis.generate import generate_dataset
 
 pytestmark = [pytest.mark.slow, pytest.mark.skipif(not hasattr(os, "mkfifo"), reason="processes meet at a named pipe")]

@@ -28,7 +28,8 @@ from dexnudge.experiments.statistics import quantile_estimate
 from dexnudge.experiments.tables import count_table, interval_chart, metric_table
 from dexnudge.experiments.trial import Section
 from dexnudge.hands.hand import Hand
-from dexnudge.jobs.folders import claim_folder, owned_folder, read_claim
+from dexnudge.jobs.claims import claim_folder, read_claim
+from dexnudge.jobs.folders import owned_folder
 from dexnudge.jobs.processes import WorkerDied, run_tasks
 from dexnudge.scenes.scene import Scene
 from dexnudge.simulation.feedback import Feedback
@@ -177,15 +178,12 @@ def score(
 def _score_entry(
     entry: Entry, tasks: TaskSet, out: Path, workers: int, on_record: Callable[[str, int, int], None] | None
 ) -> None:
-    claim = {"entry": entry.hash, "suite": tasks.fingerprint, "name": entry.name}
-    if (out / FILE).is_file():
-        judged = read_claim(out, FILE, format_version=FORMAT_VERSION)["config"]
-        if judged.get("suite") == tasks.fingerprint and judged.get("entry") != entry.hash:
-            raise InputError(
-                f"the entry '{entry.name}' was changed since it was judged in {out}; expected it as it was; choose another "
-                "`out`, or remove that folder"
-            )
-    claim_folder(out, FILE, claim, format_version=FORMAT_VERSION, device="cpu")
+    claim = {"suite": tasks.fingerprint, "entry": entry.hash, "name": entry.name}
+    changed = (
+        f"the entry '{entry.name}' was changed since it was judged in {out}; expected it as it was; choose another `out`, "
+        "or remove that folder"
+    )
+    claim_folder(out, FILE, claim, format_version=FORMAT_VERSION, device="cpu", changed={"entry": changed})
     groups = _groups(tasks, entry)
     done = {record.key for record in read_records(out, ScoreRecord)}
     waiting = [key for key in groups if key not in done]

@@ -13,7 +13,7 @@ from dexnudge.dataset.schema import FORMAT_VERSION
 from dexnudge.errors import DatasetError
 from dexnudge.hands.hand import Hand
 from dexnudge.hands.registry import load_hand
-from dexnudge.jobs.folders import replace_atomically
+from dexnudge.jobs.atomic_files import replace_atomically
 from dexnudge.jobs.json_files import MAX_TABLE_BYTES, from_fields, read_json_object
 
 MANIFEST_NAME = "manifest.json"

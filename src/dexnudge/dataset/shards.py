@@ -36,7 +36,7 @@ from dexnudge.dataset.schema import (
     round_to,
 )
 from dexnudge.errors import DatasetError, quote
-from dexnudge.jobs.folders import replace_atomically
+from dexnudge.jobs.atomic_files import replace_atomically
 from dexnudge.jobs.json_files import from_fields, unique_keys
 
 _METADATA_KEY = b"dexnudge"

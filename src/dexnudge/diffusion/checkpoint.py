@@ -21,7 +21,7 @@ from dexnudge.diffusion.config import SLIDES_ONLY, ModelConfig
 from dexnudge.diffusion.network import ConditionalDenoiser, Normaliser
 from dexnudge.errors import LARGEST_SEED, CheckpointError, quote
 from dexnudge.geometry.devices import own_modes
-from dexnudge.jobs.folders import replace_atomically
+from dexnudge.jobs.atomic_files import replace_atomically
 from dexnudge.jobs.json_files import read_json_object, unique_keys
 
 SHIPPED_WEIGHTS = Path(__file__).parent.parent / "weights"  # a model folder for each hand, by its name

@@ -17,7 +17,7 @@ from dexnudge.diffusion.checkpoint import (
 )
 from dexnudge.diffusion.config import DEFAULT_STEPS, Architecture, TrainingConfig
 from dexnudge.diffusion.objective import REPORTED_LEVELS
-from dexnudge.jobs.folders import replace_atomically
+from dexnudge.jobs.atomic_files import replace_atomically
 
 CARD_NAME = "README.md"
 CURVE_ROWS = 12  # of the learning curve, spread evenly over the run

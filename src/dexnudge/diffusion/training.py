@@ -35,7 +35,7 @@ from dexnudge.diffusion.distributed import Processes, joined_processes
 from dexnudge.diffusion.model_card import write_model_card
 from dexnudge.diffusion.training_run import TrainingRun
 from dexnudge.errors import CheckpointError, OutputError, quote, writing
-from dexnudge.jobs.folders import remove_leftovers
+from dexnudge.jobs.atomic_files import remove_leftovers
 from dexnudge.jobs.progress import progress
 
 TENSORBOARD = "tensorboard"  # folder of charts

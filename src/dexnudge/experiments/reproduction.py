@@ -21,7 +21,8 @@ from dexnudge.experiments.sampling_records import METRICS, Records, SamplingReco
 from dexnudge.experiments.sampling_trial import SamplingTrial
 from dexnudge.experiments.tables import Table, method_table, metric_table
 from dexnudge.experiments.trial import Section, TrialSampler
-from dexnudge.jobs.folders import claim_folder, owned_folder, read_claim
+from dexnudge.jobs.claims import claim_folder, read_claim
+from dexnudge.jobs.folders import owned_folder
 from dexnudge.sampling.methods import METHODS
 from dexnudge.verification.criteria import PENETRATION_LIMIT, SUCCESS_MARGIN
 

@@ -13,8 +13,10 @@ from dexnudge.experiments.config import ExperimentConfig, TrialKey, trial_keys
 from dexnudge.experiments.records import Record, RecordWriter, TrialRecord, read_records
 from dexnudge.experiments.statistics import as_json
 from dexnudge.experiments.trial import TrialKind
+from dexnudge.jobs.atomic_files import remove_leftovers
+from dexnudge.jobs.claims import claim_folder, read_claim
 from dexnudge.jobs.engines import Engine, run_tasks_by
-from dexnudge.jobs.folders import claim_folder, owned_folder, read_claim, remove_leftovers
+from dexnudge.jobs.folders import owned_folder
 from dexnudge.jobs.processes import WorkerDied
 
 FILE = "experiment.json"

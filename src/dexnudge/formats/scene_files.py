@@ -19,7 +19,7 @@ from jaxtyping import Float
 from dexnudge.errors import InputError
 from dexnudge.geometry.meshes import centre_of_mass
 from dexnudge.hands.hand import Hand
-from dexnudge.jobs.folders import replace_atomically
+from dexnudge.jobs.atomic_files import replace_atomically
 from dexnudge.mechanics.sliding_task import GRAVITY
 from dexnudge.scenes.scene import Scene
 from dexnudge.simulation.convex_pieces import environment_pieces

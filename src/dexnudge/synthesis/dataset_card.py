@@ -24,7 +24,7 @@ from dexnudge.dataset.schema import (
     configuration_schema,
 )
 from dexnudge.errors import InputError
-from dexnudge.jobs.folders import replace_atomically
+from dexnudge.jobs.atomic_files import replace_atomically
 from dexnudge.mechanics.balance import MAX_FACTOR
 from dexnudge.mechanics.contacts import HAND_CONTACT_DISTANCE
 from dexnudge.objects.sets import BUILTIN_PREFIX, resolve_object_set

@@ -22,7 +22,7 @@ from dexnudge.dataset.manifest import Manifest, read_manifest
 from dexnudge.dataset.schema import BEHAVIOURS, best_direction, direction_angles
 from dexnudge.dataset.shards import complete_objects, read_shard
 from dexnudge.hands.hand import Hand
-from dexnudge.jobs.folders import replace_atomically
+from dexnudge.jobs.atomic_files import replace_atomically
 from dexnudge.synthesis.acceptance import resting_scene
 from dexnudge.synthesis.dataset_card import description
 from dexnudge.synthesis.object_data import ObjectMeshes

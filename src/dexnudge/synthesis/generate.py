@@ -28,8 +28,8 @@ from dexnudge.dataset.schema import BehaviourCounts
 from dexnudge.dataset.shards import DamagedShardError, is_complete, read_whole, shard_path
 from dexnudge.errors import DatasetError, HandError, InputError, OutputError, what_failed, writing
 from dexnudge.hands.registry import load_hand
+from dexnudge.jobs.atomic_files import remove_leftovers
 from dexnudge.jobs.engines import Engine, run_tasks_by
-from dexnudge.jobs.folders import remove_leftovers
 from dexnudge.jobs.processes import WorkerDied
 from dexnudge.jobs.progress import progress
 from dexnudge.objects.sets import BUILTIN_PREFIX, resolve_object_set

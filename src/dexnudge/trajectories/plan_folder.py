@@ -19,7 +19,8 @@ from dexnudge.arms.export import ROBOT_FILES, export_robot
 from dexnudge.errors import OutputError, check_kind, check_path
 from dexnudge.execution.film import write_film
 from dexnudge.geometry.devices import own_modes
-from dexnudge.jobs.folders import new_folder, replace_atomically
+from dexnudge.jobs.atomic_files import replace_atomically
+from dexnudge.jobs.folders import new_folder
 from dexnudge.jobs.json_files import path_inside
 from dexnudge.scenes.files import SCENE_FILES
 from dexnudge.scenes.scene import Scene

@@ -28,7 +28,8 @@ from dexnudge.experiments.run import FILE, TrialRunner
 from dexnudge.experiments.sampling_trial import SamplingTrial
 from dexnudge.hands.hand import Hand
 from dexnudge.hands.registry import PREPARED_NAME, load_hand
-from dexnudge.jobs.folders import owned_folder, remove_leftovers, replace_atomically
+from dexnudge.jobs.atomic_files import remove_leftovers, replace_atomically
+from dexnudge.jobs.folders import owned_folder
 from dexnudge.jobs.json_files import MAX_TABLE_BYTES, from_fields, read_json_object
 from dexnudge.jobs.processes import MOST_WORKERS, available_cores
 from dexnudge.jobs.progress import progress

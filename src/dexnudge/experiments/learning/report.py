@@ -17,7 +17,7 @@ from dexnudge.experiments.sampling_trial import SamplingTrial
 from dexnudge.experiments.tables import Table, count_table, metric_table
 from dexnudge.experiments.trial import Section
 from dexnudge.hands.hand import Hand
-from dexnudge.jobs.folders import replace_atomically
+from dexnudge.jobs.atomic_files import replace_atomically
 from dexnudge.sampling.sampler import WEIGHTS_FOLDER, Sampler
 from dexnudge.scenes.families import build_scene
 
