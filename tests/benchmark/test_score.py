@@ -18,6 +18,7 @@ from dexnudge.experiments.metrics import measure
 from dexnudge.experiments.records import read_records
 from dexnudge.formats.hand_poses import palm_poses
 from dexnudge.sampling.sampler import Sampler
+from dexnudge.verification.verdicts import verify
 
 
 def write(folder, task, answer):
@@ -41,7 +42,7 @@ def test_missing_and_malformed_answers_are_counted_as_failures(entry_folder, tas
     poses = np.array(inside["T_world_palm"])
     poses[0, 0, 3] = np.nan
     np.savez(entry_folder / "answers" / f"{names[4]}.npz", **{**inside, "T_world_palm": poses})
-    text = score([entry_folder], tasks.folder, tmp_path / "out", workers=1)
+    text, entry = score([entry_folder], tasks.folder, tmp_path / "out", workers=1), load_entry(entry_folder, tasks)
     found = {
         task.task: task for each in read_records(tmp_path / "out/entries/mine", ScoreRecord) for task in each.tasks
     }
@@ -54,6 +55,10 @@ def test_missing_and_malformed_answers_are_counted_as_failures(entry_folder, tas
     assert found[names[3]].reasons["valid_pose"] == found[names[4]].reasons["valid_pose"] == 1
     assert "NaN" in found[names[4]].problem
     assert found[names[5]].problem == ""
+    deep = verify(tasks.scene(tasks.tasks[5]), tasks.hand, read_answer(entry, names[5], tasks.hand, most=2).q)
+    assert found[names[5]].rejected == f"penetration environment by {1e3 * deep.penetration_environment[0]:.1f} mm"
+    assert f"- mine, {names[5]}: penetration environment by " in text
+    assert found[names[3]].rejected == "valid pose"
     assert {task.feedback for task in found.values()} == {"not played"}
     everything, *families = rows(tmp_path / "out/report.csv")
     assert (everything["scene"], everything["tasks"], everything["answered"]) == ("all", "6", "3")

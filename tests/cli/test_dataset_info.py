@@ -22,6 +22,11 @@ def test_card_and_page_of_a_generated_dataset(dexnudge, tmp_path):
 
     outcome = dexnudge("dataset", "info", data, "--objects", objects, "--out", out)
     assert outcome.out.startswith(f"hand shadow_lite: {len(rows)} configurations of 1 objects")
+    assert len(outcome.out.split("\nwrote ")[0].splitlines()) <= 10
+    shown = {line.split()[1]: line.split("│") for line in outcome.out.splitlines() if line.startswith("│")}
+    for name in ("push", "press", "hook", "grasp"):
+        assert int(shown[name][3]) == sum(row["behaviour"] == name for row in rows)
+    assert f"{data / 'README.md'}; as a page: dexnudge dataset info --out" in outcome.out
     behaviours = {row["behaviour"] for row in rows}
     assert {path.name for path in out.iterdir()} == {"dataset.html", *(f"samples-{name}.png" for name in behaviours)}
     page = (out / "dataset.html").read_text(encoding="utf-8")

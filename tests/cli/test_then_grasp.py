@@ -13,6 +13,7 @@ def test_a_phone_is_slid_grasped_and_lifted_in_one_simulation(dexnudge, sampled,
     outcome = dexnudge("execute", sampled, "--then-grasp", "--films", "0", "--out", out)
     assert outcome.code == 0
     assert "success: yes" in outcome.out
+    assert "slid by: number of the configuration that slides it" in outcome.out
     summary = json.loads((out / "summary.json").read_text(encoding="utf-8"))
     last = summary["attempts"][-1]
     assert summary["success"]

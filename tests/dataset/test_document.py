@@ -1,4 +1,4 @@
-"""One description says the same on the terminal, on a card and on a page."""
+"""One description says the same on a card and on a page."""
 
 from lxml import etree
 
@@ -10,21 +10,9 @@ DOCUMENT = Document(
     "In short.",
     (
         Section("Counts", (TABLE, "A & B.")),
-        Section("Files", ("- one\n- two", "```python\nx < 1\n```"), reference=True),
+        Section("Files", ("- one\n- two", "```python\nx < 1\n```")),
     ),
 )
-
-
-def test_the_terminal_shows_what_was_counted_in_aligned_columns():
-    assert DOCUMENT.text().splitlines() == [
-        "In short.",
-        "",
-        "behaviour  kept  share",
-        "a|b           3   0.25",
-        "<i>          12      -",
-        "",
-        "A & B.",
-    ]
 
 
 def test_the_card_is_markdown_whose_numbers_stand_right():

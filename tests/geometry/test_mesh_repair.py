@@ -76,6 +76,8 @@ def test_an_open_scan_is_wound_outward(tmp_path):
 def test_most_faces_of_each_part_decide(tmp_path):
     found = read(reversed_faces(body(3), slice(0, 5)), tmp_path)
     assert found.metadata["notes"] == ["5 faces were wound against their neighbours and were turned round"]
+    found = read(reversed_faces(body(3), slice(0, 1)), tmp_path)
+    assert found.metadata["notes"] == ["1 face was wound against its neighbours and was turned round"]
 
 
 def test_a_body_inside_out_is_turned_and_a_hollow_is_kept(tmp_path):

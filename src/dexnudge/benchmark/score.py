@@ -35,10 +35,11 @@ from dexnudge.scenes.scene import Scene
 from dexnudge.simulation.feedback import Feedback
 from dexnudge.simulation.model import scene_model
 from dexnudge.simulation.open_loop import OpenLoop
-from dexnudge.verification.verdicts import verify
+from dexnudge.verification.verdicts import Verdicts, verify
 
 FILE, FORMAT_VERSION, ENTRIES = "score.json", 1, "entries"
 ALL = "all"  # families, in tables
+MOST_LISTED = 20  # rejected first draws in the report
 NOT_PLAYED = "not played"  # outcome of a first draw that is in something, or beyond limits
 MARKUP = re.compile(r"[\\`*\[\]|]|(?<![^\W_])_|_(?![^\W_])")  # of Markdown; not "_" within a word
 PLAYABLE = ("", "contact", "force_margin", "motion_not_blocked")  # what may fail of a draw that is played
@@ -58,6 +59,7 @@ class TaskScore:
         task: its name. drawn: draws in the answer. verified: how many succeed.
         first: whether the first succeeds. reasons: draws by what they fail for, see `Verdicts.reasons`.
         open_loop, feedback: value of the `Outcome` of the first draw in physics, or `NOT_PLAYED`.
+        rejected: what the first draw fails for, and how deep it penetrates; "" where it succeeds.
         problem: why there is no valid answer, or what is wrong with its first malformed draw; "" for nothing.
     """
 
@@ -68,6 +70,7 @@ class TaskScore:
     reasons: dict[str, int] = field(default_factory=dict)
     open_loop: str = NOT_PLAYED
     feedback: str = NOT_PLAYED
+    rejected: str = ""
     problem: str = ""
 
 
@@ -134,6 +137,7 @@ def judge(scene: Scene, hand: Hand, answer: Answer, task: str) -> TaskScore:
         verified=int(verdicts.success.sum()),
         first=bool(verdicts.success[0]),
         reasons=verdicts.rejections(),
+        rejected=_rejected(verdicts),
         problem=next((f"draw {row}: {what}" for row, what in answer.wrong.items()), ""),
     )
     if verdicts.reasons[0] not in PLAYABLE:
@@ -144,6 +148,13 @@ def judge(scene: Scene, hand: Hand, answer: Answer, task: str) -> TaskScore:
     execution = executor(first)
     feedback = executor.with_policy(Feedback()).again(first, execution, simulation, others)
     return replace(found, open_loop=execution.verdict.outcome.value, feedback=feedback.outcome.value)
+
+
+def _rejected(verdicts: Verdicts) -> str:
+    """Return what the first configuration fails for, and how deep it penetrates where that is what it fails for."""
+    reason = verdicts.reasons[0]
+    by = f" by {1e3 * verdicts.values[reason][0]:.1f} mm" if reason.startswith("penetration") else ""
+    return reason.replace("_", " ") + by
 
 
 def score(
@@ -260,6 +271,11 @@ def _write_report(entries: Sequence[Entry], tasks: TaskSet, out: Path) -> str:
         for task in each.tasks
         if task.problem
     ]
+    rejected = [
+        f"- {each.method}, {task.task}: {task.rejected}" for each in records for task in each.tasks if task.rejected
+    ]
+    if len(rejected) > MOST_LISTED:
+        rejected[MOST_LISTED:] = [f"- and {len(rejected) - MOST_LISTED} more: `{ENTRIES}/NAME/results.jsonl` has all"]
     about = [_as_text(f"- {each.name}: {each.authors}; used: {each.used}; machine: {each.machine}") for each in entries]
     sections = [
         Section(
@@ -270,6 +286,7 @@ def _write_report(entries: Sequence[Entry], tasks: TaskSet, out: Path) -> str:
         Section("Rates", "", chart=("rates.png", lambda: interval_chart(f"Benchmark {suite.name}", charts))),
         Section("Entries", "\n".join(about)),
         *(Section(metric.header, "", count_table(measured, metric.name)) for metric in counts),
+        *([Section("First draws that are rejected", "\n".join(rejected))] if rejected else []),
         *([Section("Answers that are missing or malformed", "\n".join(problems))] if problems else []),
         Section("Made with", made_with(claim)),
     ]

@@ -1,7 +1,9 @@
 """`dexnudge dataset generate|info|check`: grasps and non-prehensile configurations to learn from."""
 
 from dataclasses import dataclass
+from operator import itemgetter
 from pathlib import Path
+from typing import TYPE_CHECKING
 
 from dexnudge.cli.arguments import (
     Count,
@@ -14,9 +16,15 @@ from dexnudge.cli.arguments import (
     check_at_least,
     listed,
     refuse_without,
+    say,
     settings,
+    stdout,
+    table,
 )
 from dexnudge.errors import InputError
+
+if TYPE_CHECKING:
+    from dexnudge.dataset.info import DatasetInfo
 
 
 @dataclass(frozen=True, kw_only=True)
@@ -36,7 +44,7 @@ class Generate(EngineOptions, SetOptions):
         check_at_least(1, workers=self.workers)
         from dexnudge.dataset.info import describe
         from dexnudge.jobs.folders import owned_folder
-        from dexnudge.synthesis.dataset_card import description, write_card
+        from dexnudge.synthesis.dataset_card import write_card
         from dexnudge.synthesis.generate import generate_dataset
         from dexnudge.synthesis.object_data import GenerationConfig
 
@@ -51,7 +59,7 @@ class Generate(EngineOptions, SetOptions):
                 ray_address=self.ray_address,
             )
             write_card(self.out)
-        print(description(describe(self.out)).text(), end="")
+        _print(describe(self.out), self.out)
         return 0
 
 
@@ -74,10 +82,9 @@ class Info:
         if self.out is None:
             refuse_without("out", self, "objects", "seed")
         from dexnudge.dataset.info import describe
-        from dexnudge.synthesis.dataset_card import description
 
         info = describe(self.folder)
-        print(description(info).text(), end="")
+        _print(info, self.folder)
         if self.out is not None:
             from dexnudge.jobs.folders import owned_folder
             from dexnudge.synthesis.dataset_page import draw_samples, write_dataset_page
@@ -86,6 +93,26 @@ class Info:
                 samples = draw_samples(self.folder, objects=self.objects, seed=self.seed)
                 print("\nwrote " + "\n      ".join(map(str, write_dataset_page(info, samples, self.out))))
         return 0
+
+
+def _print(info: "DatasetInfo", folder: str) -> None:
+    """Print what most want to know of a dataset; its card and its page hold the rest."""
+    from dexnudge.synthesis.dataset_card import CARD_FILE, description
+
+    say(description(info).summary)
+    shown = table("behaviour", "attempted", "kept", "kept [%]", "failed", "median margin", "rejected most often for")
+    shown.columns[-1].justify = "left"
+    margins = {row[0]: row[3] for row in info.tables["margin"].rows} if "margin" in info.tables else {}
+    for name, count in info.counts.items():
+        share = f"{100 * count.kept / count.attempted:.1f}" if count.attempted else "-"
+        reason, number = max(count.rejected.items(), key=itemgetter(1), default=("-", 0))
+        why = f"{reason}: {number}" if number else "-"
+        numbers = (count.attempted, count.kept, share, count.failed, margins.get(name, "-"), why)
+        shown.add_row(name, *map(str, numbers))
+    stdout().print(shown)
+    say(
+        f"digits, directions, faces, joints and more: {Path(folder) / CARD_FILE}; as a page: dexnudge dataset info --out"
+    )
 
 
 @dataclass(frozen=True)

@@ -272,6 +272,10 @@ def _print_attempts(summary: dict[str, Any]) -> None:
             f"{row['phase']}: {_outcome(row)}" if row["phase"] else "lifted and held",
         )
     stdout().print(shown)
+    say(
+        "slid by: number of the configuration that slides it, none where it is grasped as it lies; overhang: free share "
+        "of its length after the slide; grasps: those that hold, of all drawn so far"
+    )
     first = "yes" if summary["success_first_attempt"] else "no"
     say(f"success: {'yes' if summary['success'] else 'no'}; at the first attempt: {first}")
     if summary["ended"]:

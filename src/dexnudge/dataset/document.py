@@ -1,4 +1,4 @@
-"""A description in sections with three faces: text for the terminal, a Markdown card, and the body of an HTML page."""
+"""A description in sections with two faces: a Markdown card, and the body of an HTML page."""
 
 from dataclasses import dataclass
 from html import escape
@@ -24,16 +24,6 @@ class Table:
         cells = next(row for row in self.rows if row[0] == label)
         return dict(zip(self.header[1:], cells[1:], strict=True))
 
-    def text(self) -> str:
-        """Return columns aligned by spaces; the title stands over the first column."""
-        lines = [(self.title, *self.header[1:]), *self._shown()]
-        widths = [max(len(line[k]) for line in lines) for k in range(len(self.header))]
-        aligned = (
-            "  ".join(cell.rjust(widths[k]) if k else cell.ljust(widths[k]) for k, cell in enumerate(line))
-            for line in lines
-        )
-        return "\n".join(line.rstrip() for line in aligned) + "\n"
-
     def markdown(self) -> str:
         """Return a table in GitHub's Markdown."""
         numeric = [any(not isinstance(row[k], str) for row in self.rows) for k in range(len(self.header))]
@@ -55,14 +45,10 @@ class Table:
 
 @dataclass(frozen=True)
 class Section:
-    """Blocks of Markdown (a paragraph, a list, or fenced code) and tables under a title.
-
-    reference: what does not depend on what was counted; the terminal leaves it out.
-    """
+    """Blocks of Markdown (a paragraph, a list, or fenced code) and tables under a title."""
 
     title: str
     parts: tuple[str | Table, ...]
-    reference: bool = False
 
 
 @dataclass(frozen=True)
@@ -77,12 +63,6 @@ class Document:
     def tables(self) -> list[Table]:
         """All tables, in order."""
         return [part for section in self.sections for part in section.parts if isinstance(part, Table)]
-
-    def text(self) -> str:
-        """Return the summary and what was counted, for a terminal."""
-        shown = [part for section in self.sections if not section.reference for part in section.parts]
-        blocks = [part.text() if isinstance(part, Table) else part + "\n" for part in shown]
-        return "\n".join([self.summary + "\n", *blocks])
 
     def markdown(self) -> str:
         """Return everything as GitHub's Markdown."""

@@ -107,7 +107,7 @@ def wind_outward(mesh: trimesh.Trimesh, *, surroundings: bool) -> list[str]:
     if repaired:
         odd = _against_neighbours(mesh)
         _turn_round(mesh, odd)
-        notes.append(f"{np.count_nonzero(odd)} faces were wound against their neighbours and were turned round")
+        notes.append(_noted(odd, "{} faces were wound against their neighbours and were turned round"))
     if surroundings and not mesh.is_watertight:
         inverted = _inverted_parts(mesh, also_open=True) & ~_wide_open(mesh)
     else:
@@ -118,7 +118,7 @@ def wind_outward(mesh: trimesh.Trimesh, *, surroundings: bool) -> list[str]:
         inverted = _inverted_parts(mesh, also_open=repaired)
     if inverted.any():
         _turn_round(mesh, inverted)
-        notes.append(f"parts of {np.count_nonzero(inverted)} faces were inside out and were turned round")
+        notes.append(_noted(inverted, "parts of {} faces were inside out and were turned round"))
     up = mesh.face_normals[:, 2]
     if surroundings and not mesh.is_watertight and up.max() < FACING_UP and up.min() < -FACING_UP:
         _turn_round(mesh, np.ones(len(mesh.faces), dtype=bool))
@@ -173,9 +173,18 @@ def turned_toward(mesh: trimesh.Trimesh, point: Float[np.ndarray, "3"]) -> trime
         return mesh
     turned = mesh.copy()
     _turn_round(turned, wrong)
-    note = f"open parts of {np.count_nonzero(wrong):,} faces had their back to the object and were turned round"
+    note = _noted(wrong, "open parts of {} faces had their back to the object and were turned round")
     turned.metadata["notes"] = [*mesh.metadata.get("notes", ()), note]
     return turned
+
+
+def _noted(which: Bool[np.ndarray, " f"], text: str) -> str:
+    """Return the note with the number of faces, in the singular where it is one."""
+    number = np.count_nonzero(which)
+    if number == 1:
+        for many, one in (("parts", "a part"), ("faces", "face"), ("were", "was"), ("their", "its")):
+            text = text.replace(many, one)
+    return text.format(f"{number:,}")
 
 
 def solid_angles(corners: Float[np.ndarray, "n 3 3"]) -> Float[np.ndarray, " n"]:

@@ -105,7 +105,7 @@ def front_matter(info: DatasetInfo) -> str:
 
 
 def description(info: DatasetInfo) -> Document:
-    """Return the description of a dataset, for the terminal, the card and the page."""
+    """Return the description of a dataset, for the card and the page."""
     failed = [f"- failed object {name}: {reason}" for name, reason in info.manifest.failed_objects.items()]
     coverage = [table for name, table in info.tables.items() if name != "counts"]
     return Document(
@@ -114,14 +114,14 @@ def description(info: DatasetInfo) -> Document:
         f"({info.missing_objects} not generated yet, {len(info.manifest.failed_objects)} failed), "
         f"{info.bytes_on_disk / 1e6:.1f} MB on disk, {info.bytes_per_row:.0f} bytes per row",
         (
-            Section("What it is", (PURPOSE, _facts(info)), reference=True),
+            Section("What it is", (PURPOSE, _facts(info))),
             Section("Counts", (info.tables["counts"], "attempted = kept + rejected + failed.")),
-            Section("What a row is", _columns(info.manifest), reference=True),
-            Section("What was verified", (*_criteria(), _holding(info)), reference=True),
+            Section("What a row is", _columns(info.manifest)),
+            Section("What was verified", (*_criteria(), _holding(info))),
             Section("Coverage", (*coverage, *(["\n".join(failed)] if failed else []))),
-            Section("How to load it", LOADING, reference=True),
-            Section("How it was made", _making(info.manifest), reference=True),
-            Section("Known limitations", (_limitations(info),), reference=True),
+            Section("How to load it", LOADING),
+            Section("How it was made", _making(info.manifest)),
+            Section("Known limitations", (_limitations(info),)),
         ),
     )
 
