@@ -31,6 +31,26 @@ def test_round_trip(folder, network, normaliser, config):
     assert sorted(path.name for path in folder.iterdir()) == [CONFIG_NAME, WEIGHTS_NAME]
 
 
+@pytest.mark.parametrize(("roomy", "built"), [(checkpoint.ROOMY, 1), (0, 2)])
+def test_the_network_is_built_once_unless_its_config_names_more_weights_than_there_are(
+    roomy, built, folder, network, monkeypatch
+):
+    made = []
+
+    class Counted(checkpoint.ConditionalDenoiser):
+        def __init__(self, *arguments):
+            made.append(self)
+            super().__init__(*arguments)
+
+    monkeypatch.setattr(checkpoint, "ConditionalDenoiser", Counted)
+    monkeypatch.setattr(checkpoint, "ROOMY", roomy)
+    loaded, _ = load_model(folder)
+    assert len(made) == built
+    assert all(
+        torch.equal(loaded.state_dict()[name], each.half().float()) for name, each in network.state_dict().items()
+    )
+
+
 def test_no_memory_for_the_bytes_is_a_lack_of_memory(network, normaliser, config, tmp_path, monkeypatch):
     class PanicException(BaseException):
         pass

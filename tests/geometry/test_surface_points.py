@@ -6,7 +6,7 @@ import pytest
 import trimesh
 from scipy.spatial import cKDTree
 
-from dexnudge.geometry.surface_points import surface_points
+from dexnudge.geometry.surface_points import PIECE, random_points, surface_points
 from dexnudge.hands.link_meshes import gymnasium_mesh
 
 MESHES = {
@@ -29,6 +29,16 @@ def test_gaps(name, spacing):
     gap, _ = cKDTree(points).query(places)
     assert gap.max() <= 1.1 * spacing
     assert (gap <= spacing / np.sqrt(2)).mean() > 0.98
+
+
+@pytest.mark.parametrize("name", MESHES)
+@pytest.mark.parametrize("count", [1, PIECE, 2 * PIECE + 3])
+def test_random_points_are_those_of_trimesh_to_the_last_bit(name, count):
+    mesh = MESHES[name]()
+    places, faces = trimesh.sample.sample_surface(mesh, count, seed=np.random.default_rng(3))
+    found, triangles = random_points(mesh, count, np.random.default_rng(3))
+    np.testing.assert_array_equal(found, places)
+    np.testing.assert_array_equal(triangles, faces)
 
 
 @pytest.mark.parametrize("name", MESHES)

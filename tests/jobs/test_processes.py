@@ -237,3 +237,21 @@ def test_memory_that_was_freed_between_what_is_held_goes_back_to_the_system():
     freed, released = map(float, done.stdout.split())
     assert freed > 250
     assert released < 50
+
+
+def test_the_collector_leaves_libraries_alone_and_not_what_was_made_before_them():
+    program = """
+        import gc
+        from dexnudge.jobs.processes import loading_libraries
+
+        with loading_libraries():
+            import trimesh
+        print(gc.isenabled(), gc.get_freeze_count() > 50_000)
+        gc.unfreeze()
+        import torch
+        with loading_libraries():
+            import yaml
+        print(gc.isenabled(), gc.get_freeze_count())
+    """
+    done = subprocess.run([sys.executable, "-c", textwrap.dedent(program)], capture_output=True, text=True, check=True)
+    assert done.stdout.split() == ["True", "True", "True", "0"]

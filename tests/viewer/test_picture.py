@@ -151,6 +151,15 @@ def test_same_drawing_same_bytes_on_any_number_of_cores(monkeypatch):
     np.testing.assert_array_equal(render_array(shown, size=SIZE), first)
 
 
+@pytest.mark.parametrize("rows", [1, 7, 149])
+def test_a_picture_made_in_bands_is_the_same(rows, monkeypatch):
+    parts = (box("object", (0.1, 0.06, 0.01), 0, 0, 0.005), box("environment", (0.5, 0.5, 0.02), 0, 0, -0.01))
+    shown = VisualScene(parts, np.array([[0.0, 0.0, 0.01]]), np.array([1.0, 0, 0]))
+    whole = render_array(shown, size=SIZE)
+    monkeypatch.setattr("dexnudge.viewer.picture.BAND", rows * SIZE[0] + 1)
+    np.testing.assert_array_equal(render_array(shown, size=SIZE), whole)
+
+
 @pytest.mark.parametrize("side", [1.0, -1.0])
 def test_camera_stands_where_the_contact_is_seen(side):
     tall = box("object", (0.06, 0.06, 0.2), 0, 0, 0.1)

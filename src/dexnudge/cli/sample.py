@@ -5,7 +5,7 @@ from __future__ import annotations
 import time
 from dataclasses import dataclass, field, replace
 from pathlib import Path
-from typing import Annotated, Any
+from typing import TYPE_CHECKING, Annotated, Any
 
 from dexnudge.cli.arguments import (
     NOTHING_SUCCEEDED,
@@ -28,6 +28,9 @@ from dexnudge.cli.arguments import (
 from dexnudge.cli.arm_options import ArmOptions
 from dexnudge.cli.scene_options import RUNS, SceneOptions, say_findings, stop_at_errors
 from dexnudge.errors import InputError
+
+if TYPE_CHECKING:
+    from dexnudge.results.samples import Samples
 
 
 @dataclass(frozen=True, kw_only=True)
@@ -69,11 +72,16 @@ class Sample(DeviceOptions, SceneOptions):
     def run(self) -> int:
         """Sample, verify, write, print."""
         self.check_options()
-        from dexnudge.results.folder import result_folder
+        from dexnudge.jobs.processes import loading_libraries, release_memory
+
+        with loading_libraries():
+            from dexnudge.results.folder import result_folder, write_results
 
         out = out_folder(self.out, RUNS / f"{self.label}-{self.place}", overwrite=self.overwrite)
         with result_folder(out, overwrite=self.overwrite) as folder:
-            summary = self._sample_into(folder)
+            samples, told = self._sample_into(folder)
+            release_memory()  # of what drew, before page and picture take theirs
+            summary = write_results(folder, samples, **told)
         _print(summary)
         if self.verified and summary["verified"] < self.verified:
             say(
@@ -83,13 +91,14 @@ class Sample(DeviceOptions, SceneOptions):
         say(f"written: {out}")
         return 0 if summary["verified"] else NOTHING_SUCCEEDED
 
-    def _sample_into(self, folder: Path) -> dict[str, Any]:
+    def _sample_into(self, folder: Path) -> tuple[Samples, dict[str, Any]]:
+        """Write scene and hand into `folder`; return the draws and the further arguments of `write_results`."""
         from dexnudge.energies.terms import find_term
         from dexnudge.hands.registry import load_hand
         from dexnudge.planning.reach import Reach
         from dexnudge.planning.reach_term import WEIGHT as REACH_WEIGHT
         from dexnudge.planning.reach_term import ReachTerm
-        from dexnudge.results.folder import write_inputs, write_results
+        from dexnudge.results.folder import write_inputs
         from dexnudge.results.worlds import what_to_do
         from dexnudge.sampling.methods import find_method
         from dexnudge.sampling.sampler import Sampler, check_counts
@@ -162,8 +171,7 @@ class Sample(DeviceOptions, SceneOptions):
             details["projection"] = projection_effect(
                 sampler, written_hand, written_scene, num=self.num, seed=self.seed, method=method
             )
-        title = f"{name}, {scene.name}"
-        return write_results(folder, samples, title=title, seconds=seconds, details=details)
+        return samples, {"title": f"{name}, {scene.name}", "seconds": seconds, "details": details}
 
 
 def _print(summary: dict[str, Any]) -> None:

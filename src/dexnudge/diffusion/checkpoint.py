@@ -115,19 +115,22 @@ def load_model(folder: Path | str) -> tuple[ConditionalDenoiser, Normaliser]:
         )
     if content["model"]["config_version"] == SLIDES_ONLY:
         tensors.setdefault(_NETWORK + "turn_embedding", torch.zeros(config.architecture.width, 3))
-    _check_tensors(path, tensors, config)
-    network = ConditionalDenoiser(config)
+    device = _building_device(tensors, config)
+    with torch.device(device):
+        network = ConditionalDenoiser(config)
+    _check_tensors(path, tensors, network, config)
+    if device == "meta":
+        network = ConditionalDenoiser(config)
     network.load_state_dict(
-        {name.removeprefix(_NETWORK): tensor.float() for name, tensor in tensors.items() if name.startswith(_NETWORK)}
+        {name.removeprefix(_NETWORK): tensor for name, tensor in tensors.items() if name.startswith(_NETWORK)}
     )
     normaliser = Normaliser(mean=tensors[_NORMALISER + "mean"], std=tensors[_NORMALISER + "std"])
     return network.train(mode=False).requires_grad_(requires_grad=False), normaliser
 
 
-def _check_tensors(path: Path, tensors: dict[str, Tensor], config: ModelConfig) -> None:
-    """Refuse tensors of other shapes than the config's, and values that no trained model has."""
-    with torch.device(_building_device(tensors, config)):
-        expected = {_NETWORK + name: tensor.shape for name, tensor in ConditionalDenoiser(config).state_dict().items()}
+def _check_tensors(path: Path, tensors: dict[str, Tensor], network: ConditionalDenoiser, config: ModelConfig) -> None:
+    """Refuse tensors of other shapes than the network's, and values that no trained model has."""
+    expected = {_NETWORK + name: tensor.shape for name, tensor in network.state_dict().items()}
     expected |= {_NORMALISER + name: torch.Size([config.dimension]) for name in ("mean", "std")}
     found = {name: tensor.shape for name, tensor in tensors.items()}
     if found != expected:

@@ -69,7 +69,7 @@ def grid_corners(grid: DistanceGrid) -> Float[np.ndarray, "x y z 3"]:
 
 def _corners(origin: Float[np.ndarray, " 3"], counts: Sequence[int], cell: float) -> Float[np.ndarray, "x y z 3"]:
     axes = [origin[axis] + cell * np.arange(counts[axis]) for axis in range(3)]
-    return np.stack(np.meshgrid(*axes, indexing="ij"), axis=-1)
+    return np.stack(np.meshgrid(*axes, indexing="ij", copy=False), axis=-1)
 
 
 def _signed_by_region(
@@ -88,7 +88,10 @@ def _signed_by_region(
     if relevant < np.inf:
         values = _left_nearby(unsigned(corners[::STRIDE, ::STRIDE, ::STRIDE]), corners.shape[:3], cell)
     roughly = values > relevant
-    values[~roughly] = unsigned(corners[~roughly])
+    if roughly.any():
+        values[~roughly] = unsigned(corners[~roughly])
+    else:
+        values = unsigned(corners)
     far = values > (0.5 + REGION_MARGIN) * cell
     region, count = label(far)
     member = np.zeros(count + 1, dtype=np.int64)  # a corner of each region; region 0 is what is near

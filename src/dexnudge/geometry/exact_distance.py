@@ -229,7 +229,8 @@ class ExactDistance:
 
     def distances(self, points: Float[np.ndarray, "n 3"], *, signed: bool = True) -> Float[np.ndarray, " n"]:
         """Return nothing but the distances [m], asked for by `THREADS`: of many points, such as those of a grid."""
-        local = np.ascontiguousarray(points - self.origin, dtype=np.float32)
+        local = np.empty((len(points), 3), dtype=np.float32)
+        np.subtract(points, self.origin, out=local, casting="same_kind")  # rounded once, as it is written
         found = wp.empty(len(points), dtype=float, device=self.device)
         kind = UNSIGNED if not signed else CLOSED if self.closed else SIGNED
         local = wp.array(local, dtype=wp.vec3, device=self.device, copy=False)

@@ -62,6 +62,23 @@ def limit_threads() -> None:
         os.environ.setdefault("GOMP_SPINCOUNT", SPIN_COUNT)
 
 
+@contextmanager
+def loading_libraries() -> Iterator[None]:
+    """Keep Python's collector off what is imported in here, now and later: it would look through all of it again and again.
+
+    Nothing happens where torch is loaded already: what else has been made by then is not there for good.
+    """
+    if "torch" in sys.modules or not gc.isenabled():
+        yield
+        return
+    gc.disable()
+    try:
+        yield
+    finally:
+        gc.freeze()
+        gc.enable()
+
+
 def release_memory() -> None:
     """Give back what nothing holds any longer: meshes, which hold themselves in cycles, and what the C library keeps of it.
 

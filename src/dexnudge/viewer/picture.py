@@ -13,7 +13,7 @@ from dexnudge.geometry.warp_runtime import WarpStruct, launch_in_threads, wp
 from dexnudge.jobs.cached import cached_per_instance
 from dexnudge.jobs.processes import thread_count
 from dexnudge.viewer.camera import Camera, choose_camera, hiding_faces
-from dexnudge.viewer.shading_kernel import Pixels, shade_picture, trace_picture
+from dexnudge.viewer.shading_kernel import LOOKED_AROUND, Pixels, shade_picture, trace_picture
 from dexnudge.viewer.trace_kernel import TRIANGLE, Geometry, Surface, Triangle, View, warp_mesh
 from dexnudge.viewer.visual_scene import (
     CONTACT_RADIUS,
@@ -146,6 +146,7 @@ def _edge_lines(mesh: trimesh.Trimesh, which: Bool[np.ndarray, " face"], camera:
 
 
 SIZE = (1280, 960)  # pixels, width and height
+BAND = 2**17  # pixels that are made at once: each takes 56 bytes until it is shown
 LIGHT_TURN = -50.0  # [deg] of the key light to the left of the camera, so that shadows show shape
 LIGHT_ELEVATION = 55.0  # [deg]
 GAP = 6  # pixels of white between pictures that stand side by side
@@ -182,14 +183,23 @@ def render_array(
     camera = camera or choose_camera(scene, aspect=width / height)
     geometry, _trees = ray_scene(scene, camera, hiding=glass)
     view, pixels = _view(camera, size, light_every), Pixels()
-    pixels.surface, pixels.light, colour = (
-        wp.empty(width * height, dtype=kind, device="cpu") for kind in (Surface, wp.vec2, wp.vec3)
+    rows, around = min(height, max(1, BAND // width)), LOOKED_AROUND * light_every
+    pixels.rows = min(height, rows + 2 * around)
+    pixels.surface, pixels.light = (
+        wp.empty(pixels.rows * width, dtype=kind, device="cpu") for kind in (Surface, wp.vec2)
     )
-    count, threads = [width * height], thread_count()
-    launch_in_threads(trace_picture, count, [geometry, view, pixels], device="cpu", threads=threads)
-    launch_in_threads(shade_picture, count, [geometry, view, pixels, colour], device="cpu", threads=threads)
-    del pixels  # three times as large as the picture
-    return _to_bytes(colour.numpy().reshape(height, width, 3))
+    colour = wp.empty(rows * width, dtype=wp.vec3, device="cpu")
+    picture = np.empty((height, width, 3), dtype=np.uint8)
+    traced, threads = 0, thread_count()
+    for top in range(0, height, rows):
+        bottom = min(top + rows, height)
+        ahead = min(bottom + around, height)
+        inputs, counts = [geometry, view, pixels], [(ahead - traced) * width, (bottom - top) * width]
+        launch_in_threads(trace_picture, counts[:1], [traced, *inputs], device="cpu", threads=threads)
+        launch_in_threads(shade_picture, counts[1:], [top, *inputs, colour], device="cpu", threads=threads)
+        picture[top:bottom] = _to_bytes(colour.numpy()[: counts[1]].reshape(-1, width, 3))
+        traced = ahead
+    return picture
 
 
 def render_png(scene: VisualScene, path: Path | str, *, size: tuple[int, int] | None = None) -> Path:

@@ -17,6 +17,7 @@ OTHER_COLOUR = wp.constant(0.01)  # difference in linear colour, likewise
 SAME_PLANE = wp.constant(2.0e-3)  # [m] pixels farther than this off the surface do not share their light
 SAME_NORMAL = wp.constant(0.9)  # cosine, likewise
 FEW = wp.constant(4.0)  # measured pixels on one surface in the small window, below which a larger one is taken
+LOOKED_AROUND = PATTERN + 3  # measured pixels above and below one that shading may ask for
 
 
 @wp.func
@@ -77,18 +78,28 @@ def unblocked(mesh: wp.uint64, point: wp.vec3, direction: wp.vec3, reach: float)
 
 @wp.struct
 class Pixels:
-    """Of each pixel's centre: the surface that a ray through it meets, and the light there (key, ambient) if measured."""
+    """Of each pixel's centre: the surface that a ray through it meets, and the light there (key, ambient) if measured.
+
+    Only `rows` rows are kept: each takes the place of the row so many above it.
+    """
 
     surface: wp.array(dtype=Surface)
     light: wp.array(dtype=wp.vec2)
+    rows: int
+
+
+@wp.func
+def kept_at(view: View, pixels: Pixels, x: int, y: int):
+    """Where a pixel is kept."""
+    return y % pixels.rows * view.width + x
 
 
 @wp.kernel(enable_backward=False)
-def trace_picture(first: int, g: Geometry, view: View, pixels: Pixels):
-    """One ray through each pixel's centre, then shadow and ambient rays from where it ends."""
-    i = wp.tid() + first
-    x = i % view.width
-    y = i // view.width
+def trace_picture(first: int, top: int, g: Geometry, view: View, pixels: Pixels):
+    """One ray through each pixel's centre from row `top` on, then shadow and ambient rays from where it ends."""
+    x = (wp.tid() + first) % view.width
+    y = (wp.tid() + first) // view.width + top
+    i = kept_at(view, pixels, x, y)
     direction = ray_direction(view, float(x) + 0.5, float(y) + 0.5)
     s = trace(g, view.position, direction)
     pixels.surface[i] = s
@@ -129,7 +140,7 @@ def gather_light(view: View, pixels: Pixels, s: Surface, point: wp.vec3, x: int,
             row = grid_row * view.grid
             column = grid_column * view.grid
             if row >= 0 and row < view.height and column >= 0 and column < view.width:
-                j = row * view.width + column
+                j = kept_at(view, pixels, column, row)
                 other = pixels.surface[j]
                 if other.face >= 0 and wp.dot(other.normal, s.normal) > SAME_NORMAL:
                     there = view.position + ray_direction(view, float(column) + 0.5, float(row) + 0.5) * other.depth
@@ -137,23 +148,24 @@ def gather_light(view: View, pixels: Pixels, s: Surface, point: wp.vec3, x: int,
                         total = total + pixels.light[j]
                         weight = weight + 1.0
     if weight == 0.0:
-        return wp.vec3(pixels.light[y * view.width + x][0], pixels.light[y * view.width + x][1], 0.0)
+        own = pixels.light[kept_at(view, pixels, x, y)]
+        return wp.vec3(own[0], own[1], 0.0)
     total = total / weight
     return wp.vec3(total[0], total[1], weight)
 
 
 @wp.kernel(enable_backward=False)
-def shade_picture(first: int, g: Geometry, view: View, pixels: Pixels, colour: wp.array(dtype=wp.vec3)):
-    """The colour of each pixel: one ray where all is even, several where there is an edge."""
+def shade_picture(first: int, top: int, g: Geometry, view: View, pixels: Pixels, colour: wp.array(dtype=wp.vec3)):
+    """The colour of each pixel from row `top` on: one ray where all is even, several where there is an edge."""
     i = wp.tid() + first
     x = i % view.width
-    y = i // view.width
-    here = pixels.surface[i]
+    y = i // view.width + top
+    here = pixels.surface[kept_at(view, pixels, x, y)]
     edge = bool(False)
     for k in range(4):
         column = wp.clamp(x + (k % 2) * (2 * (k // 2) - 1), 0, view.width - 1)
         row = wp.clamp(y + ((k + 1) % 2) * (2 * (k // 2) - 1), 0, view.height - 1)
-        other = pixels.surface[row * view.width + column]
+        other = pixels.surface[kept_at(view, pixels, column, row)]
         differs = (here.face < 0) != (other.face < 0) or wp.abs(here.opacity - other.opacity) > OTHER_COVER
         if not differs and here.face >= 0 and here.face != other.face:
             bends = wp.dot(here.normal, other.normal) < SAME_NORMAL or wp.abs(here.depth - other.depth) > OTHER_DEPTH
