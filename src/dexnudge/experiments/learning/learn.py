@@ -153,9 +153,7 @@ def learn_hand(
         say(f"data after {clock.total / 60.0:.1f} min; training")
         with clock.stage(TRAINING):
             _train(learning, plan, clock)
-            for name in (CARD_NAME, WEIGHTS_NAME, CONFIG_NAME):  # the one that vouches for the others comes last
-                with replace_atomically(folder / WEIGHTS_FOLDER / name) as temporary:
-                    shutil.copyfile(learning / TRAINING / MODEL_FOLDER / name, temporary)
+            _copy_model(learning / TRAINING / MODEL_FOLDER, folder / WEIGHTS_FOLDER)
         say(f"model after {clock.total / 60.0:.1f} min: {folder / WEIGHTS_FOLDER}; evaluation")
         with clock.stage(EVALUATION):
             scenes = _evaluate(folder, plan, clock)
@@ -234,6 +232,13 @@ def _train(learning: Path, plan: LearningPlan, clock: StageClock) -> None:
     result = train(learning / DATA, learning / TRAINING, config, made_with={**machine(), **versions()})
     if not result.finished:
         raise KeyboardInterrupt
+
+
+def _copy_model(model: Path, weights: Path) -> None:
+    """Copy the model's files, each whole or not at all; the one that vouches for the others comes last."""
+    for name in (CARD_NAME, WEIGHTS_NAME, CONFIG_NAME):
+        with replace_atomically(weights / name) as temporary:
+            shutil.copyfile(model / name, temporary)
 
 
 def _evaluate(folder: Path, plan: LearningPlan, clock: StageClock) -> tuple[str, ...]:
