@@ -125,6 +125,38 @@ def test_a_push_begins_with_another_configuration_where_no_free_way_leads_to_its
     np.testing.assert_array_equal(instead.trace.qpos[0], executor(q).trace.qpos[0])
 
 
+@pytest.mark.parametrize("gives_up", [0, 1, 3])
+def test_a_turn_begins_with_what_held_in_a_harder_world(pad_hand, block_scene, pad_grasp, monkeypatch, gives_up):
+    q, _ = pad_grasp
+    scene = replace(block_scene, motion_length=LENGTH)
+    simulation, masses = scene_model(pad_hand, scene), []
+
+    class Weighed(OpenLoop):
+        """Gives up the first pushes; notes in which world each begins."""
+
+        def command(self, seen):
+            return None if len(masses) <= gives_up else super().command(seen)
+
+    def noted(rollout, *given, **named):
+        masses.append(rollout.simulation.model.body_mass[simulation.object_body])
+        return push(rollout, *given, **named)
+
+    push = Rollout.push
+    monkeypatch.setattr(Rollout, "push", noted)
+    executor = Executor(scene, simulation, Weighed())
+    assert not executor._rehearses  # it slides
+    executor._rehearses = True
+    found = executor(q, np.stack([q, q]))
+    nominal = float(simulation.model.body_mass[simulation.object_body])
+    rehearsed = min(gives_up + 1, 3)  # of three configurations
+    np.testing.assert_allclose(masses[: rehearsed + 1], [1.15 * nominal] * rehearsed + [nominal])
+    assert found.began_with == (gives_up if gives_up < 3 else 0)  # where none held, with the first
+    assert found.failed_rehearsal == (gives_up > 0)
+    assert found.verdict.success
+    turning = replace(scene, turn=Turn(0.5, np.array([0.0, 0.0, 1.0]), np.asarray(scene.centre_of_mass)))
+    assert Executor(turning, simulation)._rehearses
+
+
 def test_an_object_that_slid_too_far_and_turned_too_little_has_its_turn_left(pad_hand, block_scene):
     turn = Turn(0.5, np.array([0.0, 0.0, 1.0]), np.asarray(block_scene.centre_of_mass))
     scene = replace(block_scene, turn=turn, motion_length=LENGTH)

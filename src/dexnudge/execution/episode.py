@@ -68,9 +68,12 @@ class Episode:
         drifted = [f"{1e3 * self.result.verdict.aside:.1f} mm"] * (self.outcome is Outcome.DRIFTED)
         times = self.result.took_hold_again
         again = [f"took hold again {times} time{'s' * (times > 1)}"] * (times > 0)
-        first = self.result.number_of_first(self.configuration)
-        other = [f"began with configuration {first}, as no free way leads to {self.configuration}"]
-        return ", ".join(other * (first != self.configuration) + drifted + again)
+        own, first = self.configuration, self.result.number_of_first(self.configuration)
+        why = f"{own} did not hold when rehearsed" if self.result.failed_rehearsal else f"no free way leads to {own}"
+        other = [f"began with configuration {first}, as {why}"] * (first != own)
+        if first == own and self.result.failed_rehearsal:
+            other = ["neither it nor another held when rehearsed"]
+        return ", ".join(other + drifted + again)
 
     @property
     def success(self) -> bool:
@@ -275,9 +278,10 @@ def execute(
         feedback: whether the hand answers what it feels and sees, see `Feedback`; False for the plan as it is, or a policy
             of your own.
         then_grasp: slide the object until it can be grasped, grasp it, lift it by 10 cm and hold it for 2 s.
-        alternatives: configurations of the same scene with which a push begins to whose own no free way leads, and with
-            which one that falls short goes on; with `then_grasp`, with which further attempts push. Without any,
-            `Feedback` goes on with the configuration itself, and a policy of your own ends where it returns None.
+        alternatives: configurations of the same scene with which a push begins to whose own no free way leads, or whose
+            turn does not hold when it is rehearsed, and with which one that falls short goes on; with
+            `then_grasp`, with which further attempts push. Without any, `Feedback` goes on with the configuration itself,
+            and a policy of your own ends where it returns None.
         attempts: with `then_grasp`, at most so many; each goes on from where the one before left hand and object. A slide
             that stops short goes on as a push does, and spends none, up to seven times.
         draws: with `then_grasp`, the number of grasps that are sampled at a time; 32 unless given.

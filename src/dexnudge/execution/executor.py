@@ -4,6 +4,8 @@ import copy
 import time
 from collections.abc import Iterable
 from dataclasses import dataclass
+from functools import cached_property
+from itertools import chain
 
 import numpy as np
 from jaxtyping import Float
@@ -19,7 +21,7 @@ from dexnudge.planning.outcomes import Outcome
 from dexnudge.scenes.scene import Scene
 from dexnudge.simulation.feedback import Feedback
 from dexnudge.simulation.hand_path import PUSH, push_path
-from dexnudge.simulation.model import SimulationModel
+from dexnudge.simulation.model import SimulationModel, changed_physics
 from dexnudge.simulation.open_loop import OpenLoop
 from dexnudge.simulation.policy import Policy
 from dexnudge.simulation.push_forces import PushForces, forces_with_reserve
@@ -27,8 +29,10 @@ from dexnudge.simulation.rollout import Divergence, Rollout, Trace
 from dexnudge.simulation.success import LEAST_ADVANCE, PushVerdict, judge_push
 from dexnudge.verification.verdicts import contacts_of
 
-MOST_APPROACHED = 5  # alternatives, to begin with, where no free way leads to a configuration
+MOST_APPROACHED = 5  # alternatives, to begin with, where a configuration will not do
+REHEARSED_IN = {"friction_hand": 0.85, "mass": 1.15}  # times as planned: what they may well be off by
 Alternatives = Float[np.ndarray, "n coordinates"] | None
+Begun = tuple[int, Float[np.ndarray, " coordinates"], Approach | Blocked]
 
 
 @dataclass(frozen=True)
@@ -37,7 +41,8 @@ class Execution:
 
     divergence: None unless the simulation diverged. forces: with which the hand pressed. approach: of which the last,
     straight stretch is simulated; where it is blocked the hand starts at contact. seconds: wall time by stage. began_with: 0
-    for the configuration itself; k for the k-th alternative, as no free way leads to the configuration.
+    for the configuration itself; k for the k-th alternative, as no free way leads to the configuration, or as it
+    `failed_rehearsal`.
     """
 
     verdict: PushVerdict
@@ -47,6 +52,7 @@ class Execution:
     approach: Approach | Blocked
     seconds: dict[str, float]
     began_with: int = 0
+    failed_rehearsal: bool = False
 
     @property
     def took_hold_again(self) -> int:
@@ -97,25 +103,26 @@ class Executor:
         self._length = push_length(scene)
         self._planner = ApproachPlanner(self._hand, scene)
         self._stations, self._task = stations(scene, self._length), sliding_task(scene)
+        self._rehearses = scene.turn is not None  # of what only slides, the balance tells enough
 
     def __call__(self, q: Float[np.ndarray, " coordinates"], alternatives: Alternatives = None) -> Execution:
         """Push with q (world); the same q gives the same result, whatever was executed before.
 
-        Where no free way leads to q, the push begins with the first of the `alternatives` to which one does. An object that
-        falls short is pushed on: with q or one of the `alternatives`, whichever balances best where the object lies then,
-        or the first of those that fit where it turns. None: it is not.
+        Where no free way leads to q, the push begins with the first of the `alternatives` to which one does. Turns and tips
+        are rehearsed first, the object heavier and more slippery than it should be: the push begins with the first that
+        holds then, or else with the first. An object that falls short is pushed on: with q or one of the `alternatives`,
+        whichever balances best where the object lies then, or the first of those that fit where it turns. None: neither.
         """
         seconds: dict[str, float] = {}
         clock = time.perf_counter()
-        began_with, q, approach = self._approached(q, alternatives)
+        (began_with, q, approach), failed = self._first(q, alternatives)
         seconds["approach"], clock = time.perf_counter() - clock, time.perf_counter()
-        (contacts,) = contacts_of(self._scene, self._hand, q[None])
-        forces = forces_with_reserve(self._simulation, q, contacts, self._stations, hardest_task(self._scene))
+        forces = self._forces(q)
         seconds["forces"], clock = time.perf_counter() - clock, time.perf_counter()
         rollout = self._play(self._simulation, q, approach, forces, alternatives)
         seconds["simulation"] = time.perf_counter() - clock
         verdict = self._judge(rollout)
-        return Execution(verdict, rollout.trace, rollout.divergence, forces, approach, seconds, began_with)
+        return Execution(verdict, rollout.trace, rollout.divergence, forces, approach, seconds, began_with, failed)
 
     def with_policy(self, policy: Policy) -> "Executor":
         """Return an executor that differs in its policy alone."""
@@ -136,16 +143,37 @@ class Executor:
         """
         return self._judge(self._play(simulation, q, execution.approach, execution.forces, alternatives))
 
-    def _approached(
-        self, q: Float[np.ndarray, " coordinates"], alternatives: Alternatives
-    ) -> tuple[int, Float[np.ndarray, " coordinates"], Approach | Blocked]:
-        """Return what to begin with, see `Execution.began_with`, its configuration and approach."""
-        first = self._planner.plan(q)
-        if isinstance(first, Blocked) and alternatives is not None:
-            for place, other in enumerate(alternatives[:MOST_APPROACHED], start=1):
-                if isinstance(found := self._planner.plan(other), Approach):
-                    return place, other, found
-        return 0, q, first
+    def _first(self, q: Float[np.ndarray, " coordinates"], alternatives: Alternatives) -> tuple[Begun, bool]:
+        """Return what to begin with, its configuration and approach, and whether q failed a rehearsal; see `Execution`."""
+        itself: Begun = 0, q, self._planner.plan(q)
+        if alternatives is None:
+            return itself, False
+        failed: list[Begun] = []
+        others = (
+            (place, each, self._planner.plan(each)) for place, each in enumerate(alternatives[:MOST_APPROACHED], 1)
+        )
+        for begun in chain([itself], others):
+            if isinstance(begun[2], Blocked):
+                continue
+            if self._holds(begun):
+                return begun, bool(failed) and failed[0] is itself
+            failed.append(begun)
+        return (failed[0], failed[0] is itself) if failed else (itself, False)
+
+    def _holds(self, begun: Begun) -> bool:
+        """Return whether a push without alternatives succeeds in the world of `REHEARSED_IN`, or need not be rehearsed."""
+        if not self._rehearses:
+            return True
+        _, q, approach = begun
+        return self._judge(self._play(self._harder, q, approach, self._forces(q), None)).success
+
+    @cached_property
+    def _harder(self) -> SimulationModel:
+        return changed_physics(self._simulation, **REHEARSED_IN)
+
+    def _forces(self, q: Float[np.ndarray, " coordinates"]) -> PushForces:
+        (contacts,) = contacts_of(self._scene, self._hand, q[None])
+        return forces_with_reserve(self._simulation, q, contacts, self._stations, hardest_task(self._scene))
 
     def _play(
         self,

@@ -100,8 +100,8 @@ def push_folder(
 def counts(rows: list[dict[str, Any]]) -> dict[str, Any]:
     """Return how many pushes succeeded and failed, and the rows in order, each with `counted`.
 
-    repeated: configurations to which no free way leads, and whose push began with one that is counted already; they are
-    neither among those that succeeded nor among those that failed.
+    repeated: configurations whose push began with one that is counted already, as no free way leads to them or as they did
+    not hold when rehearsed; they are neither among those that succeeded nor among those that failed.
     """
     rows = sorted(rows, key=lambda row: row["configuration"])
     pushes = distinct_pushes(row.get("began_with", row["configuration"]) for row in rows)

@@ -51,7 +51,7 @@ class ExecutedDraw:
 
     Attributes:
         rank: place among the verified draws, 0 the best. began_with: the same of the one with which the push began, another
-            where no free way led to that; margin, links and behaviour are of it.
+            where no free way led to that or it did not hold when rehearsed; margin, links and behaviour are of it.
         force_margin: at most 3. links: number of hand links in contact. behaviour: push, press or hook.
         outcome: value of an `Outcome`. length_asked, length_reached [m], turned_deg, sunk [m], hand_environment [m],
             link_force [N]: see `simulation.success.PushVerdict`.
@@ -149,8 +149,9 @@ class ExecutionTrial(DrawnTrial[ExecutionRecord]):
     about: ClassVar[str] = (
         "Top-ranked: % of all attempted objects whose best verified draw, the one that a robot would use, succeeds in "
         "physics. Length asked and reached: of the push, mean over top-ranked draws. Executed: the first verified draws of "
-        "each, and the share of them that succeeds; one to which no free way leads, and whose push began with another of "
-        "them, counts once with that. In brackets, 95 % intervals by bootstrap over objects."
+        "each, and the share of them that succeeds; one to which no free way leads, or whose turn did not hold when it was "
+        "rehearsed, and whose push began with another of them, counts once with that. In brackets, 95 % intervals by "
+        "bootstrap over objects."
     )
     folder: ClassVar[str] = "executed"
     record: ClassVar[type[ExecutionRecord]] = ExecutionRecord
