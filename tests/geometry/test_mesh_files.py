@@ -283,6 +283,7 @@ def test_a_gltf_has_y_up(tmp_path):
             "nodes; expected at most 200,000",
         ),
         ({"nodes": [{"children": [0]}]}, "below themselves"),
+        ({"accessors": [{"bufferView": 0, "componentType": 5126, "count": 9, "type": "SCALAR"}]}, "three coordinates"),
     ],
 )
 def test_a_small_gltf_cannot_ask_for_much(changes, expected, tmp_path):

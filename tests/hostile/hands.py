@@ -294,6 +294,7 @@ MODELS = {
     "a library": (MJCF.replace("<asset>", '<extension><plugin plugin="/tmp/x.so"/></extension><asset>'), "refused", ""),
     "a replicate of a hand": (MJCF.replace('<body name="palm">', '<replicate count="50" offset="1 0 0"><body name="palm">').replace("</worldbody>", "</replicate></worldbody>"), "refused", ""),
     "a mesh of text": (MJCF.replace("<asset>", '<asset><mesh name="v" vertex="' + "0 1 2 " * 300_000 + '"/>'), "either", ""),
+    "a bar without inertia": (MJCF.replace('.04" size=".004"/><site name="b"', '99999999999999999999" size=".004"/><site name="b"'), "refused", "flat"),
     "a key of the wrong size": (MJCF.replace("</mujoco>", '<keyframe><key qpos="1"/></keyframe></mujoco>'), "either", ""),
     "a mesh of 1e9 points": (MJCF.replace("<asset>", '<asset><mesh name="g" builtin="sphere" params="99999"/>'), "refused", ""),
 }  # fmt: skip

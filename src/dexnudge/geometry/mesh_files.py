@@ -106,6 +106,8 @@ def parse_triangles(
         raise _no_memory(name, len(data)) from error
     if kind in ("off", "ply") and found.faces is not None and len(mesh.faces) < found.faces:
         raise damaged(name, kind, f"{found.faces} faces announced, {len(mesh.faces)} read")
+    if np.ndim(mesh.vertices) != 2 or mesh.vertices.shape[1] != 3:
+        raise damaged(name, kind, "its vertices are not points of three coordinates")
     if len(mesh.vertices) == 0:
         raise damaged(name, kind, "no triangles in it; a point cloud must be meshed first")
     notes = []

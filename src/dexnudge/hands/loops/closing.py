@@ -82,7 +82,8 @@ def motor_dofs(model: mujoco.MjModel) -> Bool[np.ndarray, "motor nv"]:
     data = mujoco.MjData(model)
     for qpos in random_poses(model):
         data.qpos[:] = qpos
-        mujoco.mj_fwdPosition(model, data)
+        for stage in (mujoco.mj_kinematics, mujoco.mj_comPos, mujoco.mj_tendon, mujoco.mj_transmission):
+            stage(model, data)  # not its inertia, which may be singular
         for motor in range(model.nu):
             if int(model.actuator_trntype[motor]) in kinds:
                 entries = slice(data.moment_rowadr[motor], data.moment_rowadr[motor] + data.moment_rownnz[motor])
