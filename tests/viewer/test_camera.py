@@ -1,9 +1,11 @@
 import numpy as np
 import pytest
+import trimesh
 from hypothesis import given, settings
 from hypothesis import strategies as st
 
-from dexnudge.viewer.camera import FILLED, framing_camera
+from dexnudge.viewer.camera import FILLED, choose_camera, framing_camera
+from dexnudge.viewer.visual_scene import Part, VisualScene
 
 
 def in_picture(camera, points):
@@ -36,3 +38,17 @@ def test_axes_are_right_handed_and_the_picture_stands_upright():
     assert camera.right[2] == pytest.approx(0.0)
     assert camera.up[2] > 0
     assert camera.position @ [np.cos(0.7), np.sin(0.7), 0] > 0
+
+
+def test_a_book_that_comes_out_of_a_row_is_seen_from_beside_the_row():
+    """From the front nothing hides it, but neither its tip nor its way can be seen."""
+
+    def box(role, size, place):
+        return Part(role, role, trimesh.creation.box(size), trimesh.transformations.translation_matrix(place))
+
+    motion = np.array([1.0, 0, 0])
+    row = [box("object", (0.08, 0.01, 0.15), (0, 0, 0))]
+    row += [box("environment", (0.08, 0.05, 0.15), (0, side, 0)) for side in (-0.035, 0.035)]
+    row += [box("ghost", (0.08, 0.01, 0.15), (0.1, 0, 0)), box("fingertip", (0.01, 0.01, 0.02), (-0.03, 0, 0.085))]
+    camera = choose_camera(VisualScene(tuple(row), np.zeros((0, 3)), motion), aspect=4 / 3)
+    assert abs(camera.forward @ motion) < np.cos(np.radians(55.0))

@@ -7,7 +7,7 @@ import dexnudge as dn
 from dexnudge.errors import InputError, OutputError
 from dexnudge.viewer.camera import Camera, choose_camera
 from dexnudge.viewer.picture import render_array, render_png
-from dexnudge.viewer.visual_scene import PALETTE, Part, VisualScene, visual_scenes
+from dexnudge.viewer.visual_scene import PALETTE, Part, VisualScene, legend, visual_scenes
 
 SIZE = (200, 150)
 LEAST_SEEN = 0.6  # of the object's pixels
@@ -174,6 +174,19 @@ def test_picture_is_written_as_png(tmp_path):
         assert (image.format, image.size, image.mode) == ("PNG", (64, 48), "RGB")
     with pytest.raises(OutputError, match="cannot write"):
         render_png(shown, tmp_path / "missing" / "view.png", size=(8, 8))
+
+
+def test_a_legend_names_what_is_shown_and_nothing_else(tmp_path):
+    parts = (box("object", (0.05, 0.05, 0.05), 0, 0, 0), box("ghost", (0.05, 0.05, 0.05), 0.1, 0, 0))
+    still = VisualScene(parts[:1], np.zeros((0, 3)), np.zeros(3))
+    moved = VisualScene(parts, np.zeros((1, 3)), np.array([1.0, 0, 0]))
+    assert list(legend([still])) == ["object"]
+    shown = legend([still, moved])
+    assert list(shown) == ["object", "where the object comes (see-through)", "contacts (balls)", "motion (arrows)"]
+    with Image.open(render_png(moved, tmp_path / "p.png", size=(640, 480))) as picture:
+        row = np.asarray(picture)[-20:].reshape(-1, 3)
+    for colour in shown.values():
+        assert (row == np.rint(255 * np.array(colour))).all(axis=1).sum() > 30
 
 
 def test_a_picture_needs_a_size():

@@ -6,7 +6,7 @@ from PIL import Image
 
 from dexnudge.errors import InputError, OutputError
 from dexnudge.viewer.picture import BAD, GOOD, HEAD_HEIGHT
-from dexnudge.viewer.recording import _one_number, write_recording_pictures
+from dexnudge.viewer.recording import _one_number, glass_at, write_recording_pictures
 
 TILE = (120, 90)
 
@@ -68,6 +68,16 @@ def test_a_verdict_stands_above_rows_of_three_in_its_colour(recording, tmp_path,
     ink = head.min(axis=2) < 220
     assert head[ink].mean(axis=0).argmax() == np.argmax(colour)
     assert 100 < np.flatnonzero(ink.any(axis=0))[-1] < strip.shape[1] - 4  # all of it
+
+
+def test_a_wall_is_glass_from_the_first_to_the_last_time_that_it_hides_something():
+    """Of three faces the first never hides, the second at moment 20, the third at 10 and 30."""
+    hides = [[False, False, False], [False, False, True], [False, True, False], [False, False, True]]
+    hiding = [[np.array(moment)] for moment in hides]
+    expected = {0: (0, 0, 1), 5: (0, 0, 1), 10: (0, 1, 1), 20: (0, 1, 1), 25: (0, 1, 1), 30: (0, 0, 1), 35: (0, 0, 1)}
+    for index, glass in expected.items():
+        (found,) = glass_at(index, np.array([0, 10, 20, 30]), hiding)
+        assert tuple(found.astype(int)) == glass, index
 
 
 def test_what_cannot_be_shown_or_written_is_refused(recording, tmp_path):

@@ -84,7 +84,8 @@ ON_SURFACE = 0.0005  # [m] a point this much behind what a ray meets is what it 
 CONTACT_ROOM = 0.006  # [m] a contact lies between two surfaces; this much in front of it does not hide it
 MAX_WALLS = 8  # surfaces that are looked through, one behind the other
 FAR = 100.0  # [m] beyond every scene
-WEIGHTS = {"object": 4.0, "contacts": 1.0, "hand": 0.2, "area": 0.6, "base": -0.3, "sideways": 0.4, "height": -0.25}
+WEIGHTS = {"object": 4.0, "contacts": 1.0, "hand": 0.2, "area": 0.6, "ghost": 3.0, "base": -0.3, "sideways": 0.4}
+WEIGHTS["height"] = -0.25
 BEHIND_GLASS = 0.5  # worth of what is seen through surroundings or base, against what is seen freely
 PREFERRED_ELEVATION = 32.0  # [deg] where both the top and the side of a flat object show
 
@@ -120,6 +121,7 @@ def best_camera(scenes: Sequence[VisualScene], framed: Float[np.ndarray, "n 3"],
 def _scores(scene: VisualScene, cameras: Sequence[Camera]) -> Float[np.ndarray, " camera"]:
     """Return how well each camera sees what matters."""
     body, hand, base = scene.mesh("object"), scene.mesh("link", "fingertip"), scene.mesh("base", "arm")
+    ghosts = scene.mesh("ghost")
     # What hides, with how much what lies behind it is worth; what was never seen is looked through.
     walls = scene.mesh("environment", "assumed")
     blockers = (joined([body, hand]), 0.0), (walls, BEHIND_GLASS), (base, BEHIND_GLASS)
@@ -141,6 +143,10 @@ def _scores(scene: VisualScene, cameras: Sequence[Camera]) -> Float[np.ndarray, 
             alone = (facing * ~_hidden(Rays(mesh), positions, points, ON_SURFACE)).sum(axis=1)
             # Of what could be seen from there, and of the most that could be seen: a flat object shows little from aside.
             scores += WEIGHTS[name] * seen / alone + WEIGHTS["area"] * seen / alone.max()
+    if len(ghosts.faces):  # where an object that turns comes
+        points, facing = _surface(ghosts, positions, SURFACE_POINTS)
+        facing = facing * ~_hidden(Rays(ghosts), positions, points, ON_SURFACE)
+        scores += WEIGHTS["ghost"] * (facing * worth(points, ON_SURFACE)).sum(axis=1) / facing.sum(axis=1).max()
     if len(base.faces):
         points, _ = _surface(base, positions, SURFACE_POINTS)
         middle = scene.middle()

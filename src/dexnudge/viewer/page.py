@@ -18,7 +18,7 @@ from dexnudge.errors import InputError, check_path, writing
 from dexnudge.finding import probability_text
 from dexnudge.viewer.page_data import ASPECT, page_data
 from dexnudge.viewer.recording import Curve, Recording, recording_camera
-from dexnudge.viewer.visual_scene import PALETTE, Colour, VisualScene
+from dexnudge.viewer.visual_scene import Colour, VisualScene, legend
 
 COLOURS = ("#3b6fb6", "#e07b39", "#2a8f6a", "#8e5ea2", "#c0392b", "#2aa5b8", "#a5921b", "#d16ba5", "#7f6d5f", "#5c7a29")
 LIMIT_COLOUR = "#66707d"
@@ -50,8 +50,8 @@ def phase_spans(recording: Recording) -> list[tuple[str, float, float]]:
 def _chart(title: str, curves: Sequence[Curve], recording: Recording) -> str:
     low, high, step = _scale(np.concatenate([curve.values for curve in curves]))
     first, last = float(recording.time[0]), float(recording.time[-1])
-    legend = _legend(title, curves)
-    top = legend[-1][1] + 10.0
+    names = _legend(title, curves)
+    top = names[-1][1] + 10.0
     bottom, width = top + HEIGHT, WIDTH - LEFT - RIGHT
     across = width / max(last - first, 1e-9)
     up = HEIGHT / (high - low)
@@ -78,7 +78,7 @@ def _chart(title: str, curves: Sequence[Curve], recording: Recording) -> str:
     parts.append(f'<text x="4" y="{LEGEND_ROW:g}" class="title">{escape(title)}</text>')
     turns = cycle(COLOURS)
     colours = [LIMIT_COLOUR if curve.limit else next(turns) for curve in curves]
-    for curve, colour, (x, y) in zip(curves, colours, legend, strict=True):
+    for curve, colour, (x, y) in zip(curves, colours, names, strict=True):
         points = _points(recording.time, curve.values, place)
         dashed = ' stroke-dasharray="4 3"' if curve.limit else ""
         parts += [f'<polyline points="{run}" stroke="{colour}" class="curve"{dashed}/>' for run in points]
@@ -137,13 +137,6 @@ LARGEST_PAGE = 500  # configurations; more would make the page slow to open
 MOST_FRAMES = 1000  # a longer recording is thinned, so that the page stays below a few megabytes
 OPACITY = 40  # [%] of the surroundings at first
 DECIMALS = 4  # of a curve's numbers
-LEGEND: dict[str, Colour] = {
-    "object": PALETTE["object"],
-    "fingertips": PALETTE["fingertip"],
-    "contacts": PALETTE["contact"],
-    "motion": PALETTE["arrow"],
-    "surroundings": PALETTE["environment"],
-}
 PERCENT = 100.0
 MILLIMETRES = 1e3  # depths are measured in metres and shown in millimetres
 HEADINGS = {  # of values that are shown under another name or in another unit than they have: heading, factor
@@ -201,7 +194,7 @@ def write_page(scenes: Sequence[VisualScene], path: Path | str, *, title: str, f
         path,
         "configurations",
         page_data([scenes[index] for index in order]),
-        LEGEND,
+        legend(scenes),
         title=escape(title),
         subtitle=cut,
         last=len(order) - 1,
@@ -248,7 +241,7 @@ def write_recording_page(recording: Recording, path: Path | str) -> Path:
         path,
         "recording",
         _recording_data(recording),
-        {text: colour for text, colour in LEGEND.items() if text != "contacts"},
+        legend(recording.frames),
         title=escape(recording.title),
         subtitle=escape(recording.subtitle),
         last=len(recording.frames) - 1,
@@ -281,7 +274,7 @@ def write_template(
     path: Path | str,
     kind: str,
     data: dict[str, Any],
-    legend: Mapping[str, Colour],
+    shown: Mapping[str, Colour],
     **values: object,
 ) -> Path:
     """Fill the package's template of this kind, with its style and script, and write it.
@@ -290,7 +283,7 @@ def write_template(
         path: of the HTML file.
         kind: of page: "configurations", "hand", "recording" or "scene".
         data: for the script, as `page_data` returns it.
-        legend: what is shown, plain text, and its sRGB colour.
+        shown: what is to be seen, plain text, and its sRGB colour.
         values: HTML to be put in; text in it must be escaped already.
 
     Raises:
@@ -305,7 +298,7 @@ def write_template(
     entries = "".join(
         f'<span><i style="background:rgb({" ".join(str(round(255 * channel)) for channel in colour)})"></i>'
         f"{escape(name)}</span>"
-        for name, colour in legend.items()
+        for name, colour in shown.items()
     )
     body = Template(text(f"{kind}.html")).substitute(opacity=OPACITY, legend=entries, **values)
     page = Template(text("page.html")).substitute(

@@ -1,6 +1,6 @@
 """Pictures of visual scenes, packed for the ray kernels, by ray tracing on the CPU: neither GPU nor display is needed."""
 
-from collections.abc import Sequence
+from collections.abc import Mapping, Sequence
 from pathlib import Path
 
 import numpy as np
@@ -24,6 +24,7 @@ from dexnudge.viewer.visual_scene import (
     Part,
     Role,
     VisualScene,
+    legend,
 )
 
 LARGEST_FAN = 128  # triangles at one vertex beyond which its corners stay flat: the cost grows with the square
@@ -151,6 +152,7 @@ LIGHT_TURN = -50.0  # [deg] of the key light to the left of the camera, so that 
 LIGHT_ELEVATION = 55.0  # [deg]
 GAP = 6  # pixels of white between pictures that stand side by side
 TITLE_HEIGHT = 0.055  # of a picture's height
+LEGEND_HEIGHT = 0.021  # of a picture's height: the letters of its legend
 TITLE_COLOUR = (45, 52, 62)  # sRGB
 GOOD, BAD, NEUTRAL = (22, 122, 66), (190, 30, 40), (40, 44, 52)  # sRGB, of a verdict, and of a text that is none
 HEAD_HEIGHT = 40  # pixels of the line above a sheet, and the share of it that the letters have at most
@@ -203,14 +205,34 @@ def render_array(
 
 
 def render_png(scene: VisualScene, path: Path | str, *, size: tuple[int, int] | None = None) -> Path:
-    """Write the picture of a visual scene, 1280 x 960 pixels unless a size is given.
+    """Write the picture of a visual scene with a legend, 1280 x 960 pixels unless a size is given.
 
     Raises:
         InputError: a path that does not end in .png.
         OutputError: the file cannot be written.
     """
     check_png(path)
-    return write_png(render_array(scene, size=size or SIZE), path)
+    return write_png(with_legend(render_array(scene, size=size or SIZE), legend([scene])), path)
+
+
+def with_legend(
+    picture: UInt8[np.ndarray, "height width 3"], shown: Mapping[str, Colour]
+) -> UInt8[np.ndarray, "height width 3"]:
+    """Return the picture with a row at its lower edge of what is shown: a square of its colour, and its name."""
+    image = Image.fromarray(picture)
+    draw = ImageDraw.Draw(image)
+    side = max(1.0, LEGEND_HEIGHT * image.height)
+    font = ImageFont.load_default(side)
+    widths = [2.5 * side + font.getlength(name) for name in shown]
+    shrunk = min(1.0, image.width / (sum(widths) + side))
+    font, side = ImageFont.load_default(max(1.0, shrunk * side)), shrunk * side
+    x, y = side, image.height - side
+    for (name, colour), width in zip(shown.items(), widths, strict=True):
+        fill = tuple(round(255 * channel) for channel in colour)
+        draw.rectangle((x, y - 0.9 * side, x + 0.8 * side, y - 0.1 * side), fill=fill, outline=TITLE_COLOUR)
+        draw.text((x + 1.2 * side, y - side / 2), name, fill=TITLE_COLOUR, font=font, anchor="lm")
+        x += shrunk * width
+    return np.asarray(image)
 
 
 def write_png(picture: UInt8[np.ndarray, "height width 3"], path: Path | str) -> Path:

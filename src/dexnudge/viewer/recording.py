@@ -7,16 +7,16 @@ from pathlib import Path
 
 import numpy as np
 import trimesh
-from jaxtyping import Float, Int, UInt8
+from jaxtyping import Bool, Float, Int, UInt8
 from PIL import Image
 
 from dexnudge.errors import InputError, writing
 from dexnudge.viewer.camera import Camera, best_camera, hiding_faces
 from dexnudge.viewer.picture import BAD, GOOD, NEUTRAL, arrange, headed, render_array, write_png
-from dexnudge.viewer.visual_scene import Role, VisualScene, check_same_bodies
+from dexnudge.viewer.visual_scene import SEE_THROUGH, SURROUNDINGS, Role, VisualScene, check_same_bodies
 
 JUDGED = 4  # moments by which the camera is chosen
-LOOKED_THROUGH = 12  # moments of which all that hides object or hand is glass the whole time, so that nothing flickers
+LOOKED_THROUGH = 12  # moments looked at: what hides object or hand is glass from the first to the last, without flicker
 SURROUNDED = 0.25  # [m] from the object's path; in pictures from near the hand may be farther away
 
 
@@ -214,13 +214,35 @@ def _draw(
 ) -> dict[int, Picture]:
     """Return pictures of some moments by one camera."""
     camera = recording_camera(recording, aspect=tile[0] / tile[1], near=near)
-    looked_at = recording.part(recording.eventful(LOOKED_THROUGH)).frames
-    hiding = [hiding_faces(frame, camera) for frame in looked_at]
-    glass = [np.any(part, axis=0) for part in zip(*hiding, strict=True)]
+    looked_at = recording.eventful(LOOKED_THROUGH)
+    hiding = [hiding_faces(recording.frames[index], camera) for index in looked_at.tolist()]
+    for number, part in enumerate(recording.frames[0].with_role(*SEE_THROUGH)):
+        if part.role not in SURROUNDINGS:  # the robot's own look the same throughout
+            once = np.any([hides[number] for hides in hiding], axis=0)
+            for hides in hiding:
+                hides[number] = once
     return {
-        index: render_array(recording.frames[index], size=tile, camera=camera, glass=glass, light_every=LIGHT_EVERY)
+        index: render_array(
+            recording.frames[index],
+            size=tile,
+            camera=camera,
+            glass=glass_at(index, looked_at, hiding),
+            light_every=LIGHT_EVERY,
+        )
         for index in moments.tolist()
     }
+
+
+def glass_at(
+    index: int, looked_at: Int[np.ndarray, " moment"], hiding: Sequence[Sequence[Bool[np.ndarray, " face"]]]
+) -> list[Bool[np.ndarray, " face"]]:
+    """Return which triangles of each part are glass at a moment: from the first to the last time that they hide something.
+
+    looked_at: moments, ascending. hiding: of each of them, as `hiding_faces` returns it.
+    """
+    after = int(np.searchsorted(looked_at, index, side="right"))
+    before = max(after - 1, 0)
+    return [np.any(part[: after + 1], axis=0) & np.any(part[before:], axis=0) for part in zip(*hiding, strict=True)]
 
 
 def _gif(pictures: list[Picture], shown_for: float) -> bytes:

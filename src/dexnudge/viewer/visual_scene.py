@@ -63,6 +63,17 @@ PALETTE: dict[Role, Colour] = {
     "obstacle": (0.85, 0.10, 0.16),
     "ghost": (0.94, 0.42, 0.16),  # the object's own: it is glass
 }
+LEGEND: dict[Role, str] = {
+    "object": "object",
+    "ghost": "where the object comes (see-through)",
+    "fingertip": "fingertips",
+    "contact": "contacts (balls)",
+    "arrow": "motion (arrows)",
+    "environment": "surroundings",
+    "assumed": "assumed surroundings",
+    "unseen": "not seen",
+}
+GHOST_TINT = 0.45  # of its colour, in legends; the rest is white
 CONTACT_RADIUS = 0.0035  # [m] of the ball that stands for a contact
 CREASE_ANGLE = 35.0  # [deg] two triangles that bend more than this keep their own normals
 
@@ -166,6 +177,20 @@ class VisualScene:
             points = np.concatenate([body.vertices_in_world() for body in bodies])
             mesh = motion_arrow(points, self.motion, length=self.arrow_length)
         return Part("motion", "arrow", mesh, np.eye(4))
+
+
+def legend(scenes: Sequence[VisualScene]) -> dict[str, Colour]:
+    """Return the names of what some of these scenes show beside the hand's links, with their colours."""
+    shown = {part.role for scene in scenes for part in scene.parts}
+    shown |= {"arrow"} if any(scene.has_arrow for scene in scenes) else set()
+    shown |= {"contact"} if any(len(scene.contacts) for scene in scenes) else set()
+    tint = {"ghost": GHOST_TINT}
+    found: dict[str, Colour] = {}
+    for role, name in LEGEND.items():
+        if role in shown:
+            red, green, blue = (1 - tint.get(role, 1.0) * (1 - channel) for channel in PALETTE[role])
+            found[name] = (red, green, blue)
+    return found
 
 
 def check_same_bodies(scenes: Sequence[VisualScene]) -> None:
