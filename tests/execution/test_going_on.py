@@ -153,6 +153,9 @@ def test_a_turn_begins_with_what_held_in_a_harder_world(pad_hand, block_scene, p
     assert found.began_with == (gives_up if gives_up < 3 else 0)  # where none held, with the first
     assert found.failed_rehearsal == (gives_up > 0)
     assert found.verdict.success
+    masses.clear()
+    assert not executor(q, q[None][:0]).failed_rehearsal  # nothing to choose from
+    np.testing.assert_allclose(masses[0], nominal)
     turning = replace(scene, turn=Turn(0.5, np.array([0.0, 0.0, 1.0]), np.asarray(scene.centre_of_mass)))
     assert Executor(turning, simulation)._rehearses
 

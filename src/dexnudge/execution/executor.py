@@ -146,7 +146,7 @@ class Executor:
     def _first(self, q: Float[np.ndarray, " coordinates"], alternatives: Alternatives) -> tuple[Begun, bool]:
         """Return what to begin with, its configuration and approach, and whether q failed a rehearsal; see `Execution`."""
         itself: Begun = 0, q, self._planner.plan(q)
-        if alternatives is None:
+        if alternatives is None or len(alternatives) == 0:
             return itself, False
         failed: list[Begun] = []
         others = (
