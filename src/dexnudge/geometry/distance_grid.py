@@ -80,27 +80,31 @@ def _signed_by_region(
     No surface passes between two neighbouring corners that are both farther than half a cell from it, so a whole region
     of such corners has one sign. The sign, by the winding number, takes several times longer than the distance.
     """
-
-    def unsigned(places: Float[np.ndarray, "*n 3"]) -> Float[np.ndarray, "*n"]:
-        return exact.distances(places.reshape(-1, 3), signed=False).reshape(places.shape[:-1])
-
-    values = np.full(corners.shape[:3], -np.inf)
-    if relevant < np.inf:
-        values = _left_nearby(unsigned(corners[::STRIDE, ::STRIDE, ::STRIDE]), corners.shape[:3], cell)
-    roughly = values > relevant
-    if roughly.any():
-        values[~roughly] = unsigned(corners[~roughly])
+    places, counts = corners.reshape(-1, 3), corners.shape[:3]
+    roughly = np.zeros(0, dtype=np.int64)
+    if relevant == np.inf:
+        values = exact.distances(places, signed=False)
     else:
-        values = unsigned(corners)
+        some = corners[::STRIDE, ::STRIDE, ::STRIDE]
+        known = exact.distances(some.reshape(-1, 3), signed=False).reshape(some.shape[:3])
+        values = _left_nearby(known, counts, cell).reshape(-1)
+        asked, roughly = np.flatnonzero(values <= relevant), np.flatnonzero(values > relevant)
+        values[asked] = exact.distances(places[asked] if len(roughly) else places, signed=False)
     far = values > (0.5 + REGION_MARGIN) * cell
-    region, count = label(far)
+    region, count = label(far.reshape(counts))
+    region = region.reshape(-1)
     member = np.zeros(count + 1, dtype=np.int64)  # a corner of each region; region 0 is what is near
-    member[region.ravel()] = np.arange(region.size)
-    inside = (exact.distances(corners.reshape(-1, 3)[member]) < 0.0)[region] & far
-    values[inside & roughly] = unsigned(corners[inside & roughly])
-    values[inside] *= -1.0
-    values[~far] = exact.distances(corners[~far])
-    return values
+    member[region] = np.arange(region.size)
+    solid = exact.distances(places[member]) < 0.0
+    solid[0] = False
+    if solid.any():
+        inside = solid[region]
+        roughly = roughly[inside[roughly]]
+        values[roughly] = exact.distances(places[roughly], signed=False)
+        np.negative(values, out=values, where=inside)
+    near = np.flatnonzero(~far)
+    values[near] = exact.distances(places[near])
+    return values.reshape(counts)
 
 
 def _left_nearby(values: Float[np.ndarray, "i j k"], counts: Sequence[int], cell: float) -> Float[np.ndarray, "x y z"]:

@@ -140,7 +140,12 @@ def _plane_axes(
 
 def in_own_planes(corners: Float[np.ndarray, "face 3 3"]) -> Float[np.ndarray, "face 3 2"]:
     """Corners of triangles in their own planes: about the first corner, the first axis along the first edge."""
-    origin, plane = _plane_axes(corners)
+    return _in_planes(corners, *_plane_axes(corners))
+
+
+def _in_planes(
+    corners: Float[np.ndarray, "face 3 3"], origin: Float[np.ndarray, "face 3"], plane: Float[np.ndarray, "face 2 3"]
+) -> Float[np.ndarray, "face 3 2"]:
     return np.einsum("fkx,fcx->fck", plane, corners - origin[:, None])
 
 
@@ -153,18 +158,20 @@ def _inside(
 ) -> tuple[Float[np.ndarray, "n 3"], Int[np.ndarray, " n"]]:
     """Lattice points in the triangles' own planes, within [low, high] there."""
     origin, plane = _plane_axes(corners)
-    flat = in_own_planes(corners)
+    flat = _in_planes(corners, origin, plane)
     first = np.ceil(np.maximum(flat.min(axis=1), low) / spacing).astype(np.int64)
     last = np.floor(np.minimum(flat.max(axis=1), high) / spacing).astype(np.int64)
     count = np.maximum(last - first + 1, 0)
-    face, place = _ragged(count[:, 0] * count[:, 1])
+    side = np.roll(flat, -1, axis=1) - flat
+    flipped = _cross(side[:, 0], -side[:, 2]) <= 0
+    face, place = _ragged(np.where(flipped, 0, count[:, 0] * count[:, 1]))
     column, row = np.divmod(place, np.maximum(count[face, 1], 1))
-    position = spacing * (first[face] + np.stack([column, row], axis=1))
-    a, b, c = flat[face, 0], flat[face, 1], flat[face, 2]
-    area = _cross(b - a, c - a)
-    kept = (_cross(b - a, position - a) >= 0) & (_cross(c - b, position - b) >= 0) & (_cross(a - c, position - c) >= 0)
-    kept &= area > 0
-    face, position = face[kept], position[kept]
+    x, y = spacing * (first[:, 0][face] + column), spacing * (first[:, 1][face] + row)
+    kept = np.ones(len(face), dtype=bool)
+    for corner in range(3):  # left of each side
+        along, across = side[:, corner, 0][face], side[:, corner, 1][face]
+        kept &= along * (y - flat[:, corner, 1][face]) - across * (x - flat[:, corner, 0][face]) >= 0
+    face, position = face[kept], np.stack([x[kept], y[kept]], axis=1)
     return origin[face] + np.einsum("nk,nkx->nx", position, plane[face]), label[face]
 
 
