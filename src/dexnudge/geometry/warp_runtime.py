@@ -4,14 +4,11 @@ Warp's own log level keeps its banner and its module lines back. One line does n
 stderr that it found no CUDA driver, on every machine without one. That line alone is filtered out, during start-up only.
 """
 
-import ctypes
-import mmap
 import os
 import sys
 import tempfile
 from collections.abc import Sequence
 from concurrent.futures import ThreadPoolExecutor
-from pathlib import Path
 from typing import Any
 
 import warp as wp
@@ -72,22 +69,4 @@ def launch_in_threads(
         list(pool.map(launch, range(parts)))
 
 
-def _unmap_code() -> None:
-    """Empty this process's map of Warp's code: to start it, the system maps 80 MB, mostly of a compiler for GPUs.
-
-    What is called again is mapped again, from the system's file cache.
-    """
-    maps = Path("/proc/self/maps")
-    if sys.platform != "linux" or not maps.exists():
-        return
-    folder = f"{Path(wp.__file__).resolve().parent}/"
-    for line in maps.read_text(encoding="utf-8", errors="replace").splitlines():
-        span, mode, *_, path = line.split(maxsplit=5)
-        if mode == "r-xp" and path.startswith(folder):
-            begin, end = (int(place, 16) for place in span.split("-"))
-            advise = ctypes.CDLL(None).madvise
-            advise(ctypes.c_void_p(begin), ctypes.c_size_t(end - begin), ctypes.c_int(mmap.MADV_DONTNEED))
-
-
 _start()
-_unmap_code()
