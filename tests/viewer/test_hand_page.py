@@ -31,6 +31,10 @@ def test_the_page_loads_nothing_and_names_no_place_of_the_machine(page):
     assert str(page.parent) not in text
 
 
+def test_a_hand_alone_hides_nothing_and_is_solid(page):
+    assert not any(body["glass"] for body in data_of(page)["bodies"])
+
+
 def test_each_joint_has_a_slider_between_its_limits_and_each_pose_a_button(page, toy_hand):
     text, hand = page.read_text(encoding="utf-8"), toy_hand()
     sliders = re.findall(r'<span>(\w+)</span><input type="range" min="([-.\d]+)" max="([-.\d]+)"', text)

@@ -124,6 +124,11 @@ def test_poses_and_contacts_are_those_of_the_configurations(page, shown):
     assert [body["role"] for body in data["bodies"]] == [part.role for part in shown[0].parts]
 
 
+def test_the_forearm_alone_is_glass(page, shown, shadow_hand):
+    glass = [part.name for part, body in zip(shown[0].parts, page.data["bodies"], strict=True) if body["glass"]]
+    assert glass == [shadow_hand.base_link]
+
+
 def test_meshes_are_stored_once_and_the_page_is_small(page, shown, figures, tmp_path):
     assert len(page.text) < 2e6
     alone = write_page(shown[:1], tmp_path / "one.html", title="one", figures=figures[:1]).stat().st_size

@@ -31,7 +31,7 @@
   if (!redraw) return;
 
   const show = () => {
-    controls.configuration.nextElementSibling.value = `${chosen + 1} / ${rows.length}`;
+    controls.configuration.nextElementSibling.value = rows[chosen].cells[0].textContent;
     controls.opacity.nextElementSibling.value = `${controls.opacity.value} %`;
     controls.motion.nextElementSibling.value = data.stations.length
       ? station()[0] : `${Math.round(data.motion_length * 10 * controls.motion.value)} mm`;

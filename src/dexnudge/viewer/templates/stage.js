@@ -1,6 +1,7 @@
 "use strict";
 // Draws bodies with WebGL 2 and lets one look around them. All lengths are metres; matrices are column-major.
 const bytes = (text) => Uint8Array.from(atob(text), (c) => c.charCodeAt(0)).buffer;
+const GLASS = 0.25; // opacity of a base beside an object
 
 // shown() gives what is to be seen now: poses (3 x 4 of each body, row by row), contacts, move (of all bodies that move and
 // of the contacts), arrow (where its mesh is moved, null for none), opacity of the surroundings.
@@ -151,30 +152,29 @@ const createStage = (data, shown) => {
     const poseOf = (k) => matrix(poses.subarray(12 * k, 12 * k + 12), data.bodies[k].moves ? move : still);
 
     data.bodies.forEach((entry, k) => {
-      if (!entry.surrounds) body(shapes[entry.geometry], poseOf(k), entry.colour, 1);
+      if (!entry.surrounds && !entry.glass) body(shapes[entry.geometry], poseOf(k), entry.colour, 1);
     });
     if (arrow) body(shapes[data.arrow], identity(arrow), data.palette.arrow, 1);
     for (const point of contacts) body(shapes[data.ball], identity(add(point, move)), data.palette.contact, 1);
 
-    if (opacity > 0) {
-      data.bodies.forEach((entry, k) => {
-        if (!entry.surrounds) return;
-        const shape = shapes[entry.geometry];
-        if (shape.closed) gl.enable(gl.CULL_FACE);
-        gl.depthMask(opacity === 1);
-        gl.enable(gl.POLYGON_OFFSET_FILL);
-        gl.polygonOffset(1, 1);
-        body(shape, poseOf(k), entry.colour, opacity);
-        gl.disable(gl.POLYGON_OFFSET_FILL);
-        gl.disable(gl.CULL_FACE);
-        gl.bindVertexArray(shape.edges);
-        gl.vertexAttrib3f(1, 0, 0, 1);
-        gl.uniform3fv(uniform.colour, data.palette.edge);
-        gl.uniform1f(uniform.flat_colour, 1);
-        gl.uniform1f(uniform.opacity, 0.7 * Math.min(1, 0.35 + opacity));
-        gl.drawArrays(gl.LINES, 0, shape.edgeCount);
-      });
-    }
+    data.bodies.forEach((entry, k) => {
+      const seen = entry.glass ? GLASS : entry.surrounds ? opacity : 0;
+      if (!seen) return;
+      const shape = shapes[entry.geometry];
+      if (shape.closed) gl.enable(gl.CULL_FACE);
+      gl.depthMask(seen === 1);
+      gl.enable(gl.POLYGON_OFFSET_FILL);
+      gl.polygonOffset(1, 1);
+      body(shape, poseOf(k), entry.colour, seen);
+      gl.disable(gl.POLYGON_OFFSET_FILL);
+      gl.disable(gl.CULL_FACE);
+      gl.bindVertexArray(shape.edges);
+      gl.vertexAttrib3f(1, 0, 0, 1);
+      gl.uniform3fv(uniform.colour, data.palette.edge);
+      gl.uniform1f(uniform.flat_colour, 1);
+      gl.uniform1f(uniform.opacity, 0.7 * Math.min(1, 0.35 + seen));
+      gl.drawArrays(gl.LINES, 0, shape.edgeCount);
+    });
     // Contacts show faintly through what hides them.
     gl.depthMask(false);
     gl.depthFunc(gl.GREATER);
