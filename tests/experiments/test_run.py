@@ -105,6 +105,9 @@ def test_a_folder_of_something_else_is_refused_and_kept(tmp_path):
     with pytest.raises(OutputError, match="holds no experiment"):
         run(tmp_path)
     assert os.listdir(tmp_path / "toy") == ["thesis.tex"]
+    (tmp_path / "toy" / "results.jsonl").write_text("{}\n")
+    with pytest.raises(OutputError, match=r"holds no experiment.*records beside it are not lost"):
+        run(tmp_path)
 
 
 def test_a_folder_that_another_run_owns_is_refused(tmp_path):

@@ -380,9 +380,15 @@ WHOLE = Command(np.zeros(11), np.array([1.0, 0.0, 0.0, 0.0]), np.zeros(8), "push
         ),
         (
             WHOLE._replace(q=np.full(11, np.nan)),
-            "commanded a `q` with NaN or infinity; expected 11 finite numbers",
+            "commanded a `q` beyond 1e+06, or NaN; expected 11 finite numbers",
+        ),
+        (WHOLE._replace(ctrl=np.full(8, 1e300)), "commanded a `ctrl` beyond 1e+06, or NaN; expected 8 finite numbers"),
+        (
+            WHOLE._replace(quaternion=np.full(4, 1e-200)),
+            "commanded a `quaternion` of length 0; expected one of length 1",
         ),
         (WHOLE._replace(phase=3), "commanded the `phase` 3; expected its name"),
+        (WHOLE._replace(phase="\ud800"), "commanded the `phase` '\\ud800'; expected its name"),
     ],
 )
 def test_what_is_no_command_is_refused(command, message):

@@ -182,6 +182,15 @@ def test_a_hand_without_fingertips_is_refused(tmp_path, config):
     assert not (tmp_path / "out").exists()
 
 
+def test_a_folder_of_something_else_is_refused_and_kept(tmp_path, config):
+    kept = {"README.md": "my own notes", "manifest.json": '{"a": ', ".writing-mine.txt": "mine"}
+    for name, text in kept.items():
+        (tmp_path / name).write_text(text)
+    with pytest.raises(OutputError, match=r"holds 'README.md' and no dataset; expected a new folder"):
+        generate_dataset("builtin:train", tmp_path, config)
+    assert {path.name: path.read_text() for path in tmp_path.iterdir()} == kept
+
+
 def test_a_folder_that_cannot_be_made(tmp_path, config):
     (tmp_path / "file").write_text("in the way")
     with pytest.raises(OutputError, match="cannot be made"):

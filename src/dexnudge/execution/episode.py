@@ -1,7 +1,7 @@
 """What came of playing configurations out in physics: watched, saved, and judged by its outcome."""
 
 import warnings
-from collections.abc import Mapping, Sequence
+from collections.abc import Iterable, Mapping
 from dataclasses import asdict, dataclass
 from pathlib import Path
 from typing import Any
@@ -9,7 +9,7 @@ from xml.etree import ElementTree
 
 import numpy as np
 
-from dexnudge.errors import InputError, check_integer, check_kind, check_seed
+from dexnudge.errors import InputError, check_integer, check_kind, check_seed, quote
 from dexnudge.execution.episode_files import ARRAYS, forces_of_acts, forces_used, write_arrays, write_figures
 from dexnudge.execution.executor import Execution, Executor, chosen_policy
 from dexnudge.execution.film import film_of_trace, save_film, write_film
@@ -265,7 +265,7 @@ def execute(
     *,
     feedback: Policy | bool = True,
     then_grasp: bool = False,
-    alternatives: Sequence[Sample] = (),
+    alternatives: Iterable[Sample] = (),
     attempts: int = 3,
     draws: int = GRASP_DRAWS,
     seed: int = 0,
@@ -295,6 +295,9 @@ def execute(
         MeshError: MuJoCo cannot take the object or the surroundings.
     """
     check_kind("sample", sample, Sample, "samples[0]")
+    if not isinstance(alternatives, Iterable):
+        raise InputError(f"`alternatives` is {quote(alternatives)}; expected samples of one scene, such as samples[1:]")
+    alternatives = tuple(alternatives)
     for each in alternatives:
         check_kind("alternatives", each, Sample, "samples[1]")
         if not each.scene.lies_as(sample.scene) or each.hand.joint_names != sample.hand.joint_names:

@@ -10,6 +10,11 @@ from dexnudge.jobs.json_files import MAX_TABLE_BYTES, read_json_object
 from dexnudge.jobs.locks import LOCK_NAME
 from dexnudge.jobs.provenance import machine, versions
 
+AGAIN = (
+    "the records beside it are not lost: the same command with another `out` writes an equal {file} at once; stop it, and "
+    "copy that file here"
+)
+
 
 def claim_folder(
     out: Path,
@@ -44,7 +49,9 @@ def claim_folder(
     unfinished = path.with_suffix(".partial")  # a killed run may have left it
     ignored = (unfinished.name, LOCK_NAME)
     if out.exists() and (not out.is_dir() or any(entry.name not in ignored for entry in out.iterdir())):
-        raise OutputError(f"{out} exists and holds no experiment; expected a new folder; choose another `out`")
+        records = out.is_dir() and any(out.rglob("*.jsonl"))
+        kept = f"; its {file} is lost, {AGAIN.format(file=file)}" if records else ""
+        raise OutputError(f"{out} exists and holds no experiment; expected a new folder; choose another `out`{kept}")
     content = {"format_version": format_version, "config": ours, "versions": versions(), "machine": machine(device)}
     with writing(out, "choose another `out`"):
         out.mkdir(parents=True, exist_ok=True)
@@ -60,10 +67,7 @@ def read_claim(folder: Path, file: str, *, format_version: int) -> dict[str, Any
     """
     path = folder / file
     expected = "the file that `dexnudge evaluate` or `dexnudge reproduce` wrote"
-    again = (
-        f"the records beside it are not lost: the same command with another `out` writes an equal {file} at once; stop it, "
-        "and copy that file here"
-    )
+    again = AGAIN.format(file=file)
     content = read_json_object(path, error=InputError, expected=expected, again=again, largest=MAX_TABLE_BYTES)
     if content.get("format_version") != format_version:
         raise InputError(f"{path} is of another format; expected format_version {format_version}; choose another `out`")

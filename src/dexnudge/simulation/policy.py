@@ -7,11 +7,14 @@ import numpy as np
 from jaxtyping import Float, Int
 from scipy.spatial.transform import Rotation
 
-from dexnudge.errors import InputError, quote
+from dexnudge.errors import InputError, is_name, quote
 from dexnudge.simulation.contact_forces import link_forces
 from dexnudge.simulation.hand_path import PushPath
 from dexnudge.simulation.model import SimulationModel
 from dexnudge.simulation.push_forces import PushForces
+
+LARGEST = 1e6  # number that may be commanded: no length, torque or target of a hand is beyond it
+SHORTEST = 1e-6  # quaternion that still has a direction
 
 
 @dataclass(frozen=True, kw_only=True)
@@ -105,9 +108,11 @@ def check_command(command: object, policy: Policy, *, coordinates: int, motors: 
         if not isinstance(value, np.ndarray) or value.shape != (size,) or value.dtype.kind not in "fiu":
             got = f"{value.dtype} of shape {value.shape}" if isinstance(value, np.ndarray) else quote(value)
             raise InputError(f"{who} commanded a `{name}` that is {got}; expected an array of {size} numbers")
-        if not np.isfinite(value).all():
-            raise InputError(f"{who} commanded a `{name}` with NaN or infinity; expected {size} finite numbers")
-    if not isinstance(command.phase, str):
+        if not (np.abs(value) <= LARGEST).all():  # nor is NaN
+            raise InputError(f"{who} commanded a `{name}` beyond {LARGEST:g}, or NaN; expected {size} finite numbers")
+    if np.linalg.norm(command.quaternion) < SHORTEST:
+        raise InputError(f"{who} commanded a `quaternion` of length 0; expected one of length 1")
+    if not is_name(command.phase):
         raise InputError(f"{who} commanded the `phase` {quote(command.phase)}; expected its name")
 
 

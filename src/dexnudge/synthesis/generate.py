@@ -17,6 +17,7 @@ import numpy as np
 from rich.progress import Progress, TextColumn
 
 from dexnudge.dataset.manifest import (
+    MANIFEST_NAME,
     DamagedManifestError,
     Manifest,
     joint_groups,
@@ -26,10 +27,11 @@ from dexnudge.dataset.manifest import (
 )
 from dexnudge.dataset.schema import BehaviourCounts
 from dexnudge.dataset.shards import DamagedShardError, is_complete, read_whole, shard_path
-from dexnudge.errors import DatasetError, HandError, InputError, OutputError, what_failed, writing
+from dexnudge.errors import DatasetError, HandError, InputError, OutputError, quote, what_failed, writing
 from dexnudge.hands.registry import load_hand
-from dexnudge.jobs.atomic_files import remove_leftovers
+from dexnudge.jobs.atomic_files import TEMPORARY_PREFIX, remove_leftovers
 from dexnudge.jobs.engines import Engine, run_tasks_by
+from dexnudge.jobs.locks import LOCK_NAME
 from dexnudge.jobs.processes import WorkerDied
 from dexnudge.jobs.progress import progress
 from dexnudge.objects.sets import BUILTIN_PREFIX, resolve_object_set
@@ -48,6 +50,8 @@ def totals(counts: dict[str, dict[str, BehaviourCounts]]) -> dict[str, Behaviour
 
 
 LOG_NAME = "log.jsonl"
+OURS = (MANIFEST_NAME, LOG_NAME, LOCK_NAME, TEMPORARY_PREFIX, "shard-", "object-")
+"""How the names begin of what a generation that was killed before its first whole shard may have left."""
 TOP_REASONS = 3  # rejections that the bar names
 
 
@@ -262,6 +266,12 @@ def _found(out: Path, wanted: Manifest) -> Manifest:
     except DamagedManifestError:
         rebuilt = rebuilt_manifest(out, wanted)
     if rebuilt is None:
+        foreign = sorted(entry.name for entry in out.iterdir() if not entry.name.startswith(OURS))
+        if foreign:
+            raise OutputError(
+                f"{out} holds {quote(foreign[0])} and no dataset; expected a new folder, or one that `dexnudge dataset "
+                "generate` made; choose another `out`"
+            )
         return wanted
     if rebuilt.joint_names == wanted.joint_names:  # else another hand's, whose joints' groups are not known here
         write_manifest(out, rebuilt)
