@@ -5,12 +5,14 @@ import struct
 import subprocess
 import sys
 
+import numpy as np
 import pyarrow as pa
 import pyarrow.parquet as pq
 import pytest
 
+from dexnudge.dataset.manifest import read_manifest
 from dexnudge.dataset.parquet_footer import announced_sizes
-from dexnudge.dataset.shards import shard_path
+from dexnudge.dataset.shards import DamagedShardError, read_shard, shard_path
 
 NAME = "object-0"
 FLIPS = 600
@@ -34,6 +36,33 @@ for line in sys.stdin:
     else:
         same = shard.table.equals(good.table) and (shard.counts, shard.mesh_hash) == (good.counts, good.mesh_hash)
         print("same" if same else f"another shard after a flip at {at} {bit}")
+"""
+
+READ_LIMITED = """
+import resource, sys
+from pathlib import Path
+from dexnudge.dataset.parquet_footer import announced_sizes
+
+resource.setrlimit(resource.RLIMIT_CPU, (20, 20))
+resource.setrlimit(resource.RLIMIT_AS, (2**30, 2**30))
+try:
+    announced_sizes(Path(sys.argv[1]))
+except ValueError:
+    print("refused")
+"""
+READ_MEASURED = """
+import sys
+import pyarrow as pa
+from dexnudge.dataset.manifest import read_manifest
+from dexnudge.dataset.shards import read_shard
+from dexnudge.errors import DatasetError
+
+for name in ("object-0", "object-1"):
+    try:
+        read_shard(sys.argv[1], read_manifest(sys.argv[1]), name)
+    except DatasetError as error:
+        print(error)
+print(pa.default_memory_pool().max_memory())
 """
 
 
@@ -62,8 +91,29 @@ def test_sizes_are_those_that_pyarrow_finds(tmp_path, options):
         b"\x1c" * 4000,
         b"\x19\xfc\xff\xff\xff\xff\x0f" + bytes(9),
         b"\x18\xff\x7f\x00",
+        b"\x19\x0c\x38\x01",
+        b"\x49\x0c\x0a\x08\x0c\x00",
+        b"\x4a\x0c\x00",
+        b"\x49\x05\x00",
+        b"\x4c\x00\x00",
+        b"\x49\x1c\x19\x1c\x3c\x55\x02\x16\x02\x00\x00\x00\x00",
+        b"\x09\x88\x80\x08\x0c\x00",
     ],
-    ids=["empty", "number", "nested lists", "nested structures", "a list without end", "a text without end"],
+    ids=[
+        "empty",
+        "number",
+        "nested lists",
+        "nested structures",
+        "a list without end",
+        "a text without end",
+        "a text beyond the end",
+        "row groups twice",
+        "a set of row groups",
+        "row groups that are numbers",
+        "row groups that are a structure",
+        "a number of values of 32 bits",
+        "a field that is the 4th in 16 bits",
+    ],
 )
 def test_what_is_no_footer_is_refused(tmp_path, footer):
     path = tmp_path / "t.parquet"
@@ -73,6 +123,57 @@ def test_what_is_no_footer_is_refused(tmp_path, footer):
     path.write_bytes(b"PAR1")
     with pytest.raises(ValueError, match="it has no footer"):
         announced_sizes(path)
+
+
+def test_a_footer_by_hand_is_read(tmp_path):
+    """The refused ones above differ from this one in what their names say."""
+    footer = b"\x49\x1c\x19\x1c\x3c\x56\x02\x16\x04\x00\x00\x00\x00"
+    path = tmp_path / "t.parquet"
+    path.write_bytes(b"PAR1" + footer + struct.pack("<I", len(footer)) + b"PAR1")
+    assert announced_sizes(path) == [(1, 2)]
+
+
+@pytest.mark.parametrize("kind", range(1, 13))
+@pytest.mark.parametrize("count", [300_000_000, 10**12])
+def test_a_list_with_more_values_than_bytes_is_refused_at_once(tmp_path, kind, count):
+    varint = bytes(count >> shift & 127 | 128 for shift in range(0, 35, 7)) + bytes([count >> 35])
+    footer = bytes([0x19, 0xF0 | kind]) + varint + b"\0"
+    path = tmp_path / "t.parquet"
+    path.write_bytes(b"PAR1" + footer + struct.pack("<I", len(footer)) + b"PAR1")
+    done = subprocess.run([sys.executable, "-c", READ_LIMITED, str(path)], capture_output=True, text=True, check=False)
+    assert (done.returncode, done.stdout) == (0, "refused\n"), done.stderr[-500:]
+
+
+def test_repeated_values_of_many_row_groups_are_refused_before_they_take_memory(toy_folder):
+    """Each group has 8 MiB and takes a few kB of the file."""
+    column = pa.table({"x": np.zeros(2**20, dtype=np.int64)})
+    for name, groups in ((NAME, 40), ("object-1", 30)):
+        path = shard_path(toy_folder, name)
+        zeros = column.replace_schema_metadata(pq.read_schema(path).metadata)
+        with pq.ParquetWriter(path, zeros.schema, compression="zstd") as writer:
+            for _ in range(groups):
+                writer.write_table(zeros)
+        assert path.stat().st_size < 10**6
+    command = [sys.executable, "-c", READ_MEASURED, str(toy_folder)]
+    done = subprocess.run(command, capture_output=True, text=True, check=False)
+    assert done.returncode == 0, done.stderr[-500:]
+    too_large, foreign, peak = done.stdout.splitlines()
+    assert "announces 41943040 values, 320 MiB when read; expected at most 256 MiB" in too_large
+    assert "has columns ['x'], expected" in foreign
+    assert int(peak) < 2**20
+
+
+def test_a_column_of_another_type_is_not_read(toy_folder):
+    """Values of fixed width may have a megabyte each, and take no more than one of them in the file."""
+    path = shard_path(toy_folder, NAME)
+    table = pq.read_table(path)
+    wide = pa.array([b"x" * 2**10] * len(table), type=pa.binary(2**10))
+    place = table.schema.names.index("seed")
+    pq.write_table(table.set_column(place, pa.field("seed", wide.type, nullable=False), wide), path)
+    with pytest.raises(
+        DamagedShardError, match=r"shard-object-0\.parquet has values of another type in seed; generate"
+    ):
+        read_shard(toy_folder, read_manifest(toy_folder), NAME)
 
 
 def test_flipped_bits_in_a_footer_never_end_the_process(toy_folder):

@@ -48,7 +48,7 @@ Turns = Float[np.ndarray, "turn 6"]
 AGAIN = "generate the object again"
 LARGEST_FILE = 2**28  # bytes, unpacked: some 100,000 rows of one object
 SKEW = 0.01  # of the rotation's columns, which are rounded
-MOST_VALUES = 2**26  # of a column, lists within lists counted through: repeated values take no bytes
+WIDEST = 8  # bytes of a number of a shard, once read: repeated ones take none in the file
 
 
 @dataclass(frozen=True, kw_only=True)
@@ -354,11 +354,11 @@ def _leaf(field: pa.Field) -> tuple[str, pa.DataType]:
 def _check_size(path: Path) -> None:
     """Refuse a file before it takes memory: what it announces is what a reader makes room for."""
     sizes = announced_sizes(path)
-    values, unpacked = max((values for values, _ in sizes), default=0), sum(size for _, size in sizes)
-    if unpacked > LARGEST_FILE or values > MOST_VALUES:
+    unpacked = sum(max(size, values * WIDEST) for values, size in sizes)
+    if unpacked > LARGEST_FILE:
         raise DamagedShardError(
-            f"{path} announces {unpacked >> 20} MiB and up to {values} values in a column; expected at most "
-            f"{LARGEST_FILE >> 20} MiB and {MOST_VALUES} values; {AGAIN}"
+            f"{path} announces {sum(values for values, _ in sizes)} values, {unpacked >> 20} MiB when read; expected at "
+            f"most {LARGEST_FILE >> 20} MiB; {AGAIN}"
         )
 
 
@@ -399,15 +399,20 @@ def _readable(path: Path) -> Iterator[None]:
 
 def _read_table(path: Path, manifest: Manifest, object_name: str, schema: pa.Schema) -> tuple[pa.Table, dict]:
     header = read_header(path)
-    with _readable(path), pq.ParquetFile(path, page_checksum_verification=True) as file:
-        table = file.read()
     for key, value in json.loads(json.dumps({**_shared(manifest), "object": object_name})).items():
         if header.get(key) != value:
             raise DatasetError(
                 f"{path} has {key} {header.get(key)!r}, expected {value!r}; "
                 "it belongs to another dataset: delete it, and resume `dexnudge dataset generate`."
             )
-    later = [name for name in LATER_COLUMNS if name in schema.names and name not in table.schema.names]
-    if not table.schema.equals(pa.schema([each for each in schema if each.name not in later]), check_metadata=False):
-        raise DatasetError(f"{path} has columns {table.schema.names}, expected {schema.names}; generate it again.")
+    with _readable(path), pq.ParquetFile(path, page_checksum_verification=True) as file:
+        found = file.schema_arrow
+        expected = pa.schema([each for each in schema if each.name in found.names or each.name not in LATER_COLUMNS])
+        fits = found.equals(expected, check_metadata=False)
+        table = file.read() if fits else None
+    if found.names != expected.names:
+        raise DatasetError(f"{path} has columns {found.names}, expected {schema.names}; generate it again.")
+    if table is None:
+        wrong = [each.name for each, right in zip(found, expected, strict=True) if not each.equals(right)]
+        raise DamagedShardError(f"{path} has values of another type in {', '.join(wrong)}; {AGAIN}")
     return table, header
