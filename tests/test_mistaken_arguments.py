@@ -59,7 +59,7 @@ MISTAKEN = {  # expression -> beginning of the message
     "replace(scene, object_mesh=None)": "`object_mesh` is a NoneType; expected a Trimesh",
     "dn.load_dataset(3)": "`folder` is 3; expected the path",
     "dn.execute(samples[0], alternatives=None)": "`alternatives` is None; expected samples of one scene",
-    "dn.execute(samples[0], alternatives=samples[1])": "`alternatives` is a Sample; expected samples of one scene",
+    "dn.execute(samples[0], alternatives=samples[1])": "`alternatives` is Sample of shadow_lite in",
     "dn.execute(samples[0], alternatives=[3])": "`alternatives` is a int; expected a Sample",
     "dn.execute(samples[0], draws=10**9)": "`draws` is 1000000000; expected at most 10000",
     "dn.execute(samples[0], then_grasp=True, seed=-1)": "`seed` is -1; expected a whole number from 0",

@@ -164,6 +164,10 @@ def test_depth_images_that_cannot_be_used_exit_2(dexnudge, depth_folder, tmp_pat
         (["masked", "--depth", "d"], "--depth needs --motion too; add what is missing"),
         (["phone", "--depth", "d", "--motion", 1, 0, 0], "--depth needs --object-pose too; add what is missing"),
         (["phone"], "none of --scene, --environment and --depth given; expected one: "),
+        (
+            ["masked", "--depth", "d", "--motion", 1, 0, 0, "--length", 0.2],
+            "--length is given for 'masked', which",
+        ),
         (["masked", "--scene", "table"], "OBJECT is 'masked' without --depth; expected a mesh file, "),
         (["phone", "--scene", "table", "--masks", "m_{}.png"], "--masks given with --scene, which draws its own; use "),
         (

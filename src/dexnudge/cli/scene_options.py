@@ -19,6 +19,7 @@ from dexnudge.cli.arguments import (
     Text,
     Turning,
     check_at_least,
+    given,
     metavar,
     say,
 )
@@ -183,6 +184,10 @@ class SceneOptions(MeshOptions):
     def _object(self) -> tuple[str, Any]:
         """Return the object's name and its mesh [m]; None for one that only masks show."""
         if self.object == MASKED:
+            for name in given(self, "units", "length"):
+                raise InputError(
+                    f"`{name}` is given for {MASKED!r}, which has no mesh; its size is that of the images; leave it out"
+                )
             return MASKED, None
         from dexnudge.objects.builtin import is_builtin
         from dexnudge.objects.sets import refuse_units, resolve_object
