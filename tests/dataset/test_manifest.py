@@ -4,7 +4,7 @@ import json
 
 import pytest
 
-from dexnudge.dataset.manifest import read_manifest, write_manifest
+from dexnudge.dataset.manifest import DamagedManifestError, read_manifest, write_manifest
 from dexnudge.errors import DatasetError
 
 
@@ -53,6 +53,15 @@ def test_missing_broken_or_not_a_mapping(toy, tmp_path):
     path.write_text("[]")
     with pytest.raises(DatasetError, match="holds a JSON list; expected an object"):
         read_manifest(tmp_path)
+
+
+def test_a_folder_in_its_place_is_named_and_not_taken_for_damage(tmp_path):
+    (tmp_path / "manifest.json").mkdir()
+    with pytest.raises(
+        DatasetError, match=r"manifest\.json is a folder; expected a file; move the folder away"
+    ) as told:
+        read_manifest(tmp_path)
+    assert not isinstance(told.value, DamagedManifestError)
 
 
 @pytest.mark.parametrize("name", ["../escape", "a/b", "", ".hidden", "with space"])

@@ -1,7 +1,9 @@
 """Shards keep every value, refuse contradictions, and a damaged or foreign file is named."""
 
 import dataclasses
+import errno
 import json
+import os
 
 import numpy as np
 import pyarrow as pa
@@ -11,11 +13,13 @@ import pytest
 from dexnudge.dataset.loading import load_dataset
 from dexnudge.dataset.schema import MARGIN_STEP, NORMAL_STEP, POINT_STEP, BehaviourCounts, round_configuration
 from dexnudge.dataset.shards import (
+    DamagedShardError,
     cloud_path,
     column_matrix,
     is_complete,
     read_cloud,
     read_shard,
+    read_whole,
     shard_path,
     write_shard,
 )
@@ -157,6 +161,36 @@ def test_a_flipped_byte_is_noticed(toy, toy_folder):
     path.write_bytes(data)
     with pytest.raises(DatasetError, match="cannot be read as Parquet"):
         read_cloud(toy_folder, toy.toy_manifest(), NAME)
+
+
+@pytest.mark.parametrize("path_of", [shard_path, cloud_path])
+def test_a_folder_in_its_place_is_named_and_not_made_again(toy, toy_folder, path_of):
+    path = path_of(toy_folder, NAME)
+    path.unlink()
+    path.mkdir()
+    with pytest.raises(DatasetError, match=rf"{path.name} is a folder or a device; expected a file; move it away"):
+        list(read_whole(toy_folder, toy.toy_manifest(), [NAME]))
+
+
+@pytest.mark.parametrize(
+    "error",
+    [*(OSError(number, os.strerror(number)) for number in (errno.EIO, errno.EACCES, errno.EMFILE)), MemoryError()],
+    ids=["EIO", "EACCES", "EMFILE", "MemoryError"],
+)
+@pytest.mark.parametrize("step", ["read_schema", "ParquetFile"])
+def test_what_the_system_does_not_let_be_read_is_not_made_again(toy, toy_folder, monkeypatch, step, error):
+    """What `read_whole` yields is damage, which `dataset generate` deletes."""
+
+    def refuse(*_arguments, **_options):
+        raise error
+
+    monkeypatch.setattr(pq, step, refuse)
+    with pytest.raises(DatasetError, match=r"cannot be read now \(.+\) and may be whole; mend that, then try again"):
+        list(read_whole(toy_folder, toy.toy_manifest(), [NAME]))
+    monkeypatch.undo()
+    shard_path(toy_folder, NAME).write_bytes(b"PAR1")
+    ((_, damage),) = read_whole(toy_folder, toy.toy_manifest(), [NAME])
+    assert isinstance(damage, DamagedShardError)
 
 
 def test_missing(toy, tmp_path):

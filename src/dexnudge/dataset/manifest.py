@@ -78,9 +78,14 @@ def recorded_hand(hand: str, loaded: Hand, folder: Path) -> str:
     return os.path.relpath(file, folder.resolve())
 
 
+def is_object_name(name: str) -> bool:
+    """Return whether `name` can be part of a file name inside the dataset folder."""
+    return _OBJECT_NAME.fullmatch(name) is not None
+
+
 def check_object_name(name: str) -> str:
     """Return `name` if it can be part of a file name inside the dataset folder; else raise DatasetError."""
-    if not _OBJECT_NAME.fullmatch(name):
+    if not is_object_name(name):
         raise DatasetError(
             f"object name {name!r} cannot be part of a file name; expected letters, digits, '_', '-' and '.', "
             "starting with a letter or digit; rename the object."
@@ -106,6 +111,8 @@ def write_manifest(folder: Path | str, manifest: Manifest) -> Path:
 def read_manifest(folder: Path | str) -> Manifest:
     """Read `manifest.json`; raises DatasetError when it is missing, broken, or of another version or unit."""
     path = Path(folder) / MANIFEST_NAME
+    if path.is_dir():
+        raise DatasetError(f"{path} is a folder; expected a file; move the folder away")
     expected = f"a dataset folder with a {MANIFEST_NAME}; make one with `dexnudge dataset generate` or correct the path"
     content = read_json_object(
         path, error=DamagedManifestError, expected=expected, again=AGAIN, largest=MAX_TABLE_BYTES

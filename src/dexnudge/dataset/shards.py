@@ -366,11 +366,12 @@ def read_header(path: Path) -> dict[str, Any]:
     """Return what a file says of itself, without its rows: `ShardHeader`, and what it shares with the manifest.
 
     Raises:
-        DatasetError: a truncated or foreign file.
+        DatasetError: a truncated or foreign file, or one that the system does not let be read.
     """
+    if not path.exists():
+        raise DamagedShardError(f"{path} does not exist; resume `dexnudge dataset generate` to write it.")
     if not path.is_file():
-        what = "is no file" if path.exists() else "does not exist"
-        raise DamagedShardError(f"{path} {what}; resume `dexnudge dataset generate` to write it.")
+        raise DatasetError(f"{path} is a folder or a device; expected a file; move it away.")
     with _readable(path):
         _check_size(path)
         metadata = pq.read_schema(path).metadata or {}
@@ -385,12 +386,17 @@ def read_header(path: Path) -> dict[str, Any]:
 
 @contextmanager
 def _readable(path: Path) -> Iterator[None]:
-    """Raise what cannot be read as Parquet in the block as DamagedShardError."""
+    """Raise what cannot be read as Parquet in the block as DamagedShardError, what may be whole as DatasetError."""
     try:
         yield
     except DamagedShardError:
         raise
     except (pa.ArrowException, OSError, ValueError, MemoryError) as error:
+        if isinstance(error, MemoryError) or getattr(error, "errno", None) is not None:  # the system's, not Parquet's
+            why = str(error) or "out of memory"
+            raise DatasetError(
+                f"{path} cannot be read now ({why}) and may be whole; mend that, then try again."
+            ) from error
         raise DamagedShardError(
             f"{path} cannot be read as Parquet: truncated or not a shard ({error}); "
             "resume `dexnudge dataset generate` to make it again."
