@@ -12,7 +12,10 @@ def test_card_and_page_of_a_generated_dataset(dexnudge, tmp_path):
     objects.mkdir()
     builtin_object("remote-203").export(objects / "control.obj")
     attempts = ["--non-prehensile", "64", "--grasps", "32", "--workers", "1"]
-    assert dexnudge("dataset", "generate", "--objects", objects, "--out", data, *attempts).code == 0
+    generated = dexnudge("dataset", "generate", "--objects", objects, "--out", data, *attempts)
+    assert generated.code == 0
+    page = f"dexnudge dataset info {data} --objects {objects} --out NAME"
+    assert generated.out.endswith(f"{data / 'README.md'}; as a page: {page}\n")
     rows = pq.read_table(data / "shard-control.parquet").to_pylist()
     assert len(rows) > 10
 
@@ -26,12 +29,15 @@ def test_card_and_page_of_a_generated_dataset(dexnudge, tmp_path):
     shown = {line.split()[1]: line.split("│") for line in outcome.out.splitlines() if line.startswith("│")}
     for name in ("push", "press", "hook", "grasp"):
         assert int(shown[name][3]) == sum(row["behaviour"] == name for row in rows)
-    assert f"{data / 'README.md'}; as a page: dexnudge dataset info --out" in outcome.out
+    assert f"{data / 'README.md'}\n\nwrote {out / 'dataset.html'}\n" in outcome.out
     behaviours = {row["behaviour"] for row in rows}
     assert {path.name for path in out.iterdir()} == {"dataset.html", *(f"samples-{name}.png" for name in behaviours)}
     page = (out / "dataset.html").read_text(encoding="utf-8")
     shown = {name: min(5, sum(row["behaviour"] == name for row in rows)) for name in behaviours}
     assert page.count('src="data:image/png') == sum(shown.values())
+
+    asked = dexnudge("dataset", "info", data).out
+    assert asked.endswith(f"; as a page: dexnudge dataset info {data} --objects SET --out NAME\n")
 
     refused = dexnudge("dataset", "info", data, "--out", out)
     assert refused.code == 2

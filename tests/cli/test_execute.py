@@ -20,6 +20,8 @@ def test_the_best_configuration_pushes_a_phone_over_a_table(dexnudge, sampled, t
     assert outcome.code == 0
     assert "1 of 1 pushes succeed" in outcome.out
     assert outcome.err == "executed 1 of 1: configuration 0: success\n"
+    page = (out / "configuration_000/film.html").read_text(encoding="utf-8")
+    assert "<h1>phone, table: configuration 0</h1>" in page  # whatever the folder is called
     summary = json.loads((out / "summary.json").read_text(encoding="utf-8"))
     (row,) = summary["configurations"]
     assert (summary["attempted"], summary["succeeded"], summary["failed"]) == (1, 1, 0)

@@ -27,10 +27,16 @@ def test_a_deliberate_error_is_one_line_on_stderr_and_exit_2(dexnudge, monkeypat
     [
         ("hand shadow_lite", "starts again; what stood before is as it was"),
         ("hand shadow_lite --learn --out x", "goes on from where it stopped"),
+        ("hand shadow_lite --learn", "goes on from where it stopped"),
         ("benchmark score entry --suite s --out x", "goes on from where it stopped"),
+        ("benchmark score entry --suite s --out=x", "goes on from where it stopped"),
+        ("benchmark score entry --suite s --out new", "starts again; what stood before is as it was"),
+        ("benchmark score entry --suite s --out=new", "starts again; what stood before is as it was"),
     ],
 )
-def test_ctrl_c_exits_130_without_a_traceback(dexnudge, monkeypatch, command, going_on):
+def test_ctrl_c_exits_130_without_a_traceback(dexnudge, monkeypatch, tmp_path, command, going_on):
+    monkeypatch.chdir(tmp_path)
+    (tmp_path / "x").mkdir()
     for kind in (HandCommand, ScoreBenchmark):
         monkeypatch.setattr(kind, "run", _raise(KeyboardInterrupt()))
     outcome = dexnudge(*command.split())

@@ -120,6 +120,25 @@ def test_what_was_written_is_read_back(box_samples, tmp_path):
     assert np.allclose(read_dexgraspbench(record, hand, where="g")[0], expected[2], rtol=0, atol=EXACT)
 
 
+def test_the_folder_of_dexgraspbench_is_read_where_it_has_one_object(box_samples, tmp_path):
+    scene, hand = box_samples.scene, box_samples.hand
+    write_dexgraspbench(box_samples, tmp_path / "g", name="box")
+    own = read_back(tmp_path / "g/graspdata/box", scene, hand)
+    for folder in (tmp_path / "g", tmp_path / "g/graspdata"):
+        assert np.array_equal(read_back(folder, scene, hand).q, own.q)
+    (tmp_path / "g/graspdata/second").mkdir()
+    (tmp_path / "g/graspdata/box/000.npy").rename(tmp_path / "g/graspdata/second/000.npy")
+    with pytest.raises(InputError) as caught:
+        read_back(tmp_path / "g", scene, hand)
+    assert str(caught.value) == (
+        f"{tmp_path / 'g'} holds grasps of 2 objects; expected those of one; give one of "
+        f"{tmp_path / 'g/graspdata/box'}, {tmp_path / 'g/graspdata/second'}"
+    )
+    (tmp_path / "none").mkdir()
+    with pytest.raises(InputError, match=r"none holds 0 \.npy files; expected 1 to 10000"):
+        read_back(tmp_path / "none", scene, hand)
+
+
 def test_joints_may_stand_in_any_order(box_samples, tmp_path):
     write_bodex(box_samples, tmp_path, name="box")
     path = tmp_path / "box_grasp.npy"

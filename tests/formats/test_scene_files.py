@@ -1,6 +1,7 @@
 """A scene reopened by USD and by MuJoCo: the same poses, masses, frictions and points."""
 
 import resource
+from dataclasses import replace
 
 import mujoco
 import numpy as np
@@ -41,16 +42,31 @@ def test_usd_has_the_same_scene(suffix, box_scene, box_samples, tmp_path):
         assert shape.GetPrim().HasAPI(UsdPhysics.CollisionAPI)
     poses = hand.forward_kinematics(torch.as_tensor(q[None]))[0].numpy()
     frictions = {}
-    for place in ("object", "hand/link_00"):
+    for place in ("object", f"hand/{hand.link_names[0]}"):
         shape = stage.GetPrimAtPath(f"/World/{place}/mesh")
         material, _ = UsdShade.MaterialBindingAPI(shape).ComputeBoundMaterial("physics")
         frictions[place] = UsdPhysics.MaterialAPI(material).GetDynamicFrictionAttr().Get()
     assert frictions["object"] == pytest.approx(box_scene.friction_environment)
     assert np.mean(list(frictions.values())) == pytest.approx(box_scene.friction_hand)  # USD averages the two
-    for number in range(len(hand.link_names)):
-        assert np.allclose(
-            matrix(stage.GetPrimAtPath(f"/World/hand/link_{number:02d}")), poses[number], rtol=0, atol=1e-12
-        )
+    links = stage.GetPrimAtPath("/World/hand").GetChildren()
+    assert [link.GetName() for link in links] == list(hand.link_names)
+    for link, pose in zip(links, poses, strict=True):
+        assert UsdPhysics.RigidBodyAPI(link).GetKinematicEnabledAttr().Get()
+        assert np.allclose(matrix(link), pose, rtol=0, atol=1e-12)
+
+
+def test_links_whose_names_usd_does_not_allow_are_all_there(box_scene, box_samples, tmp_path):
+    from pxr import Usd
+
+    palm, first, second, *others = box_samples.hand.link_names
+    new = {palm: "0 palm", first: "a.b", second: "a-b"}
+    tips = {digit: new.get(link, link) for digit, link in box_samples.hand.fingertips.items()}
+    hand = replace(box_samples.hand, link_names=(*new.values(), *others), fingertips=tips)
+    write_usd(box_scene, tmp_path / "s.usda", hand=hand, q=box_samples.q[0])
+    stage = Usd.Stage.Open(str(tmp_path / "s.usda"))
+    links = stage.GetPrimAtPath("/World/hand").GetChildren()
+    assert [link.GetName() for link in links] == ["__palm", "a_b", "a_b_02", *others]
+    assert [link.GetDisplayName() for link in links] == list(hand.link_names)
 
 
 def test_usd_has_a_scene_without_a_hand(box_scene, tmp_path):

@@ -13,10 +13,11 @@ import yaml
 
 from dexnudge.dataset.loading import load_dataset
 from dexnudge.dataset.manifest import Manifest, read_manifest, write_manifest
-from dexnudge.objects.builtin import builtin_names
+from dexnudge.objects.builtin import builtin_names, builtin_object
 from dexnudge.simulation import hold
 from dexnudge.synthesis import acceptance
 from dexnudge.synthesis.dataset_card import builtin_set, write_card
+from dexnudge.synthesis.object_data import mesh_hash
 
 ROOT = Path(__file__).parents[2]
 
@@ -38,7 +39,9 @@ def test_counts_are_those_of_the_rows(toy_folder, text):
     assert "hand: toy, 16 joint angles, digits FF, MF, RF, TH" in text
     assert cells(text, "grasp")[:5] == ["grasp", "33", "18", "54.5", "6"]
     files = [file for file in toy_folder.iterdir() if file.name != "README.md"]
-    assert f"- {sum(file.stat().st_size for file in files)} bytes in all" in text
+    shards = sum(file.stat().st_size for file in files if file.name.startswith("shard-"))
+    size = sum(file.stat().st_size for file in files)
+    assert f"- {size} bytes in all: shards, {shards / len(rows):.0f} per configuration; surface points" in text
     assert "- behaviours without a row: press, hook\n" in text
     assert "- digits that no row uses: MF, RF\n" in text
 
@@ -107,6 +110,15 @@ def test_builtin_sets_are_known_by_their_names(toy):
     assert builtin_set(manifest) == "builtin:test"
     manifest.objects, manifest.failed_objects = dict.fromkeys(builtin_names("test")[::14], None), {}
     assert builtin_set(manifest) == "builtin:test:3"
+
+
+def test_files_with_the_names_of_builtin_objects_are_no_builtin_set(toy):
+    manifest: Manifest = toy.toy_manifest()
+    name = builtin_names("train")[0]
+    manifest.objects = {name: mesh_hash(builtin_object(name))}
+    assert builtin_set(manifest) == "builtin:train:1"
+    manifest.objects = {name: "0" * 64}
+    assert builtin_set(manifest) is None
 
 
 def test_a_hub_finds_licence_size_and_files(toy_folder, text):

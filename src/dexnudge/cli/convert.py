@@ -28,8 +28,8 @@ class Convert:
 
     From a folder that `sample` wrote: dexgraspnet, bodex, dexgraspbench (verified configurations), usd and mujoco (one file;
     also of a scene folder). From a folder with executions: lerobot (v3.0). From a .npy file of DexGraspNet, BODex or
-    DexGraspBench, or a folder of the last: dexnudge, a result folder with all of its hands verified in --scene. Exit code 3:
-    everything is written, but nothing of it is verified.
+    DexGraspBench, or a folder of the last for one object: dexnudge, a result folder with all of its hands verified in
+    --scene. Exit code 3: everything is written, but nothing of it is verified.
     """
 
     source: tyro.conf.Positional[Annotated[str, metavar("IN")]]

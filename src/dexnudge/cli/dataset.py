@@ -1,5 +1,6 @@
 """`dexnudge dataset generate|info|check`: grasps and non-prehensile configurations to learn from."""
 
+import shlex
 from dataclasses import dataclass
 from operator import itemgetter
 from pathlib import Path
@@ -29,7 +30,7 @@ if TYPE_CHECKING:
 
 @dataclass(frozen=True, kw_only=True)
 class Generate(EngineOptions, SetOptions):
-    """Generate verified configurations for a set of objects; a stopped run goes on where it was."""
+    """Generate verified configurations for a set of objects; a stopped run keeps the objects that are done."""
 
     non_prehensile: Count = 256
     """Attempts at pushing, pressing and hooking for each object."""
@@ -59,7 +60,8 @@ class Generate(EngineOptions, SetOptions):
                 ray_address=self.ray_address,
             )
             write_card(self.out)
-        _print(describe(self.out), self.out)
+        info = describe(self.out)
+        _print(info, self.out, _as_page(info, self.out, self.objects))
         return 0
 
 
@@ -70,7 +72,8 @@ class Info:
     folder: ResultFolder
     """Folder that `dataset generate` wrote."""
     out: OptionalFolder = None
-    """Folder for dataset.html (tables, charts, pictures of random samples) and samples-BEHAVIOUR.png."""
+    """Folder for dataset.html (tables, charts, pictures of random samples) and samples-BEHAVIOUR.png; of objects of one's
+    own with --objects."""
     objects: OptionalSet = None
     """The set of objects that it was generated from, for the pictures; not needed for built-in objects."""
     seed: Count = 0
@@ -84,7 +87,7 @@ class Info:
         from dexnudge.dataset.info import describe
 
         info = describe(self.folder)
-        _print(info, self.folder)
+        _print(info, self.folder, "" if self.out else _as_page(info, self.folder))
         if self.out is not None:
             from dexnudge.jobs.folders import owned_folder
             from dexnudge.synthesis.dataset_page import draw_samples, write_dataset_page
@@ -95,8 +98,16 @@ class Info:
         return 0
 
 
-def _print(info: "DatasetInfo", folder: str) -> None:
-    """Print what most want to know of a dataset; its card and its page hold the rest."""
+def _as_page(info: "DatasetInfo", folder: str, objects: str = "SET") -> str:
+    """Return what to type for a dataset's page; objects: the set that it was generated from."""
+    from dexnudge.synthesis.dataset_card import builtin_set
+
+    own = [] if builtin_set(info.manifest) else ["--objects", objects]
+    return f"; as a page: {shlex.join(['dexnudge', 'dataset', 'info', folder, *own, '--out', 'NAME'])}"
+
+
+def _print(info: "DatasetInfo", folder: str, more: str) -> None:
+    """Print what most want to know of a dataset, and `more` in the last line; its card and its page hold the rest."""
     from dexnudge.synthesis.dataset_card import CARD_FILE, description
 
     say(description(info).summary)
@@ -110,9 +121,7 @@ def _print(info: "DatasetInfo", folder: str) -> None:
         numbers = (count.attempted, count.kept, share, count.failed, margins.get(name, "-"), why)
         shown.add_row(name, *map(str, numbers))
     stdout().print(shown)
-    say(
-        f"digits, directions, faces, joints and more: {Path(folder) / CARD_FILE}; as a page: dexnudge dataset info --out"
-    )
+    say(f"digits, directions, faces, joints and more: {Path(folder) / CARD_FILE}{more}")
 
 
 @dataclass(frozen=True)

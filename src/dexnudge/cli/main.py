@@ -13,6 +13,7 @@ from contextlib import contextmanager, redirect_stderr
 from importlib import import_module
 from importlib.util import find_spec
 from io import StringIO
+from pathlib import Path
 from typing import Any
 
 from dexnudge.errors import DexnudgeError, InputError, UnknownNameError, check_path, did_you_mean, printable, shortened
@@ -115,8 +116,17 @@ def _interrupted(arguments: list[str]) -> str:
     """Return what to type after an interruption."""
     resumable = any(arguments[: len(name.split())] == name.split() for name in RESUMABLE)
     resumable |= arguments[:1] == ["hand"] and "--learn" in arguments
-    going_on = "goes on from where it stopped" if resumable else "starts again; what stood before is as it was"
+    begun = all(Path(out).is_dir() for out in _values(arguments, "--out"))
+    going_on = (
+        "goes on from where it stopped" if resumable and begun else "starts again; what stood before is as it was"
+    )
     return f"dexnudge: interrupted; `{shlex.join(['dexnudge', *arguments])}` {going_on}"
+
+
+def _values(arguments: Sequence[str], flag: str) -> list[str]:
+    """Return what an option is given, `--out NAME` or `--out=NAME`."""
+    after = [value for option, value in itertools.pairwise(arguments) if option == flag]
+    return after + [option.partition("=")[2] for option in arguments if option.startswith(f"{flag}=")]
 
 
 def _help(arguments: Sequence[str]) -> str:

@@ -12,7 +12,7 @@ INTERRUPTED = 130  # what shells report for a command that Ctrl-C stopped
 
 @dataclass(frozen=True)
 class Train:
-    """Train the diffusion model on a dataset; a stopped run goes on where it was.
+    """Train the diffusion model on a dataset; a stopped run goes on where it was, with the settings that it began with.
 
     Ctrl-C and SIGTERM end the run at the current step with everything saved. `torchrun --nproc-per-node N -m dexnudge
     train ...` shares it among N processes.

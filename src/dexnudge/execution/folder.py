@@ -15,7 +15,7 @@ from dexnudge.execution.executor import Execution, Executor, chosen_policy, dist
 from dexnudge.jobs.folders import new_folder
 from dexnudge.jobs.processes import run_tasks
 from dexnudge.planning.outcomes import Outcome
-from dexnudge.results.folder import load_samples, read_inputs, write_summary
+from dexnudge.results.folder import load_samples, read_inputs, subject, write_summary
 from dexnudge.results.samples import Samples
 from dexnudge.simulation.model import load_scene_model, scene_model
 
@@ -62,7 +62,7 @@ def push_folder(
         OutputError: `out` exists or cannot be written.
     """
     verified = read_verified(folder)
-    samples = verified[:top]
+    samples, of = verified[:top], subject(folder, verified)
     out = out or folder / PUSH_FOLDER
     with new_folder(out, overwrite=overwrite, marker=MODEL_FILE, ours=EPISODE_FILES) as written:
         simulation = scene_model(samples.hand, samples.scene)
@@ -78,7 +78,7 @@ def push_folder(
             if isinstance(result, Execution):
                 policy = type(chosen_policy(feedback)).__name__
                 episode = Episode(samples.scene, simulation, result, policy, index)
-                title = f"{folder.absolute().name}: configuration {index}"
+                title = f"{of}: configuration {index}"
                 own = f"configuration_{index:03d}"
                 episode.write(written / own, title=title, pictures=index < films)
                 episodes.append(episode)
@@ -145,7 +145,8 @@ def lift_folder(
         InputError, MeshError, OutputError: as `push_folder`.
         CheckpointError: no weights for this hand, or weights that are broken or made for another.
     """
-    first, *others = read_verified(folder)
+    verified = read_verified(folder)
+    first, *others = verified
     out = out or folder / LIFT_FOLDER
     with new_folder(out, overwrite=overwrite, marker=MODEL_FILE, ours=EPISODE_FILES) as written:
         episode = execute(
@@ -157,5 +158,5 @@ def lift_folder(
             seed=seed,
             weights=weights,
         )
-        title, options = f"{folder.absolute().name}: slide, grasp, lift", {"seed": seed, "most_attempts": attempts}
+        title, options = f"{subject(folder, verified)}: slide, grasp, lift", {"seed": seed, "most_attempts": attempts}
         return episode.write_all(written, title=title, pictures=films, details=options)

@@ -24,15 +24,17 @@ from dexnudge.scenes.scene import Scene
 from dexnudge.verification.verdicts import verify
 from dexnudge.version import __version__
 
+GRASPDATA = "graspdata"  # of DexGraspBench: a folder of records for each object
 GRASPS: dict[str, tuple[Callable[..., None], str]] = {  # what writes a folder of samples, and an entry that only it has
     "dexgraspnet": (write_dexgraspnet, "dataset"),
     "bodex": (write_bodex, "scene.npy"),
-    "dexgraspbench": (write_dexgraspbench, "graspdata"),
+    "dexgraspbench": (write_dexgraspbench, GRASPDATA),
 }
 SCENES: dict[str, Callable[..., None]] = {"usd": write_usd, "mujoco": write_mujoco}
 EPISODES, BACK = "lerobot", "dexnudge"
 FORMATS = (*GRASPS, EPISODES, *SCENES, BACK)
 MOST_FILES = 10_000  # of one folder of DexGraspBench
+MOST_NAMED = 10  # folders in a message
 
 
 def convert(source: Path, to: str, out: Path, *, every: bool = False) -> str:
@@ -101,18 +103,34 @@ def _episodes(source: Path, out: Path) -> str:
 def read_back(source: Path, scene: Scene, hand: Hand, *, scale: float | None = None) -> Samples:
     """Return the grasps of a DexGraspNet, BODex or DexGraspBench file, or folder of the last, verified in a scene.
 
+    Of DexGraspBench a folder of records, or one that holds such a folder for a single object.
+
     The object lies in the scene where the scene has it; the hands come with it. Ranked by what is verified.
 
     Raises:
         InputError: a file of another form, of another hand, or of an object of another size.
     """
-    files = sorted(source.glob("*.npy")) if source.is_dir() else [source]
+    files = _records(source) if source.is_dir() else [source]
     if not files or len(files) > MOST_FILES:
         raise InputError(f"{source} holds {len(files)} .npy files; expected 1 to {MOST_FILES} of DexGraspBench")
     radius = float(np.linalg.norm(scene.object_mesh.vertices, axis=1).max())
     parts = [_read(file, hand, scale, radius) for file in files]
     q = transform_configurations(scene.T_world_object, np.concatenate(parts))
     return Samples(scene, hand, q, verify(scene, hand, q)).best_first()
+
+
+def _records(folder: Path) -> list[Path]:
+    """Return the .npy files of a folder or, where it has none, of the one folder in its `graspdata` that has some."""
+    found = sorted(folder.glob("*.npy"))
+    below = folder / GRASPDATA if (folder / GRASPDATA).is_dir() else folder
+    objects = [] if found else sorted({file.parent for file in below.glob("*/*.npy")})
+    if len(objects) > 1:
+        more = f" and {len(objects) - MOST_NAMED} more" if len(objects) > MOST_NAMED else ""
+        raise InputError(
+            f"{folder} holds grasps of {len(objects)} objects; expected those of one; give one of "
+            f"{', '.join(map(str, objects[:MOST_NAMED]))}{more}"
+        )
+    return sorted(objects[0].glob("*.npy")) if objects else found
 
 
 def _read(file: Path, hand: Hand, scale: float | None, radius: float) -> Float[np.ndarray, "n coordinates"]:

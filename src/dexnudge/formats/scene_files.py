@@ -78,10 +78,12 @@ def write_usd(
         poses = hand.forward_kinematics(torch.as_tensor(q[None].astype(np.float64)))[0].numpy()
         for number, (mesh, pose) in enumerate(zip(hand.link_meshes, poses, strict=True)):
             if len(mesh.faces):
-                link = _add_body(
-                    stage, f"/World/hand/link_{number:02d}", mesh, pose, materials["hand"], "convexDecomposition"
-                )
-                link.SetDisplayName(hand.link_names[number])
+                name = hand.link_names[number]
+                place = f"/World/hand/{Tf.MakeValidIdentifier(name)}"
+                if stage.GetPrimAtPath(place):  # names that differ in characters which USD does not allow
+                    place += f"_{number:02d}"
+                link = _add_body(stage, place, mesh, pose, materials["hand"], "convexDecomposition")
+                link.SetDisplayName(name)
                 UsdPhysics.RigidBodyAPI.Apply(link).CreateKinematicEnabledAttr(True)
     with replace_atomically(path) as part:
         try:

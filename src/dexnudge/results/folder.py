@@ -263,6 +263,12 @@ def load_samples(folder: Path | str) -> Samples:
     return replace(samples, verdicts=replace(samples.verdicts, contacts=contacts))
 
 
+def subject(folder: Path, samples: Samples) -> str:
+    """Return what the samples of a folder are of: the object as `dexnudge sample` named it, else the hand; and the scene."""
+    name = _read_summary(folder).get("object")
+    return f"{name if is_name(name) else samples.hand.name}, {samples.scene.name}"
+
+
 def read_result(folder: Path | str) -> tuple[Samples, dict[str, Any], dict[str, str]]:
     """Return the samples of a folder without their contacts, its summary, and why each missing criterion is missing.
 

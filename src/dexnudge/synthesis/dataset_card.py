@@ -27,10 +27,12 @@ from dexnudge.errors import InputError
 from dexnudge.jobs.atomic_files import replace_atomically
 from dexnudge.mechanics.balance import MAX_FACTOR
 from dexnudge.mechanics.contacts import HAND_CONTACT_DISTANCE
-from dexnudge.objects.sets import BUILTIN_PREFIX, resolve_object_set
+from dexnudge.objects.builtin import is_builtin
+from dexnudge.objects.sets import BUILTIN_PREFIX, object_mesh, resolve_object_set
 from dexnudge.scenes.scene import FRICTION_ENVIRONMENT, FRICTION_HAND, MASS, MAX_NORMAL_FORCE
 from dexnudge.simulation import hold, model
 from dexnudge.synthesis.acceptance import PRESSING, TABLE_EDGE
+from dexnudge.synthesis.object_data import mesh_hash
 from dexnudge.verification.criteria import PENETRATION_LIMIT
 from dexnudge.verification.solids import SURFACE_SPACING
 
@@ -112,7 +114,7 @@ def description(info: DatasetInfo) -> Document:
         f"Hand configurations for {info.manifest.hand}",
         f"hand {info.manifest.hand}: {info.num_configurations} configurations of {info.num_objects} objects "
         f"({info.missing_objects} not generated yet, {len(info.manifest.failed_objects)} failed), "
-        f"{info.bytes_on_disk / 1e6:.1f} MB on disk, {info.bytes_per_row:.0f} bytes per row",
+        f"{info.bytes_on_disk / 1e6:.1f} MB on disk, {info.bytes_per_row:.0f} bytes per row of the shards",
         (
             Section("What it is", (PURPOSE, _facts(info))),
             Section("Counts", (info.tables["counts"], "attempted = kept + rejected + failed.")),
@@ -127,8 +129,17 @@ def description(info: DatasetInfo) -> Document:
 
 
 def builtin_set(manifest: Manifest) -> str | None:
-    """Return the built-in set whose objects these are, all or so many of them; None where they come from elsewhere."""
+    """Return the built-in set whose objects these are, all or so many of them; None where they come from elsewhere.
+
+    Names decide, and the mesh of the first object: files may have the names of built-in objects.
+    """
     names = {*manifest.objects, *manifest.failed_objects}
+    length = manifest.config.get("length")
+    name, digest = next(((name, digest) for name, digest in manifest.objects.items() if digest), ("", None))
+    if is_builtin(name):
+        mesh = object_mesh(name, length=length if isinstance(length, int | float) else None)
+        if mesh_hash(mesh) != digest:
+            return None
     sets = [f"{BUILTIN_PREFIX}{kind}{some}" for kind in ("train", "test") for some in ("", f":{len(names)}")]
     return next((each for each in sets if names == _names_of(each)), None)
 
@@ -160,7 +171,8 @@ def _facts(info: DatasetInfo) -> str:
         f"- hand: {manifest.hand}, {len(manifest.joint_names)} joint angles, digits {', '.join(manifest.joint_groups)}\n"
         f"- {info.num_objects} objects, {info.missing_objects} not generated yet, {len(manifest.failed_objects)} failed; "
         f"{objects}\n"
-        f"- {info.bytes_on_disk} bytes in all, {info.bytes_per_row:.0f} per configuration\n"
+        f"- {info.bytes_on_disk} bytes in all: shards, {info.bytes_per_row:.0f} per configuration; surface points of the "
+        "objects; the manifest\n"
         f"- licence: {licence}\n"
         f"- format version {FORMAT_VERSION}"
     )
