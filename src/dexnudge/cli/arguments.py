@@ -316,7 +316,7 @@ def say(*texts: str) -> None:
 def counted(what: str, *, total: int | None = None) -> Iterator[Callable[..., None]]:
     """Show a bar while the block runs; what it is given takes how much is done and in all, and fields of rich's `update`.
 
-    And a `line`, which is printed to stderr where that is no terminal and no bar is shown.
+    And a `line`, which is printed to stderr, in place of those of `ProgressLines`, where that is no terminal.
     """
     from dexnudge.jobs.progress import progress
 
@@ -324,9 +324,10 @@ def counted(what: str, *, total: int | None = None) -> Iterator[Callable[..., No
         bar = bars.add_task(what, total=total)
 
         def show(done: float | None = None, total: float | None = None, *, line: str = "", **fields: Any) -> None:
-            bars.update(bar, completed=done, total=total, **fields)
             if bars.disable and line:
                 print(printable(line), file=sys.stderr, flush=True)
+            else:
+                bars.update(bar, completed=done, total=total, **fields)
 
         yield show
 
