@@ -22,7 +22,7 @@ def test_the_page_shows_draws_plays_and_samples(studio, browser, result):
 
         browser.press(page, "next")
         page.wait_for_function("calls => window.drawn.calls > calls", arg=calls)
-        page.get_by_text(re.compile("^2$")).first.wait_for()
+        page.get_by_text(re.compile("^1$")).first.wait_for()
         assert studio.session.place == 1
 
         browser.toggle(page, "all of them together")
@@ -30,7 +30,7 @@ def test_the_page_shows_draws_plays_and_samples(studio, browser, result):
         assert studio.session.together
 
         browser.tab(page, "Play")
-        browser.choose(page, "play", "execution/configuration_000")
+        assert browser.control(page, "play").input_value() == "execution/configuration_000"  # the only one is chosen
         browser.press(page, "Play")
         page.get_by_text("0.04 s").first.wait_for()
 
@@ -42,6 +42,10 @@ def test_the_page_shows_draws_plays_and_samples(studio, browser, result):
             if len(studio.session.samples) == 4 and not studio.session.busy:
                 break
         assert len(studio.session.samples) == 4
+        page.get_by_text(f"{studio.session.samples.num_verified} of 4 verified").first.wait_for()
+        browser.choose(page, "result", studio.session.name)
+        page.wait_for_timeout(2000)
+        assert len(studio.session.samples) == 8
         assert not errors
         assert not said
 

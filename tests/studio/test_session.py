@@ -20,7 +20,8 @@ import dexnudge as dn
 from dexnudge.errors import InputError
 from dexnudge.studio.controls import table, without_folders
 from dexnudge.studio.server import LARGEST_PORT, admitted, open_server
-from dexnudge.studio.session import MOTION
+from dexnudge.studio.session import MADE_HERE, MOTION
+from dexnudge.studio.stage import fitted
 from dexnudge.studio.studio import Studio
 
 
@@ -66,7 +67,58 @@ def test_playing_moves_the_hand_by_the_clock(session):
         assert body.node.position == pytest.approx(session.scene.T_world_object[:3, 3] + 0.01 * session.scene.motion)
     session.play(MOTION)
     session.play("")
-    assert session.figures()["rank"] == "1"
+    assert session.figures()["configuration"] == "0"  # as its files are called
+
+
+def test_what_is_played_has_its_goal_but_no_arrow_that_stays(session):
+    def groups():
+        return [body.group for body in session.stage._bodies]
+
+    assert "motion" in groups()
+    session.play("execution/configuration_000")
+    assert "motion" not in groups()
+    assert "goal" in groups()
+
+
+def test_what_was_opened_stays_beside_what_is_sampled(session, told):
+    opened, samples = session.shown, session.samples
+    session.sample(num=2, seed=1, weights={})
+    session.wait(120.0)
+    assert (session.together, session.place) == (False, 0)
+    assert session.outcome == f"{session.samples.num_verified} of 2 verified"
+    assert session.playable == [MOTION]
+    drawn = session.samples
+    session.open(opened)
+    assert session.samples is samples
+    assert session.playable == ["execution/configuration_000", MOTION]
+    session.open(MADE_HERE)
+    assert session.samples is drawn
+    with pytest.raises(InputError, match="there is no result 'gone'"):
+        session.open("gone")
+    assert not told
+
+
+def test_a_narrow_window_shows_the_same_width():
+    tangent = np.tan(0.25)
+    assert fitted(0.5, 800, 600) == pytest.approx(0.5)
+    assert fitted(0.5, 1600, 600) == pytest.approx(0.5)
+    assert np.tan(fitted(0.5, 300, 600) / 2) * 300 / 600 == pytest.approx(tangent * 4 / 3)
+
+
+def test_margins_have_two_decimals_each(session):
+    session.samples.verdicts.values["force_margin"][0] = 3.0
+    assert session.figures()["force margin"] == "3.00"
+
+
+def test_play_offers_the_only_execution_and_without_draws_no_slider(studio, session):
+    panels = studio.panels
+    assert panels._recording.value == "execution/configuration_000"
+    assert not panels._run.disabled
+    panels._toggle()
+    assert session.player.running
+    session.build("phone", "table", 0)
+    assert not panels._place.visible
+    assert panels._run.disabled
 
 
 def test_sampling_appears_as_it_comes_and_is_saved_as_sample_does(session, told, tmp_path):

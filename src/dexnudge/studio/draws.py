@@ -19,6 +19,7 @@ from dexnudge.verification.verdicts import Verdicts
 MOST_AT_ONCE = 32  # hands that are shown together
 MOST_DRAWS = 512  # of one click
 ALL, VERIFIED = "all", "verified"
+DIGITS = {"force_margin": ".2f"}  # of values, in place of three that count
 
 
 def listed(samples: Samples) -> dict[str, Int[np.ndarray, " m"]]:
@@ -29,16 +30,16 @@ def listed(samples: Samples) -> dict[str, Int[np.ndarray, " m"]]:
     return {f"{name} ({len(places)})": places for name, places in found.items() if len(places)}
 
 
-def figures(sample: Sample, rank: int, layers: Layers, *, sentence: str = "") -> dict[str, str]:
-    """Return what is said of a draw, by name; `sentence` tells what its failure means."""
-    rows = {"rank": str(rank + 1), "verdict": "verified" if sample.success else f"rejected: {sample.reason}"}
+def figures(sample: Sample, number: int, layers: Layers, *, sentence: str = "") -> dict[str, str]:
+    """Return what is said of a draw, by name; `number` is that of the files, `sentence` tells what its failure means."""
+    rows = {"configuration": str(number), "verdict": "verified" if sample.success else f"rejected: {sample.reason}"}
     if sentence:
         rows["which means"] = sentence
     for name, value in sample.values.items():
         if name in NOT_ON_PAGE or np.isnan(value):
             continue
         depth = name.startswith("penetration_")
-        rows[name.replace("_", " ")] = f"{1e3 * value:.2f} mm" if depth else f"{value:.3g}"
+        rows[name.replace("_", " ")] = f"{1e3 * value:.2f} mm" if depth else f"{value:{DIGITS.get(name, '.3g')}}"
     for name, value in sample.calibrated.items():
         if not np.isnan(value):
             rows[name.replace("_", " ")] = probability_text(value) if name == "probability" else f"{value:.0%}"

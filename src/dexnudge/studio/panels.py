@@ -31,6 +31,8 @@ class Panels:
         reactions = Reactions(session, self.refresh)
         self._on = reactions.on
         self._title = self._gui.add_html("")
+        self._result = self._gui.add_dropdown("result", [NOTHING])
+        self._on(self._result, lambda _: self._open())
         tabs = self._gui.add_tab_group()
         with tabs.add_tab("Draws"):
             self._draws()
@@ -43,18 +45,22 @@ class Panels:
         session.changed = self.refresh
         self.refresh()
 
+    def _open(self) -> None:
+        self._session.open(self._result.value)
+        self._sample.begin()
+
     def _draws(self) -> None:
         gui, session = self._gui, self._session
         hint = "best first, verified ones before others; margins above 1.5 count alike, then decides what presses"
         self._group = gui.add_dropdown("show", [NOTHING], hint=hint)
-        self._place = gui.add_slider("draw", min=1, max=2, step=1, initial_value=1)
+        self._place = gui.add_slider("draw", min=0, max=1, step=1, initial_value=0)
         self._step = gui.add_button_group("", ["previous", "next"])
         self._together = gui.add_checkbox("all of them together", initial_value=False)
         hint = "links by their distance from the surroundings: red where they touch, yellow at 10 mm"
         self._clearance = gui.add_checkbox("clearance", initial_value=False, hint=hint)
         self._figures = gui.add_html("")
         self._on(self._group, lambda _: session.select(group=self._group.value, place=0))
-        self._on(self._place, lambda _: session.select(place=self._place.value - 1))
+        self._on(self._place, lambda _: session.select(place=self._place.value))
         self._on(self._step, lambda _: self._go(1 if self._step.value == "next" else -1))
         self._on(self._together, lambda _: session.select(together=self._together.value))
         self._on(self._clearance, lambda _: self._colour())
@@ -77,13 +83,18 @@ class Panels:
         self._moment = gui.add_html("")
         self._on(self._recording, lambda _: self._choose())
         self._on(self._time, lambda _: self._seek())
-        self._on(self._run, lambda _: player.toggle())
+        self._on(self._run, lambda _: self._toggle())
         self._on(self._speed, lambda _: setattr(player, "speed", self._speed.value))
 
     def _choose(self) -> None:
         name = self._recording.value
         self._session.play("" if name == NOTHING else name)
         self._session.look()
+
+    def _toggle(self) -> None:
+        if self._session.player.recording is None:
+            self._choose()
+        self._session.player.toggle()
 
     def _seek(self) -> None:
         self._session.player.running = False
@@ -133,19 +144,24 @@ class Panels:
         set_values(
             self._title, content=table({"shown": f"{session.name} ({session.scene.name})", "hand": session.hand.name})
         )
+        set_options(self._result, [*session.results], session.shown)
+        set_values(self._result, visible=len(session.results) > 1, disabled=bool(session.busy))
         set_options(self._group, [*groups] or [NOTHING], session.group)
         count = len(groups.get(session.group, ()))
-        set_range(self._place, 1, max(2, count), min(session.place + 1, max(count, 1)))
+        set_range(self._place, 0, max(1, count - 1), min(session.place, max(count - 1, 0)))
         for handle in (self._group, self._together, self._clearance):
             set_values(handle, disabled=not groups)
         set_values(self._step, visible=bool(groups))  # these cannot be disabled
-        set_values(self._place, disabled=session.together or count < 2)
+        set_values(self._place, visible=count > 1, disabled=session.together)
         self._together.value = session.together
         playing, said = player.recording is not None, table(session.figures())
         set_values(self._figures, content="" if playing else said)
         set_values(self._moment, content=said if playing else "")
-        set_options(self._recording, [NOTHING, *session.playable], player.name or NOTHING)
+        offered, now = [NOTHING, *session.playable], self._recording.value
+        if list(self._recording.options) != offered:  # the first is what Play plays, unless another is chosen
+            now = offered[min(1, len(offered) - 1)]
+        set_options(self._recording, offered, player.name or now)
         set_range(self._time, player.start, max(player.end, player.start + SHORTEST), player.time)
-        for handle in (self._time, self._run):
-            set_values(handle, disabled=not playing)
+        set_values(self._time, disabled=not playing)
+        set_values(self._run, disabled=self._recording.value == NOTHING)
         set_values(self._run, label="Pause" if player.running else "Play")

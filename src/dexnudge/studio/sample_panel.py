@@ -72,8 +72,8 @@ class SamplePanel:
         self._num = gui.add_number("draws", 32, min=1, max=MOST_DRAWS, step=1)
         self._seed = gui.add_number("seed", 0, min=0, step=1)
         self._start = gui.add_button("Sample", color="teal")
-        self._stop = gui.add_button("Stop", disabled=True)
         self._status = gui.add_html("")
+        self._stop = gui.add_button("Stop", disabled=True)
         self._name = gui.add_text("save as", f"{session.name}-studio")
         self._save = gui.add_button("Save")
         self._on = reactions.on
@@ -106,6 +106,10 @@ class SamplePanel:
 
     def _rebuild(self) -> None:
         self._session.build(self._object.value, self._family.value, int(self._scene_seed.value))
+        self.begin()
+
+    def begin(self) -> None:
+        """Follow the session to another scene."""
         self._name.value = f"{self._session.name}-studio"
         self._hide_gizmo()
 
@@ -165,7 +169,8 @@ class SamplePanel:
             set_values(handle, disabled=bool(session.busy))
         set_values(self._save, disabled=bool(session.busy) or session.samples is None)
         set_values(self._stop, disabled=not session.busy)
-        set_values(self._status, content=table({"now": session.busy} if session.busy else {}))
+        said = {"now": session.busy, "drawn": "" if session.busy else session.outcome}
+        set_values(self._status, content=table({name: text for name, text in said.items() if text}))
 
 
 def _method_weights() -> Any:

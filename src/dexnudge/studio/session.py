@@ -24,7 +24,7 @@ from dexnudge.studio.content import Content
 from dexnudge.studio.draws import MOST_AT_ONCE, MOST_DRAWS, VERIFIED, draws, figures, listed
 from dexnudge.studio.edits import Edits
 from dexnudge.studio.playback import Player, carried, forces_at
-from dexnudge.studio.stage import Stage
+from dexnudge.studio.stage import ASPECT, Stage
 from dexnudge.studio.views import (
     Layers,
     clearance_colours,
@@ -38,9 +38,9 @@ from dexnudge.studio.views import (
 from dexnudge.viewer.camera import choose_camera
 from dexnudge.viewer.recording import recording_camera
 
-ASPECT = 4 / 3  # of the window for which the first view is chosen
 FOLDER_NAME = re.compile(r"\w[\w.-]{0,99}", re.ASCII)  # that the page may write
 MOTION = "the motion, without physics"
+MADE_HERE = "built or sampled here"  # beside the folder that was opened
 
 
 class Session:
@@ -58,6 +58,9 @@ class Session:
         changed: called after each change.
         tell: shows a title and a message to whoever looks; True for what failed.
         busy: what is done in the background, in words; "" where nothing is.
+        outcome: what came of the last sampling, in words; "" before any.
+        results: the folder that was opened, and what was built or sampled since, by name.
+        shown: name of that which is shown.
     """
 
     def __init__(
@@ -72,14 +75,25 @@ class Session:
         self.lock = threading.RLock()
         self.changed: Callable[[], None] = lambda: None
         self.tell: Callable[[str, str, bool], None] = lambda *_: None
-        self.name, self.scene, self.hand, self.samples = content.name, content.scene, content.hand, content.samples
-        self.files = content.recordings
-        self.stage, self.out, self.player, self.busy = stage, out, Player(), ""
-        self.edits = Edits.none(self.scene)
-        self.group, self.place, self.together, self.clearance = "", 0, False, False
+        self.hand, self.clearance = content.hand, False
+        self.stage, self.out, self.player, self.busy, self.outcome = stage, out, Player(), "", ""
         self.layers: Layers | None = None
         self._sampler = Sampler(self.hand, weights=weights, device=device)
         self._stopping, self._worker = threading.Event(), threading.Thread()
+        self.shown = f"{content.name}, as opened" if content.samples is not None or content.recordings else MADE_HERE
+        self.results = {self.shown: content}
+        self.open(self.shown)
+
+    def open(self, name: str) -> None:
+        """Show one of `results`, with its draws and what can be played."""
+        self._check_idle()
+        if name not in self.results:
+            raise InputError(f"there is no result {quote(name)}; expected one of those that are listed")
+        content = self.results[name]
+        self.shown, self.name, self.scene = name, content.name, content.scene
+        self.samples, self.files = content.samples, content.recordings
+        self.edits, self.outcome = Edits.none(self.scene), ""
+        self.group, self.place, self.together = "", 0, False
         if self.samples is not None:
             self.select(group=next(iter(self.groups)))
         elif self.files:
@@ -155,11 +169,9 @@ class Session:
     def build(self, name: str, family: str, seed: int) -> None:
         """Begin anew with a built-in object in a scene of a family."""
         self._check_idle()
-        self.scene = build_scene(family, builtin_object(name), seed=seed)
-        self.name, self.samples, self.files, self.group = f"{name}-{family}", None, {}, ""
-        self.edits = Edits.none(self.scene)
-        self.show_scene()
-        self.look()
+        scene = build_scene(family, builtin_object(name), seed=seed)
+        self.results[MADE_HERE] = Content(f"{name}-{family}", scene, self.hand)
+        self.open(MADE_HERE)
         release_memory()  # of the scene before
 
     def edit(self, **changes: Any) -> None:
@@ -201,7 +213,8 @@ class Session:
             return
         frame, limit = self.player.frame, self.scene.max_normal_force
         view = recording.frames[frame]
-        extra = sliding_parts(self.samples.scene if self.samples is not None else self.scene)
+        parts = sliding_parts(self.samples.scene if self.samples is not None else self.scene)
+        extra = [part for part in parts if part.role == "ghost"]  # an arrow that stays would stick out of what moves
         self.stage.show([view], extra=extra, colours=[force_colours(view, forces_at(recording, frame), limit)])
         self.changed()
 
@@ -230,7 +243,7 @@ class Session:
         self._check_idle()
         check_integer("num", num, least=1, most=MOST_DRAWS)
         method = find_method(DEFAULT_METHOD).with_weights(weights)
-        edits, scene = self.edits, self.scene
+        edits, scene, self.outcome = self.edits, self.scene, ""
         if self.player.recording is not None:  # an arm is looked at from afar
             self.show_scene()
             self.look()
@@ -242,6 +255,7 @@ class Session:
                         return
                     self.busy = f"drawn {len(samples)} of {num}, verified {samples.num_verified}"
                     self._take(samples)
+                    self.outcome = f"{samples.num_verified} of {len(samples)} verified"
             with self.lock:
                 found = self.samples
             if found is not None and not found.num_verified:
@@ -251,10 +265,11 @@ class Session:
         self._begin("preparing the scene", run)
 
     def _take(self, samples: Samples) -> None:
-        self.samples, self.files = samples, {}
+        self.samples, self.files, self.shown = samples, {}, MADE_HERE
+        self.results[MADE_HERE] = Content(self.name, samples.scene, self.hand, samples)
         names = list(self.groups)
         verified = [name for name in names if name.startswith(f"{VERIFIED} (")]
-        self.select(group=(verified or names)[0], place=0, together=len(samples) > 1)
+        self.select(group=(verified or names)[0], place=0, together=False)
 
     def save(self, name: str) -> None:
         """Write a result folder below `out` in the background, as `dexnudge sample` does.

@@ -12,7 +12,7 @@ import numpy as np
 import trimesh
 from jaxtyping import Float
 from scipy.spatial.transform import Rotation
-from viser import ClientHandle
+from viser import CameraHandle, ClientHandle
 
 from dexnudge.geometry.coarsening import thinned
 from dexnudge.jobs.cached import cached_per_instance
@@ -35,6 +35,8 @@ MARKS = ("contacts", "forces", "friction cones")  # further groups, of what `Lay
 GROUP_OF = {role: group for group, roles in GROUPS.items() for role in roles}
 HANDS = ("hand", "forearm")  # groups of which each scene has its own
 OPACITY = {"goal": 0.35, "unseen space": 0.20}  # of groups that are looked through
+ASPECT = 4 / 3  # of the window for which the first view is chosen
+SAME_ANGLE = 1e-3  # [rad] of a view that need not be sent again
 IDENTITY = np.array([[1.0, 0.0, 0.0, 0.0]], dtype=np.float32)
 # Where many hands are shown each link keeps a quarter of its triangles, or this many: 32 hands are some 180,000.
 FACES_OF_MANY, SHARE_OF_MANY = 300, 0.25
@@ -74,7 +76,7 @@ class Stage:
         self._marks: dict[str, Any] = {}
         self._opacity: dict[str, float | None] = dict(OPACITY)
         self._camera: tuple[np.ndarray, np.ndarray, float] | None = None
-        server.on_client_connect(self._aim)
+        server.on_client_connect(self._connected)
 
     def atomic(self) -> AbstractContextManager[None]:
         """Return a context whose changes appear together."""
@@ -217,7 +219,7 @@ class Stage:
                 mark.remove()
 
     def look(self, camera: Camera, target: Float[np.ndarray, "3"]) -> None:
-        """Look from a camera, turning about the point of its view that is as far away as `target` [m, world]."""
+        """Look from a camera for `ASPECT`, turning about the point of its view that is as far away as `target` [m]."""
         distance = float((target - camera.position) @ camera.forward)
         self._camera = (
             camera.position,
@@ -229,11 +231,31 @@ class Stage:
         for client in self._server.get_clients().values():
             self._aim(client)
 
+    def _connected(self, client: ClientHandle) -> None:
+        self._aim(client)
+        client.camera.on_update(self._fit)  # the window narrows as its panel opens
+
+    def _fit(self, camera: CameraHandle) -> None:
+        if self._camera is not None:
+            angle = fitted(self._camera[2], camera.image_width, camera.image_height)
+            if abs(camera.fov - angle) > SAME_ANGLE:
+                camera.fov = angle
+
     def _aim(self, client: ClientHandle) -> None:
         """Set a browser's camera; one that has just connected does not always heed the initial one."""
         if self._camera is not None:
+            position, target, angle = self._camera
             with client.atomic():
-                client.camera.position, client.camera.look_at, client.camera.fov = self._camera
+                client.camera.position, client.camera.look_at = position, target
+                client.camera.fov = fitted(angle, client.camera.image_width, client.camera.image_height)
+
+
+def fitted(angle: float, width: int, height: int) -> float:
+    """Return the vertical angle of view [rad] by which a window shows the width that `angle` shows in one of `ASPECT`.
+
+    width, height: of the window [pixels]; the angle stays where it is no narrower.
+    """
+    return 2 * float(np.arctan(np.tan(angle / 2) * max(1.0, ASPECT * height / max(width, 1))))
 
 
 def _plain(name: str) -> str:
