@@ -76,7 +76,9 @@ def _first(value: Any, where: int | None = None) -> Callable[[list[Any]], list[A
 
 def _with_header(change: Callable[[dict[str, Any]], Any]) -> bytes:
     whole = table()
-    content = change(json.loads(whole.schema.metadata[HEADER]))
+    content = json.loads(whole.schema.metadata[HEADER])
+    content.pop("sha256", None)  # as versions without it wrote it: what is meant ill is no accident
+    content = change(content)
     text = content if isinstance(content, bytes) else as_content(content)
     return written(whole.replace_schema_metadata({HEADER: text}))
 

@@ -185,7 +185,7 @@ def _in_front(camera: Camera, points: Float[np.ndarray, "n 3"], middle: Float[np
     return float((inside & (depth < (middle - camera.position) @ camera.forward)).mean())
 
 
-def hiding_faces(scene: VisualScene, camera: Camera) -> list[Bool[np.ndarray, " face"]]:
+def hiding_faces(scene: VisualScene, camera: Camera) -> list[Bool[np.ndarray, "_"]]:
     """Return which triangles hide object or hand, of each part that may be looked through, in the order of `scene.parts`.
 
     Of surroundings whole flat faces and whole convex bodies; base and links of an arm as a whole.

@@ -234,8 +234,8 @@ def _draw(
 
 
 def glass_at(
-    index: int, looked_at: Int[np.ndarray, " moment"], hiding: Sequence[Sequence[Bool[np.ndarray, " face"]]]
-) -> list[Bool[np.ndarray, " face"]]:
+    index: int, looked_at: Int[np.ndarray, " moment"], hiding: Sequence[Sequence[Bool[np.ndarray, "_"]]]
+) -> list[Bool[np.ndarray, "_"]]:
     """Return which triangles of each part are glass at a moment: from the first to the last time that they hide something.
 
     looked_at: moments, ascending. hiding: of each of them, as `hiding_faces` returns it.
