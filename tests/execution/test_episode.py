@@ -136,7 +136,7 @@ class Spoilt(OpenLoop):
 
 def test_a_command_with_nan_ends_the_push(sample):
     with pytest.raises(
-        InputError, match=r"^the policy Spoilt commanded a `q` with NaN or infinity; expected 11 finite "
+        InputError, match=r"^the policy Spoilt commanded a `q` beyond 1e\+06, or NaN; expected 11 finite "
     ):
         execute(sample, feedback=Spoilt())
     with pytest.raises(InputError, match=r"`feedback` is <class '.*Spoilt'>; expected True, False or a policy"):

@@ -96,8 +96,8 @@ def test_figures_tell_depths_in_millimetres_and_why_a_draw_fails(drawn, layers):
     values = {**drawn[0].values, "penetration_object": 0.00123, "force_margin": 1.5}
     rejected = replace(drawn[0], success=False, reason="penetration_object", values=values)
     rows = figures(rejected, 4, layers, sentence="it is inside")
-    assert rows["rank"] == "5"
+    assert rows["configuration"] == "4"
     assert rows["verdict"] == "rejected: penetration_object"
     assert rows["which means"] == "it is inside"
     assert rows["penetration object"] == "1.23 mm"
-    assert rows["force margin"] == "1.5"
+    assert rows["force margin"] == "1.50"
