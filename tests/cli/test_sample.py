@@ -70,7 +70,7 @@ def test_the_summary_counts_every_draw(sampled):
 
 @pytest.mark.slow
 @pytest.mark.skipif(sys.platform != "linux" or torch.version.cuda is not None, reason="torch for GPUs takes more")
-def test_a_phone_on_a_table_takes_half_a_gigabyte(tmp_path):
+def test_a_phone_on_a_table_takes_little_more_than_libraries_do(tmp_path):
     command = [sys.executable, "-m", "dexnudge", "sample", "phone", "--scene", "table", "--out", str(tmp_path / "out")]
     subprocess.run(command, check=True, env={**os.environ, "OMP_NUM_THREADS": "2"})
     summary = json.loads((tmp_path / "out" / "summary.json").read_text())
