@@ -141,8 +141,10 @@ def test_a_turn_begins_with_what_held_in_a_harder_world(pad_hand, block_scene, p
         masses.append(rollout.simulation.model.body_mass[simulation.object_body])
         return push(rollout, *given, **named)
 
-    push = Rollout.push
+    push, forces = Rollout.push, executor_module.forces_with_reserve
     monkeypatch.setattr(Rollout, "push", noted)
+    planned = []
+    monkeypatch.setattr(executor_module, "forces_with_reserve", lambda *given: planned.append(given) or forces(*given))
     executor = Executor(scene, simulation, Weighed())
     assert not executor._rehearses  # it slides
     executor._rehearses = True
@@ -153,8 +155,12 @@ def test_a_turn_begins_with_what_held_in_a_harder_world(pad_hand, block_scene, p
     assert found.began_with == (gives_up if gives_up < 3 else 0)  # where none held, with the first
     assert found.failed_rehearsal == (gives_up > 0)
     assert found.verdict.success
+    assert len(planned) == rehearsed  # once each
     masses.clear()
-    assert not executor(q, q[None][:0]).failed_rehearsal  # nothing to choose from
+    alone = executor(q, q[None][:0])
+    assert not alone.failed_rehearsal  # nothing to choose from
+    stages = {"approach", "forces", "simulation"}
+    assert (set(found.seconds), set(alone.seconds)) == (stages | {"rehearsal"}, stages)
     np.testing.assert_allclose(masses[0], nominal)
     turning = replace(scene, turn=Turn(0.5, np.array([0.0, 0.0, 1.0]), np.asarray(scene.centre_of_mass)))
     assert Executor(turning, simulation)._rehearses

@@ -2,10 +2,11 @@
 
 import copy
 import time
-from collections.abc import Iterable
+from collections import defaultdict
+from collections.abc import Iterable, Iterator
+from contextlib import contextmanager
 from dataclasses import dataclass
 from functools import cached_property
-from itertools import chain
 
 import numpy as np
 from jaxtyping import Float
@@ -32,7 +33,16 @@ from dexnudge.verification.verdicts import contacts_of
 MOST_APPROACHED = 5  # alternatives, to begin with, where a configuration will not do
 REHEARSED_IN = {"friction_hand": 0.85, "mass": 1.15}  # times as planned: what they may well be off by
 Alternatives = Float[np.ndarray, "n coordinates"] | None
-Begun = tuple[int, Float[np.ndarray, " coordinates"], Approach | Blocked]
+
+
+@dataclass(frozen=True)
+class Start:
+    """What a push begins with: configuration `q`, its number as in `Execution.began_with`, the way to it, its forces."""
+
+    number: int
+    q: Float[np.ndarray, " coordinates"]
+    approach: Approach | Blocked
+    forces: PushForces
 
 
 @dataclass(frozen=True)
@@ -40,9 +50,9 @@ class Execution:
     """The push of one configuration.
 
     divergence: None unless the simulation diverged. forces: with which the hand pressed. approach: of which the last,
-    straight stretch is simulated; where it is blocked the hand starts at contact. seconds: wall time by stage. began_with: 0
-    for the configuration itself; k for the k-th alternative, as no free way leads to the configuration, or as it
-    `failed_rehearsal`.
+    straight stretch is simulated; where it is blocked the hand starts at contact. seconds: wall time by stage, of which
+    approach, forces and rehearsal are those of all that were tried. began_with: 0 for the configuration itself; k for the
+    k-th alternative, as no free way leads to the configuration, or as it `failed_rehearsal`.
     """
 
     verdict: PushVerdict
@@ -62,6 +72,14 @@ class Execution:
     def number_of_first(self, number: int) -> int:
         """Return the place of what the push began with in the list of this configuration, `number`, and the alternatives."""
         return self.began_with - (self.began_with <= number) if self.began_with else number
+
+
+@contextmanager
+def _timed(seconds: dict[str, float], stage: str) -> Iterator[None]:
+    """Add the wall time of what is done inside."""
+    start = time.perf_counter()
+    yield
+    seconds[stage] += time.perf_counter() - start
 
 
 def distinct_pushes(began_with: Iterable[int]) -> list[int]:
@@ -113,16 +131,12 @@ class Executor:
         holds then, or else with the first. An object that falls short is pushed on: with q or one of the `alternatives`,
         whichever balances best where the object lies then, or the first of those that fit where it turns. None: neither.
         """
-        seconds: dict[str, float] = {}
-        clock = time.perf_counter()
-        (began_with, q, approach), failed = self._first(q, alternatives)
-        seconds["approach"], clock = time.perf_counter() - clock, time.perf_counter()
-        forces = self._forces(q)
-        seconds["forces"], clock = time.perf_counter() - clock, time.perf_counter()
-        rollout = self._play(self._simulation, q, approach, forces, alternatives)
-        seconds["simulation"] = time.perf_counter() - clock
-        verdict = self._judge(rollout)
-        return Execution(verdict, rollout.trace, rollout.divergence, forces, approach, seconds, began_with, failed)
+        seconds: dict[str, float] = defaultdict(float)
+        start, failed = self._first(q, alternatives, seconds)
+        with _timed(seconds, "simulation"):
+            rollout = self._play(self._simulation, start, alternatives)
+        verdict, tried = self._judge(rollout), (start.forces, start.approach, dict(seconds), start.number, failed)
+        return Execution(verdict, rollout.trace, rollout.divergence, *tried)
 
     def with_policy(self, policy: Policy) -> "Executor":
         """Return an executor that differs in its policy alone."""
@@ -141,31 +155,35 @@ class Executor:
 
         That model may have other frictions, of which approach and forces then know nothing.
         """
-        return self._judge(self._play(simulation, q, execution.approach, execution.forces, alternatives))
+        start = Start(execution.began_with, q, execution.approach, execution.forces)
+        return self._judge(self._play(simulation, start, alternatives))
 
-    def _first(self, q: Float[np.ndarray, " coordinates"], alternatives: Alternatives) -> tuple[Begun, bool]:
-        """Return what to begin with, its configuration and approach, and whether q failed a rehearsal; see `Execution`."""
-        itself: Begun = 0, q, self._planner.plan(q)
-        if alternatives is None or len(alternatives) == 0:
-            return itself, False
-        failed: list[Begun] = []
-        others = (
-            (place, each, self._planner.plan(each)) for place, each in enumerate(alternatives[:MOST_APPROACHED], 1)
-        )
-        for begun in chain([itself], others):
-            if isinstance(begun[2], Blocked):
+    def _first(
+        self, q: Float[np.ndarray, " coordinates"], alternatives: Alternatives, seconds: dict[str, float]
+    ) -> tuple[Start, bool]:
+        """Return what to begin with, and whether q failed a rehearsal; see `Execution`. seconds: are added to."""
+        others = q[None][:0] if alternatives is None else alternatives[:MOST_APPROACHED]
+        tried: list[Start] = []
+        failed = False
+        for number, each in enumerate([q, *others]):
+            with _timed(seconds, "approach"):
+                approach = self._planner.plan(each)
+            if number and isinstance(approach, Blocked):
                 continue
-            if self._holds(begun):
-                return begun, bool(failed) and failed[0] is itself
-            failed.append(begun)
-        return (failed[0], failed[0] is itself) if failed else (itself, False)
+            with _timed(seconds, "forces"):
+                tried.append(Start(number, each, approach, self._forces(each)))
+            if isinstance(approach, Approach):
+                if len(others) == 0 or self._holds(tried[-1], seconds):
+                    return tried[-1], failed
+                failed |= number == 0
+        return next((each for each in tried if isinstance(each.approach, Approach)), tried[0]), failed
 
-    def _holds(self, begun: Begun) -> bool:
+    def _holds(self, start: Start, seconds: dict[str, float]) -> bool:
         """Return whether a push without alternatives succeeds in the world of `REHEARSED_IN`, or need not be rehearsed."""
         if not self._rehearses:
             return True
-        _, q, approach = begun
-        return self._judge(self._play(self._harder, q, approach, self._forces(q), None)).success
+        with _timed(seconds, "rehearsal"):
+            return self._judge(self._play(self._harder, start, None)).success
 
     @cached_property
     def _harder(self) -> SimulationModel:
@@ -175,17 +193,12 @@ class Executor:
         (contacts,) = contacts_of(self._scene, self._hand, q[None])
         return forces_with_reserve(self._simulation, q, contacts, self._stations, hardest_task(self._scene))
 
-    def _play(
-        self,
-        simulation: SimulationModel,
-        q: Float[np.ndarray, " coordinates"],
-        approach: Approach | Blocked,
-        forces: PushForces,
-        alternatives: Alternatives,
-    ) -> Rollout:
+    def _play(self, simulation: SimulationModel, start: Start, alternatives: Alternatives) -> Rollout:
+        q, approach = start.q, start.approach
         times, way = approach.last_stretch if isinstance(approach, Approach) else (np.zeros(1), q[None])
+        path = push_path(times, way, motion=self._scene.object_motion, length=self._length)
         rollout = Rollout(simulation, way[0])
-        rollout.push(push_path(times, way, motion=self._scene.object_motion, length=self._length), forces, self._policy)
+        rollout.push(path, start.forces, self._policy)
         if isinstance(approach, Approach) and alternatives is not None:
             self._go_on(rollout, simulation, approach, np.stack([q, *alternatives]))
         return rollout
