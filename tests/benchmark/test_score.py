@@ -12,7 +12,9 @@ import pytest
 
 from dexnudge.benchmark import score as scoring
 from dexnudge.benchmark.entry import load_entry, read_answer
-from dexnudge.benchmark.score import METRICS, ScoreRecord, TaskScore, _merged, score
+from dexnudge.benchmark.records import METRICS, ScoreRecord, TaskScore, merged
+from dexnudge.benchmark.report import _markdown
+from dexnudge.benchmark.score import score
 from dexnudge.errors import InputError
 from dexnudge.experiments.metrics import measure
 from dexnudge.experiments.records import read_records
@@ -200,11 +202,11 @@ def test_entries_are_text_and_stay_beside_the_report(entry_folder, tasks, tmp_pa
     path = entry_folder / "entry.json"
     said = {"name": "report.md", "authors": "<script>x</script> [a](b) | `c`"}
     path.write_text(json.dumps(json.loads(path.read_text()) | said))
-    shown = scoring._as_text("a_b _c_ \x1b\n## Rates ![a](b) <i>")
-    assert shown == r"a_b \_c\_ \\x1b ## Rates !\[a\](b) &lt;i&gt;"
-    monkeypatch.setattr(scoring, "_write_report", lambda given, *_: scoring._as_text(given[0].authors))
+    shown = _markdown(["a_b _c_ \x1b\n## Rates ![a](b) <i>"])
+    assert shown == r"- a_b \_c\_ \\x1b ## Rates !\[a\](b) &lt;i&gt;"
+    monkeypatch.setattr(scoring, "write_report", lambda given, *_: _markdown([given[0].authors]))
     text = score([entry_folder], tasks.folder, tmp_path / "out", workers=1)
-    assert text == r"&lt;script&gt;x&lt;/script&gt; \[a\](b) \| \`c\`"
+    assert text == r"- &lt;script&gt;x&lt;/script&gt; \[a\](b) \| \`c\`"
     assert (tmp_path / "out/entries/report.md/score.json").is_file()
 
 
@@ -245,7 +247,7 @@ def test_rates_are_over_all_tasks_and_intervals_over_objects():
     half = TaskScore("b", drawn=2, verified=1, reasons={"contact": 1}, open_loop="success", feedback="success")
     none = TaskScore("c", problem="there is no answer")
     records = [record("one", "table", good, half), record("one", "shelf", none), record("two", "table", none, none)]
-    (row,) = measure(_merged(records), METRICS)
+    (row,) = measure(merged(records), METRICS)
     assert (row["objects"], row["tasks"], row["answered"]) == (2, 5, 2)
     assert row["first"].value == pytest.approx(np.mean([1 / 3, 0]))
     assert row["share"].value == pytest.approx(np.mean([5 / 12, 0]))

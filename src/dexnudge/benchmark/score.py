@@ -5,28 +5,21 @@ feedback by the same hand, motors and policies for all. A draw that is in someth
 limits, is not played: it fails. Missing, malformed and failed answers stay in the denominators.
 """
 
-import re
-from collections import Counter
 from collections.abc import Callable, Sequence
 from contextlib import closing
-from dataclasses import asdict, dataclass, field, replace
+from dataclasses import replace
 from functools import partial
-from html import escape
 from pathlib import Path
-from typing import Any, ClassVar
 
 from dexnudge.benchmark.entry import Answer, Entry, load_entry, read_answer
+from dexnudge.benchmark.records import ScoreRecord, TaskScore
+from dexnudge.benchmark.report import write_report
 from dexnudge.benchmark.suite import TaskKey
 from dexnudge.benchmark.tasks import TaskSet, load_tasks
-from dexnudge.errors import DexnudgeError, InputError, printable
+from dexnudge.errors import DexnudgeError, InputError
 from dexnudge.execution.executor import Executor
 from dexnudge.experiments.config import TrialKey
-from dexnudge.experiments.metrics import OBJECTS, Metric, measure, share
-from dexnudge.experiments.records import RecordWriter, TrialRecord, read_records
-from dexnudge.experiments.report import FEW, FEWEST, made_with, write_files
-from dexnudge.experiments.statistics import quantile_estimate
-from dexnudge.experiments.tables import count_table, interval_chart, metric_table
-from dexnudge.experiments.trial import Section
+from dexnudge.experiments.records import RecordWriter, read_records
 from dexnudge.hands.hand import Hand
 from dexnudge.jobs.claims import claim_folder, read_claim
 from dexnudge.jobs.folders import owned_folder
@@ -38,90 +31,7 @@ from dexnudge.simulation.open_loop import OpenLoop
 from dexnudge.verification.verdicts import Verdicts, verify
 
 FILE, FORMAT_VERSION, ENTRIES = "score.json", 1, "entries"
-ALL = "all"  # families, in tables
-MOST_LISTED = 20  # rejected first draws in the report
-NOT_PLAYED = "not played"  # outcome of a first draw that is in something, or beyond limits
-MARKUP = re.compile(r"[\\`*\[\]|]|(?<![^\W_])_|_(?![^\W_])")  # of Markdown; not "_" within a word
 PLAYABLE = ("", "contact", "force_margin", "motion_not_blocked")  # what may fail of a draw that is played
-ABOUT = (
-    "% of all tasks, those without a valid answer among them; in brackets 95 % intervals by bootstrap over objects. First: "
-    "the draw that the method ranks first, verified by geometry and forces. Share: of the {draws} draws that a task allows, "
-    "missing ones count as failures. Open loop, feedback: the first draw played out in physics. Seconds: median of a task, "
-    "as each entry says."
-)
-
-
-@dataclass(frozen=True)
-class TaskScore:
-    """What an answer is worth.
-
-    Attributes:
-        task: its name. drawn: draws in the answer. verified: how many succeed.
-        first: whether the first succeeds. reasons: draws by what they fail for, see `Verdicts.reasons`.
-        open_loop, feedback: value of the `Outcome` of the first draw in physics, or `NOT_PLAYED`.
-        rejected: what the first draw fails for, and how deep it penetrates; "" where it succeeds.
-        problem: why there is no valid answer, or what is wrong with its first malformed draw; "" for nothing.
-    """
-
-    task: str
-    drawn: int = 0
-    verified: int = 0
-    first: bool = False
-    reasons: dict[str, int] = field(default_factory=dict)
-    open_loop: str = NOT_PLAYED
-    feedback: str = NOT_PLAYED
-    rejected: str = ""
-    problem: str = ""
-
-
-@dataclass(frozen=True, kw_only=True)
-class ScoreRecord(TrialRecord):
-    """All tasks of an object in a family of scenes; `method` is the entry's name, `num` the draws that they allow."""
-
-    kind: ClassVar[str] = "benchmark"
-
-    tasks: list[TaskScore] = field(default_factory=list)
-
-
-Records = Sequence[ScoreRecord]
-
-
-def _of_tasks(good: Callable[[TaskScore], bool]) -> Callable[[Records], Any]:
-    return share(lambda each: sum(map(good, each.tasks)) / len(each.tasks))
-
-
-def _failures(records: Records) -> dict[str, int]:
-    """Draws by what they fail for; draws that a task allows and that are not there as "missing"."""
-    counts: Counter[str] = Counter()
-    for record in records:
-        counts["missing"] += record.num - sum(task.drawn for task in record.tasks)
-        for task in record.tasks:
-            counts.update({reason.replace("_", " "): number for reason, number in task.reasons.items()})
-    return {name: number for name, number in counts.most_common() if number}
-
-
-def _outcomes(records: Records) -> dict[str, int]:
-    return dict(Counter(task.feedback.replace("_", " ") for record in records for task in record.tasks).most_common())
-
-
-METRICS = (
-    OBJECTS,
-    Metric("tasks", lambda records: sum(len(each.tasks) for each in records), "tasks", 0),
-    Metric("answered", lambda records: sum(task.drawn > 0 for each in records for task in each.tasks), "answered", 0),
-    Metric("first", _of_tasks(lambda task: task.first), "first verified"),
-    Metric("share", share(lambda each: each.verified / each.num), "share verified"),
-    Metric("any", _of_tasks(lambda task: task.verified > 0), "any verified"),
-    Metric("open_loop", _of_tasks(lambda task: task.open_loop == "success"), "open loop"),
-    Metric("feedback", _of_tasks(lambda task: task.feedback == "success"), "feedback"),
-    Metric(
-        "seconds",
-        lambda records: quantile_estimate([s for each in records for s in each.seconds.values()], 0.5),
-        "s",
-        1,
-    ),
-    Metric("failures", _failures, "Why draws fail", "counts"),
-    Metric("outcomes", _outcomes, "How first draws end in physics, with feedback", "counts"),
-)
 
 
 def judge(scene: Scene, hand: Hand, answer: Answer, task: str) -> TaskScore:
@@ -167,8 +77,8 @@ def score(
 ) -> str:
     """Judge entries and write the table over all of them; return its text. What was judged before is not judged again.
 
-    OUT/entries/NAME/results.jsonl has a line for each object and family; OUT/report.md, .csv, .json and a chart compare
-    entries.
+    OUT/entries/NAME/results.jsonl has a line for each object and family; OUT/report.html, .md, .csv, .json and a chart
+    compare entries.
     on_record: called with the entry, finished and total.
 
     Raises:
@@ -183,7 +93,9 @@ def score(
     with owned_folder(out):
         for entry in given:
             _score_entry(entry, tasks, out / ENTRIES / entry.name, workers, on_record)
-        return _write_report(given, tasks, out)
+        found = [record for entry in given for record in read_records(out / ENTRIES / entry.name, ScoreRecord)]
+        claim = read_claim(out / ENTRIES / names[0], FILE, format_version=FORMAT_VERSION)
+        return write_report(given, tasks, found, claim, out)
 
 
 def _score_entry(
@@ -247,69 +159,3 @@ def _record(key: TrialKey, found: list[TaskScore], tasks: TaskSet, entry: Entry)
         seconds={task.task: float(entry.seconds[task.task]) for task in found if task.task in entry.seconds},
         tasks=found,
     )
-
-
-def _write_report(entries: Sequence[Entry], tasks: TaskSet, out: Path) -> str:
-    records = [record for entry in entries for record in read_records(out / ENTRIES / entry.name, ScoreRecord)]
-    records.sort(key=lambda record: ([*tasks.suite.families].index(record.scene), record.object))
-    measured = [*measure(_merged(records), METRICS), *measure(records, METRICS)]
-    claim = read_claim(out / ENTRIES / entries[0].name, FILE, format_version=FORMAT_VERSION)
-    counts = [metric for metric in METRICS if metric.form == "counts"]
-    suite = tasks.suite
-    setting = (
-        f"Suite {suite.name}, version {suite.version}: {len(tasks.tasks)} tasks, hand {suite.hand}, fingerprint "
-        f"`{tasks.fingerprint[:16]}`; judged by dexnudge {claim['versions']['dexnudge']}, {claim['machine']['processor']}."
-    )
-    few = FEW if len(suite.objects) < FEWEST else ""
-    titles = {"first": "first draw verified", "feedback": "first draw in physics, with feedback"}
-    charts = {
-        title: {row["method"]: row[name] for row in measured if row["scene"] == ALL} for name, title in titles.items()
-    }
-    problems = [
-        f"- {each.method}, {task.task}: {_as_text(task.problem)}"
-        for each in records
-        for task in each.tasks
-        if task.problem
-    ]
-    rejected = [
-        f"- {each.method}, {task.task}: {task.rejected}" for each in records for task in each.tasks if task.rejected
-    ]
-    if len(rejected) > MOST_LISTED:
-        rejected[MOST_LISTED:] = [f"- and {len(rejected) - MOST_LISTED} more: `{ENTRIES}/NAME/results.jsonl` has all"]
-    about = [_as_text(f"- {each.name}: {each.authors}; used: {each.used}; machine: {each.machine}") for each in entries]
-    sections = [
-        Section(
-            "",
-            f"{setting} {ABOUT.format(draws=suite.draws)}{few}",
-            metric_table(measured, [metric for metric in METRICS if metric not in counts]),
-        ),
-        Section("Rates", "", chart=("rates.png", lambda: interval_chart(f"Benchmark {suite.name}", charts))),
-        Section("Entries", "\n".join(about)),
-        *(Section(metric.header, "", count_table(measured, metric.name)) for metric in counts),
-        *([Section("First draws that are rejected", "\n".join(rejected))] if rejected else []),
-        *([Section("Answers that are missing or malformed", "\n".join(problems))] if problems else []),
-        Section("Made with", made_with(claim)),
-    ]
-    numbers = {"suite": asdict(suite), "fingerprint": tasks.fingerprint, "metrics": measured}
-    return write_files(out, f"Benchmark {suite.name}", sections, numbers, measured)
-
-
-def _as_text(text: str) -> str:
-    """Return what an entry says as Markdown that shows it in one line: nothing in it is markup."""
-    return MARKUP.sub(r"\\\g<0>", escape(printable(" ".join(text.splitlines())), quote=False))
-
-
-def _merged(records: Records) -> list[ScoreRecord]:
-    """Return one record of each object and entry, for all families together: an object is resampled as a whole."""
-    merged: dict[tuple[str, str], ScoreRecord] = {}
-    for each in records:
-        so_far = merged.get((each.object, each.method))
-        merged[each.object, each.method] = replace(
-            each,
-            scene=ALL,
-            num=each.num + (so_far.num if so_far else 0),
-            verified=each.verified + (so_far.verified if so_far else 0),
-            tasks=[*(so_far.tasks if so_far else []), *each.tasks],
-            seconds={**(so_far.seconds if so_far else {}), **each.seconds},
-        )
-    return list(merged.values())

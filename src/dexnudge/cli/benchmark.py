@@ -65,7 +65,7 @@ class MakeBenchmark(MeshOptions):
 
 @dataclass(frozen=True)
 class ScoreBenchmark:
-    """Judge entries by verification and in physics, and compare them in a table, a CSV and a chart.
+    """Judge entries by verification and in physics, and compare them on a page, in a table, a CSV and a chart.
 
     What an entry says of its own success is not read. Missing and malformed answers count as failures. Stopped runs go on
     where they were, and entries judged before are not judged again: give the same --out.

@@ -1,24 +1,20 @@
 """One HTML file about a dataset: pictures of random rows, charts and tables; no server, no internet, no script."""
 
-import base64
-import io
 from collections.abc import Sequence
 from dataclasses import dataclass, replace
 from html import escape
-from importlib.resources import files
 from importlib.util import find_spec
 from pathlib import Path
-from string import Template
 from typing import Any
 
 import numpy as np
 import trimesh
 from jaxtyping import UInt8
-from PIL import Image
 
 from dexnudge.dataset.document import Table
 from dexnudge.dataset.info import DatasetInfo
 from dexnudge.dataset.manifest import Manifest, read_manifest
+from dexnudge.dataset.page import chart_html, document_page, picture_html, pictures_html
 from dexnudge.dataset.schema import BEHAVIOURS, best_direction, direction_angles
 from dexnudge.dataset.shards import complete_objects, read_shard
 from dexnudge.hands.hand import Hand
@@ -121,6 +117,10 @@ COLOURS = {"grasp": "#3b6fb6", "push": "#e07b39", "press": "#2a8f6a", "hook": "#
 OTHER_COLOUR = "#66707d"
 CHART_SIZE = (4.8, 2.4)  # inches
 MOST_UPRIGHT = 8  # labels that fit side by side; more are turned
+SHOWN = (
+    "Yellow: where the hand touches the object. Green: the best direction of motion. "
+    "The base behind the palm is not drawn."
+)
 NO_CHARTS = "Without charts: they are drawn by matplotlib, which is not installed; pip install dexnudge[plots]."
 
 
@@ -132,14 +132,9 @@ def write_dataset_page(info: DatasetInfo, samples: list[RowPicture], folder: Pat
     """
     folder = Path(folder)
     document = description(info)
-    template = (files("dexnudge.synthesis") / "dataset_page.html").read_text(encoding="utf-8")
-    page = Template(template).substitute(
-        title=escape(document.title),
-        summary=escape(document.summary),
-        samples="\n".join(_section(behaviour, samples) for behaviour in BEHAVIOURS),
-        charts=charts(document.tables) if find_spec("matplotlib") else f"<p>{NO_CHARTS}</p>",
-        sections=document.html(),
-    )
+    drawn = charts(document.tables) if find_spec("matplotlib") else f"<p>{NO_CHARTS}</p>"
+    rows = "\n".join(_section(behaviour, samples) for behaviour in BEHAVIOURS)
+    page = document_page(document, f'<p>{SHOWN}</p>\n{rows}\n<h2>Charts</h2>\n<div class="charts">\n{drawn}\n</div>')
     with replace_atomically(folder / PAGE_FILE) as temporary:
         temporary.write_text(page, encoding="utf-8")
     written = [folder / PAGE_FILE]
@@ -160,12 +155,8 @@ def _section(behaviour: str, samples: list[RowPicture]) -> str:
     shown = [sample for sample in samples if sample.behaviour == behaviour]
     if not shown:
         return f"<h2>{escape(behaviour)}</h2>\n<p>no rows</p>"
-    figures = "\n".join(
-        f'<figure><img alt="{escape(behaviour)}: {escape(", ".join(sample.caption))}" src="{_png_url(sample.picture)}">'
-        f"<figcaption>{'<br>'.join(map(escape, sample.caption))}</figcaption></figure>"
-        for sample in shown
-    )
-    return f'<h2>{escape(behaviour)}: random samples</h2>\n<div class="samples">\n{figures}\n</div>'
+    pictures = [picture_html(sample.picture, sample.caption, about=behaviour) for sample in shown]
+    return pictures_html(f"{behaviour}: random samples", pictures)
 
 
 def charts(tables: list[Table]) -> str:
@@ -174,8 +165,7 @@ def charts(tables: list[Table]) -> str:
     from matplotlib.figure import Figure
 
     images = []
-    # The salt makes equal charts equal bytes.
-    with mpl.rc_context({"svg.hashsalt": "dexnudge", "font.size": 8.0}):
+    with mpl.rc_context({"font.size": 8.0}):
         for table in tables:
             if not table.chart or not table.rows:
                 continue
@@ -188,10 +178,7 @@ def charts(tables: list[Table]) -> str:
                 _ranges(axes, table, labels)
             axes.set_title(table.title)
             axes.spines[["top", "right"]].set_visible(False)
-            file = io.BytesIO()
-            figure.savefig(file, format="svg", metadata={"Date": None})
-            url = "data:image/svg+xml;base64," + base64.b64encode(file.getvalue()).decode("ascii")
-            images.append(f'<img alt="{escape(table.title)}" src="{url}">')
+            images.append(chart_html(figure, table.title))
     return "\n".join(images)
 
 
@@ -213,9 +200,3 @@ def _ranges(axes: Any, table: Table, labels: Sequence[str]) -> None:
     axes.scatter(median, labels, color="black", marker="|", zorder=3)
     axes.set_xlabel("% of range")
     axes.invert_yaxis()
-
-
-def _png_url(picture: UInt8[np.ndarray, "height width 3"]) -> str:
-    file = io.BytesIO()
-    Image.fromarray(picture).save(file, format="PNG", optimize=False)
-    return "data:image/png;base64," + base64.b64encode(file.getvalue()).decode("ascii")

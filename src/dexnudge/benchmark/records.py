@@ -1,0 +1,102 @@
+"""What the judge found, task by task, and the figures that are made of it."""
+
+from collections import Counter
+from collections.abc import Callable, Sequence
+from dataclasses import dataclass, field, replace
+from typing import Any, ClassVar
+
+from dexnudge.experiments.metrics import OBJECTS, Metric, share
+from dexnudge.experiments.records import TrialRecord
+from dexnudge.experiments.statistics import quantile_estimate
+
+ALL = "all"  # families, in tables
+NOT_PLAYED = "not played"  # outcome of a first draw that is in something, or beyond limits
+
+
+@dataclass(frozen=True)
+class TaskScore:
+    """What an answer is worth.
+
+    Attributes:
+        task: its name. drawn: draws in the answer. verified: how many succeed.
+        first: whether the first succeeds. reasons: draws by what they fail for, see `Verdicts.reasons`.
+        open_loop, feedback: value of the `Outcome` of the first draw in physics, or `NOT_PLAYED`.
+        rejected: what the first draw fails for, and how deep it penetrates; "" where it succeeds.
+        problem: why there is no valid answer, or what is wrong with its first malformed draw; "" for nothing.
+    """
+
+    task: str
+    drawn: int = 0
+    verified: int = 0
+    first: bool = False
+    reasons: dict[str, int] = field(default_factory=dict)
+    open_loop: str = NOT_PLAYED
+    feedback: str = NOT_PLAYED
+    rejected: str = ""
+    problem: str = ""
+
+
+@dataclass(frozen=True, kw_only=True)
+class ScoreRecord(TrialRecord):
+    """All tasks of an object in a family of scenes; `method` is the entry's name, `num` the draws that they allow."""
+
+    kind: ClassVar[str] = "benchmark"
+
+    tasks: list[TaskScore] = field(default_factory=list)
+
+
+Records = Sequence[ScoreRecord]
+
+
+def _of_tasks(good: Callable[[TaskScore], bool]) -> Callable[[Records], Any]:
+    return share(lambda each: sum(map(good, each.tasks)) / len(each.tasks))
+
+
+def _failures(records: Records) -> dict[str, int]:
+    """Draws by what they fail for; draws that a task allows and that are not there as "missing"."""
+    counts: Counter[str] = Counter()
+    for record in records:
+        counts["missing"] += record.num - sum(task.drawn for task in record.tasks)
+        for task in record.tasks:
+            counts.update({reason.replace("_", " "): number for reason, number in task.reasons.items()})
+    return {name: number for name, number in counts.most_common() if number}
+
+
+def _outcomes(records: Records) -> dict[str, int]:
+    return dict(Counter(task.feedback.replace("_", " ") for record in records for task in record.tasks).most_common())
+
+
+METRICS = (
+    OBJECTS,
+    Metric("tasks", lambda records: sum(len(each.tasks) for each in records), "tasks", 0),
+    Metric("answered", lambda records: sum(task.drawn > 0 for each in records for task in each.tasks), "answered", 0),
+    Metric("first", _of_tasks(lambda task: task.first), "first verified"),
+    Metric("share", share(lambda each: each.verified / each.num), "share verified"),
+    Metric("any", _of_tasks(lambda task: task.verified > 0), "any verified"),
+    Metric("open_loop", _of_tasks(lambda task: task.open_loop == "success"), "open loop"),
+    Metric("feedback", _of_tasks(lambda task: task.feedback == "success"), "feedback"),
+    Metric(
+        "seconds",
+        lambda records: quantile_estimate([s for each in records for s in each.seconds.values()], 0.5),
+        "s",
+        1,
+    ),
+    Metric("failures", _failures, "Why draws fail", "counts"),
+    Metric("outcomes", _outcomes, "How first draws end in physics, with feedback", "counts"),
+)
+
+
+def merged(records: Records) -> list[ScoreRecord]:
+    """Return one record of each object and entry, for all families together: an object is resampled as a whole."""
+    merged: dict[tuple[str, str], ScoreRecord] = {}
+    for each in records:
+        so_far = merged.get((each.object, each.method))
+        merged[each.object, each.method] = replace(
+            each,
+            scene=ALL,
+            num=each.num + (so_far.num if so_far else 0),
+            verified=each.verified + (so_far.verified if so_far else 0),
+            tasks=[*(so_far.tasks if so_far else []), *each.tasks],
+            seconds={**(so_far.seconds if so_far else {}), **each.seconds},
+        )
+    return list(merged.values())
