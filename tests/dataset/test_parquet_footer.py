@@ -1,6 +1,7 @@
 """What a footer announces is read as pyarrow reads it; a damaged one is refused, and never ends the process."""
 
 import random
+import re
 import struct
 import subprocess
 import sys
@@ -10,6 +11,7 @@ import pyarrow as pa
 import pyarrow.parquet as pq
 import pytest
 
+from dataset.footers import ONE_LIST, more_rows, one_list
 from dexnudge.dataset.manifest import read_manifest
 from dexnudge.dataset.parquet_footer import announced_sizes
 from dexnudge.dataset.shards import DamagedShardError, read_shard, shard_path
@@ -96,7 +98,7 @@ def test_sizes_are_those_that_pyarrow_finds(tmp_path, options):
         b"\x4a\x0c\x00",
         b"\x49\x05\x00",
         b"\x4c\x00\x00",
-        b"\x49\x1c\x19\x1c\x3c\x55\x02\x16\x02\x00\x00\x00\x00",
+        b"\x49\x1c\x19\x1c\x3c\x55\x02\x16\x04\x16\x00\x26\x00\x00\x00\x26\x02\x00\x00",
         b"\x09\x88\x80\x08\x0c\x00",
     ],
     ids=[
@@ -127,7 +129,7 @@ def test_what_is_no_footer_is_refused(tmp_path, footer):
 
 def test_a_footer_by_hand_is_read(tmp_path):
     """The refused ones above differ from this one in what their names say."""
-    footer = b"\x49\x1c\x19\x1c\x3c\x56\x02\x16\x04\x00\x00\x00\x00"
+    footer = b"\x49\x1c\x19\x1c\x3c\x56\x02\x16\x04\x16\x00\x26\x00\x00\x00\x26\x02\x00\x00"
     path = tmp_path / "t.parquet"
     path.write_bytes(b"PAR1" + footer + struct.pack("<I", len(footer)) + b"PAR1")
     assert announced_sizes(path) == [(1, 2)]
@@ -161,6 +163,59 @@ def test_repeated_values_of_many_row_groups_are_refused_before_they_take_memory(
     assert "announces 41943040 values, 320 MiB when read; expected at most 256 MiB" in too_large
     assert "has columns ['x'], expected" in foreign
     assert int(peak) < 2**20
+
+
+@pytest.mark.parametrize(("file", "values"), [(more_rows, 10**9), (one_list, ONE_LIST)])
+def test_a_footer_that_says_less_than_its_pages_is_refused_before_it_takes_memory(toy_folder, file, values):
+    for name in (NAME, "object-1"):
+        path = shard_path(toy_folder, name)
+        path.write_bytes(file(pq.read_schema(path).metadata))
+        assert path.stat().st_size < 10**5
+    command = [sys.executable, "-c", READ_MEASURED, str(toy_folder)]
+    done = subprocess.run(command, capture_output=True, text=True, check=False)
+    assert done.returncode == 0, done.stderr[-500:]
+    *refused, peak = done.stdout.splitlines()
+    assert len(refused) == 2
+    assert all(re.search(rf"announces {values}\d? values, \d+ MiB when read; expected", line) for line in refused)
+    assert int(peak) < 2**20
+
+
+@pytest.mark.parametrize("column", ["object", "contact_links"])
+def test_a_long_text_of_many_rows_is_refused_before_it_is_copied_for_each(toy_folder, column):
+    """20 kB of a file that are 300 MB when read; of ten times as many rows 3 GB."""
+    path = shard_path(toy_folder, NAME)
+    table = pq.read_table(path).take(np.zeros(30_000, dtype=np.int64))
+    field, text = table.schema.field(column), "a" * 10_000
+    texts = pa.array([text if column == "object" else [text]] * len(table), field.type)
+    pq.write_table(table.set_column(table.schema.names.index(column), field, texts), path, compression="zstd")
+    assert path.stat().st_size < 40_000
+    done = subprocess.run(
+        [sys.executable, "-c", READ_MEASURED, str(toy_folder)], capture_output=True, text=True, check=False
+    )
+    assert done.returncode == 0, done.stderr[-500:]
+    refused, peak = done.stdout.splitlines()
+    assert "MiB of texts when read; expected at most 256 MiB; generate the object again" in refused
+    assert int(refused.split(" MiB")[0].split()[-1]) in range(286, 290)
+    assert int(peak) < 2**27
+
+
+def test_texts_that_continue_each_other_are_refused(toy_folder):
+    """In the encoding DELTA_BYTE_ARRAY a million texts of 10 kB take as many bytes."""
+    path = shard_path(toy_folder, NAME)
+    table = pq.read_table(path)
+    pq.write_table(table, path, use_dictionary=False, column_encoding={"object": "DELTA_BYTE_ARRAY"})
+    with pytest.raises(DamagedShardError, match="texts that continue each other, as no shard has them"):
+        read_shard(toy_folder, read_manifest(toy_folder), NAME)
+
+
+@pytest.mark.parametrize(
+    "options", [{"data_page_version": "2.0"}, {"use_dictionary": False}, {"row_group_size": 5}, {"compression": "none"}]
+)
+def test_shards_that_another_program_wrote_anew_are_read(toy_folder, options):
+    path = shard_path(toy_folder, NAME)
+    table = pq.read_table(path)
+    pq.write_table(table, path, **options)
+    assert read_shard(toy_folder, read_manifest(toy_folder), NAME).table.equals(table)
 
 
 def test_a_column_of_another_type_is_not_read(toy_folder):

@@ -16,6 +16,7 @@ import numpy as np
 import pyarrow as pa
 import pyarrow.parquet as pq
 
+from dataset.footers import more_rows, one_list, with_number
 from dataset.toy import toy_manifest, write_toy_dataset
 from hostile.case import CONTROL, MARKUP, Content, Draw, Hostile, Link, Pipe, as_content, copied
 from hostile.checkpoints import TRAIN
@@ -54,8 +55,9 @@ def case(
     return Hostile("dataset", name, {**data(), **files}, COMMANDS[command], expected, says)
 
 
-def _column(name: str, change: Callable[[list[Any]], list[Any]]) -> pa.Table:
-    whole = table()
+def _column(name: str, change: Callable[[list[Any]], list[Any]], rows: int | None = None) -> pa.Table:
+    """The shard with another column; rows: all are the first, so many times."""
+    whole = table() if rows is None else table().take(np.zeros(rows, dtype=np.int64))
     place = whole.schema.get_field_index(name)
     values = pa.array(change(whole.column(name).to_pylist()), whole.schema.field(name).type)
     return whole.set_column(place, whole.schema.field(name), values)
@@ -110,6 +112,13 @@ def _draw(rng: random.Random) -> Hostile:
 
         content = _with_header(change)
         return case(f"header: {said[0]}", {SHARD: content}, command=command)
+    if which < 0.85:
+        found = pq.read_metadata(io.BytesIO(data()[SHARD]))
+        chunk = found.row_group(0).column(rng.randrange(found.num_columns))
+        number = rng.choice(("num_values", "total_uncompressed_size", "total_compressed_size", "data_page_offset"))
+        other = rng.choice((0, 1, 2**31 - 1, 2**31, 10**9, 2**62, getattr(chunk, number) + 1))
+        lie = with_number(data()[SHARD], getattr(chunk, number), other)
+        return case(f"{number} {other}", {SHARD: lie}, command=command)
     whole = table(SHARD)
     name = rng.choice(whole.schema.names)
     kind = rng.choice(
@@ -142,6 +151,11 @@ def handmade() -> list[Hostile]:
         "a q that is no pose": ({SHARD: written(_column("q", _first([0.0] * 25)))}, "refused", "q"),
         "50,000,000 zeros": ({SHARD: written(huge, compression="zstd")}, "refused", ""),
         "1,000,000 rows": ({SHARD: written(whole.take(np.zeros(1_000_000, dtype=np.int64)), compression="zstd")}, "refused", ""),
+        "10 kB of a name in 30,000 rows": ({SHARD: written(_column("object", lambda _: ["a" * 10_000] * 30_000, 30_000))}, "refused", "texts"),
+        "10 kB of a link in 30,000 rows": ({SHARD: written(_column("contact_links", lambda _: [["a" * 10_000]] * 30_000, 30_000))}, "refused", "texts"),
+        "a name that continues": ({SHARD: written(whole, use_dictionary=False, column_encoding={"object": "DELTA_BYTE_ARRAY"})}, "refused", "continue"),
+        "rows that are not there": ({SHARD: more_rows(whole.schema.metadata)}, "refused", "announces"),
+        "a list longer than its footer says": ({SHARD: one_list(whole.schema.metadata)}, "refused", "announces"),
         "foreign": ({SHARD: written(pa.table({"a": [1]}))}, "refused", "header"),
         "no rows": ({SHARD: written(whole.slice(0, 0))}, "refused", ""),
         "a row less": ({SHARD: written(whole.slice(1))}, "refused", ""),

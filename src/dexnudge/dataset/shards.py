@@ -391,7 +391,7 @@ def _readable(path: Path) -> Iterator[None]:
         yield
     except DamagedShardError:
         raise
-    except (pa.ArrowException, OSError, ValueError, MemoryError) as error:
+    except (pa.ArrowException, OSError, ValueError, KeyError, MemoryError) as error:
         if isinstance(error, MemoryError) or getattr(error, "errno", None) is not None:  # the system's, not Parquet's
             why = str(error) or "out of memory"
             raise DatasetError(
@@ -401,6 +401,29 @@ def _readable(path: Path) -> Iterator[None]:
             f"{path} cannot be read as Parquet: truncated or not a shard ({error}); "
             "resume `dexnudge dataset generate` to make it again."
         ) from error
+
+
+def _read_texts_once(path: Path, metadata: pq.FileMetaData, schema: pa.Schema) -> pa.Table:
+    """Return the rows; a text that many of them hold is read as one, and copied for each once that has a bound."""
+    texts = [name for name, kind in map(_leaf, schema) if pa.types.is_string(kind)]
+    with pq.ParquetFile(path, metadata=metadata, read_dictionary=texts, page_checksum_verification=True) as file:
+        parts = [file.read_row_group(k) for k in range(file.num_row_groups)]  # one dictionary each
+    size = sum(_text_bytes(chunk) for part in parts for column in part.columns for chunk in column.chunks)
+    if size > LARGEST_FILE:
+        raise DamagedShardError(
+            f"{path} has {size >> 20} MiB of texts when read; expected at most {LARGEST_FILE >> 20} MiB; {AGAIN}"
+        )
+    return pa.concat_tables([part.cast(schema) for part in parts] or [schema.empty_table()])
+
+
+def _text_bytes(values: pa.Array) -> int:
+    """How many bytes the texts of a column take that is read as a dictionary; 0 of others."""
+    while pa.types.is_nested(values.type):
+        values = values.flatten()
+    if not pa.types.is_dictionary(values.type):
+        return 0
+    sizes = pc.binary_length(values.dictionary).to_numpy(zero_copy_only=False)
+    return int(sizes[values.indices.drop_null().to_numpy(zero_copy_only=False)].sum(dtype=np.int64))
 
 
 def _read_table(path: Path, manifest: Manifest, object_name: str, schema: pa.Schema) -> tuple[pa.Table, dict]:
@@ -415,7 +438,7 @@ def _read_table(path: Path, manifest: Manifest, object_name: str, schema: pa.Sch
         found = file.schema_arrow
         expected = pa.schema([each for each in schema if each.name in found.names or each.name not in LATER_COLUMNS])
         fits = found.equals(expected, check_metadata=False)
-        table = file.read() if fits else None
+        table = _read_texts_once(path, file.metadata, expected) if fits else None
     if found.names != expected.names:
         raise DatasetError(f"{path} has columns {found.names}, expected {schema.names}; generate it again.")
     if table is None:
