@@ -22,8 +22,7 @@ READ_EACH = """
 import sys
 from pathlib import Path
 from dexnudge.dataset.manifest import read_manifest
-from dexnudge.dataset.shards import read_shard, shard_path
-from dexnudge.errors import DatasetError
+from dexnudge.dataset.shards import DamagedShardError, read_shard, shard_path
 
 folder = Path(sys.argv[1])
 manifest, path = read_manifest(folder), shard_path(folder, "object-0")
@@ -33,7 +32,7 @@ for line in sys.stdin:
     path.write_bytes(whole[:at] + bytes([whole[at] ^ 1 << bit]) + whole[at + 1 :])
     try:
         shard = read_shard(folder, manifest, "object-0")
-    except DatasetError as error:
+    except DamagedShardError as error:
         print("refused" if str(path) in str(error) else f"refused without its name: {error}")
     else:
         same = shard.table.equals(good.table) and (shard.counts, shard.mesh_hash) == (good.counts, good.mesh_hash)
@@ -231,7 +230,7 @@ def test_a_column_of_another_type_is_not_read(toy_folder):
         read_shard(toy_folder, read_manifest(toy_folder), NAME)
 
 
-def test_flipped_bits_in_a_footer_never_end_the_process(toy_folder):
+def test_flipped_bits_in_a_footer_are_damage_and_never_end_the_process(toy_folder):
     """Columns asked of pyarrow's metadata abort it where sizes do not fit the schema, which stands first."""
     content = shard_path(toy_folder, NAME).read_bytes()
     draw, begin = random.Random(0), footer_begin(content)

@@ -159,6 +159,8 @@ def handmade() -> list[Hostile]:
         "foreign": ({SHARD: written(pa.table({"a": [1]}))}, "refused", "header"),
         "no rows": ({SHARD: written(whole.slice(0, 0))}, "refused", ""),
         "a row less": ({SHARD: written(whole.slice(1))}, "refused", ""),
+        "a header under another key": ({SHARD: written(whole.replace_schema_metadata({b"dexnudgd": whole.schema.metadata[HEADER]}))}, "refused", "header"),
+        "another column": ({SHARD: written(whole.rename_columns(["objecu", *whole.schema.names[1:]]).replace_schema_metadata(whole.schema.metadata))}, "refused", "columns"),
         "a header of a list": ({SHARD: _with_header(lambda _: [])}, "refused", ""),
         "a header of bytes": ({SHARD: _with_header(lambda _: b"\xff\xfe")}, "refused", ""),
         "a header nested 100,000 deep": ({SHARD: _with_header(lambda _: b"[" * 100_000)}, "refused", ""),

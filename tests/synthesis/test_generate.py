@@ -92,7 +92,9 @@ def test_the_number_of_workers_changes_no_byte(data, objects, config, tmp_path, 
 
 
 @pytest.mark.slow
-@pytest.mark.parametrize("damage", ["shard missing", "shard truncated", "cloud truncated", "cloud missing"])
+@pytest.mark.parametrize(
+    "damage", ["shard missing", "shard truncated", "shard header", "cloud truncated", "cloud header", "cloud missing"]
+)
 def test_what_is_missing_or_damaged_is_named_and_made_again(
     copy, data, objects, config, names, files_of, damage, capsys
 ):
@@ -100,6 +102,9 @@ def test_what_is_missing_or_damaged_is_named_and_made_again(
     path = (shard_path if damage.startswith("shard") else cloud_path)(copy, broken)
     if damage.endswith("missing"):
         path.unlink()
+    elif damage.endswith("header"):  # a flipped bit in the key of the whole header
+        table = pq.read_table(path)
+        pq.write_table(table.replace_schema_metadata({b"dexnudgd": table.schema.metadata[b"dexnudge"]}), path)
     else:
         path.write_bytes(path.read_bytes()[:-400])
     before = shard_path(copy, kept).stat().st_mtime_ns
@@ -113,7 +118,8 @@ def test_what_is_missing_or_damaged_is_named_and_made_again(
     else:
         assert list(damaged) == [broken]
         assert f"object {broken} is generated again: " in message
-    assert f"{path.name} cannot be read as Parquet: truncated" in message or damage.endswith("missing")
+    said = "its header cannot be read" if damage.endswith("header") else "cannot be read as Parquet: truncated"
+    assert said in message or damage.endswith("missing")
 
 
 @pytest.mark.slow

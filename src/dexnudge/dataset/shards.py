@@ -41,6 +41,7 @@ from dexnudge.jobs.json_files import from_fields, unique_keys
 
 _METADATA_KEY = b"dexnudge"
 _DIGEST = "sha256"  # in a header, of the rest of it; shards from before 0.19.0 have none
+_COLUMNS = ({*CLOUD_COLUMNS}, {*configuration_schema(0).names} - {*LATER_COLUMNS})  # of every file of ours
 _PROVENANCE = ("hand", "joint_names", "config", "seed", "versions")  # of the manifest; a shard must agree on each
 
 
@@ -258,7 +259,7 @@ def read_cloud(folder: Path | str, manifest: Manifest, object_name: str) -> Floa
     path = cloud_path(folder, object_name)
     table, _ = _read_table(path, manifest, object_name, cloud_schema())
     if table.num_rows != CLOUD_POINTS:
-        raise DatasetError(f"{path} has {table.num_rows} points, expected {CLOUD_POINTS}; generate the object again.")
+        raise DamagedShardError(f"{path} has {table.num_rows} points, expected {CLOUD_POINTS}; {AGAIN}")
     cloud = np.stack([table.column(name).to_numpy() for name in CLOUD_COLUMNS], axis=1)
     if not np.isfinite(cloud).all():
         raise DamagedShardError(f"{path} has points that are not finite; generate the object again.")
@@ -374,11 +375,14 @@ def read_header(path: Path) -> dict[str, Any]:
         raise DatasetError(f"{path} is a folder or a device; expected a file; move it away.")
     with _readable(path):
         _check_size(path)
-        metadata = pq.read_schema(path).metadata or {}
+        schema = pq.read_schema(path)
+    text = (schema.metadata or {}).get(_METADATA_KEY)
+    if text is None and not any(columns <= {*schema.names} for columns in _COLUMNS):
+        raise DatasetError(f"{path} was not written by dexnudge: it has no header; delete it.")
     try:
-        header = dict(json.loads(metadata[_METADATA_KEY], object_pairs_hook=unique_keys).items())
-    except (AttributeError, KeyError, ValueError, RecursionError) as error:
-        raise DatasetError(f"{path} was not written by dexnudge: it has no header; delete it.") from error
+        header = dict(json.loads(text or b"", object_pairs_hook=unique_keys).items())
+    except (AttributeError, ValueError, RecursionError) as error:
+        raise DamagedShardError(f"{path}: its header cannot be read; {AGAIN}") from error
     if (digest := header.pop(_DIGEST, None)) is not None and digest != _digest(header):
         raise DamagedShardError(f"{path}: its header has another checksum than it says; {AGAIN}")
     return header
@@ -429,9 +433,11 @@ def _text_bytes(values: pa.Array) -> int:
 def _read_table(path: Path, manifest: Manifest, object_name: str, schema: pa.Schema) -> tuple[pa.Table, dict]:
     header = read_header(path)
     for key, value in json.loads(json.dumps({**_shared(manifest), "object": object_name})).items():
-        if header.get(key) != value:
+        if key not in header:
+            raise DamagedShardError(f"{path}: its header lacks {key}; {AGAIN}")
+        if header[key] != value:
             raise DatasetError(
-                f"{path} has {key} {header.get(key)!r}, expected {value!r}; "
+                f"{path} has {key} {header[key]!r}, expected {value!r}; "
                 "it belongs to another dataset: delete it, and resume `dexnudge dataset generate`."
             )
     with _readable(path), pq.ParquetFile(path, page_checksum_verification=True) as file:
@@ -440,7 +446,7 @@ def _read_table(path: Path, manifest: Manifest, object_name: str, schema: pa.Sch
         fits = found.equals(expected, check_metadata=False)
         table = _read_texts_once(path, file.metadata, expected) if fits else None
     if found.names != expected.names:
-        raise DatasetError(f"{path} has columns {found.names}, expected {schema.names}; generate it again.")
+        raise DamagedShardError(f"{path} has columns {found.names}, expected {schema.names}; {AGAIN}")
     if table is None:
         wrong = [each.name for each, right in zip(found, expected, strict=True) if not each.equals(right)]
         raise DamagedShardError(f"{path} has values of another type in {', '.join(wrong)}; {AGAIN}")
