@@ -4,6 +4,7 @@ import importlib.util
 import os
 import re
 import shlex
+import shutil
 import signal
 import sys
 from collections import Counter
@@ -128,6 +129,18 @@ def two_jaws(tmp_path_factory: pytest.TempPathFactory):
     (folder / "hand.yaml").write_text(yaml)
     (folder / "hand.urdf").write_text(two_jaw_urdf())
     return load_hand(folder / "hand.urdf")
+
+
+@pytest.fixture(scope="session")
+def browser() -> ModuleType:
+    """The driver of Chromium that the benchmarks use."""
+    pytest.importorskip("playwright", reason="needs playwright, which drives the browser")
+    spec = importlib.util.spec_from_file_location("browser", Path(__file__).parents[1] / "benchmarks" / "browser.py")
+    module = importlib.util.module_from_spec(spec)
+    spec.loader.exec_module(module)
+    if module.chromium() is None or shutil.which(module.chromium()) is None:
+        pytest.skip("no Chromium on the PATH or in CHROMIUM: apt-get install chromium")
+    return module
 
 
 @pytest.fixture(scope="session")

@@ -36,6 +36,10 @@ def hand_points(robot, position):
     return np.concatenate([trimesh.transform_points(mesh.vertices, pose) for mesh, pose in placed])
 
 
+def test_the_forearm_is_the_base_of_arm_and_hand_too(robot):
+    assert robot.body.base_link == robot.hand.base_link
+
+
 def test_the_hand_continues_the_flange_and_does_not_reach_behind_it(robot):
     rest = np.concatenate([robot.arm.home, robot.hand.apart])
     points = hand_points(robot, rest)

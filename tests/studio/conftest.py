@@ -1,10 +1,7 @@
 """A result folder with an execution, a studio without a browser, and the driver of one."""
 
-import importlib.util
-import shutil
 from collections.abc import Iterator
 from pathlib import Path
-from types import ModuleType
 
 import numpy as np
 import pytest
@@ -61,15 +58,3 @@ def studio(result: Path, tmp_path: Path) -> Iterator:
     opened = Studio(result, port=0, out=tmp_path / "out")
     yield opened
     opened.close()
-
-
-@pytest.fixture(scope="session")
-def browser() -> ModuleType:
-    """The driver of Chromium that the benchmarks use."""
-    pytest.importorskip("playwright", reason="needs playwright, which drives the browser")
-    spec = importlib.util.spec_from_file_location("browser", Path(__file__).parents[2] / "benchmarks" / "browser.py")
-    module = importlib.util.module_from_spec(spec)
-    spec.loader.exec_module(module)
-    if module.chromium() is None or shutil.which(module.chromium()) is None:
-        pytest.skip("no Chromium on the PATH or in CHROMIUM: apt-get install chromium")
-    return module

@@ -155,6 +155,7 @@ def _body(robot: Robot) -> Hand:
         fingertips=hand.fingertips,
         couplings=hand.couplings,
         palm_normal=hand.palm_normal,
+        base_link=hand.base_link,
         coarse_links=frozenset(rename.values()),
         shown_by=(*(() if arm.source is None else (arm.source,)), *hand.shown_by),
     )

@@ -10,7 +10,7 @@ from jaxtyping import Bool, Float, Int
 from dexnudge.geometry.exact_distance import Rays
 from dexnudge.jobs.cached import cached_per_instance
 from dexnudge.scenes.boxes import joined
-from dexnudge.viewer.visual_scene import SEE_THROUGH, Part, VisualScene
+from dexnudge.viewer.visual_scene import ROBOT, SEE_THROUGH, Part, VisualScene
 
 TAN_HALF_HEIGHT = 0.26  # tangent of half the vertical angle of view (29 deg in all): little perspective distortion
 FILLED = 0.76  # of the picture's width or height that the framed points take; the rest shows the surroundings
@@ -120,7 +120,7 @@ def best_camera(scenes: Sequence[VisualScene], framed: Float[np.ndarray, "n 3"],
 
 def _scores(scene: VisualScene, cameras: Sequence[Camera]) -> Float[np.ndarray, " camera"]:
     """Return how well each camera sees what matters."""
-    body, hand, base = scene.mesh("object"), scene.mesh("link", "fingertip"), scene.mesh("base", "arm")
+    body, hand, base = scene.mesh("object"), scene.mesh("link", "fingertip"), scene.mesh(*ROBOT)
     ghosts = scene.mesh("ghost")
     # What hides, with how much what lies behind it is worth; what was never seen is looked through.
     walls = scene.mesh("environment", "assumed")
@@ -218,7 +218,7 @@ def _hiding(
 ) -> Bool[np.ndarray, " face"]:
     """Return which triangles of a part hide enough of what lies `goal` [m] away along rays: as many rays as `needed`."""
     flat, body = _patches(part.mesh)
-    if part.role in ("base", "arm"):
+    if part.role in ROBOT:
         flat = body = np.zeros_like(flat)
     hidden, caster = np.zeros(flat.max(initial=0) + 1), _rays(part)
     origins = np.tile(origin, (len(rays), 1))

@@ -14,6 +14,7 @@ from dexnudge.viewer.visual_scene import (
     CONTACT_RADIUS,
     CREASE_ANGLE,
     PALETTE,
+    ROBOT,
     SURROUNDINGS,
     Role,
     VisualScene,
@@ -31,8 +32,8 @@ def page_data(scenes: Sequence[VisualScene], *, camera: Camera | None = None) ->
     """Return what `stage.js` draws of one or more visual scenes of the same bodies.
 
     `configurations` holds the poses (3 x 4 float32 of each body, world) and contacts [m] of each; `arrow` and `ball` are
-    the geometries of the motion's arrow, as the first scene has it, and of a contact. A base beside an object is `glass`:
-    wherever one looks from, it hides the object in one configuration or another.
+    the geometries of the motion's arrow, as the first scene has it, and of a contact. Base and arm beside an object may be
+    `glass`: where they hide object or hand, from where one looks, in one configuration or another.
 
     Args:
         scenes: the same meshes in the same order.
@@ -58,7 +59,7 @@ def page_data(scenes: Sequence[VisualScene], *, camera: Camera | None = None) ->
                 "colour": part.colour,
                 "moves": part.role in MOVING,
                 "surrounds": part.role in (*SURROUNDINGS, "ghost"),
-                "glass": part.role == "base" and bool(first.with_role("object")),
+                "glass": part.role in ROBOT and bool(first.with_role("object")),
             }
             for part in first.parts
         ],

@@ -13,7 +13,7 @@ from PIL import Image
 from dexnudge.errors import InputError, writing
 from dexnudge.viewer.camera import Camera, best_camera, hiding_faces
 from dexnudge.viewer.picture import BAD, GOOD, NEUTRAL, arrange, headed, render_array, write_png
-from dexnudge.viewer.visual_scene import SEE_THROUGH, SURROUNDINGS, Role, VisualScene, check_same_bodies
+from dexnudge.viewer.visual_scene import ROBOT, SEE_THROUGH, Role, VisualScene, check_same_bodies
 
 JUDGED = 4  # moments by which the camera is chosen
 LOOKED_THROUGH = 12  # moments looked at: what hides object or hand is glass from the first to the last, without flicker
@@ -217,7 +217,7 @@ def _draw(
     looked_at = recording.eventful(LOOKED_THROUGH)
     hiding = [hiding_faces(recording.frames[index], camera) for index in looked_at.tolist()]
     for number, part in enumerate(recording.frames[0].with_role(*SEE_THROUGH)):
-        if part.role not in SURROUNDINGS:  # the robot's own look the same throughout
+        if part.role in ROBOT:  # which look the same throughout
             once = np.any([hides[number] for hides in hiding], axis=0)
             for hides in hiding:
                 hides[number] = once

@@ -44,7 +44,8 @@ SHOWN = 1.0  # [m] of a large scan beside object and motion that picture and pag
 LARGE = 100_000  # triangles from which only the neighbourhood is shown, thinned
 SURROUNDINGS: tuple[Role, ...] = ("environment", "assumed", "unseen")  # measured or given, completed, never seen
 
-SEE_THROUGH: tuple[Role, ...] = (*SURROUNDINGS, "base", "arm")  # glass where they hide object or hand
+ROBOT: tuple[Role, ...] = ("base", "arm")  # what carries a hand
+SEE_THROUGH: tuple[Role, ...] = (*SURROUNDINGS, *ROBOT)  # glass where they hide object or hand
 
 Colour = tuple[float, float, float]  # sRGB, 0..1
 PALETTE: dict[Role, Colour] = {

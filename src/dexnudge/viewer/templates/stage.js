@@ -1,7 +1,8 @@
 "use strict";
 // Draws bodies with WebGL 2 and lets one look around them. All lengths are metres; matrices are column-major.
 const bytes = (text) => Uint8Array.from(atob(text), (c) => c.charCodeAt(0)).buffer;
-const GLASS = 0.25; // opacity of a base beside an object
+const GLASS = 0.25; // opacity of what of a robot hides object or hand
+const MOMENTS = 40; // configurations that are looked at for it
 
 // shown() gives what is to be seen now: poses (3 x 4 of each body, row by row), contacts, move (of all bodies that move and
 // of the contacts), arrow (where its mesh is moved, null for none), opacity of the surroundings.
@@ -96,6 +97,53 @@ const createStage = (data, shown) => {
     };
   });
 
+  // As in pictures, what of a robot stands before object or hand in one configuration or another is glass throughout. Bodies
+  // are taken for their boxes; an object is seen by the corners and the middle of its box, a link by the middle.
+  const boxes = data.geometries.map((geometry) => {
+    const points = new Float32Array(bytes(geometry.positions));
+    const ends = [0, 1, 2].map((axis) => {
+      let low = Infinity, high = -Infinity;
+      for (let k = axis; k < points.length; k += 3) { low = Math.min(low, points[k]); high = Math.max(high, points[k]); }
+      return [low, high];
+    });
+    const at = (x, y, z) => [x, y, z].map((share, axis) => ends[axis][0] + share * (ends[axis][1] - ends[axis][0]));
+    const sides = [0.05, 0.95];
+    return { ends, middle: at(0.5, 0.5, 0.5), corners: sides.flatMap((x) => sides.flatMap((y) => sides.map((z) => at(x, y, z)))) };
+  });
+  const boxOf = (k) => boxes[data.bodies[k].geometry];
+  const placed = (poses, k, p) => [0, 4, 8].map((row) => dot(poses.subarray(12 * k + row, 12 * k + row + 3), p) + poses[12 * k + row + 3]);
+  const unplaced = (poses, k, p) => [0, 1, 2].map((axis) =>
+    [0, 4, 8].reduce((sum, row, other) => sum + poses[12 * k + row + axis] * (p[other] - poses[12 * k + row + 3]), 0));
+  const crosses = (ends, from, to) => {
+    let enter = 0, leave = 1;
+    ends.forEach(([low, high], axis) => {
+      const way = to[axis] - from[axis] || 1e-12;
+      const [near, far] = [(low - from[axis]) / way, (high - from[axis]) / way].sort((a, b) => a - b);
+      enter = Math.max(enter, near);
+      leave = Math.min(leave, far);
+    });
+    return enter < leave;
+  };
+  const every = Math.ceil(data.configurations.length / MOMENTS);
+  const moments = data.configurations.filter((_, index) => index % every === 0).map((entry) => {
+    const poses = new Float32Array(bytes(entry.poses));
+    const goals = data.bodies.flatMap(({ role }, k) => {
+      if (!["object", "link", "fingertip"].includes(role)) return [];
+      const { middle, corners } = boxOf(k);
+      return (role === "object" ? [middle, ...corners] : [middle]).map((point) => placed(poses, k, point));
+    });
+    return { poses, goals };
+  });
+  let glass = [], lookedFrom = "";
+  const findGlass = (position) => {
+    if (lookedFrom === String(position)) return;
+    lookedFrom = String(position);
+    glass = data.bodies.map((entry, k) => entry.glass && moments.some(({ poses, goals }) => {
+      const from = unplaced(poses, k, position);
+      return goals.some((goal) => crosses(boxOf(k).ends, from, unplaced(poses, k, goal)));
+    }));
+  };
+
   const matrix = (rows12, move) => [
     rows12[0], rows12[4], rows12[8], 0, rows12[1], rows12[5], rows12[9], 0, rows12[2], rows12[6], rows12[10], 0,
     rows12[3] + move[0], rows12[7] + move[1], rows12[11] + move[2], 1];
@@ -134,6 +182,7 @@ const createStage = (data, shown) => {
     // A tall stage must still show the whole width that a 4:3 picture shows.
     const tangent = home.tangent * Math.max(1, (4 / 3) * canvas.height / canvas.width);
     const position = add(eye.target, frame.backward, eye.distance);
+    findGlass(position);
     const turn = eye.azimuth - 50 * Math.PI / 180, rise = 55 * Math.PI / 180;
     gl.uniformMatrix4fv(uniform.clip, false, clipMatrix(frame, position, tangent));
     gl.uniform3fv(uniform.camera, position);
@@ -152,13 +201,13 @@ const createStage = (data, shown) => {
     const poseOf = (k) => matrix(poses.subarray(12 * k, 12 * k + 12), data.bodies[k].moves ? move : still);
 
     data.bodies.forEach((entry, k) => {
-      if (!entry.surrounds && !entry.glass) body(shapes[entry.geometry], poseOf(k), entry.colour, 1);
+      if (!entry.surrounds && !glass[k]) body(shapes[entry.geometry], poseOf(k), entry.colour, 1);
     });
     if (arrow) body(shapes[data.arrow], identity(arrow), data.palette.arrow, 1);
     for (const point of contacts) body(shapes[data.ball], identity(add(point, move)), data.palette.contact, 1);
 
     data.bodies.forEach((entry, k) => {
-      const seen = entry.glass ? GLASS : entry.surrounds ? opacity : 0;
+      const seen = glass[k] ? GLASS : entry.surrounds ? opacity : 0;
       if (!seen) return;
       const shape = shapes[entry.geometry];
       if (shape.closed) gl.enable(gl.CULL_FACE);
