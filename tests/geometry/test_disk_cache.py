@@ -4,6 +4,7 @@ import json
 import os
 import subprocess
 import sys
+import tracemalloc
 from pathlib import Path
 
 import numpy as np
@@ -95,6 +96,17 @@ def test_points_of_a_mesh_with_other_normals_are_others(folder):
     others = cached_surface_points(tilted, spacing=0.004)
     assert own.normals.tobytes() != others.normals.tobytes()
     assert others.normals.tobytes() == surface_points(tilted, spacing=0.004).normals.tobytes()
+
+
+def test_reading_takes_the_file_and_the_array_and_no_copies(folder):
+    made = np.zeros(2**20)
+    cached_array("zeros", [], lambda: made)
+    tracemalloc.start()
+    try:
+        assert (cached_array("zeros", [], lambda: 1 / 0) == made).all()
+        assert tracemalloc.get_traced_memory()[1] < 2.5 * made.nbytes
+    finally:
+        tracemalloc.stop()
 
 
 def test_its_file_is_plain_numpy(folder):

@@ -1,3 +1,5 @@
+import tracemalloc
+
 import numpy as np
 import pytest
 import trimesh
@@ -8,6 +10,17 @@ from dexnudge.hands.hand import LinkPoints
 from dexnudge.verification import point_tree
 from dexnudge.verification.point_tree import PointTree, build_tree, near_points, raise_depths
 from dexnudge.verification.solids import SolidDistance, Solids, hole_diameter
+
+
+def test_building_takes_no_more_than_a_few_numbers_a_point() -> None:
+    count = 20_000
+    points = np.random.default_rng(0).random((count, 3))
+    tracemalloc.start()
+    try:
+        tree = build_tree(LinkPoints(points, points, np.zeros(count, dtype=np.int32)), num_links=1)
+        assert tracemalloc.get_traced_memory()[1] < 150 * len(tree.index)  # [bytes]; 8 for each number
+    finally:
+        tracemalloc.stop()
 
 
 @pytest.fixture(scope="module")

@@ -108,8 +108,8 @@ def _occluded(grid: DistanceGrid, environment: wp.Mesh, viewpoints: wp.array) ->
         return grid
     # Half a cell is uncertain: an occluded cell next to a visible one is not deep at all.
     depth = np.maximum(distance_transform_edt(~visible) - 1.0, 0.0) * OCCLUSION_CELL
-    below = -_interpolated(depth, grid.values.shape, grid.cell / OCCLUSION_CELL)
-    lowered = np.where(below < 0.0, np.minimum(grid.values, below), grid.values)
+    depth = _interpolated(depth, grid.values.shape, grid.cell / OCCLUSION_CELL)
+    lowered = np.where(depth > 0.0, np.minimum(grid.values, -depth), grid.values)
     return DistanceGrid(lowered.astype(np.float32), grid.origin, grid.cell)
 
 
@@ -119,7 +119,10 @@ def _interpolated(values: Float[np.ndarray, "i j k"], counts: Sequence[int], ste
         place = np.minimum(step * np.arange(count), values.shape[axis] - 1)
         below = np.minimum(place.astype(int), values.shape[axis] - 2)
         share = np.expand_dims(place - below, [other for other in range(3) if other != axis])
-        values = values.take(below, axis) * (1 - share) + values.take(below + 1, axis) * share
+        values, above = values.take(below, axis), values.take(below + 1, axis)
+        values *= 1 - share
+        above *= share
+        values += above
     return values
 
 

@@ -47,7 +47,7 @@ def pack_grids(grids: Sequence[DistanceGrid], *, device: str = "cpu") -> PackedG
         start += grid.values.size
     packed = PackedGrids()
     packed.headers = wp.array(headers, dtype=GridHeader, device=device)
-    packed.values = wp.array(np.concatenate(flat, dtype=np.float32), dtype=float, device=device)
+    packed.values = wp.array(np.concatenate(flat, dtype=np.float32), dtype=float, device=device, copy=False)
     return packed
 
 

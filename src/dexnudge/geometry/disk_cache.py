@@ -74,12 +74,11 @@ def _read(file: Path) -> Shaped[np.ndarray, "..."] | None:
         content = file.read_bytes()
     except OSError:
         return None
-    array, digest = content[:-DIGEST], content[-DIGEST:]
-    if _digest(file, array) != digest:
+    if _digest(file, memoryview(content)[:-DIGEST]) != content[-DIGEST:]:
         return None
     with contextlib.suppress(OSError):  # another's folder
         os.utime(file)  # what was used last is deleted last
-    values: np.ndarray = np.load(io.BytesIO(array), allow_pickle=False)
+    values: np.ndarray = np.load(io.BytesIO(content), allow_pickle=False)  # stops where the array ends
     return values
 
 
@@ -101,8 +100,10 @@ def _write(file: Path, values: Shaped[np.ndarray, "..."]) -> None:
         _make_room(file.parent)
 
 
-def _digest(file: Path, array: bytes) -> bytes:
-    return hashlib.sha256(file.stem.encode() + array).digest()
+def _digest(file: Path, array: bytes | memoryview) -> bytes:
+    digest = hashlib.sha256(file.stem.encode())
+    digest.update(array)
+    return digest.digest()
 
 
 def _make_room(folder: Path) -> None:

@@ -114,7 +114,9 @@ def _left_nearby(values: Float[np.ndarray, "i j k"], counts: Sequence[int], cell
     ]
     ways = [cell * (np.arange(count) - STRIDE * place) for count, place in zip(counts, places, strict=True)]
     x, y, z = np.meshgrid(*(way**2 for way in ways), indexing="ij", sparse=True)
-    return values[np.ix_(*places)] - np.sqrt(x + y + z)
+    nearby = values[np.ix_(*places)]
+    nearby -= np.sqrt(x + y + z)
+    return nearby
 
 
 FORMAT = "dexnudge distance grid 2"  # another number for other values for the same mesh

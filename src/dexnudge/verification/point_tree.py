@@ -1,6 +1,7 @@
 """A hand's dense points in nested balls, so that most of them need no distance query."""
 
-from dataclasses import dataclass
+from array import array
+from dataclasses import dataclass, field
 from functools import cached_property
 from typing import Any
 
@@ -61,36 +62,49 @@ class PointTree:
 
 def build_tree(points: LinkPoints, *, num_links: int, device: str = "cpu") -> PointTree:
     """Split each link's points at the median of their widest direction until the clusters are small."""
-    rows: list[tuple[int, float, int]] = []
+    nodes = _Columns()
     first = []
     for link in range(num_links):
-        first.append(len(rows))
+        first.append(len(nodes.index))
         for cluster in _split(points.points, np.flatnonzero(points.link == link), CLUSTER_SIZES[0]):
-            _add(points.points, cluster, rows)
-    index, radius, after = (np.array(column) for column in zip(*rows, strict=True))
+            _add(points.points, cluster, nodes)
+    index, radius, after = (np.array(column) for column in (nodes.index, nodes.radius, nodes.after))
     order = [
         _split(points.points, np.flatnonzero(points.link == link), CLUSTER_SIZES[-1]) for link in np.unique(points.link)
     ]
     place = np.empty(len(index), dtype=np.int64)
     place[np.concatenate([part for parts in order for part in parts])] = np.arange(len(index))
-    return PointTree(points, index, radius, after, np.array([*first, len(rows)]), place[index], device)
+    return PointTree(points, index, radius, after, np.array([*first, len(index)]), place[index], device)
 
 
-def _add(points: Float[np.ndarray, "p 3"], cluster: Int[np.ndarray, " n"], rows: list[tuple[int, float, int]]) -> None:
+@dataclass(frozen=True)
+class _Columns:
+    """The nodes of a tree that grows: a quarter of what a tuple for each takes."""
+
+    index: "array[int]" = field(default_factory=lambda: array("q"))
+    radius: "array[float]" = field(default_factory=lambda: array("d"))
+    after: "array[int]" = field(default_factory=lambda: array("q"))
+
+
+def _add(points: Float[np.ndarray, "p 3"], cluster: Int[np.ndarray, " n"], nodes: _Columns) -> None:
     """Append a cluster: the point that stands for it, then what else is in it."""
     own = points[cluster]
     middle = int(np.argmin(np.linalg.norm(own - 0.5 * (own.min(axis=0) + own.max(axis=0)), axis=1)))
     radius = float(np.linalg.norm(own - own[middle], axis=1).max())
-    place = len(rows)
-    rows.append((int(cluster[middle]), radius, 0))
+    place = len(nodes.index)
+    nodes.index.append(int(cluster[middle]))
+    nodes.radius.append(radius)
+    nodes.after.append(0)
     rest = np.delete(cluster, middle)
     size = next((size for size in CLUSTER_SIZES if size < len(rest)), 1)
     if size > 1:
         for part in _split(points, rest, size):
-            _add(points, part, rows)
+            _add(points, part, nodes)
     else:
-        rows.extend([(index, 0.0, behind) for behind, index in enumerate(rest.tolist(), start=place + 2)])
-    rows[place] = (*rows[place][:2], len(rows))
+        nodes.index.extend(rest.tolist())
+        nodes.radius.extend([0.0] * len(rest))
+        nodes.after.extend(range(place + 2, place + 2 + len(rest)))
+    nodes.after[place] = len(nodes.index)
 
 
 def _split(points: Float[np.ndarray, "p 3"], cluster: Int[np.ndarray, " n"], size: int) -> list[Int[np.ndarray, " _"]]:
