@@ -9,12 +9,14 @@ import pytest
 
 from dexnudge.diffusion.training_run import TrainingRun
 from dexnudge.errors import CheckpointError, InputError, OutputError
+from dexnudge.experiments.config import ExperimentConfig
 from dexnudge.experiments.learning import learn as hand_learning
-from dexnudge.experiments.learning.learn import StageClock, hand_digest, learn_hand, write_plan
+from dexnudge.experiments.learning.learn import StageClock, _follow, hand_digest, learn_hand, write_plan
 from dexnudge.experiments.learning.plan import BATCH, LearningPlan, LearningRates, plan_learning, training_config
 from dexnudge.experiments.records import RecordWriter
 from dexnudge.hands.export import export_hand
 from dexnudge.hands.registry import load_hand
+from dexnudge.jobs.claims import claim_folder, read_claim
 from dexnudge.jobs.folders import owned_folder
 from dexnudge.sampling.sampler import Sampler
 from dexnudge.synthesis.generate import GenerationLog
@@ -107,6 +109,37 @@ def test_the_clock_counts_over_starts(tmp_path, monkeypatch):
     with clock.stage("data"):
         pass
     assert StageClock(tmp_path / "clock.json").seconds == {"data": 10.0}
+
+
+@pytest.mark.parametrize(
+    "damaged",
+    ["", "[]", '{"data": NaN}', '{"data": []}', '{"data": -1}', '{"data": 1e300}', '{"data": "1"}', "[" * 10**5],
+)
+def test_a_damaged_clock_begins_again(tmp_path, damaged):
+    (tmp_path / "clock.json").write_text(damaged)
+    assert StageClock(tmp_path / "clock.json").seconds == {}
+
+
+@pytest.mark.parametrize("damage", ["config", "num", "checksum", "text"])
+def test_an_evaluation_that_is_not_the_plans_is_refused(tmp_path, damage):
+    config, file = (
+        ExperimentConfig(objects="builtin:test", num=16, hand="before"),
+        tmp_path / "table" / "experiment.json",
+    )
+    claim_folder(file.parent, file.name, vars(config), format_version=3, device="cpu")
+    _follow(file, replace(config, hand="moved"))
+    content = read_claim(file.parent, file.name, format_version=3)
+    assert content["config"]["hand"] == "moved"
+    claim_folder(file.parent, file.name, vars(replace(config, hand="moved")), format_version=3, device="cpu")
+    if damage == "text":
+        file.write_text(json.dumps(content)[:-5])
+    elif damage == "checksum":
+        file.write_text(json.dumps({**content, "versions": {"dexnudge": "0.0.1"}}))
+    else:
+        changed = [] if damage == "config" else {**content["config"], "num": 17}
+        file.write_text(json.dumps({"format_version": 3, "config": changed, "versions": {}, "machine": {}}))
+    with pytest.raises(InputError, match=r"experiment\.json.*; remove .*table to have it evaluated again"):
+        _follow(file, config)
 
 
 @pytest.fixture(scope="module")
@@ -250,6 +283,13 @@ def test_another_hand_other_minutes_and_a_damaged_plan_are_refused(prepared, tmp
     for name, wrong in (("objects", "many"), ("minutes", -1.0), ("steps", 1.5), ("more", 1)):
         path.write_text(json.dumps({**content, "plan": {**content["plan"], name: wrong}}))
         with pytest.raises(InputError, match=r"plan\.json: plan.*; expected .*; remove .*learning to learn anew"):
+            learn_hand(folder)
+    yaml.write_text(yaml.read_text()[:-1])
+    for name, twisted in (("objects", 5), ("steps", 100), ("draws", 0), ("scenes", [])):
+        path.write_text(json.dumps({**content, "plan": {**content["plan"], name: twisted}}))
+        with pytest.raises(
+            InputError, match=r"plan\.json has changed since it was written.*; put it back as it was, or"
+        ):
             learn_hand(folder)
 
 

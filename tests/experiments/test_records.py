@@ -53,6 +53,17 @@ def test_damaged_foreign_and_doubled_lines_are_named(tmp_path, four_records):
             {**content, "kind": "lifting"}
         ),
         r"line 2: \('a', 'table', 'steered_noise'\) occurs twice": lines[0],
+        r"line 2: InputError: the record: verified is 'many'; expected a whole number": json.dumps(
+            content | {"verified": "many"}
+        ),
+        r"line 2: InputError: the record: success\[0\] is 1; expected true or false": json.dumps(
+            content | {"success": [1]}
+        ),
+        r"line 2: InputError: the record: status is 'dine'; expected 'done' or": json.dumps(
+            content | {"status": "dine"}
+        ),
+        r"line 2: ValueError: NaN is not a JSON number": json.dumps(content | {"force_margin": [float("nan")]}),
+        r"line 2: ValueError: the key 'num' stands twice": lines[1][:-1] + ', "num": 3}',
     }
     for message, line in damages.items():
         (tmp_path / FILE).write_text("\n".join([lines[0], line, *lines[2:]]) + "\n")

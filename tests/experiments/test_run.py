@@ -1,6 +1,7 @@
 """Experiments go on after any interruption, without a record lost or doubled; what fails is counted."""
 
 import importlib.util
+import json
 import os
 import signal
 import subprocess
@@ -69,6 +70,26 @@ def test_numbers_that_no_scene_can_have_are_refused_before_anything_is_written(t
     with pytest.raises(InputError, match=message):
         run(tmp_path / "out", config=replace(CONFIG, **options))
     assert os.listdir(tmp_path) == []
+
+
+@pytest.mark.parametrize(
+    "twisted", [{"versions": {"dexnudge": "0.0.1"}}, {"config": {}}, {"machine": 3}, {"sha256": "x"}]
+)
+def test_an_experiment_that_has_changed_is_not_read(tmp_path, twisted):
+    run(tmp_path)
+    file = tmp_path / "toy" / "experiment.json"
+    file.write_text(json.dumps({**json.loads(file.read_text()), **twisted}))
+    with pytest.raises(InputError, match=r"experiment\.json.*the same command with another `out` writes an equal"):
+        read_run(ToyTrial(), tmp_path)
+
+
+def test_an_experiment_of_an_earlier_version_has_no_checksum_and_is_read(tmp_path):
+    records = run(tmp_path)
+    file = tmp_path / "toy" / "experiment.json"
+    content = json.loads(file.read_text())
+    del content["sha256"]
+    file.write_text(json.dumps(content))
+    assert read_run(ToyTrial(), tmp_path) == (content, records)
 
 
 @pytest.mark.parametrize("damaged", ["", "{", '{"format_version": 3, "config": 1}'])

@@ -139,6 +139,26 @@ def test_a_manifest_that_is_lost_is_made_anew_from_the_shards(copy, data, object
 
 
 @pytest.mark.slow
+@pytest.mark.parametrize(
+    "twisted",
+    [
+        {"seed": 44},
+        {"config": {}},
+        {"objects": {}, "failed_objects": {"foo": "bad"}},
+        {"digit_joints": {"FF": [0]}},
+        {"sliding_joints": ["FFJ4"]},
+    ],
+)
+def test_a_manifest_that_alone_has_changed_is_made_anew(copy, data, objects, config, names, files_of, twisted):
+    written = {name: shard_path(copy, name).stat().st_mtime_ns for name in names}
+    content = json.loads((copy / "manifest.json").read_text()) | twisted
+    (copy / "manifest.json").write_text(json.dumps(content))
+    generate_dataset(str(objects), copy, config, seed=4, workers=1)
+    assert files_of(copy) == files_of(data)
+    assert {name: shard_path(copy, name).stat().st_mtime_ns for name in names} == written
+
+
+@pytest.mark.slow
 @pytest.mark.parametrize(("changed", "seed", "label"), [({"non_prehensile": 25}, 4, "config"), ({}, 5, "seed")])
 def test_another_run_is_refused_in_the_same_folder(copy, objects, config, files_of, changed, seed, label):
     before = files_of(copy)
@@ -152,6 +172,8 @@ def test_other_versions_and_foreign_shards_are_refused(copy, objects, config, na
     with pytest.raises(DatasetError, match=r"has object 'bar', expected 'slab'; it belongs to another"):
         shard_path(copy, names[1]).write_bytes(shard_path(copy, names[0]).read_bytes())
         generate_dataset(str(objects), copy, config, seed=4, workers=1)
+    for name in names:  # which say the versions, too
+        shard_path(copy, name).unlink()
     manifest = read_manifest(copy)
     manifest.versions["torch"] = "1.0"
     write_manifest(copy, manifest)

@@ -5,7 +5,6 @@ from collections import Counter
 from collections.abc import Collection, Iterator, Sequence
 from contextlib import contextmanager
 from dataclasses import asdict, dataclass, replace
-from hashlib import sha256
 from pathlib import Path
 from typing import Any
 
@@ -15,7 +14,7 @@ import pyarrow.compute as pc
 import pyarrow.parquet as pq
 from jaxtyping import Float, Float32
 
-from dexnudge.dataset.manifest import UNITS, Manifest, check_object_name
+from dexnudge.dataset.manifest import MANIFEST_NAME, UNITS, Manifest, check_object_name
 from dexnudge.dataset.parquet_footer import announced_sizes
 from dexnudge.dataset.schema import (
     BEHAVIOURS,
@@ -37,10 +36,11 @@ from dexnudge.dataset.schema import (
 )
 from dexnudge.errors import DatasetError, quote
 from dexnudge.jobs.atomic_files import replace_atomically
+from dexnudge.jobs.digests import KEY as DIGEST
+from dexnudge.jobs.digests import is_as_signed, signed
 from dexnudge.jobs.json_files import from_fields, unique_keys
 
 _METADATA_KEY = b"dexnudge"
-_DIGEST = "sha256"  # in a header, of the rest of it; shards from before 0.19.0 have none
 _COLUMNS = ({*CLOUD_COLUMNS}, {*configuration_schema(0).names} - {*LATER_COLUMNS})  # of every file of ours
 _PROVENANCE = ("hand", "joint_names", "config", "seed", "versions")  # of the manifest; a shard must agree on each
 
@@ -323,8 +323,8 @@ def _check_rows(
 
 
 def _write_table(path: Path, table: pa.Table, header: dict[str, object]) -> None:
-    signed = header | {_DIGEST: _digest(header)}
-    table = table.replace_schema_metadata({_METADATA_KEY: json.dumps(signed).encode()})
+    # Parquet has checksums of its pages, and none of its footer, where the header stands.
+    table = table.replace_schema_metadata({_METADATA_KEY: json.dumps(signed(header)).encode()})
     leaves = dict(map(_leaf, table.schema))
     floats = [path for path, kind in leaves.items() if pa.types.is_floating(kind)]
     with replace_atomically(path) as temporary:
@@ -337,11 +337,6 @@ def _write_table(path: Path, table: pa.Table, header: dict[str, object]) -> None
             column_encoding=dict.fromkeys(floats, "BYTE_STREAM_SPLIT"),
             write_page_checksum=True,
         )
-
-
-def _digest(header: dict[str, object]) -> str:
-    """SHA-256 of a header: Parquet has checksums of its pages, and none of its footer, where the header stands."""
-    return sha256(json.dumps(header, sort_keys=True).encode()).hexdigest()
 
 
 def _leaf(field: pa.Field) -> tuple[str, pa.DataType]:
@@ -383,9 +378,9 @@ def read_header(path: Path) -> dict[str, Any]:
         header = dict(json.loads(text or b"", object_pairs_hook=unique_keys).items())
     except (AttributeError, ValueError, RecursionError) as error:
         raise DamagedShardError(f"{path}: its header cannot be read; {AGAIN}") from error
-    if (digest := header.pop(_DIGEST, None)) is not None and digest != _digest(header):
+    if not is_as_signed(header):
         raise DamagedShardError(f"{path}: its header has another checksum than it says; {AGAIN}")
-    return header
+    return {key: value for key, value in header.items() if key != DIGEST}
 
 
 @contextmanager
@@ -438,7 +433,8 @@ def _read_table(path: Path, manifest: Manifest, object_name: str, schema: pa.Sch
         if header[key] != value:
             raise DatasetError(
                 f"{path} has {key} {header[key]!r}, expected {value!r}; "
-                "it belongs to another dataset: delete it, and resume `dexnudge dataset generate`."
+                f"it belongs to another dataset: delete it, or {MANIFEST_NAME} where that is what has changed, and resume "
+                "`dexnudge dataset generate`."
             )
     with _readable(path), pq.ParquetFile(path, page_checksum_verification=True) as file:
         found = file.schema_arrow

@@ -6,7 +6,6 @@ would: with the next configuration where the object still has to slide, else wit
 
 from collections.abc import Callable
 from dataclasses import dataclass, replace
-from typing import Any
 
 import numpy as np
 from jaxtyping import Float
@@ -77,11 +76,6 @@ class Attempt:
     turned_deg: float | None = None
     hand_environment: float | None = None
     link_force: float | None = None
-
-    @classmethod
-    def from_json(cls, content: dict[str, Any]) -> "Attempt":
-        """Make an attempt of what `dataclasses.asdict` and JSON made of it."""
-        return cls(**{**content, "outcome": Outcome(content["outcome"])})
 
     @property
     def success(self) -> bool:

@@ -6,12 +6,13 @@ A line is written whole; one that a killed run left unfinished is dropped.
 
 import json
 import os
-from dataclasses import asdict, dataclass, field, fields, is_dataclass
+from dataclasses import asdict, dataclass, field, fields
 from pathlib import Path
-from typing import Any, ClassVar, Literal, TypeVar, get_args, get_type_hints
+from typing import Any, ClassVar, Literal, TypeVar
 
 from dexnudge.errors import InputError, writing
 from dexnudge.experiments.config import TrialKey
+from dexnudge.jobs.json_files import from_fields, refuse_constant, unique_keys
 
 FILE = "results.jsonl"
 ADDED = ("repairs",)  # fields that lines of 0.7 lack
@@ -70,7 +71,7 @@ def read_records(folder: Path, kind: type[Record]) -> list[Record]:
     records: dict[TrialKey, Record] = {}
     for number, line in enumerate(path.read_bytes().split(b"\n")[:-1], start=1):
         try:
-            record = _decoded(json.loads(line), kind)
+            record = _decoded(json.loads(line, parse_constant=refuse_constant, object_pairs_hook=unique_keys), kind)
         except (ValueError, KeyError, TypeError, RecursionError) as error:
             names = ", ".join(sorted(each.name for each in fields(kind)))
             raise InputError(
@@ -86,16 +87,9 @@ def read_records(folder: Path, kind: type[Record]) -> list[Record]:
 def _decoded(content: Any, kind: type[Record]) -> Record:
     if kind is not TrialRecord and content["kind"] != kind.kind:
         raise ValueError(f"a record of kind {content['kind']!r} among those of kind {kind.kind!r}")
-    hints = get_type_hints(kind)
-    values: dict[str, Any] = {}
-    for each in fields(kind):
-        if each.name in ADDED and each.name not in content:
-            continue
-        value, item = content[each.name], (*get_args(hints[each.name]), None)[0]
-        if isinstance(item, type) and is_dataclass(item):
-            value = [item.from_json(one) if hasattr(item, "from_json") else item(**one) for one in value]
-        values[each.name] = value
-    return kind(**values)
+    if missing := [each.name for each in fields(kind) if each.name not in (*ADDED, *content)]:
+        raise KeyError(*missing)
+    return from_fields(content, kind, "the record", error=InputError, again="as dexnudge writes it", others=True)
 
 
 TO_GO_ON = (

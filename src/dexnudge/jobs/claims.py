@@ -6,6 +6,7 @@ from pathlib import Path
 from typing import Any
 
 from dexnudge.errors import InputError, OutputError, quote, writing
+from dexnudge.jobs.digests import is_as_signed, signed
 from dexnudge.jobs.json_files import MAX_TABLE_BYTES, read_json_object
 from dexnudge.jobs.locks import LOCK_NAME
 from dexnudge.jobs.provenance import machine, versions
@@ -52,10 +53,10 @@ def claim_folder(
         records = out.is_dir() and any(out.rglob("*.jsonl"))
         kept = f"; its {file} is lost, {AGAIN.format(file=file)}" if records else ""
         raise OutputError(f"{out} exists and holds no experiment; expected a new folder; choose another `out`{kept}")
-    content = {"format_version": format_version, "config": ours, "versions": versions(), "machine": machine(device)}
+    said = {"format_version": format_version, "config": ours, "versions": versions(), "machine": machine(device)}
     with writing(out, "choose another `out`"):
         out.mkdir(parents=True, exist_ok=True)
-        unfinished.write_text(json.dumps(content, indent=2) + "\n", encoding="utf-8")
+        unfinished.write_text(json.dumps(signed(said), indent=2) + "\n", encoding="utf-8")
         unfinished.replace(path)
 
 
@@ -71,6 +72,9 @@ def read_claim(folder: Path, file: str, *, format_version: int) -> dict[str, Any
     content = read_json_object(path, error=InputError, expected=expected, again=again, largest=MAX_TABLE_BYTES)
     if content.get("format_version") != format_version:
         raise InputError(f"{path} is of another format; expected format_version {format_version}; choose another `out`")
-    if not isinstance(content.get("config"), dict):
-        raise InputError(f"{path}: config is {quote(content.get('config'))}; expected the run's options; {again}")
+    for part in ("config", "versions", "machine"):
+        if not isinstance(content.get(part), dict):
+            raise InputError(f"{path}: {part} is {quote(content.get(part))}; expected an object; {again}")
+    if not is_as_signed(content):
+        raise InputError(f"{path} has changed since it was written: its checksum is another; {again}")
     return content

@@ -7,6 +7,7 @@ import stat
 import sys
 from collections.abc import Callable
 from dataclasses import MISSING, dataclass, fields, is_dataclass
+from enum import EnumMeta
 from functools import cache
 from pathlib import Path
 from types import UnionType
@@ -82,8 +83,8 @@ def from_fields(
 ) -> Checked:
     """Return the dataclass `kind` made of a JSON object: every field is there or has a default, and is as it is declared.
 
-    A field is of JSON's types, tuples in place of lists, another dataclass, or `Annotated` with a `Must` or with a function
-    of the value and of its place, which returns what it stands for.
+    A field is of JSON's types, tuples in place of lists, an Enum, another dataclass, or `Annotated` with a `Must` or with
+    a function of the value and of its place, which returns what it stands for.
 
     where, again: how messages begin and end. others: whether there may be more than the fields. Raises `error`; what the
     dataclass itself, or a function, refuses passes through.
@@ -121,8 +122,11 @@ def _read(value: Any, hint: Any, where: str, says: dict[str, Any]) -> Any:
         return None if value is None else _read(value, inside[0], where, says)
     if origin is dict and isinstance(value, dict):
         return {key: _read(each, inside[1], f"{where} of {quote(key)}", says) for key, each in value.items()}
-    if origin is tuple and isinstance(value, list | tuple):
-        return tuple(_read(each, inside[0], f"{where}[{index}]", says) for index, each in enumerate(value))
+    if origin in (tuple, list) and isinstance(value, list | tuple):
+        return origin(_read(each, inside[0], f"{where}[{index}]", says) for index, each in enumerate(value))
+    if isinstance(hint, EnumMeta):
+        known: list[Any] = list(hint)
+        return hint(_read(value, Literal[tuple(each.value for each in known)], where, says))
     if origin is Annotated and not isinstance(inside[1], Must):
         return inside[1](value, where)
     if origin is Annotated and _is_of(value, inside[0]) and inside[1].be(value):

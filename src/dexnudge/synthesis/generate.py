@@ -249,14 +249,23 @@ def _open(out: Path, config: GenerationConfig, seed: int) -> Manifest:
         versions={"dexnudge": __version__, **{package: version(package) for package in PACKAGES}},
     )
     found = _found(out, wanted)
-    for label in ("hand", "joint_names", "config", "seed", "versions"):
-        if getattr(found, label) != getattr(wanted, label):
-            raise DatasetError(
-                f"{out} holds a dataset with another {label}: expected {getattr(wanted, label)!r}, "
-                f"got {getattr(found, label)!r}; choose another folder, or the same {label}"
-            )
+    if _differing(found, wanted):
+        shards = rebuilt_manifest(out, wanted)
+        found = shards if shards and not _differing(shards, wanted) else found  # the manifest alone has changed
+    if differing := _differing(found, wanted):
+        label = differing[0]
+        raise DatasetError(
+            f"{out} holds a dataset with another {label}: expected {getattr(wanted, label)!r}, "
+            f"got {getattr(found, label)!r}; choose another folder, or the same {label}"
+        )
     remove_leftovers(out)
-    return found
+    return replace(found, joint_groups=wanted.joint_groups, sliding_joints=wanted.sliding_joints)  # no shard has them
+
+
+def _differing(found: Manifest, wanted: Manifest) -> list[str]:
+    """What a run that goes on must have in common with what is there, and has not."""
+    labels = ("hand", "joint_names", "config", "seed", "versions")
+    return [label for label in labels if getattr(found, label) != getattr(wanted, label)]
 
 
 def _found(out: Path, wanted: Manifest) -> Manifest:

@@ -12,7 +12,7 @@ from collections.abc import Callable, Iterator, Sequence
 from contextlib import contextmanager, suppress
 from dataclasses import asdict, dataclass, replace
 from pathlib import Path
-from typing import Any
+from typing import Annotated, Any
 
 from dexnudge.dataset.manifest import MANIFEST_NAME
 from dexnudge.diffusion.checkpoint import CONFIG_NAME, MODEL_FOLDER, WEIGHTS_NAME
@@ -20,7 +20,14 @@ from dexnudge.diffusion.model_card import CARD_NAME
 from dexnudge.diffusion.training import train
 from dexnudge.errors import InputError, OutputError, check_integer, check_seed
 from dexnudge.experiments.config import ExperimentConfig
-from dexnudge.experiments.learning.plan import METHODS, LearningPlan, check_minutes, plan_learning, training_config
+from dexnudge.experiments.learning.plan import (
+    LONGEST,
+    METHODS,
+    LearningPlan,
+    check_minutes,
+    plan_learning,
+    training_config,
+)
 from dexnudge.experiments.learning.rates import measure_rates
 from dexnudge.experiments.learning.report import write_learning_report
 from dexnudge.experiments.report import write_report
@@ -29,8 +36,9 @@ from dexnudge.experiments.sampling_trial import SamplingTrial
 from dexnudge.hands.hand import Hand
 from dexnudge.hands.registry import PREPARED_NAME, load_hand
 from dexnudge.jobs.atomic_files import remove_leftovers, replace_atomically
+from dexnudge.jobs.digests import KEY, is_as_signed, signed
 from dexnudge.jobs.folders import owned_folder
-from dexnudge.jobs.json_files import MAX_TABLE_BYTES, from_fields, read_json_object
+from dexnudge.jobs.json_files import MAX_TABLE_BYTES, Must, from_fields, read_json_object
 from dexnudge.jobs.processes import MOST_WORKERS, available_cores
 from dexnudge.jobs.progress import progress
 from dexnudge.jobs.provenance import machine, versions
@@ -40,6 +48,11 @@ from dexnudge.synthesis.generate import generate_dataset
 from dexnudge.synthesis.object_data import GenerationConfig
 
 EVERY = 5.0  # [s] between writes: what a kill can hide
+
+
+@dataclass(frozen=True)
+class _Spent:
+    seconds: dict[str, Annotated[float, Must("a time", lambda seconds: 0.0 <= seconds <= 60.0 * LONGEST)]]
 
 
 class StageClock:
@@ -53,8 +66,9 @@ class StageClock:
         self._path = path
         self.seconds: dict[str, float] = {}
         self._running: tuple[str, float] | None = None
-        with suppress(OSError, ValueError):  # there is none yet, or a failing disk has lost what is no result
-            self.seconds = {str(name): float(value) for name, value in json.loads(path.read_text("utf-8")).items()}
+        with suppress(InputError):  # there is none yet, or a failing disk has lost what is no result
+            content = {"seconds": read_json_object(path, error=InputError)}
+            self.seconds = from_fields(content, _Spent, str(path), error=InputError, again="").seconds
 
     @property
     def total(self) -> float:
@@ -182,16 +196,20 @@ def _plan(
 def write_plan(folder: Path, hand: Hand, plan: LearningPlan) -> None:
     """Make `plan` the one that learning this prepared hand follows; OutputError where it cannot be written."""
     content = {"hand": hand.name, "hand_sha256": hand_digest(folder), "plan": asdict(plan)}
+    content |= {"versions": versions(), "machine": machine()}
     with replace_atomically(folder / FOLDER / PLAN) as temporary:
-        temporary.write_text(
-            json.dumps({**content, "versions": versions(), "machine": machine()}, indent=2) + "\n", encoding="utf-8"
-        )
+        temporary.write_text(json.dumps(signed(content), indent=2) + "\n", encoding="utf-8")
 
 
 def _read_plan(path: Path, described: str, *, minutes: float | None, seed: int | None) -> LearningPlan:
     again = f"remove {path.parent} to learn anew"
     content = read_json_object(path, error=InputError, again=again)
     plan = from_fields(content.get("plan"), LearningPlan, f"{path}: plan", error=InputError, again=again)
+    if not is_as_signed(content):
+        raise InputError(
+            f"{path} has changed since it was written: its checksum is another, and data and model beside it follow what it "
+            f"was; put it back as it was, or {again}"
+        )
     if content.get("hand_sha256") != described:
         raise InputError(
             f"the hand in {path.parent.parent} is not the one that {path} was made for; expected the same description, "
@@ -258,7 +276,7 @@ def _evaluate(folder: Path, plan: LearningPlan, clock: StageClock) -> tuple[str,
             seed=plan.seed,
             hand=str(folder / PREPARED_NAME),  # whose weights lie beside it
         )
-        _follow(out / FILE, config.hand)
+        _follow(out / FILE, config)
         _run_trials(config, out, workers=plan.workers)
         done.append(scene)
     return tuple(done)
@@ -276,12 +294,23 @@ def _run_trials(config: ExperimentConfig, out: Path, *, workers: int) -> None:
             write_report(kind, out)
 
 
-def _follow(file: Path, hand: str) -> None:
-    """Let an experiment of this same hand know where the folder is now, if it was moved."""
-    if file.is_file():
-        content = read_json_object(file, largest=MAX_TABLE_BYTES)
-        config = content.get("config")
-        if isinstance(config, dict) and config.get("hand") != hand:
-            config["hand"] = hand
-            with replace_atomically(file) as temporary:
-                temporary.write_text(json.dumps(content, indent=2) + "\n", encoding="utf-8")
+def _follow(file: Path, config: ExperimentConfig) -> None:
+    """Let an experiment of this same hand know where the folder is now, if it was moved; InputError for another one."""
+    if not file.is_file():
+        return
+    again = f"remove {file.parent} to have it evaluated again"
+    content = read_json_object(file, error=InputError, again=again, largest=MAX_TABLE_BYTES)
+    theirs, ours = content.get("config"), json.loads(json.dumps(asdict(config)))
+    if (
+        not is_as_signed(content)
+        or not isinstance(theirs, dict)
+        or any(theirs.get(key) != value for key, value in ours.items() if key != "hand")
+    ):
+        raise InputError(
+            f"{file} is of another evaluation than the plan's, or has changed since it was written; {again}"
+        )
+    if theirs.get("hand") != config.hand:
+        content = {key: value for key, value in content.items() if key != KEY}
+        content["config"] = {**theirs, "hand": config.hand}
+        with replace_atomically(file) as temporary:
+            temporary.write_text(json.dumps(signed(content), indent=2) + "\n", encoding="utf-8")
