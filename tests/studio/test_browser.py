@@ -2,7 +2,11 @@
 
 import re
 
+import numpy as np
 import pytest
+from PIL import Image
+
+from dexnudge.viewer.visual_scene import PALETTE
 
 pytestmark = pytest.mark.slow
 SIZE = (800, 600)
@@ -50,14 +54,16 @@ def test_the_page_shows_draws_plays_and_samples(studio, browser, result):
         assert not said
 
 
-def test_a_picture_is_downloaded_without_its_way(studio, browser, tmp_path):
-    from PIL import Image
-
+def test_a_picture_is_downloaded_and_the_object_has_its_colour(studio, browser, tmp_path):
     with browser.opened_page(studio.url, size=SIZE) as page:
         browser.first_frame(page)
         browser.tab(page, "View")
         with page.expect_download() as download:
             browser.press(page, "Save the picture")
         download.value.save_as(tmp_path / "picture.png")
-    colours = Image.open(tmp_path / "picture.png").convert("RGB").getcolors(maxcolors=1 << 24)
-    assert len(colours) > 50  # something was drawn
+    pixels = np.asarray(Image.open(tmp_path / "picture.png").convert("RGB")).reshape(-1, 3).astype(int)
+    assert len(np.unique(pixels, axis=0)) > 50  # something was drawn
+    orange = pixels[(pixels[:, 0] > pixels[:, 1] + 40) & (pixels[:, 1] > pixels[:, 2] + 15)]
+    colours, counts = np.unique(orange, axis=0, return_counts=True)
+    assert counts.max() > 500  # its upper side
+    assert colours[counts.argmax()] == pytest.approx(255 * np.array(PALETTE["object"]), abs=20)

@@ -75,8 +75,8 @@ def open_server(host: str = HOST, port: int = PORT) -> Server:
     # An environment map takes seconds to prepare where no graphics card does it; shadows draw everything several times.
     server.scene.configure_environment_map(None)
     server.scene.configure_default_lights(enabled=False, cast_shadow=False)
-    server.scene.add_light_hemisphere("/sky", sky_color=(255, 255, 255), ground_color=(140, 140, 150), intensity=1.6)
-    server.scene.add_light_directional("/sun", intensity=1.8, position=(-1.0, -0.6, 2.0), cast_shadow=False)
+    server.scene.add_light_hemisphere("/sky", sky_color=(255, 255, 255), ground_color=(170, 170, 180), intensity=2.2)
+    server.scene.add_light_directional("/sun", intensity=1.5, position=(-1.0, -0.6, 2.0), cast_shadow=False)
     return server
 
 

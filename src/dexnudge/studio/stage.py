@@ -10,12 +10,13 @@ from typing import Any
 
 import numpy as np
 import trimesh
-from jaxtyping import Float
+from jaxtyping import Float, UInt8
 from scipy.spatial.transform import Rotation
 from viser import CameraHandle, ClientHandle
 
 from dexnudge.geometry.coarsening import thinned
 from dexnudge.jobs.cached import cached_per_instance
+from dexnudge.studio.colours import sent_colour
 from dexnudge.studio.server import Server
 from dexnudge.viewer.camera import Camera
 from dexnudge.viewer.visual_scene import CREASE_ANGLE, Colour, Part, Role, VisualScene
@@ -103,7 +104,9 @@ class Stage:
                 own = [each.colour for each in mine]
                 if colours is not None and index < len(scenes[0].parts):
                     own = [each[index] for each in colours[: len(mine)]]
-                self._place(self._bodies[index], np.stack([each.T_world_part for each in mine]), np.array(own))
+                self._place(
+                    self._bodies[index], np.stack([each.T_world_part for each in mine]), sent_colour(np.array(own))
+                )
 
     def _renew(self, index: int, part: Part | None, *, many: bool) -> None:
         """Make the node at a place that of a part, unless it is already; None takes it away."""
@@ -123,7 +126,7 @@ class Stage:
             faces=sent.faces,
             batched_wxyzs=np.array([[1.0, 0.0, 0.0, 0.0]]),
             batched_positions=np.zeros((1, 3)),
-            batched_colors=_bytes(np.array([part.colour])),
+            batched_colors=sent_colour(np.array([part.colour])),
             opacity=self._opacity.get(group),
             lod="off",
             side="front" if part.mesh.is_watertight else "double",  # what is transparent and double is drawn twice
@@ -132,7 +135,7 @@ class Stage:
         )
         self._bodies[index : index + 1] = [_Body(node, part.mesh, group, coarse)]
 
-    def _place(self, body: _Body, T: Float[np.ndarray, "n 4 4"], colours: Float[np.ndarray, "n 3"]) -> None:
+    def _place(self, body: _Body, T: Float[np.ndarray, "n 4 4"], colours: UInt8[np.ndarray, "n 3"]) -> None:
         """Move one body: the first as a node, which costs the browser least, the others relative to it."""
         relative = np.linalg.inv(T[0]) @ T
         values = {
@@ -140,7 +143,7 @@ class Stage:
             "wxyz": _quaternions(T[:1])[0],
             "batched_positions": relative[:, :3, 3].astype(np.float32),
             "batched_wxyzs": _quaternions(relative).astype(np.float32),
-            "batched_colors": _bytes(colours),
+            "batched_colors": colours,
         }
         if len(T) == 1:
             values |= {"batched_positions": np.zeros((1, 3), np.float32), "batched_wxyzs": IDENTITY}
@@ -153,7 +156,7 @@ class Stage:
         """Move the object alone, as while it is dragged."""
         for body in self._bodies:
             if body.group == "object":
-                self._place(body, T_world_object[None], body.sent["batched_colors"] / 255)
+                self._place(body, T_world_object[None], body.sent["batched_colors"])
 
     def fade(self, group: str, opacity: float) -> None:
         """Look through a group's bodies: at 0 nothing of them is seen, at 1 nothing of what is behind."""
@@ -173,7 +176,7 @@ class Stage:
             self._marks[name] = self._server.scene.add_arrows(
                 f"/{_plain(group)}/{_plain(name)}",
                 arrows,
-                _bytes(np.array(colour)),
+                sent_colour(np.array(colour)),
                 shaft_radius=0.0012,
                 head_radius=0.003,
                 head_length=0.006,
@@ -190,7 +193,7 @@ class Stage:
                 faces=ball.faces,
                 batched_wxyzs=np.tile([1.0, 0.0, 0.0, 0.0], (len(points), 1)),
                 batched_positions=points,
-                batched_colors=_bytes(np.array(colour)),
+                batched_colors=sent_colour(np.array(colour)),
                 lod="off",
                 cast_shadow=False,
                 receive_shadow=False,
@@ -204,7 +207,7 @@ class Stage:
                 f"/{_plain(group)}/{_plain(name)}",
                 mesh.vertices,
                 mesh.faces,
-                color=tuple(_bytes(np.array(colour)).tolist()),
+                color=colour,  # of a single mesh: sRGB
                 opacity=opacity,
                 flat_shading=True,
                 side="double",
@@ -260,10 +263,6 @@ def fitted(angle: float, width: int, height: int) -> float:
 
 def _plain(name: str) -> str:
     return re.sub(r"\W+", "_", name)
-
-
-def _bytes(colours: Float[np.ndarray, "*n 3"]) -> np.ndarray:
-    return np.rint(255 * colours).astype(np.uint8)
 
 
 def _quaternions(T: Float[np.ndarray, "n 4 4"]) -> Float[np.ndarray, "n 4"]:

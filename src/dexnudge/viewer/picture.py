@@ -19,6 +19,7 @@ from dexnudge.viewer.visual_scene import (
     CONTACT_RADIUS,
     CREASE_ANGLE,
     PALETTE,
+    ROBOT,
     SEE_THROUGH,
     Colour,
     Part,
@@ -68,7 +69,7 @@ EDGE_COLOUR = (0.45, 0.50, 0.57)  # sRGB
 Triangles = Shaped[np.ndarray, " face"]  # of type TRIANGLE
 
 
-def linear_colour(srgb: Colour) -> Float[np.ndarray, "3"]:
+def linear_colour(srgb: Colour | Float[np.ndarray, "*n 3"]) -> Float[np.ndarray, "*n 3"]:
     """Return the linear light of an sRGB colour (IEC 61966-2-1)."""
     value = np.asarray(srgb)
     return np.where(value <= 0.04045, value / 12.92, ((value + 0.055) / 1.055) ** 2.4)
@@ -92,7 +93,7 @@ def ray_scene(
     for part, hides in zip(scene.with_role(*SEE_THROUGH), found, strict=True):
         placed, mesh = _triangles(part), part.mesh_in_world()
         see_through = hides | (part.role == "unseen")
-        (casting if part.role in ("base", "arm") else blocking).append(placed[~see_through])
+        (casting if part.role in ROBOT else blocking).append(placed[~see_through])
         # The back of a closed body cannot be seen, and shows as soon as its front is glass; an open one has two sides.
         towards = np.einsum("ij,ij->i", mesh.face_normals, camera.position - mesh.triangles_center) > 0
         facing = towards if part.mesh.is_watertight else np.ones_like(towards)
