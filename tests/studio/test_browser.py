@@ -67,3 +67,30 @@ def test_a_picture_is_downloaded_and_the_object_has_its_colour(studio, browser, 
     colours, counts = np.unique(orange, axis=0, return_counts=True)
     assert counts.max() > 500  # its upper side
     assert colours[counts.argmax()] == pytest.approx(255 * np.array(PALETTE["object"]), abs=20)
+
+
+# Of viser's own camera: the vertical angle of view [rad], and width and height of what it fills [pixels].
+CAMERA = """() => {
+  const { cameraControl, canvas } = window.__viserMutable;
+  return [cameraControl.camera.fov * Math.PI / 180, canvas.clientWidth, canvas.clientHeight];
+}"""
+FITTED = """([width, tangent]) => {
+  const { cameraControl, canvas } = window.__viserMutable;
+  const seen = Math.tan(cameraControl.camera.fov * Math.PI / 360) * canvas.clientWidth / canvas.clientHeight;
+  return canvas.clientWidth < width && Math.abs(seen / tangent - 1) < 0.01;
+}"""
+AS_BEFORE = "angle => Math.abs(window.__viserMutable.cameraControl.camera.fov * Math.PI / 180 - angle) < 0.002"
+
+
+def test_a_window_that_narrows_goes_on_showing_the_same_width(studio, browser):
+    with browser.opened_page(studio.url, size=(1200, 600)) as page:
+        browser.first_frame(page)
+        angle, width, height = page.evaluate(CAMERA)
+        assert width / height > 4 / 3
+        page.set_viewport_size({"width": 800, "height": 600})
+        page.wait_for_function(FITTED, arg=[width, np.tan(angle / 2) * 4 / 3])
+        narrow, width, height = page.evaluate(CAMERA)
+        assert width / height < 4 / 3
+        assert narrow > angle + 0.05
+        page.set_viewport_size({"width": 1200, "height": 600})
+        page.wait_for_function(AS_BEFORE, arg=angle)
