@@ -1,3 +1,5 @@
+import tracemalloc
+
 import numpy as np
 import pytest
 import trimesh
@@ -6,7 +8,7 @@ from PIL import Image
 import dexnudge as dn
 from dexnudge.errors import InputError, OutputError
 from dexnudge.viewer.camera import Camera, choose_camera
-from dexnudge.viewer.picture import render_array, render_png
+from dexnudge.viewer.picture import ray_scene, render_array, render_png
 from dexnudge.viewer.visual_scene import PALETTE, Part, VisualScene, legend, visual_scenes
 
 SIZE = (200, 150)
@@ -149,6 +151,20 @@ def test_same_drawing_same_bytes_on_any_number_of_cores(monkeypatch):
     np.testing.assert_array_equal(render_array(shown, size=SIZE), first)
     monkeypatch.setattr("dexnudge.viewer.picture.thread_count", lambda: 1)
     np.testing.assert_array_equal(render_array(shown, size=SIZE), first)
+
+
+def test_triangles_are_packed_with_few_copies():
+    ball = Part("ball", "object", trimesh.creation.icosphere(subdivisions=6, radius=0.05), np.eye(4))
+    shown, camera = VisualScene((ball,), np.zeros((0, 3)), np.array([0, 1.0, 0])), looking_along_y(0.5)
+    ray_scene(shown, camera)  # what the mesh keeps is made
+    tracemalloc.start()
+    try:
+        _, trees = ray_scene(shown, camera)
+        most = tracemalloc.get_traced_memory()[1]
+        assert len(trees) == 3
+        assert most < 600 * len(ball.mesh.faces)  # [bytes]; a triangle takes 92 in the table and 48 in each tree
+    finally:
+        tracemalloc.stop()
 
 
 @pytest.mark.parametrize("rows", [1, 7, 149])

@@ -82,10 +82,14 @@ def loading_libraries() -> Iterator[None]:
 def release_memory() -> None:
     """Give back what nothing holds any longer: meshes, which hold themselves in cycles, and what the C library keeps of it.
 
-    Python's collector counts objects and not bytes, so it hardly ever begins; and glibc keeps what was freed in pieces that
-    the next scene does not fit into.
+    Python's collector counts objects and not bytes, so it hardly ever begins.
     """
     gc.collect()
+    trim_memory()
+
+
+def trim_memory() -> None:
+    """Give back what was freed: glibc keeps it, in pieces that what comes next does not fit into."""
     if sys.platform == "linux" and (trim := getattr(ctypes.CDLL(None), "malloc_trim", None)):
         trim(0)
 

@@ -36,6 +36,7 @@ from dexnudge.hands.registry import load_hand
 from dexnudge.jobs.archives import read_arrays
 from dexnudge.jobs.folders import new_folder
 from dexnudge.jobs.json_files import MAX_TABLE_BYTES, read_json_object
+from dexnudge.jobs.processes import trim_memory
 from dexnudge.jobs.provenance import machine, peak_memory_mb, versions
 from dexnudge.planning.reach import Reach
 from dexnudge.plugins import call_foreign, load_plugin, plugin_title
@@ -217,6 +218,7 @@ def write_results(
     write_criteria(folder, samples.verdicts.criteria, samples.hand)
     start = time.perf_counter()
     samples.page(folder / PAGE, title=title)
+    trim_memory()
     samples.picture(folder / PICTURE)
     seconds = {**seconds, **samples.seconds, "picture": time.perf_counter() - start}
     summary = {

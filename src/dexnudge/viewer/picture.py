@@ -11,7 +11,7 @@ from PIL import Image, ImageDraw, ImageFont
 from dexnudge.errors import InputError, check_path, quote, writing
 from dexnudge.geometry.warp_runtime import WarpStruct, launch_in_threads, wp
 from dexnudge.jobs.cached import cached_per_instance
-from dexnudge.jobs.processes import thread_count
+from dexnudge.jobs.processes import thread_count, trim_memory
 from dexnudge.viewer.camera import Camera, choose_camera, hiding_faces
 from dexnudge.viewer.shading_kernel import LOOKED_AROUND, Pixels, shade_picture, trace_picture
 from dexnudge.viewer.trace_kernel import TRIANGLE, Geometry, Surface, Triangle, View, warp_mesh
@@ -106,16 +106,16 @@ def ray_scene(
     markers = [_triangles(Part("contact", "contact", ball, T_world_ball)) for T_world_ball in places]
     markers += [_triangles(part) for part in scene.with_role("support", "obstacle", "arrow")]
     seen = {"solid": solid, "glass": glass, "markers": [np.zeros(0, TRIANGLE), *markers]}
-    table = {name: np.concatenate(group) for name, group in seen.items()}
     geometry, trees = Geometry(), []
-    shadows = {"blocking": np.concatenate([*casting, *blocking]), "casting": np.concatenate(casting)}
-    for name, group in {**table, **shadows}.items():
-        if len(group):
-            trees.append(warp_mesh(group["corners"]))
+    for name, group in {**seen, "blocking": [*casting, *blocking], "casting": casting}.items():
+        corners = np.concatenate([each["corners"] for each in group])
+        if len(corners):
+            trees.append(warp_mesh(corners))
             setattr(geometry, name, trees[-1].id)
-    geometry.first_glass = len(table["solid"])
-    geometry.first_marker = geometry.first_glass + len(table["glass"])
-    geometry.triangles = wp.array(np.concatenate(list(table.values())), dtype=Triangle, device="cpu")
+    geometry.first_glass = sum(map(len, solid))
+    geometry.first_marker = geometry.first_glass + sum(map(len, glass))
+    table = np.concatenate([*solid, *glass, *seen["markers"]])
+    geometry.triangles = wp.array(table, dtype=Triangle, device="cpu", copy=False)
     return geometry, trees
 
 
@@ -148,7 +148,7 @@ def _edge_lines(mesh: trimesh.Trimesh, which: Bool[np.ndarray, " face"], camera:
 
 
 SIZE = (1280, 960)  # pixels, width and height
-BAND = 2**17  # pixels that are made at once: each takes 56 bytes until it is shown
+BAND = 2**16  # pixels that are made at once: each takes 56 bytes until it is shown
 LIGHT_TURN = -50.0  # [deg] of the key light to the left of the camera, so that shadows show shape
 LIGHT_ELEVATION = 55.0  # [deg]
 GAP = 6  # pixels of white between pictures that stand side by side
@@ -213,7 +213,9 @@ def render_png(scene: VisualScene, path: Path | str, *, size: tuple[int, int] | 
         OutputError: the file cannot be written.
     """
     check_png(path)
-    return write_png(with_legend(render_array(scene, size=size or SIZE), legend([scene])), path)
+    picture = render_array(scene, size=size or SIZE)
+    trim_memory()  # of what was traced
+    return write_png(with_legend(picture, legend([scene])), path)
 
 
 def with_legend(

@@ -139,6 +139,6 @@ def warp_mesh(triangles: Float[np.ndarray, "face 3 3"]) -> wp.Mesh:
     """Return a tree over triangles given by their corners [m]; at least one."""
     points = np.ascontiguousarray(triangles, dtype=np.float32).reshape(-1, 3)
     return wp.Mesh(
-        points=wp.array(points, dtype=wp.vec3, device="cpu"),
-        indices=wp.array(np.arange(len(points), dtype=np.int32), dtype=wp.int32, device="cpu"),
+        points=wp.array(points, dtype=wp.vec3, device="cpu", copy=False),
+        indices=wp.array(np.arange(len(points), dtype=np.int32), dtype=wp.int32, device="cpu", copy=False),
     )
