@@ -79,7 +79,8 @@ def test_what_a_run_cannot_have_is_named():
 
 
 def test_parts_and_methods_are_chosen():
-    some = replace(CONFIG, parts=("hard", "with_base"), methods=("steered_noise", "paper"))
+    plain = replace(CONFIG, grasp_weights=None, prediction_weights={})
+    some = replace(plain, parts=("hard", "with_base"), methods=("steered_noise", "paper"))
     assert [(part.folder, part.config.methods) for part in parts(some)] == [
         ("with_base", ("steered_noise", "paper")),
         ("hard", ("steered_noise",)),
@@ -91,7 +92,7 @@ def test_parts_and_methods_are_chosen():
     with pytest.raises(InputError, match=r"has the method 'nearest_pose'; expected some of .*needs `data`"):
         parts(replace(with_common(data=None), methods=("nearest_pose",)))
     with pytest.raises(InputError, match="grasps_only needs `grasp_weights`"):
-        parts(replace(CONFIG, grasp_weights=None, parts=("grasps_only",)))
+        parts(replace(plain, common=replace(COMMON, data=None), parts=("grasps_only",)))
 
 
 @pytest.fixture(scope="module")

@@ -116,6 +116,13 @@ def test_depth_is_rendered_of_the_tilted_world(shelf, tmp_path):
         ({"noise_mm": -1.0}, "`noise_mm` is -1; expected 0 to 10"),
         ({"tilt_deg": 45.0}, "`tilt_deg` is 45; expected 0 to 30"),
         ({"depth_views": 13}, "`depth_views` is 13; expected 0 to 12"),
+        (
+            {"depth_views": 2, "triangle_mm": 4.0},
+            (
+                "`triangle_mm` does nothing with `depth_views`, whose camera has its own noise; expected one of them; "
+                "leave `triangle_mm` out"
+            ),
+        ),
         ({"pose_mm": float("nan")}, "`pose_mm` is nan; expected 0 to 50"),
     ],
 )

@@ -10,8 +10,8 @@ from hostile.checkpoints import TRAIN, data
 from hostile.mutations import NAMES, NUMBERS
 
 HAND = ("--hand", MISSING_HAND)
-SCENE = ("scene", "phone", *HAND, "--out", "out")
-SAMPLE = ("sample", "phone", *HAND, "--out", "out")
+SCENE = ("scene", "phone", "--scene", "table", *HAND, "--out", "out")
+SAMPLE = ("sample", "phone", "--scene", "table", *HAND, "--out", "out")
 EVALUATE = ("evaluate", "--objects", "builtin:test", "--max-objects", "1", *HAND, "--out", "out")
 GENERATE = ("dataset", "generate", "--objects", "builtin:train:2", *HAND, "--out", "out")
 BIG = (
@@ -145,6 +145,16 @@ def handmade() -> list[Hostile]:
     numbers = [
         case(f"{command[0]} {option} {value[:30]}", (*command, f"{option}={value}"), "refused")
         for command, option, value in refused
+    ]
+    numbers += [
+        case(f"idle: {' '.join(words)}", (*command, *words), "refused", "does nothing")
+        for command, words in (
+            (SAMPLE, ("--method", "random_start_projection", "--weights", "x")),
+            (SAMPLE, ("--method", "unguided", "--projection-report")),
+            (EVALUATE, ("--method", "random_start_projection", "--weights", "x")),
+            (EVALUATE, ("--scan", "--depth-views", "2", "--noise-mm", "1")),
+            (("execute", "x"), ("--then-grasp", "--workers", "3")),
+        )
     ]
     paths = [
         case(f"{what[0]} {command[0]}: {path[:30]}", tuple(each.replace("{}", path) for each in command))

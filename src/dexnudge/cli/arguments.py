@@ -84,6 +84,24 @@ def refuse_without(other: str, options: Any, *names: str) -> None:
         raise InputError(f"`{name}` is given without `{other}`; expected both; add `{other}`, or leave it out")
 
 
+def refuse_beside(other: str, options: Any, *names: str) -> None:
+    """Refuse options that do nothing beside what the caller found given, `other` in words.
+
+    Raises:
+        InputError: names the first of `names` that differs from its default.
+    """
+    for name in given(options, *names):
+        raise InputError(f"`{name}` does nothing with {other}; expected one of them; leave `{name}` out")
+
+
+def refuse_unused_weights(options: Any, methods: Sequence[str]) -> None:
+    """Refuse `weights` where no method draws from a model; InputError."""
+    from dexnudge.sampling.methods import find_method
+
+    if all(find_method(method).start != "prior" for method in methods):
+        refuse_beside(f"`method` {', '.join(methods)}, which draws from no model", options, "weights")
+
+
 Settings = TypeVar("Settings")
 
 

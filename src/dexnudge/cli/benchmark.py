@@ -17,6 +17,7 @@ from dexnudge.cli.arguments import (
     check_at_least,
     counted,
     metavar,
+    refuse_without,
     say,
 )
 
@@ -42,6 +43,8 @@ class MakeBenchmark(MeshOptions):
         from dexnudge.benchmark.suite import load_suite
         from dexnudge.benchmark.tasks import TASKS, make_tasks
 
+        if self.objects is None:
+            refuse_without("objects", self, "units", "length")
         suite = load_suite(self.suite)
         with counted("tasks") as show:
             made = make_tasks(

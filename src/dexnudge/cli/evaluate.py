@@ -22,6 +22,7 @@ from dexnudge.cli.arguments import (
     check_at_least,
     given,
     metavar,
+    refuse_unused_weights,
     refuse_without,
     say,
     settings,
@@ -103,6 +104,8 @@ class Evaluate(DeviceOptions, EngineOptions, SetOptions):
             refuse_without("scan", self.scans)
         with_scan = ("then_grasp", "execute_num", "execute_errors", "open_loop")
         with_arm = ("scan", "attempts", "execute_num", "execute_errors", "open_loop")
+        if not self.then_grasp:  # which draws grasps
+            refuse_unused_weights(self, self.method)
         for one, there, others in (("scan", self.scan, with_scan), ("arm", self.robot.arm, with_arm)):
             for other in given(self, *others) if there else ():
                 raise InputError(

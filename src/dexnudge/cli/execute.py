@@ -18,6 +18,7 @@ from dexnudge.cli.arguments import (
     check_at_least,
     counted,
     out_folder,
+    refuse_beside,
     refuse_without,
     say,
     stdout,
@@ -80,6 +81,8 @@ class Execute:
             )
         if not self.then_grasp:
             refuse_without("then_grasp", self, "attempts", "seed", "weights")
+        else:
+            refuse_beside("`then_grasp`, which is one simulation", self, "workers")
         given = Path(self.folder)
         is_plan = given.name == "plan.json" or (given / "plan.json").is_file()
         play = self._plan if is_plan else self._then_grasp if self.then_grasp else self._push
@@ -96,6 +99,7 @@ class Execute:
         """Play the plan of the folder in a model made anew of its robot and scene; world.xml is for other simulators."""
         if self.top != 1:
             raise InputError("`top` was given with a plan, which is one way of one configuration; leave it out")
+        refuse_beside("a plan, which is played as it is", self, "workers", "open_loop")
         from dexnudge.execution.folder import PUSH_FOLDER
         from dexnudge.trajectories.plan_episode import execute_plan
         from dexnudge.trajectories.plan_folder import load_plan
@@ -104,7 +108,10 @@ class Execute:
         out = out_folder(self.out, folder / PUSH_FOLDER, overwrite=self.overwrite)
         with counted("executing"):
             plan = load_plan(folder)
-            if self.then_grasp and plan.phases[-1].name != "lift":
+            lifts = plan.phases[-1].name == "lift"
+            if lifts:
+                refuse_beside("a plan that lifts the object itself", self, "attempts", "seed", "weights")
+            if self.then_grasp and not lifts:
                 episode, why = self._going_on(plan)
             else:
                 episode, why = execute_plan(plan), ""

@@ -22,6 +22,8 @@ from dexnudge.cli.arguments import (
     counted,
     metavar,
     out_folder,
+    refuse_beside,
+    refuse_unused_weights,
     say,
     with_flags,
 )
@@ -113,6 +115,9 @@ class Sample(DeviceOptions, SceneOptions):
         terms = [find_term(name, weight=weight) for name, weight in weights.items() if name != ReachTerm.name]
         criteria = named_criteria(self.plugins.criterion)
         method = find_method(self.method).with_weights(self.losses.given())
+        refuse_unused_weights(self, [self.method])
+        if method.projection is None:
+            refuse_beside(f"`method` {self.method}, which projects nothing", self, "projection_report")
         start = time.perf_counter()
         name, scene = self.build()
         scene = replace(scene, uncertainty=uncertainty or scene.uncertainty)

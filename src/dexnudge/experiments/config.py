@@ -61,6 +61,7 @@ class ExperimentConfig:
 
 MOST_VIEWS = 12
 LARGEST = {"noise_mm": 10.0, "tilt_deg": 30.0, "pose_mm": 50.0, "pose_deg": 45.0, "triangle_mm": 200.0}
+OF_MESHES = ("noise_mm", "triangle_mm", "rounding_mm")  # of scans that depth images do not stand for
 
 
 @dataclass(frozen=True, kw_only=True)
@@ -94,6 +95,11 @@ class ScanErrors:
             value, most = getattr(self, each.name), LARGEST.get(each.name, MOST_VIEWS)
             if not 0 <= value <= most:
                 raise InputError(f"`{each.name}` is {value:g}; expected 0 to {most:g}")
+            if self.depth_views and each.name in OF_MESHES and value != each.default:
+                raise InputError(
+                    f"`{each.name}` does nothing with `depth_views`, whose camera has its own noise; expected one of them; "
+                    f"leave `{each.name}` out"
+                )
 
 
 class TrialKey(NamedTuple):

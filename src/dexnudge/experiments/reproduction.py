@@ -180,6 +180,16 @@ def parts(config: ReproductionConfig) -> list[Part]:
     for name in config.named_parts if config.parts is None else config.parts:
         if name not in PARTS:
             raise UnknownNameError(f"unknown part {name!r}; expected some of {', '.join(PARTS)}")
+    for option, given, needs in (
+        ("grasp_weights", config.grasp_weights, (GRASPS_ONLY,)),
+        ("prediction_weights", config.prediction_weights, (PREDICTIONS,)),
+        ("data", config.common.data, (WITH_BASE,)),
+    ):
+        if given and not {*needs} & {*config.named_parts}:
+            raise InputError(
+                f"`{option}` is given without the part {needs[0]}, which alone uses it; expected both; add {needs[0]} to "
+                "`parts`, or leave it out"
+            )
     every = _all_parts(config)
     offered = list(dict.fromkeys(method for part in every for method in part.config.methods))
     for method in config.methods or ():
