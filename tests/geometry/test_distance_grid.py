@@ -129,6 +129,32 @@ def with_hole() -> trimesh.Trimesh:
     return mesh
 
 
+def top() -> trimesh.Trimesh:
+    mesh = trimesh.creation.box(bounds=[[-0.15, -0.1, -0.04], [0.2, 0.1, -0.03]]).subdivide_to_size(0.03)
+    mesh.update_faces(mesh.face_normals[:, 2] > 0.5)
+    return mesh
+
+
+def torn(share: float) -> trimesh.Trimesh:
+    """Boards without some of their triangles."""
+    mesh = boxes(
+        ((-0.05, -0.05, 0.0), (0.05, 0.05, 0.03)), ((-0.05, -0.02, 0.04), (0.05, 0.05, 0.06))
+    ).subdivide_to_size(0.02)
+    mesh.update_faces(np.random.default_rng(0).random(len(mesh.faces)) > share)
+    return mesh
+
+
+def turned(share: float) -> trimesh.Trimesh:
+    """Boards some of whose triangles are the other way round."""
+    mesh = torn(0.0)
+    other = np.random.default_rng(0).random(len(mesh.faces)) < share
+    return trimesh.Trimesh(mesh.vertices, np.where(other[:, None], mesh.faces[:, ::-1], mesh.faces), process=False)
+
+
+def triangles_apart(mesh: trimesh.Trimesh) -> trimesh.Trimesh:
+    return trimesh.Trimesh(mesh.triangles.reshape(-1, 3), np.arange(3 * len(mesh.faces)).reshape(-1, 3), process=False)
+
+
 BOARDS = {
     "two boards, one thinner than a cell": lambda: boxes(
         ((-0.05, -0.05, -0.03), (0.05, 0.05, -0.01)), ((-0.06, -0.04, 0.02), (0.05, 0.05, 0.0215))
@@ -142,6 +168,9 @@ BOARDS = {
     "as large as the grid": lambda: boxes(((-0.2, -0.2, -0.2), (0.2, 0.2, 0.2))),
     "far away": lambda: boxes(((0.5, -0.2, -0.2), (0.6, 0.2, 0.2))),
     "sphere with a hole": with_hole,
+    "table's top, and boards with holes everywhere": lambda: trimesh.util.concatenate([top(), torn(0.05)]),
+    "triangles that share no corner": lambda: triangles_apart(with_hole()),
+    "triangles that disagree about the outside": lambda: turned(0.02),
     "boards of which one is inside out": lambda: trimesh.util.concatenate(
         [boxes(((-0.05, -0.05, -0.03), (0.05, 0.05, -0.01))), inside_out(((-0.05, -0.05, 0.0), (0.05, 0.05, 0.03)))]
     ),

@@ -10,7 +10,7 @@ from typing import Any
 
 import numpy as np
 import trimesh
-from jaxtyping import Float, Int, Num
+from jaxtyping import Bool, Float, Int, Num
 
 from dexnudge.geometry.warp_runtime import launch_in_threads, wp
 
@@ -210,6 +210,12 @@ class ExactDistance:
         Then the sign can change only where the distance is 0.
         """
         return bool(self.mesh.is_watertight and self.mesh.is_winding_consistent)
+
+    def in_box(self, points: Float[np.ndarray, "n 3"]) -> Bool[np.ndarray, " n"]:
+        """Return which points [m] are not beyond the mesh's bounding box, where every place is outside."""
+        local = (points - self.origin).astype(np.float32)
+        low, high = np.asarray(self._low), np.asarray(self._high)
+        return ((local >= low) & (local <= high)).all(axis=1)
 
     def packed(self) -> tuple[Any, Any, Any]:
         """Return what `signed_nearest` takes: the mesh about `origin`, and its bounds."""
