@@ -4,8 +4,8 @@ import numpy as np
 import pytest
 import trimesh
 
-from dexnudge.geometry.exact_distance import ExactDistance
-from dexnudge.geometry.steady_sign import open_edges, steady_signs
+from dexnudge.geometry.exact_distance import ExactDistance, open_edges
+from dexnudge.geometry.steady_sign import steady_signs
 
 WITHIN = 0.01  # [m]
 

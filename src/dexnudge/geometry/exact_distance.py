@@ -6,6 +6,7 @@ how far one can go.
 """
 
 from dataclasses import dataclass
+from functools import cached_property
 from typing import Any
 
 import numpy as np
@@ -186,6 +187,17 @@ def _distances(
     distance[i] = d
 
 
+def open_edges(mesh: trimesh.Trimesh) -> tuple[Float[np.ndarray, "edge 2 3"], Int[np.ndarray, " edge"]]:
+    """Return the edges [m] along which a surface ends, and how often: triangles run along them more in one direction."""
+    pairs = np.asarray(mesh.faces, dtype=np.int64)[:, [0, 1, 1, 2, 2, 0]].reshape(-1, 2)
+    forward = pairs[:, 0] < pairs[:, 1]
+    _, first, edge = np.unique(
+        pairs.min(axis=1) * len(mesh.vertices) + pairs.max(axis=1), return_index=True, return_inverse=True
+    )
+    times = np.abs(np.bincount(edge, np.where(forward, 1, -1))).astype(np.int64)
+    return np.asarray(mesh.vertices)[pairs[first[times > 0]]], times[times > 0]
+
+
 class ExactDistance:
     """Signed distance of points to one mesh [m], exact to single precision, negative inside.
 
@@ -210,6 +222,11 @@ class ExactDistance:
         Then the sign can change only where the distance is 0.
         """
         return bool(self.mesh.is_watertight and self.mesh.is_winding_consistent)
+
+    @cached_property
+    def open_edges(self) -> tuple[Float[np.ndarray, "edge 2 3"], Int[np.ndarray, " edge"]]:
+        """What `open_edges` finds of the mesh."""
+        return open_edges(self.mesh)
 
     def in_box(self, points: Float[np.ndarray, "n 3"]) -> Bool[np.ndarray, " n"]:
         """Return which points [m] are not beyond the mesh's bounding box, where every place is outside."""

@@ -6,7 +6,6 @@ boundary). A closed surface ends nowhere, and w changes at the surface alone.
 """
 
 import numpy as np
-import trimesh
 from jaxtyping import Float, Int
 
 from dexnudge.geometry.exact_distance import (
@@ -17,24 +16,11 @@ from dexnudge.geometry.exact_distance import (
     surface_nearest,
 )
 from dexnudge.geometry.warp_runtime import launch_in_threads, wp
-from dexnudge.jobs.cached import cached_per_instance
 
 ROUGHNESS = wp.constant(0.05)  # of w: more than twice what the fast winding number is off
 MOST_CHANGE = wp.constant(2.0)  # of w, from which on it may as well be anything
 LONGEST_PIECE = 0.1  # [m] of an edge
 ROUND = wp.constant(4.0 * np.pi)
-
-
-@cached_per_instance
-def open_edges(mesh: trimesh.Trimesh) -> tuple[Float[np.ndarray, "edge 2 3"], Int[np.ndarray, " edge"]]:
-    """Return the edges [m] along which a surface ends, and how often: triangles run along them more in one direction."""
-    pairs = np.asarray(mesh.faces, dtype=np.int64)[:, [0, 1, 1, 2, 2, 0]].reshape(-1, 2)
-    forward = pairs[:, 0] < pairs[:, 1]
-    _, first, edge = np.unique(
-        pairs.min(axis=1) * len(mesh.vertices) + pairs.max(axis=1), return_index=True, return_inverse=True
-    )
-    times = np.abs(np.bincount(edge, np.where(forward, 1, -1))).astype(np.int64)
-    return np.asarray(mesh.vertices)[pairs[first[times > 0]]], times[times > 0]
 
 
 @wp.kernel(enable_backward=False)
@@ -76,7 +62,7 @@ def steady_signs(exact: ExactDistance, points: Float[np.ndarray, "n 3"], *, with
 
     Inside: by the winding number. Beyond the mesh's bounding box, `ExactDistance` takes every place for outside.
     """
-    middle, length, times = _pieces(*open_edges(exact.mesh))
+    middle, length, times = _pieces(*exact.open_edges)
     given = {
         "middle": (middle - exact.origin, wp.vec3),
         "length": (length, float),
