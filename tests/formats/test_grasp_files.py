@@ -184,9 +184,14 @@ def test_wrong_records_of_bodex_are_told(box_samples, tmp_path):
     unnormalised, not_finite = content["robot_pose"].copy(), content["robot_pose"].copy()
     unnormalised[0, 0, 1, 3:7] *= 1.1
     not_finite[0, 0, 1, 0] = np.inf
+    far, bent = content["robot_pose"].copy(), content["robot_pose"].copy()
+    far[0, 0, 1, 0], bent[0, 0, 1, 7] = 1e30, 1e30
     for change, message in (
         ({"robot_pose": unnormalised}, "unit quaternion"),
         ({"robot_pose": not_finite}, "finite numbers"),
+        ({"robot_pose": far}, "more than 1000 m away"),
+        ({"obj_pose": np.array([[1e300, 0.0, 0.0, 1.0, 0.0, 0.0, 0.0]])}, "more than 1000 m away"),
+        ({"robot_pose": bent}, "a joint angle is NaN, infinite or above 1000"),
         ({"robot_pose": content["robot_pose"][0]}, "shape"),
         ({"joint_names": ["one", "one", "three", "four"]}, "has twice 'one'"),
         ({"joint_names": 3}, "list of names"),

@@ -35,6 +35,8 @@ MODULES = (
     "plans",
     "options",
     "plugins",
+    "grasps",
+    "entries",
 )
 """Each has DRAWS, by reader, and HANDMADE."""
 REAL = 200  # one input in so many is run by a Python of its own
@@ -45,6 +47,8 @@ KINDS = {
     "datasets": ("dataset",),
     "depth images and point clouds": ("depth", "cloud npy", "cloud pcd", "cloud ply"),
     "episodes": ("episode",),
+    "grasps of other tools": ("grasps",),
+    "entries of a benchmark": ("entry",),
     "hands' descriptions": ("urdf", "mjcf", "xacro", "yaml"),
     "models": ("model",),
     "object meshes": ("obj", "stl", "ply", "off", "glb", "dae"),

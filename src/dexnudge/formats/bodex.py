@@ -21,6 +21,7 @@ from scipy.spatial.transform import Rotation
 from dexnudge.errors import InputError
 from dexnudge.formats.hand_poses import check_scale, checked_configurations, object_scale, palm_poses
 from dexnudge.formats.object_arrays import read_object_array, write_object_array
+from dexnudge.geometry.rigid import FARTHEST
 from dexnudge.geometry.transforms import transform_configurations
 from dexnudge.hands.export import obj_text
 from dexnudge.hands.hand import ROOT_COORDINATES, Hand
@@ -150,6 +151,8 @@ def _matrices(seven: Float[np.ndarray, "n seven"], where: str) -> Float[np.ndarr
         raise InputError(
             f"{where}: a pose is no position and unit quaternion wxyz; expected 7 numbers, the last 4 of length 1"
         )
+    if np.abs(seven[:, :3]).max() > FARTHEST:
+        raise InputError(f"{where}: a pose is more than {FARTHEST:g} m away; expected metres")
     poses = np.tile(np.eye(4), (len(seven), 1, 1))
     poses[:, :3, :3] = Rotation.from_quat(seven[:, 3:], scalar_first=True).as_matrix()
     poses[:, :3, 3] = seven[:, :3]

@@ -7,7 +7,7 @@ import numpy as np
 from jaxtyping import Float
 
 from dexnudge.errors import InputError, SceneError, quote
-from dexnudge.geometry.rigid import real_numbers, rigid_transform
+from dexnudge.geometry.rigid import FARTHEST, real_numbers, rigid_transform
 from dexnudge.hands.hand import Hand
 from dexnudge.planning.hand_motion import palm_pose
 
@@ -62,8 +62,8 @@ def configurations(
         except SceneError as error:
             wrong[row] = str(error)
             continue
-        if not np.isfinite(joints).all():
-            wrong[row] = "a joint angle is NaN or infinite; expected finite numbers"
+        if not (np.abs(joints) <= FARTHEST).all():
+            wrong[row] = f"a joint angle is NaN, infinite or above {FARTHEST:g}; expected radians, or metres"
             continue
         q[row] = np.concatenate([pose[:3, 3], pose[:3, 0], pose[:3, 1], joints[columns]])
     return q, wrong
