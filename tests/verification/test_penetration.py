@@ -11,6 +11,7 @@ from dexnudge.geometry.surface_lattice import surface_lattice
 from dexnudge.hands.hand import Hand
 from dexnudge.scenes.scene import Scene
 from dexnudge.verification.penetration import PenetrationCheck, Penetrations
+from dexnudge.verification.verdicts import verify, verify_in
 
 
 def measure(hand: Hand, scene: Scene, q: np.ndarray) -> Penetrations:
@@ -164,3 +165,39 @@ def test_a_batch_gives_what_its_members_give(boxy_hand: Hand, block_scene: Scene
         assert alone.environment[0] == together.environment[row]
         assert alone.self_collision[0] == together.self_collision[row]
     assert len(measure(boxy_hand, block_scene, q[:0]).object) == 0
+
+
+def test_several_scenes_give_what_each_gives_and_share_what_they_can(
+    boxy_hand: Hand, block_scene: Scene, upright: np.ndarray, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    calls = []
+    measured = PenetrationCheck.in_environment
+
+    def noted(check: PenetrationCheck, T_world_link: np.ndarray) -> np.ndarray:
+        calls.append(check)
+        return measured(check, T_world_link)
+
+    monkeypatch.setattr(PenetrationCheck, "in_environment", noted)
+    higher = np.array(block_scene.T_world_object)
+    higher[2, 3] += 0.002
+    raised = block_scene.environment_mesh.copy()
+    raised.apply_translation([0.0, 0.0, 0.001])
+    q = np.stack([at(upright, [0.2, 0.0, z], one=angle) for z in (0.07, 0.09, 0.12) for angle in (0.0, 0.6)])
+    q[-1] = np.nan  # no pose
+    scenes = [
+        block_scene,
+        replace(block_scene, T_world_object=higher),
+        replace(block_scene, clearance=0.002),
+        replace(block_scene, environment_mesh=raised),
+    ]
+    together = verify_in(scenes, boxy_hand, q)
+    assert len(calls) == 3  # the second has the first one's surroundings
+    for scene, found in zip(scenes, together, strict=True):
+        alone = verify(scene, boxy_hand, q)
+        for name, values in alone.values.items():
+            np.testing.assert_array_equal(found.values[name], values)
+        assert found.reasons == alone.reasons
+    depths = [found.values["penetration_environment"][0] for found in together]
+    assert depths[0] == depths[1] > 0
+    np.testing.assert_allclose([depths[2] - depths[0], depths[3] - depths[0]], [0.002, 0.001], atol=1e-6)
+    assert verify_in([], boxy_hand, q) == []

@@ -17,7 +17,7 @@ from dexnudge.scenes.scene import Scene
 from dexnudge.scenes.support_contacts import carrying_normal, touching_contacts
 from dexnudge.scenes.uncertainty import Uncertainty
 from dexnudge.verification.measurements import contact_margins
-from dexnudge.verification.verdicts import Verdicts, verify
+from dexnudge.verification.verdicts import Verdicts, verify_in
 
 MEASURED = Uncertainty(pose_mm=2.0, pose_deg=1.0, height_mm=0.3)
 """By which the pose of an object in measured surroundings is off: from depth images or a matched scan, and their planes."""
@@ -84,10 +84,8 @@ def share_of_worlds(
         share[verified] = held
         return share
     tried = verified[np.argsort(-held, kind="stable")][:TRIED_DRAWS]
-    worlds = sampled_worlds(scene, uncertainty)
-    share[tried] = 0.0
-    for world in worlds:
-        share[tried] += verify(world, hand, q[tried], verdicts.criteria or None).success / len(worlds)
+    found = verify_in(sampled_worlds(scene, uncertainty), hand, q[tried], verdicts.criteria or None)
+    share[tried] = np.sum([each.success / len(found) for each in found], axis=0)
     return share
 
 

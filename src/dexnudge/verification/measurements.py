@@ -30,7 +30,7 @@ class Measurements:
     def penetrations(self) -> Penetrations:
         """Depths in object, surroundings and itself [m]."""
         check = PenetrationCheck(self._hands.hand, self._scene, device=self._device)
-        found = check(self._T_world_link, reach=HAND_CONTACT_DISTANCE)
+        found = check(self._T_world_link, reach=HAND_CONTACT_DISTANCE, known=self._hands.derived)
         for depths in (found.object, found.environment, found.self_collision):
             depths.flags.writeable = False  # all criteria see them
         return found

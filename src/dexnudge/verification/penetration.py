@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 from dataclasses import dataclass
+from typing import Any
 
 import numpy as np
 import trimesh
@@ -93,15 +94,28 @@ class PenetrationCheck:
         self._hand = hand_solids(hand, device=device)
         self._T_object_world = np.linalg.inv(scene.T_world_object)
         self._scene, self._clearance = scene_solids(scene, device=device), scene.clearance
+        self._environment = scene.environment_mesh
 
-    def __call__(self, T_world_link: Float[np.ndarray, "n link 4 4"], *, reach: float) -> Penetrations:
-        """Return the penetrations for the poses of the links; `reach` [m] is how far `near_object` looks."""
+    def __call__(
+        self, T_world_link: Float[np.ndarray, "n link 4 4"], *, reach: float, known: dict[Any, Any] | None = None
+    ) -> Penetrations:
+        """Return the penetrations for the poses of the links; `reach` [m] is how far `near_object` looks.
+
+        known: what was found for the same poses in other scenes; depths without the object's part come from there.
+        """
         if len(T_world_link) == 0:
             nothing = np.zeros(0)
             empty = np.zeros(0, dtype=np.int64)
             return Penetrations(nothing, nothing, nothing, PointHits(empty, empty, nothing, *np.zeros((2, 0, 3))))
+        known = {} if known is None else known
+        mesh = self._environment
+        if (PenetrationCheck, id(mesh), self._clearance) not in known:  # beside the mesh, so that no other has its id
+            known[PenetrationCheck, id(mesh), self._clearance] = mesh, self.in_environment(T_world_link)
+        if PenetrationCheck not in known:
+            known[PenetrationCheck] = self.in_itself(T_world_link)
         object_depth, near_object = self.in_object(T_world_link, reach)
-        return Penetrations(object_depth, self.in_environment(T_world_link), self.in_itself(T_world_link), near_object)
+        environment_depth = known[PenetrationCheck, id(mesh), self._clearance][1]
+        return Penetrations(object_depth, environment_depth, known[PenetrationCheck], near_object)
 
     def in_object(
         self, T_world_link: Float[np.ndarray, "n link 4 4"], reach: float = 0.0

@@ -166,25 +166,49 @@ def verify(
         InputError: an argument of another class, q that is not of shape (n, 9 + d), or a criterion that fails or returns
             what does not fit.
     """
-    check_kind("scene", scene, Scene, 'build_scene("table", "phone")')
+    return verify_in([scene], hand, q, criteria, device=device)[0]
+
+
+def verify_in(
+    scenes: Sequence[Scene],
+    hand: Hand,
+    q: Float[np.ndarray, "n coordinates"] | Float[Tensor, "n coordinates"],
+    criteria: Sequence[Criterion] | None = None,
+    *,
+    device: str = "cpu",
+) -> list[Verdicts]:
+    """Return the verdicts on the same configurations in each of several scenes; see `verify`.
+
+    Where scenes share their surroundings, as those of a displaced object do, depths in these are measured once.
+    """
+    for scene in scenes:
+        check_kind("scene", scene, Scene, 'build_scene("table", "phone")')
     check_kind("hand", hand, Hand, 'load_hand("shadow_lite")')
     q, device = _checked(hand, q), check_device(device)
-    chosen = check_criteria(criteria)
-    error, valid, sentence = judge(VALID_POSE, HandBatch(hand, torch.from_numpy(q).to(device), dense=True), scene)
+    chosen, every = check_criteria(criteria), HandBatch(hand, torch.from_numpy(q).to(device), dense=True)
+    if not scenes:
+        return []
+    valid = judge(VALID_POSE, every, scenes[0])[1]
+    posed = every if valid.all() else HandBatch(hand, torch.from_numpy(q[valid]).to(device), dense=True)
+    return [_verdicts(scene, every, posed, chosen) for scene in scenes]
+
+
+def _verdicts(scene: Scene, every: HandBatch, posed: HandBatch, criteria: Sequence[Criterion]) -> Verdicts:
+    """Return the verdicts on every hand, of which those with valid poses are judged further."""
+    error, valid, sentence = judge(VALID_POSE, every, scene)
     values, passed = {VALID_POSE.name: error}, {VALID_POSE.name: valid}
     sentences = {} if valid.all() else {VALID_POSE.name: sentence}
-    hands = HandBatch(hand, torch.from_numpy(q[valid]).to(device), dense=True)
-    for criterion in chosen[1:]:
+    for criterion in criteria[1:]:
         name = criterion.name
-        values[name] = np.full(len(q), getattr(criterion, "value_without_pose", np.nan))
-        passed[name] = np.zeros(len(q), dtype=bool)
-        if not len(hands):
+        values[name] = np.full(len(every), getattr(criterion, "value_without_pose", np.nan))
+        passed[name] = np.zeros(len(every), dtype=bool)
+        if not len(posed):
             continue
-        values[name][valid], passed[name][valid], sentence = judge(criterion, hands, scene)
+        values[name][valid], passed[name][valid], sentence = judge(criterion, posed, scene)
         if not passed[name][valid].all():
             sentences[name] = sentence
-    contacts, links = _contacts(hands, scene, valid)
-    reasons = [next((name for name, ok in passed.items() if not ok[row]), "") for row in range(len(q))]
+    contacts, links = _contacts(posed, scene, valid)
+    reasons = [next((name for name, ok in passed.items() if not ok[row]), "") for row in range(len(every))]
     return Verdicts(
         success=np.array([not reason for reason in reasons], dtype=bool),
         reasons=reasons,
@@ -192,7 +216,7 @@ def verify(
         contacts=contacts,
         contact_links=links,
         sentences=sentences,
-        criteria=tuple(chosen),
+        criteria=tuple(criteria),
     )
 
 
