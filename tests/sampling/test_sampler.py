@@ -18,6 +18,7 @@ from dexnudge.errors import CheckpointError, InputError, UnknownNameError
 from dexnudge.hands.export import export_hand
 from dexnudge.hands.registry import load_hand
 from dexnudge.results.samples import Sample, Samples
+from dexnudge.sampling import sampler as sampler_module
 from dexnudge.sampling.methods import METHODS
 from dexnudge.sampling.sampler import MEMORY_PER_HAND, MEMORY_SHARE, Sampler, call_seed
 from dexnudge.verification.verdicts import verify
@@ -157,6 +158,19 @@ def test_a_search_ends_where_nothing_can_be_verified(sampler, scene, problem):
     blocked = replace(problem, balances=())
     found = sampler.sample(scene, problem=blocked, method=RANDOM, verified=40, num=4, seed=3)
     assert len(found) == 4
+
+
+def test_what_verification_needs_of_a_hand_is_made_while_little_is_held(hand, prior, scene, monkeypatch):
+    steps, made = [], sampler_module.hand_solids
+    monkeypatch.setattr(
+        sampler_module, "hand_solids", lambda *args, **options: steps.append("hand") or made(*args, **options)
+    )
+    prepared = sampler_module.PreparedScene.__call__
+    monkeypatch.setattr(
+        sampler_module.PreparedScene, "__call__", lambda *args: steps.append("scene") or prepared(*args)
+    )
+    Sampler(hand, weights=prior).sample(scene, num=1, method=RANDOM)
+    assert steps == ["hand", "scene"]
 
 
 def test_the_samplers_own_order_is_worth_something(drawn):

@@ -36,10 +36,10 @@ def surface_points(mesh: trimesh.Trimesh, *, spacing: float, seed: int = 0) -> S
         return SurfacePoints(np.zeros((0, 3)), np.zeros((0, 3)))
     radius = spacing / np.sqrt(2.0)
     wanted = int(CANDIDATES_PER_POINT * DISC_PACKING * mesh.area / radius**2) + 64
-    sampled, faces = random_points(mesh, wanted, np.random.default_rng(seed))
+    candidates, faces = random_points(mesh, wanted, np.random.default_rng(seed))
     used = np.unique(mesh.faces)
     used = used[np.argsort(-np.asarray(mesh.vertex_defects)[used], kind="stable")]
-    candidates = np.concatenate([mesh.vertices[used], sampled])
+    candidates = np.concatenate([mesh.vertices[used], candidates])
     kept = dart_throwing(candidates, radius)
     corners, between = np.split(kept, [np.searchsorted(kept, len(used))])
     normals = np.concatenate([mesh.vertex_normals[used[corners]], mesh.face_normals[faces[between - len(used)]]])
@@ -92,7 +92,7 @@ def _throw_darts(grid: wp.uint64, points: wp.array(dtype=wp.vec3d), radius: wp.f
 
 def dart_throwing(candidates: Float[np.ndarray, "n 3"], radius: float) -> Int[np.ndarray, " kept"]:
     """Return indices of a maximal subset, earliest first, whose members are more than `radius` [m] apart."""
-    points = wp.array(candidates, dtype=wp.vec3d, device="cpu")
+    points = wp.array(candidates, dtype=wp.vec3d, device="cpu", copy=False)
     kept = wp.ones(len(candidates), dtype=wp.uint8, device="cpu")
     grid = wp.HashGrid(*GRID_CELLS, device="cpu", dtype=wp.float64)
     grid.build(points, radius)

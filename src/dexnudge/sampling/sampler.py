@@ -31,6 +31,7 @@ from dexnudge.sampling.random_start import random_start
 from dexnudge.scenes.scene import Scene
 from dexnudge.scenes.uncertainty import Uncertainty
 from dexnudge.verification.criteria import Criterion, check_criteria, missing_criteria
+from dexnudge.verification.penetration import hand_solids
 from dexnudge.verification.verdicts import Verdicts, verify
 
 if TYPE_CHECKING:
@@ -253,6 +254,9 @@ class Sampler:
         calls: list[Draws] = []
         verdicts: list[Verdicts] = []
         seconds: Counter[str] = Counter()
+        start = time.perf_counter()
+        hand_solids(hand, device=self.device)  # for `verify`: what making them takes is free again for what follows
+        ahead = time.perf_counter() - start
         if problem is None:
             start = time.perf_counter()
             problem = self._prepared(scene)
@@ -275,7 +279,8 @@ class Sampler:
                     raise
                 most = self._smaller(size, error)
                 continue
-            seconds.update({**draws.seconds, "verify": time.perf_counter() - start})
+            seconds.update({**draws.seconds, "verify": time.perf_counter() - start + ahead})
+            ahead = 0.0
             calls.append(draws)
             verdicts.append(found)
             drawn += size
