@@ -184,3 +184,11 @@ def test_damaged_and_missing_episodes_are_refused(tmp_path):
     path.write_bytes(path.read_bytes()[:-60])
     with pytest.raises(InputError, match="damaged"):
         write_lerobot(tmp_path / "run", tmp_path / "out", task="t", robot="r", version="0")
+
+
+@pytest.mark.parametrize("told", [{"success": "no"}, {"success": 1}, {"success": None}, {}])
+def test_an_episode_that_does_not_say_whether_it_succeeded_is_refused(tmp_path, told):
+    write_episode(tmp_path / "run/a")
+    (tmp_path / "run/a/episode.json").write_text(json.dumps(told))
+    with pytest.raises(InputError, match=r"episode\.json: success is .*; expected true or false; execute again"):
+        write_lerobot(tmp_path / "run", tmp_path / "out", task="t", robot="r", version="0")

@@ -16,7 +16,7 @@ import pyarrow.parquet as pq
 from jaxtyping import Float
 from scipy.spatial.transform import Rotation
 
-from dexnudge.errors import InputError, writing
+from dexnudge.errors import InputError, quote, writing
 from dexnudge.execution.episode_files import ARRAYS, FIGURES, POSES, read_episode
 from dexnudge.jobs.json_files import read_json_object
 
@@ -110,7 +110,11 @@ def _read_episode(path: Path) -> dict[str, Any]:
     records = np.searchsorted((time[1:] + time[:-1]) / 2, at)
     found = {name: values if name == "joint_names" else values[records] for name, values in found.items()}
     target, angles = found["mocap"], found["joint_angles"]
-    success = bool(read_json_object(path.with_name(FIGURES), error=InputError).get("success"))
+    success = read_json_object(path.with_name(FIGURES), error=InputError).get("success")
+    if not isinstance(success, bool):
+        raise InputError(
+            f"{path.with_name(FIGURES)}: success is {quote(success)}; expected true or false; execute again"
+        )
     last = np.arange(len(at)) == len(at) - 1
     columns = {
         "observation.state": np.concatenate([_seven(found["T_world_palm"]), angles], axis=1),
