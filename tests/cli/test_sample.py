@@ -74,7 +74,7 @@ def test_a_phone_on_a_table_takes_little_more_than_libraries_do(tmp_path):
     command = [sys.executable, "-m", "dexnudge", "sample", "phone", "--scene", "table", "--out", str(tmp_path / "out")]
     subprocess.run(command, check=True, env={**os.environ, "OMP_NUM_THREADS": "2"})
     summary = json.loads((tmp_path / "out" / "summary.json").read_text())
-    assert (summary["drawn"], summary["peak_memory_mb"] < 600) == (32, True)  # measured: 572, without cache
+    assert (summary["drawn"], summary["peak_memory_mb"] < 614) == (32, True)  # measured: 586, without cache
 
 
 def test_verified_ones_stand_first(sampled):

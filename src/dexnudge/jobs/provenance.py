@@ -27,19 +27,22 @@ def machine(device: str = "cpu") -> dict[str, str | int]:
     }
 
 
+KIBIBYTE = 1024  # bytes; Linux calls it kB
+
+
 def peak_memory_mb() -> float:
     """Return the largest resident memory of this process so far [MB]; 0 where the system does not tell."""
     status = Path("/proc/self/status")  # Linux; getrusage there also counts what the process that started this one held
     if status.is_file() and (
         found := re.search(r"^VmHWM:\s+(\d+) kB", status.read_text(errors="replace"), re.MULTILINE)
     ):
-        return int(found[1]) / 1e3
+        return int(found[1]) * KIBIBYTE / 1e6
     try:
         import resource
     except ImportError:  # Windows
         return 0.0
     peak = resource.getrusage(resource.RUSAGE_SELF).ru_maxrss
-    return peak / (1e6 if sys.platform == "darwin" else 1e3)  # macOS counts bytes, Linux kilobytes
+    return peak * (1 if sys.platform == "darwin" else KIBIBYTE) / 1e6  # macOS counts bytes
 
 
 def _processor() -> str:
