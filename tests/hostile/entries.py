@@ -85,7 +85,7 @@ def handmade() -> list[Hostile]:
     """Return the cases made by hand; an answer that is none counts as a failure, and the entry is judged."""
     files, task, answer = made()
     manifest, path = json.loads(files[f"suite/{MANIFEST}"]), f"entry/answers/{task}.json"
-    huge = {key: np.zeros((10_000_000, 4)) for key in ("T_world_palm", "joint_angles")}
+    huge = {key: np.zeros((1_000_000, 4)) for key in ("T_world_palm", "joint_angles")}
     cases: dict[str, tuple[Any, ...]] = {
         "valid": ({}, "accepted"),
         "valid npz": ({f"entry/answers/{task}.npz": packed(answer)}, "accepted"),
@@ -102,7 +102,7 @@ def handmade() -> list[Hostile]:
         "a hand 10^30 m away": ({path: as_content({**answer, "T_world_palm": [(1e30 * np.eye(4)).tolist()] * 2})}, "accepted"),
         "joints of 10^30": ({path: as_content({**answer, "joint_angles": [[1e30] * 16] * 2})}, "accepted"),
         "1,000,000 draws": ({path: as_content({**answer, "T_world_palm": [0] * 1_000_000})}, "accepted"),
-        "10,000,000 draws": ({f"entry/answers/{task}.npz": packed({**answer, **huge})}, "accepted"),
+        "1,000,000 draws in an npz": ({f"entry/answers/{task}.npz": packed({**answer, **huge})}, "accepted"),
         "an answer that is a pipe": ({path: Pipe()}, "accepted"),
         "an answer that is a device": ({path: Link("/dev/zero")}, "accepted"),
         "an answer outside": ({path: Link("/etc/passwd")}, "accepted"),

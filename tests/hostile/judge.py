@@ -50,6 +50,7 @@ class Outcome:
 def warm_up() -> None:
     """Import what commands need, so that a forked child need not; no thread may be left that a fork would lose."""
     os.environ.update(OMP_NUM_THREADS="1", DEXNUDGE_CACHE="off")
+    os.environ["ARROW_DEFAULT_MEMORY_POOL"] = "system"  # its own keeps addresses, of which a child may have few
     import dexnudge as dn
 
     for module in pkgutil.walk_packages(dn.__path__, "dexnudge."):
