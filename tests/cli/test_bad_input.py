@@ -306,3 +306,29 @@ def test_check_of_something_that_is_no_result(dexnudge, tmp_path):
         outcome = dexnudge("check", folder)
         assert outcome.code == 2
         assert message in outcome.err
+
+
+@pytest.mark.parametrize(
+    "arguments",
+    [
+        ("dataset", "check", "{}"),
+        ("dataset", "turns", "{}"),
+        ("execute", "{}"),
+        ("plan", "{}", "--arm", "panda"),
+        ("sample", "{}", "--scene", "table"),
+        ("sample", "phone", "--scene", "{}"),
+        ("scene", "{}"),
+        ("dataset", "generate", "--objects", "{}", "--out", "out"),
+        ("dataset", "generate", "--out", "{}"),
+        ("evaluate", "--out", "{}"),
+        ("train", "--data", "data", "--out", "{}"),
+    ],
+    ids=" ".join,
+)
+def test_a_name_that_no_file_system_takes(dexnudge, tmp_path, monkeypatch, arguments):
+    monkeypatch.chdir(tmp_path)
+    outcome = dexnudge(*(each.format(300 * "9") for each in arguments))
+    assert (outcome.code, outcome.out) == (2, "")
+    assert outcome.err.count("\n") == 1
+    assert "at most 255 bytes" in outcome.err or "data" in outcome.err
+    assert list(tmp_path.iterdir()) == []

@@ -1,5 +1,6 @@
 """Entry point: reads the arguments, runs one subcommand, turns its outcome into an exit code."""
 
+import errno
 import itertools
 import os
 import shlex
@@ -13,10 +14,20 @@ from contextlib import contextmanager, redirect_stderr
 from importlib import import_module
 from importlib.util import find_spec
 from io import StringIO
-from pathlib import Path
 from typing import Any
 
-from dexnudge.errors import DexnudgeError, InputError, UnknownNameError, check_path, did_you_mean, printable, shortened
+from dexnudge.errors import (
+    LONGEST_PART,
+    LONGEST_PATH,
+    DexnudgeError,
+    InputError,
+    UnknownNameError,
+    check_path,
+    did_you_mean,
+    printable,
+    quote,
+    shortened,
+)
 from dexnudge.version import __version__
 
 DONE = 0
@@ -53,6 +64,7 @@ RESUMABLE = ("evaluate", "reproduce", "benchmark score", "dataset generate", "da
 WHAT = "Hand configurations that push, press or hook thin objects that a robot hand cannot grasp."
 VECTORS = {"--motion": "DX DY DZ", "--about": "X Y Z"}
 UNCERTAIN = "--uncertain"
+SHORTER = f"expected each name of at most {LONGEST_PART} bytes and all of at most {LONGEST_PATH}"
 
 
 def main(argv: Sequence[str] | None = None) -> int:
@@ -88,6 +100,9 @@ def main(argv: Sequence[str] | None = None) -> int:
     except (MemoryError, RuntimeError, OSError) as error:
         from dexnudge.geometry.devices import ran_out_of_memory
 
+        if isinstance(error, OSError) and error.errno == errno.ENAMETOOLONG:
+            print(f"dexnudge: {quote(error.filename)} is no path of this file system; {SHORTER}", file=sys.stderr)
+            return BAD_INPUT
         if not ran_out_of_memory(error):
             raise
         said = shortened(printable(str(error).split("\n")[0])) or "no more was given"
@@ -116,7 +131,7 @@ def _interrupted(arguments: list[str]) -> str:
     """Return what to type after an interruption."""
     resumable = any(arguments[: len(name.split())] == name.split() for name in RESUMABLE)
     resumable |= arguments[:1] == ["hand"] and "--learn" in arguments
-    begun = all(Path(out).is_dir() for out in _values(arguments, "--out"))
+    begun = all(os.path.isdir(out) for out in _values(arguments, "--out"))  # noqa: PTH112 - no name is too long
     going_on = (
         "goes on from where it stopped" if resumable and begun else "starts again; what stood before is as it was"
     )

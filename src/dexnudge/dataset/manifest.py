@@ -10,7 +10,7 @@ import numpy as np
 from jaxtyping import Bool
 
 from dexnudge.dataset.schema import FORMAT_VERSION
-from dexnudge.errors import DatasetError
+from dexnudge.errors import DatasetError, check_path
 from dexnudge.hands.hand import Hand
 from dexnudge.hands.registry import load_hand
 from dexnudge.jobs.atomic_files import replace_atomically
@@ -110,6 +110,7 @@ def write_manifest(folder: Path | str, manifest: Manifest) -> Path:
 
 def read_manifest(folder: Path | str) -> Manifest:
     """Read `manifest.json`; raises DatasetError when it is missing, broken, or of another version or unit."""
+    check_path("folder", folder, DatasetError)
     path = Path(folder) / MANIFEST_NAME
     if path.is_dir():
         raise DatasetError(f"{path} is a folder; expected a file; move the folder away")
