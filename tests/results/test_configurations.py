@@ -115,6 +115,7 @@ def test_pickles_are_refused(tmp_path):
         ({"success": np.ones(4, dtype=bool)}, r"success is bool of shape \(4,\); expected bool of shape \(5\)"),
         ({"q": np.ones(11, dtype=np.float32)}, r"q is float32 of shape \(11,\)"),
         ({"q": np.full((N, 11), np.nan)}, "q holds NaN"),
+        ({"q": np.full((N, 11), 1e300)}, "q holds NaN, infinity or a number above 1000; expected metres and radians"),
         ({"joint_names": np.array(["a"])}, r"joint_names is <U1 of shape \(1,\); expected text of shape \(2\)"),
     ],
 )

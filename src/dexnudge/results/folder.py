@@ -30,6 +30,7 @@ from jaxtyping import Float
 
 from dexnudge.errors import InputError, check_path, is_name, quote
 from dexnudge.geometry.devices import own_modes
+from dexnudge.geometry.rigid import FARTHEST
 from dexnudge.hands.export import HAND_FILES, export_hand
 from dexnudge.hands.hand import ROOT_COORDINATES, Hand
 from dexnudge.hands.registry import load_hand
@@ -153,8 +154,10 @@ def read_configurations(folder: Path) -> tuple[Float[np.ndarray, "n coordinates"
             )
     if not len(q):
         raise InputError(f"{path} holds no configurations; expected at least one; sample again")
-    if not np.isfinite(q).all():
-        raise InputError(f"{path}: q holds NaN or infinity; expected finite numbers; sample again")
+    if not (np.abs(q) <= FARTHEST).all():
+        raise InputError(
+            f"{path}: q holds NaN, infinity or a number above {FARTHEST:g}; expected metres and radians; sample again"
+        )
     names = [re.findall(r"(?:\\.|[^\\,])+", links, re.DOTALL) for links in arrays["contact_links"].tolist()]
     verdicts = Verdicts(
         success=arrays["success"],
