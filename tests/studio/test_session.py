@@ -98,6 +98,23 @@ def test_what_was_opened_stays_beside_what_is_sampled(session, told):
     assert not told
 
 
+def test_while_it_draws_the_scene_keeps_its_changes_and_the_controls_are_locked(studio, session, told):
+    panel = studio.panels._sample
+    session.edit(heading=180.0)
+    with session.lock:  # the draws wait
+        session.sample(num=2, seed=1, weights={})
+        locked = [panel._move, panel._build, panel._reset, *panel._angles.values(), *panel._numbers.values()]
+        assert all(handle.disabled for handle in locked)
+        with pytest.raises(InputError, match="busy"):
+            session.edit(heading=0.0)
+        with pytest.raises(InputError, match="busy"):
+            session.drag(np.eye(4), ended=False)
+    session.wait(120.0)
+    assert not any(handle.disabled for handle in locked)
+    assert (session.edits.heading, panel._angles["heading"].value) == (180.0, 180)
+    assert not told
+
+
 def test_a_narrow_window_shows_the_same_width():
     tangent = np.tan(0.25)
     assert fitted(0.5, 800, 600) == pytest.approx(0.5)

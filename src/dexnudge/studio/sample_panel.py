@@ -165,7 +165,8 @@ class SamplePanel:
         for name, slider in self._numbers.items():
             value = NUMBERS[name][1] * session.edits.numbers[name]
             set_range(slider, 0.0, max(slider.max, value), value)
-        for handle in (self._start, self._build):
+        changing = (self._move, *self._angles.values(), *self._numbers.values(), self._reset)
+        for handle in (self._start, self._build, *changing):  # what is being drawn is of the scene as it is
             set_values(handle, disabled=bool(session.busy))
         set_values(self._save, disabled=bool(session.busy) or session.samples is None)
         set_values(self._stop, disabled=not session.busy)

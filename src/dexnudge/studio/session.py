@@ -176,6 +176,7 @@ class Session:
 
     def edit(self, **changes: Any) -> None:
         """Change the scene, see `Edits`; draws of before stay until others are drawn."""
+        self._check_idle()
         edits = Edits(**{**vars(self.edits), **changes})
         edits.preview(self.scene)  # what is out of its domain changes nothing
         self.edits = edits
@@ -183,6 +184,7 @@ class Session:
 
     def drag(self, moved: Float[np.ndarray, "4 4"], *, ended: bool) -> None:
         """Move the object; what follows from it is shown when the drag has ended."""
+        self._check_idle()
         if ended:
             self.edit(moved=moved)
         else:
