@@ -227,6 +227,83 @@ def test_an_arm_that_is_none_is_refused_by_name(unsound):
         dn.load_arm("makes_three")
 
 
+def raises(name):
+    return f"    @property\n    def {name}(self): raise KeyError('boom')\n"
+
+
+CALLED = """    def __call__(self, hands, scene):
+        result = dn.CriterionResult(np.ones(len(hands)), np.zeros(len(hands), bool))
+        object.__setattr__(result, {!r}, {})  # whatever types it has
+        return result
+"""
+FINE = CALLED.format("sentence", "'no'")
+RAISING = """class B:
+    def __array__(self, *_, **__): raise KeyError('boom')
+    def __str__(self): raise KeyError('boom')
+"""
+JUDGING = "class f:\n    name = 'evil'\n"
+WEIGHING = "class f:\n    name = 'evil'\n" + raises("weight") + "    def __call__(self, *_): ...\n"
+METHOD = "from dexnudge.sampling.methods import METHODS\nfrom dataclasses import replace\ndef no(): return {}['boom']\n"
+TOUCHES = {  # kind of entry point, source, what is said
+    "tolerance": (
+        "criteria",
+        JUDGING + raises("tolerance") + FINE,
+        "criterion 'evil' has no readable `tolerance`: KeyError: 'boom'",
+    ),
+    "save": ("criteria", JUDGING + raises("save") + FINE, "criterion 'evil' has no readable `save`: KeyError: 'boom'"),
+    "value": (
+        "criteria",
+        RAISING + JUDGING + CALLED.format("value", "B()"),
+        "criterion 'evil' returned a value that is no array: KeyError: 'boom'; expected real numbers of shape (1,)",
+    ),
+    "ragged": (
+        "criteria",
+        JUDGING + CALLED.format("value", "[[1], [2, 3]]"),
+        "criterion 'evil' returned a value that is no array: ValueError: setting an array element with a sequence",
+    ),
+    "sentence": (
+        "criteria",
+        RAISING + JUDGING + CALLED.format("sentence", "B()"),
+        "criterion 'evil' returned a sentence that is no text: KeyError: 'boom'",
+    ),
+    "weight": ("energy_terms", WEIGHING, "term 'evil' has no readable `weight`: KeyError: 'boom'"),
+    "name": (
+        "criteria",
+        "class F:\n" + raises("name") + "    def __call__(self, *_): ...\nf = F()\n",
+        "'evil:f', has no readable `name`: KeyError: 'boom'",
+    ),
+    "signature": (
+        "criteria",
+        "class F:\n" + raises("__signature__") + "    def __call__(self, *_): ...\nf = F()\n",
+        "'evil:f', cannot be read: KeyError: 'boom'",
+    ),
+    "make_rule": (
+        "guidance_rules",
+        METHOD + "f = replace(METHODS['steered_noise'], make_rule=no)\n",
+        "guidance rule 'evil' failed: KeyError: 'boom'",
+    ),
+}
+AT_USE = ("value", "ragged", "sentence", "save")  # not seen before something is judged, or written
+
+
+@pytest.mark.parametrize("touched", TOUCHES)
+def test_what_raises_wherever_it_is_touched_is_named(touched, tmp_path, monkeypatch, capsys):
+    group, source, said = TOUCHES[touched]
+    points = f"[dexnudge.{group}]\nevil = evil:f\n"
+    make_package(tmp_path, "evil", "import numpy as np\nimport dexnudge as dn\n" + source, points)
+    monkeypatch.syspath_prepend(tmp_path)
+    monkeypatch.delitem(sys.modules, "evil", raising=False)
+    assert main(["plugins"]) == 0
+    listed = capsys.readouterr().out
+    assert "  evil, from evil 1.2" in listed
+    assert (said in listed) == (touched not in AT_USE)
+    flag = {"criteria": "--criterion", "energy_terms": "--term", "guidance_rules": "--method"}[group]
+    method = ["--method", RANDOM] if flag != "--method" else []
+    out = str(tmp_path / "out")
+    assert main(["sample", "phone", "--scene", "table", "--num", "1", *method, flag, "evil", "--out", out]) == 2
+    assert said in capsys.readouterr().err
+
+
 def test_a_package_that_exits_at_import_is_broken_like_any_other(tmp_path, monkeypatch, capsys):
     make_package(tmp_path, "quits", "import sys\nsys.exit(7)\n", "[dexnudge.scenes]\nfog = quits:fog\n")
     monkeypatch.syspath_prepend(tmp_path)

@@ -38,6 +38,7 @@ EXPECTED: dict[str, tuple[str, tuple[Any, ...], dict[str, Any]]] = {
     "guidance rule": ("a Method, or a class or function that makes a rule without arguments", (), {}),
 }
 """What an entry point of each kind must name, and the arguments that it is called with."""
+_MISSING = object()
 Made = TypeVar("Made")
 
 
@@ -102,15 +103,16 @@ def _check_kind(kind: str, found: Any, what: str) -> None:
     if kind not in EXPECTED:
         return
     expected, arguments, options = EXPECTED[kind]
-    if not callable(found) and not (kind == "guidance rule" and hasattr(found, "make_rule")):
+    instance = not isinstance(found, type)
+    named, makes = (instance and has_attribute(what, found, name) for name in ("name", "make_rule"))
+    if not callable(found) and not (kind == "guidance rule" and makes):
         raise InputError(
             f"{what} is of type {type(found).__name__}; expected {expected}; mend the package's entry point"
         )
-    if not callable(found) or (hasattr(found, "name") and not isinstance(found, type)):
+    if not callable(found) or named:
         return  # a method, or a term or criterion that is made already
-    try:
-        signature = inspect.signature(found)
-    except (TypeError, ValueError):  # of some compiled code: it shows when it is called
+    signature = call_foreign(f"{what} cannot be read", _signature, found)
+    if signature is None:
         return
     try:
         signature.bind(*arguments, **options)
@@ -118,6 +120,24 @@ def _check_kind(kind: str, found: Any, what: str) -> None:
         raise InputError(
             f"{what} cannot be called so: {error}; expected {expected}; mend its parameters, or give them defaults"
         ) from error
+
+
+def _signature(found: Callable[..., Any]) -> inspect.Signature | None:
+    """Return how it is called; None for some compiled code: it shows when it is called."""
+    try:
+        return inspect.signature(found)
+    except (TypeError, ValueError):
+        return None
+
+
+def attribute(what: str, thing: Any, name: str, default: Any = None) -> Any:
+    """Return an attribute of an object that is not ours, which may be a property of any kind; InputError where it raises."""
+    return call_foreign(f"{what} has no readable `{name}`", getattr, thing, name, default)
+
+
+def has_attribute(what: str, thing: Any, name: str) -> bool:
+    """Whether an object that is not ours has an attribute; InputError where it raises anything else."""
+    return attribute(what, thing, name, _MISSING) is not _MISSING
 
 
 def call_foreign(what: str, function: Callable[..., Made], *arguments: Any, mend: str = "", **options: Any) -> Made:

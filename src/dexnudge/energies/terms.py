@@ -25,10 +25,10 @@ from jaxtyping import Float
 from torch import Tensor
 
 from dexnudge.energies.descent import HandPose, configuration_from_pose
-from dexnudge.errors import InputError, UnknownNameError, check_kind
+from dexnudge.errors import InputError, UnknownNameError, check_kind, quote
 from dexnudge.hands.batch import HandBatch
 from dexnudge.hands.hand import Hand
-from dexnudge.plugins import call_foreign, load_plugin, plugin_title
+from dexnudge.plugins import attribute, call_foreign, load_plugin, plugin_title
 from dexnudge.scenes.scene import Scene
 
 OUTSIDE_KERNEL = ("force", "limits")  # terms of those who know more than hand and scene
@@ -129,14 +129,15 @@ def check_terms(terms: Sequence[Any]) -> tuple[EnergyTerm, ...]:
                 f"entry {place} of `terms` is the class {term.__name__}; expected an object, such as {term.__name__}()"
             )
         kind = type(term).__name__
-        name = call_foreign(f"term {place} of `terms`, a {kind}, has no name", getattr, term, "name", None)
+        name = attribute(f"term {place} of `terms`, a {kind},", term, "name")
         if not isinstance(name, str) or not name.strip():
             raise InputError(
-                f"term {place} of `terms`, a {kind}, has the name {name!r}; expected a text; give it an attribute `name`"
+                f"term {place} of `terms`, a {kind}, has the name {quote(name)}; expected a text; give it an attribute "
+                "`name`"
             )
         if not callable(term):
             raise InputError(f"term '{name}', a {kind}, cannot be called; expected a method `__call__(hands, scene)`")
-        _check_weight(name, getattr(term, "weight", None))
+        _check_weight(name, attribute(f"term '{name}'", term, "weight"))
         if name in names:
             raise InputError(f"two terms are named '{name}'; expected a name of its own for each; rename one")
         names.append(name)
@@ -170,7 +171,7 @@ def find_term(name: str, *, weight: float | None = None) -> EnergyTerm:
 def _check_weight(name: str, weight: object) -> None:
     if isinstance(weight, bool) or not isinstance(weight, (int, float)) or not 0 < weight <= LARGEST_WEIGHT:
         raise InputError(
-            f"the weight of term '{name}' is {weight!r}; expected a finite number above 0, at most "
+            f"the weight of term '{name}' is {quote(weight)}; expected a finite number above 0, at most "
             f"{LARGEST_WEIGHT:g}; leave the term out to switch it off"
         )
 

@@ -8,6 +8,7 @@ from typing import Any
 import numpy as np
 
 from dexnudge.geometry.devices import own_modes
+from dexnudge.plugins import attribute
 from dexnudge.results.folder import LONGEST_QUOTE, count_draws, read_result
 from dexnudge.results.ranking import Ranking, ranking
 from dexnudge.results.samples import Samples
@@ -80,7 +81,7 @@ def _value_differences(written: Verdicts, found: Verdicts) -> Iterator[str]:
     for criterion in written.criteria:
         name = criterion.name
         one, other = written.values[name], found.values[name]
-        tolerance = getattr(criterion, "tolerance", AGREEMENT)
+        tolerance = attribute(f"criterion '{name}'", criterion, "tolerance", AGREEMENT)
         agreeing = (one == other) | (np.isnan(one) & np.isnan(other))  # NaN: nothing to measure
         finite = np.isfinite(one) & np.isfinite(other)
         agreeing[finite] = abs(one - other)[finite] <= tolerance * np.maximum(1.0, abs(other))[finite]

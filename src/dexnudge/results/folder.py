@@ -40,7 +40,7 @@ from dexnudge.jobs.json_files import MAX_TABLE_BYTES, read_json_object
 from dexnudge.jobs.processes import trim_memory
 from dexnudge.jobs.provenance import machine, peak_memory_mb, versions
 from dexnudge.planning.reach import Reach
-from dexnudge.plugins import call_foreign, load_plugin, plugin_title
+from dexnudge.plugins import attribute, call_foreign, load_plugin, plugin_title
 from dexnudge.results.samples import Samples
 from dexnudge.scenes.files import SCENE_FILES
 from dexnudge.scenes.scene import Scene
@@ -332,10 +332,11 @@ def _read_summary(folder: Path) -> dict[str, Any]:
 def write_criteria(folder: Path, criteria: Iterable[Criterion], hand: Hand) -> None:
     """Have each criterion that has parameters save them."""
     for criterion in criteria:
-        if hasattr(criterion, "save"):
+        save = attribute(f"criterion '{criterion.name}'", criterion, "save")
+        if save is not None:
             own = folder / CRITERIA / criterion.name
             own.mkdir(parents=True, exist_ok=True)
-            call_foreign(f"criterion '{criterion.name}' cannot be saved", criterion.save, own, hand)
+            call_foreign(f"criterion '{criterion.name}' cannot be saved", save, own, hand)
 
 
 def read_criterion(folder: Path, name: str) -> Criterion:
@@ -352,8 +353,9 @@ def read_criterion(folder: Path, name: str) -> Criterion:
         return find_criterion(name)
     kind = load_plugin("criterion", name)
     what = plugin_title("criterion", name)
-    if not hasattr(kind, "load"):
+    load = attribute(what, kind, "load")
+    if load is None:
         raise InputError(f"{what} has no `load`; expected the class whose `save` wrote {own}; install that version")
-    found = call_foreign(f"{what} cannot be read from {own}", kind.load, own)
+    found = call_foreign(f"{what} cannot be read from {own}", load, own)
     check_criteria([found])
     return found

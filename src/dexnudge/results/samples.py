@@ -19,6 +19,7 @@ from dexnudge.finding import probability_text
 from dexnudge.geometry.devices import own_modes
 from dexnudge.hands.hand import ROOT_COORDINATES, Hand
 from dexnudge.mechanics.contacts import HandContacts
+from dexnudge.plugins import attribute
 from dexnudge.scenes.scene import Scene
 from dexnudge.verification.criteria import Criterion
 from dexnudge.verification.verdicts import Verdicts, verify
@@ -178,7 +179,7 @@ class Samples:
         if mount is not None and not isinstance(by, Arm):
             raise InputError("`mount` is given without an arm; expected both or neither; give the criterion its own")
         criterion = Reach(by, mount=mount) if isinstance(by, Arm) else by
-        name = getattr(criterion, "name", None)
+        name = attribute(f"a {type(criterion).__name__}", criterion, "name")
         verdicts = verify(self.scene, self.hand, self.q, [*self.verdicts.criteria_again(but=name), criterion])
         return replace(self, verdicts=verdicts, seconds=dict(self.seconds)).best_first()
 

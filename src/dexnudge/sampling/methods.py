@@ -8,7 +8,7 @@ from torch import Tensor
 
 from dexnudge.energies.terms import TermWeights
 from dexnudge.errors import InputError, UnknownNameError, did_you_mean
-from dexnudge.plugins import call_foreign, load_plugin, plugin_names, plugin_title
+from dexnudge.plugins import attribute, call_foreign, load_plugin, plugin_names, plugin_title
 from dexnudge.sampling.denoise import DenoisingConfig
 from dexnudge.sampling.guidance import GuidanceRule, ReverseStep, unguided
 from dexnudge.sampling.guidance_rules import (
@@ -141,13 +141,14 @@ def find_method(name: str) -> Method:
         )
     found = load_plugin(PLUGIN_KIND, name)
     if isinstance(found, Method):
-        return found
+        return replace(found, make_rule=lambda: _ForeignRule(name, found.make_rule))
     if not callable(found):
         raise InputError(
             f"{plugin_title(PLUGIN_KIND, name)} is of type {type(found).__name__}; expected a `Method`, or a class whose "
             "objects are called with a `ReverseStep` and return x_{t-1}; mend the package's entry point"
         )
-    summary = (found.__doc__ or "a rule of an installed package").partition("\n")[0]
+    said = attribute(plugin_title(PLUGIN_KIND, name), found, "__doc__")
+    summary = (said if isinstance(said, str) and said else "a rule of an installed package").partition("\n")[0]
     return replace(FIRST_ORDER, summary=summary, make_rule=lambda: _ForeignRule(name, found))
 
 

@@ -14,10 +14,10 @@ import torch
 from jaxtyping import Bool, Float
 from torch import Tensor
 
-from dexnudge.errors import InputError, check_kind
+from dexnudge.errors import InputError, check_kind, quote
 from dexnudge.hands.batch import HandBatch
 from dexnudge.hands.hand import ROOT_COORDINATES, Hand
-from dexnudge.plugins import call_foreign, call_plugin, load_plugin, plugin_title
+from dexnudge.plugins import attribute, call_foreign, call_plugin, has_attribute, load_plugin, plugin_title
 from dexnudge.scenes.scene import Scene
 from dexnudge.verification.measurements import Measurements, measure
 
@@ -235,9 +235,9 @@ def find_criterion(name: str) -> Criterion:
         if criterion.name == name:
             return criterion
     found = load_plugin("criterion", name, known=tuple(criterion.name for criterion in _BUILTIN))
-    if isinstance(found, type) or not hasattr(found, "name"):  # a class or a function that makes one
-        found = call_plugin("criterion", name, Criterion)
     what = plugin_title("criterion", name)
+    if isinstance(found, type) or not has_attribute(what, found, "name"):  # a class or a function that makes one
+        found = call_plugin("criterion", name, Criterion)
     try:
         check_criteria([found])
     except InputError as error:
@@ -272,16 +272,16 @@ def check_criteria(criteria: Iterable[Any] | None) -> list[Criterion]:
     builtin = {criterion.name: criterion for criterion in _BUILTIN}
     names: set[str] = set()
     for place, criterion in enumerate(criteria):
-        name = call_foreign(f"a {type(criterion).__name__} has no name", getattr, criterion, "name", None)
+        name = attribute(f"a {type(criterion).__name__}", criterion, "name")
         if isinstance(criterion, type) or not callable(criterion) or name is None:
             raise InputError(
-                f"entry {place} of `criteria` is {criterion!r}; expected an object with a `name` that is called with "
+                f"entry {place} of `criteria` is {quote(criterion)}; expected an object with a `name` that is called with "
                 "(hands, scene), such as MyCriterion()"
             )
         if not isinstance(name, str) or not name.isidentifier() or keyword.iskeyword(name):
             raise InputError(
-                f"criterion {name!r} has no usable name; expected an identifier such as 'manipulability': letters, digits "
-                "and underscores"
+                f"criterion {quote(name)} has no usable name; expected an identifier such as 'manipulability': letters, "
+                "digits and underscores"
             )
         if (
             name in (*RESERVED, *FORESIGHT, *NUMPY_NAMES)
@@ -289,12 +289,12 @@ def check_criteria(criteria: Iterable[Any] | None) -> list[Criterion]:
             or builtin.get(name, criterion) is not criterion
         ):
             raise InputError(f"the name of criterion '{name}' is taken; expected one of its own; rename it")
-        tolerance = getattr(criterion, "tolerance", AGREEMENT)
+        tolerance = attribute(f"criterion '{name}'", criterion, "tolerance", AGREEMENT)
         number = isinstance(tolerance, int | float | np.integer | np.floating) and not isinstance(tolerance, bool)
         if not number or not 0 <= tolerance < math.inf:
             raise InputError(
-                f"the `tolerance` of criterion '{name}' is {tolerance!r}; expected a finite number, 0 or more; leave it "
-                f"out for {AGREEMENT:g}"
+                f"the `tolerance` of criterion '{name}' is {quote(tolerance)}; expected a finite number, 0 or more; leave "
+                f"it out for {AGREEMENT:g}"
             )
         names.add(name)
     return [VALID_POSE, *(criterion for criterion in criteria if criterion is not VALID_POSE)]
@@ -330,12 +330,22 @@ def judge(criterion: Criterion, hands: HandBatch, scene: Scene) -> tuple[np.ndar
         )
     arrays = {}
     for label, kinds, wanted in (("value", "fiub", "real numbers"), ("passed", "b", "bool")):
-        given = getattr(result, label)
-        array = given.detach().cpu().numpy() if isinstance(given, torch.Tensor) else np.asarray(given)
+        what = f"criterion '{criterion.name}' returned a {label} that is no array"
+        array = call_foreign(what, _array, result, label, mend=f"; expected {wanted} of shape ({len(hands)},)")
         if array.shape != (len(hands),) or array.dtype.kind not in kinds:
             raise InputError(
                 f"criterion '{criterion.name}' returned {label} as {array.dtype} of shape {array.shape} for {len(hands)} "
                 f"hands; expected {wanted} of shape ({len(hands)},)"
             )
         arrays[label] = array
-    return arrays["value"].astype(np.float64), arrays["passed"], str(result.sentence)
+    sentence = call_foreign(f"criterion '{criterion.name}' returned a sentence that is no text", _sentence, result)
+    return arrays["value"].astype(np.float64), arrays["passed"], sentence
+
+
+def _array(result: CriterionResult, label: str) -> np.ndarray:
+    given = getattr(result, label)
+    return given.detach().cpu().numpy() if isinstance(given, torch.Tensor) else np.asarray(given)
+
+
+def _sentence(result: CriterionResult) -> str:
+    return str(result.sentence)

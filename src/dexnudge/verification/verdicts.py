@@ -21,6 +21,7 @@ from dexnudge.scenes.scene import Scene
 from dexnudge.verification.criteria import (
     ROBUST_MARGIN,
     VALID_POSE,
+    BuiltinCriterion,
     Criterion,
     check_criteria,
     judge,
@@ -200,7 +201,8 @@ def _verdicts(scene: Scene, every: HandBatch, posed: HandBatch, criteria: Sequen
     sentences = {} if valid.all() else {VALID_POSE.name: sentence}
     for criterion in criteria[1:]:
         name = criterion.name
-        values[name] = np.full(len(every), getattr(criterion, "value_without_pose", np.nan))
+        without_pose = criterion.value_without_pose if isinstance(criterion, BuiltinCriterion) else np.nan
+        values[name] = np.full(len(every), without_pose)
         passed[name] = np.zeros(len(every), dtype=bool)
         if not len(posed):
             continue
