@@ -36,6 +36,7 @@ def inside(tasks):
     """Two hands whose palms are in what carries the object: poses, verified by nobody, and never played."""
     q = np.zeros((2, 9 + tasks.hand.num_joints))
     q[:, 3] = q[:, 7] = 1.0
+    q[1, 0] = 0.01  # no repeat of the first
     return {
         "joint_names": list(tasks.hand.joint_names),
         "T_world_palm": palm_poses(q).tolist(),

@@ -93,6 +93,16 @@ def test_claims_of_success_are_not_read(entry_folder, tasks, inside, tmp_path):
     assert float(rows(tmp_path / "out/report.csv")[0]["share"]) == 0.0
 
 
+def test_a_verified_draw_that_is_written_twice_counts_once(tasks, inside, monkeypatch):
+    q = np.array([[0.0, 0, 0, 1, 0, 0, 0, 1, 0, *[0.0] * 16]] * 4)
+    q[2, 0], q[3, 0] = 0.02, np.nan
+    verdicts = verify(tasks.scene(tasks.tasks[0]), tasks.hand, q)
+    verdicts.success[:3] = True  # whatever the hand: as if it were verified, and yet not played
+    monkeypatch.setattr(scoring, "verify", lambda *_: verdicts)
+    found = scoring.judge(tasks.scene(tasks.tasks[0]), tasks.hand, scoring.Answer(q, {}), "task")
+    assert (found.drawn, found.verified, found.first, found.reasons["repeated"]) == (4, 2, True, 1)
+
+
 @pytest.mark.parametrize(
     ("change", "message"),
     [

@@ -11,6 +11,7 @@ from dexnudge.experiments.statistics import quantile_estimate
 
 ALL = "all"  # families, in tables
 NOT_PLAYED = "not played"  # outcome of a first draw that is in something, or beyond limits
+REPEATED = "repeated"  # why a draw fails that is an earlier one once more, see `repeats`
 
 
 @dataclass(frozen=True)
@@ -19,7 +20,7 @@ class TaskScore:
 
     Attributes:
         task: its name. drawn: draws in the answer. verified: how many succeed.
-        first: whether the first succeeds. reasons: draws by what they fail for, see `Verdicts.reasons`.
+        first: whether the first succeeds. reasons: draws by what they fail for, see `Verdicts.reasons`; also `REPEATED`.
         open_loop, feedback: value of the `Outcome` of the first draw in physics, or `NOT_PLAYED`.
         rejected: what the first draw fails for, and how deep it penetrates; "" where it succeeds.
         problem: why there is no valid answer, or what is wrong with its first malformed draw; "" for nothing.

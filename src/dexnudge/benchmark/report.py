@@ -21,8 +21,8 @@ MARKUP = re.compile(r"[\\`*\[\]|]|(?<![^\W_])_|_(?![^\W_])")  # of Markdown; not
 ABOUT = (
     "% of all tasks, those without a valid answer among them; in brackets 95 % intervals by bootstrap over objects. First: "
     "the draw that the method ranks first, verified by geometry and forces. Share: of the {draws} draws that a task allows, "
-    "missing ones count as failures. Open loop, feedback: the first draw played out in physics. Seconds: median of a task, "
-    "as each entry says."
+    "missing ones, and those that repeat an earlier one, count as failures. Open loop, feedback: the first draw played out "
+    "in physics. Seconds: median of a task, as each entry says."
 )
 RATES = {"first": "first draw verified", "feedback": "first draw in physics, with feedback"}
 

@@ -12,7 +12,8 @@ from functools import partial
 from pathlib import Path
 
 from dexnudge.benchmark.entry import Answer, Entry, load_entry, read_answer
-from dexnudge.benchmark.records import ScoreRecord, TaskScore
+from dexnudge.benchmark.records import REPEATED, ScoreRecord, TaskScore
+from dexnudge.benchmark.repeats import repeated
 from dexnudge.benchmark.report import write_report
 from dexnudge.benchmark.suite import TaskKey
 from dexnudge.benchmark.tasks import TaskSet, load_tasks
@@ -41,12 +42,15 @@ def judge(scene: Scene, hand: Hand, answer: Answer, task: str) -> TaskScore:
         MeshError: MuJoCo cannot take the object or the surroundings.
     """
     verdicts = verify(scene, hand, answer.q)
+    again = repeated(answer.q, hand)
+    counted = verdicts.success & ~again
+    reasons = verdicts.take(~again).rejections()
     found = TaskScore(
         task=task,
         drawn=len(answer.q),
-        verified=int(verdicts.success.sum()),
-        first=bool(verdicts.success[0]),
-        reasons=verdicts.rejections(),
+        verified=int(counted.sum()),
+        first=bool(counted[0]),
+        reasons=reasons | ({REPEATED: int(again.sum())} if again.any() else {}),
         rejected=_rejected(verdicts),
         problem=next((f"draw {row}: {what}" for row, what in answer.wrong.items()), ""),
     )
@@ -54,7 +58,7 @@ def judge(scene: Scene, hand: Hand, answer: Answer, task: str) -> TaskScore:
         return found
     simulation = scene_model(hand, scene)
     executor = Executor(scene, simulation, OpenLoop())
-    first, others = answer.q[0], answer.q[1:][verdicts.success[1:]]
+    first, others = answer.q[0], answer.q[1:][counted[1:]]
     execution = executor(first)
     feedback = executor.with_policy(Feedback()).again(first, execution, simulation, others)
     return replace(found, open_loop=execution.verdict.outcome.value, feedback=feedback.outcome.value)
