@@ -61,6 +61,11 @@ def printable(text: str) -> str:
     return "".join(each if each.isprintable() or each == "\n" else ascii(each)[1:-1] for each in text)
 
 
+def printable_name(name: str) -> str:
+    """Return the name of a file or folder in what every file and terminal can show, on one line; _ for the rest."""
+    return "".join(each if each.isprintable() else "_" for each in name)
+
+
 def is_name(value: object) -> bool:
     """Whether a value that a file holds can be a name: a text that is not empty, not endless, and printable."""
     return isinstance(value, str) and 0 < len(value) <= LONGEST_NAME and value.isprintable()

@@ -41,6 +41,14 @@ def rib(height=0.006):
     return trimesh.creation.box(bounds=[[0.116, -0.2, -0.01], [0.126, 0.2, height]])
 
 
+def test_names_that_are_not_utf_8_are_written(dexnudge, own, tmp_path):
+    options = own()
+    renamed = (tmp_path / "flat.stl").rename(tmp_path / "flat\udcff.stl")
+    outcome = dexnudge(options[0], renamed, *options[2:])
+    assert outcome.code == 0, outcome.err
+    assert "flat_" in (tmp_path / "out" / "scene.html").read_text(encoding="utf-8")
+
+
 def test_a_scene_folder_is_written_and_sampled(dexnudge, own, tmp_path):
     outcome = dexnudge(*own(), "--mass", "0.2")
     assert outcome.code == 0, outcome.err

@@ -37,6 +37,25 @@ def test_a_mesh_of_that_layout_alone_is_called_by_its_code(meshdata):
     assert f"{scene.label}-{scene.place}" == "core-a-shelf"
 
 
+@pytest.mark.parametrize(
+    ("file", "name"),
+    [("bad\udcff.stl", "bad_"), ("two\nlines.stl", "two_lines"), ("\x1b[31m.stl", "_[31m"), ("größe 1.stl", "größe 1")],
+)
+def test_names_of_files_are_printable(tmp_path, file, name):
+    """Whatever bytes the file system has: Python reads those that are not UTF-8 as lone surrogates."""
+    (tmp_path / file).write_bytes(trimesh.creation.box((0.15, 0.07, 0.008)).export(file_type="stl"))
+    assert resolve_object(str(tmp_path / file)).name == name
+    assert [entry.name for entry in resolve_object_set(str(tmp_path))] == [name]
+    assert SceneOptions(object=str(tmp_path / file), scene="shelf").label == name
+    assert SceneOptions(object="phone", environment=file).place == name
+
+
+def test_default_folders_have_names_that_file_systems_take():
+    long = SceneOptions(object=f"{'ä' * 120}.stl", environment=f"{'b' * 250}.stl")
+    assert long.label == "ä" * 50
+    assert long.place == "b" * 100
+
+
 def test_a_length_overrides_the_scale(meshdata):
     assert [round(entry.load().extents.max(), 9) for entry in resolve_object_set(str(meshdata), length=0.15)] == [
         0.15

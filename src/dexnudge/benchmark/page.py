@@ -55,7 +55,7 @@ def write_page(path: Path, title: str, about: str, tables: Mapping[str, Table], 
     ]
     with replace_atomically(path) as temporary:
         page = document_page(Document(title, about, tuple(sections)), pictures)
-        temporary.write_text(page, encoding="utf-8")
+        temporary.write_text(page, encoding="utf-8", errors="backslashreplace")
 
 
 def one_line(text: str) -> str:

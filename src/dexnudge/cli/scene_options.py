@@ -23,7 +23,7 @@ from dexnudge.cli.arguments import (
     metavar,
     say,
 )
-from dexnudge.errors import InputError, SceneError
+from dexnudge.errors import InputError, SceneError, printable_name
 
 if TYPE_CHECKING:
     from dexnudge.finding import Finding
@@ -31,6 +31,7 @@ if TYPE_CHECKING:
     from dexnudge.scenes.scene import Scene
 
 RUNS = Path("runs")  # unless --out is given
+LONGEST_WORD = 100  # bytes of an object's or a scene's name in that of a folder
 SCENE_FILE = "scene.json"  # makes a folder one with a scene; also stands in scenes/files.py, which is slow to import
 MASKED = "masked"  # in the place of an object's file or name
 SOURCES = ("scene", "environment", "depth")  # where surroundings come from
@@ -81,14 +82,14 @@ class SceneOptions(MeshOptions):
         """What names the scene in the names of folders."""
         if self.is_folder:
             return "scene"
-        return self.scene or Path(self.environment or self.depth or "").stem
+        return self.scene or _short(printable_name(Path(self.environment or self.depth or "").stem))
 
     @property
     def label(self) -> str:
         """What names the object in the names of folders."""
         from dexnudge.objects.sets import name_of
 
-        return name_of(Path(self.object))
+        return _short(name_of(Path(self.object)))
 
     @property
     def is_folder(self) -> bool:
@@ -145,7 +146,7 @@ class SceneOptions(MeshOptions):
         margins: dict[str, Any] = {} if self.clearance is None else {"clearance": self.clearance}
         if self.is_folder:
             folder = Path(self.object)
-            return folder.resolve().name, replace(Scene.load(folder), **values, **margins)
+            return printable_name(folder.resolve().name), replace(Scene.load(folder), **values, **margins)
         name, mesh = self._object()
         if self.scene is not None:
             from dexnudge.scenes.families import build_scene
@@ -204,6 +205,11 @@ class SceneOptions(MeshOptions):
         from dexnudge.scenes.findings import reading_findings
 
         return [*reading_findings(scene), *scene.misplaced]
+
+
+def _short(name: str) -> str:
+    """Return the beginning of a name; two of them, and a number, are the name of a folder."""
+    return name.encode()[:LONGEST_WORD].decode(errors="ignore")
 
 
 def _refuse(options: dict[str, Any], why: str) -> None:

@@ -99,7 +99,7 @@ def write_files(
     }
     with writing(f"the report into {folder}"):
         for suffix, text in texts.items():
-            (folder / f"{REPORT}.{suffix}").write_text(text, encoding="utf-8")
+            (folder / f"{REPORT}.{suffix}").write_text(text, encoding="utf-8", errors="backslashreplace")
     return markdown
 
 

@@ -14,7 +14,7 @@ import mujoco
 import numpy as np
 import trimesh
 
-from dexnudge.errors import HandError
+from dexnudge.errors import HandError, printable_name
 from dexnudge.geometry.mesh_repair import wind_outward
 from dexnudge.hands import link_meshes
 from dexnudge.hands.assembly import hand_from_tree, without_arm
@@ -48,8 +48,8 @@ def hand_from_mjcf(
     path = Path(path)
     notes: list[str] = []
     model = compiled_model(path, packages or {}, notes)
-    config = config or config_beside(path, tree_of_model(model, path.stem, None, lambda _: False))
-    tree = tree_of_model(model, path.stem, config.palm, _geoms(model, config.geometry))
+    config = config or config_beside(path, tree_of_model(model, printable_name(path.stem), None, lambda _: False))
+    tree = tree_of_model(model, printable_name(path.stem), config.palm, _geoms(model, config.geometry))
     tree, config = coupled(without_arm(replace(tree, notes=tuple(notes)), config), model, config)
     return hand_from_tree(tree, config, base=base)
 
@@ -57,7 +57,7 @@ def hand_from_mjcf(
 def mjcf_tree(path: Path, geometry: str, packages: Mapping[str, Path | str] | None = None) -> Tree:
     """Return the tree of an MJCF file with its "collision" or "visual" geoms; of several trees the one of most joints."""
     model = compiled_model(path, packages or {})
-    return _body_tree(model, path.stem, _root_with(model, None), _geoms(model, geometry))
+    return _body_tree(model, printable_name(path.stem), _root_with(model, None), _geoms(model, geometry))
 
 
 def _geoms(model: mujoco.MjModel, geometry: str) -> Callable[[int], bool]:
@@ -199,7 +199,7 @@ def mjcf_robot_tree(
     def wanted(geom: int) -> bool:
         return judged(geom) and (only is None or _body_name(model, int(model.geom_bodyid[geom])) in only)
 
-    tree = _body_tree(model, path.stem, root, wanted)
+    tree = _body_tree(model, printable_name(path.stem), root, wanted)
     links, joints = dict(tree.links), list(tree.joints)
     if model.body_jntnum[root]:
         first = _body_chain(model, root, GROUND, _body_name(model, root))

@@ -15,7 +15,7 @@ import numpy as np
 import trimesh
 from jaxtyping import Float
 
-from dexnudge.errors import HandError
+from dexnudge.errors import HandError, printable_name
 from dexnudge.hands import link_meshes
 from dexnudge.hands.anatomy import template
 from dexnudge.hands.assembly import hand_from_tree
@@ -201,7 +201,9 @@ def _structure(robot: Element, path: Path) -> Tree:
     if (missing := _missing_base(link_names, joints)) is not None:
         notes.append(f"link '{missing}', from which the others hang, does not exist: an empty one stands for it")
         link_names.insert(0, missing)
-    structure = Tree(robot.get("name") or path.stem, {name: trimesh.Trimesh() for name in link_names}, tuple(joints))
+    structure = Tree(
+        robot.get("name") or printable_name(path.stem), {name: trimesh.Trimesh() for name in link_names}, tuple(joints)
+    )
     check_tree(structure)
     note_masses(elements, path, notes)
     return replace(structure, notes=tuple(notes))

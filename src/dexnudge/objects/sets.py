@@ -11,7 +11,7 @@ from pathlib import Path
 import numpy as np
 import trimesh
 
-from dexnudge.errors import InputError, MeshError, UnknownNameError, did_you_mean, quote
+from dexnudge.errors import InputError, MeshError, UnknownNameError, did_you_mean, printable_name, quote
 from dexnudge.geometry.mesh_files import FORMATS
 from dexnudge.geometry.meshes import check_length, load_mesh, load_scaled_mesh
 from dexnudge.objects.builtin import PLAIN, builtin_names, builtin_object, describe_builtin_names, is_builtin
@@ -165,7 +165,7 @@ def is_dexgraspnet(path: Path) -> bool:
 
 def name_of(file: Path) -> str:
     """Return what the object of a mesh file is called: of DexGraspNet its code, else the file."""
-    return file.parent.parent.name if is_dexgraspnet(file) else file.stem
+    return printable_name(file.parent.parent.name if is_dexgraspnet(file) else file.stem)
 
 
 def _files_in(folder: Path) -> list[Path]:

@@ -83,7 +83,8 @@ def write_card(folder: Path | str) -> Path:
     path = Path(folder) / CARD_FILE
     info = describe(folder)
     with replace_atomically(path) as temporary:
-        temporary.write_text(front_matter(info) + description(info).markdown(), encoding="utf-8")
+        text = front_matter(info) + description(info).markdown()
+        temporary.write_text(text, encoding="utf-8", errors="backslashreplace")
     return path
 
 

@@ -136,7 +136,7 @@ def write_dataset_page(info: DatasetInfo, samples: list[RowPicture], folder: Pat
     rows = "\n".join(_section(behaviour, samples) for behaviour in BEHAVIOURS)
     page = document_page(document, f'<p>{SHOWN}</p>\n{rows}\n<h2>Charts</h2>\n<div class="charts">\n{drawn}\n</div>')
     with replace_atomically(folder / PAGE_FILE) as temporary:
-        temporary.write_text(page, encoding="utf-8")
+        temporary.write_text(page, encoding="utf-8", errors="backslashreplace")
     written = [folder / PAGE_FILE]
     for behaviour in BEHAVIOURS:
         shown = [sample for sample in samples if sample.behaviour == behaviour]

@@ -310,7 +310,7 @@ def write_template(
     )
     path = Path(path)
     with writing(f"the page {path}"):
-        path.write_text(page, encoding="utf-8")
+        path.write_text(page, encoding="utf-8", errors="backslashreplace")
     return path
 
 
