@@ -12,6 +12,7 @@ from dexnudge.viewer.recording import Curve, Recording
 from dexnudge.viewer.visual_scene import visual_scenes
 
 FRAME_TIME = 0.04  # [s] between frames: 25 a second
+SPEED_STEP = 1e-4  # [s] to either side of a moment, for the palm's speed: at rest it is 0
 
 
 def film_of_plan(plan: Plan, *, title: str = "") -> Recording:
@@ -46,8 +47,10 @@ def _charts(plan: Plan, time: Float[np.ndarray, " frame"]) -> dict[str, tuple[Cu
     arm, limits, joints = plan.robot.arm.num_joints, plan.robot.limits, at(plan.trajectory, time)
     speed = 100 * np.abs(joints.velocity) / limits.velocity
     effort = 100 * np.abs(interpolated(time, plan.trajectory.time, plan.trajectory.effort)) / limits.effort
-    palm = plan.robot.palm_poses(joints.position)[:, :3, 3]
-    moved = 1e3 * np.linalg.norm(np.gradient(palm, time, axis=0), axis=1)
+    ahead, behind = (
+        plan.robot.palm_poses(joints.position + step * joints.velocity)[:, :3, 3] for step in (SPEED_STEP, -SPEED_STEP)
+    )
+    moved = 1e3 * np.linalg.norm(ahead - behind, axis=1) / (2 * SPEED_STEP)
 
     def of_both(share: Float[np.ndarray, "frame n"]) -> tuple[Curve, ...]:
         parts = {"arm": share[:, :arm], "hand": share[:, arm:]}
