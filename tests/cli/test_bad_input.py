@@ -166,7 +166,6 @@ def test_the_other_commands_name_the_option(refused, command, option, message):
             "--objects is given without --out; expected both; add --out, or",
         ),
         (["dataset", "info", "none", "--seed", 1], "--seed is given without --out; expected both"),
-        (["dataset", "check", "none", "--num", 1], "--num is given without --objects; expected both"),
         (["dataset", "check", "none", "--objects", "o", "--seed", 1], "--seed is given without --num; expected both"),
         (["hand", "shadow_lite", "--minutes", 5], "--minutes is given without --learn; expected both"),
         (["hand", "shadow_lite", "--overwrite"], "--overwrite is given without --prepare; expected both"),

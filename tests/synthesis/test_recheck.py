@@ -3,6 +3,7 @@
 import re
 from collections.abc import Callable
 from pathlib import Path
+from unittest.mock import Mock
 
 import numpy as np
 import pyarrow as pa
@@ -16,7 +17,7 @@ from dexnudge.dataset.loading import load_dataset
 from dexnudge.dataset.manifest import read_manifest, write_manifest
 from dexnudge.dataset.shards import read_shard, shard_path
 from dexnudge.errors import DatasetError
-from dexnudge.synthesis.recheck import DRIFT_SHARE, _numbers, check_dataset
+from dexnudge.synthesis.recheck import DRIFT_SHARE, DatasetCheck, _numbers, check_dataset
 
 pytestmark = pytest.mark.slow  # a dataset is generated first
 LETS_GO = 0.05  # [m] DexGraspBench's limit
@@ -128,6 +129,24 @@ def test_the_command_lists_twenty_lies_and_says_how_many_more(copy, objects, nam
     assert f"  and {lies - 20} more\n" in message
     assert len(message.strip().splitlines()) <= 20 + 3
     assert "Traceback" not in message
+
+
+def test_without_objects_the_command_says_that_nothing_was_verified_again(data, copy, names, capsys, monkeypatch):
+    rows = sum(len(read_shard(data, read_manifest(data), name).table) for name in names)
+    assert main(["dataset", "check", str(data)]) == 0
+    said = capsys.readouterr().out
+    assert said == f"{rows} configurations of 2 objects read; none verified again: --objects SET verifies them\n"
+    assert main(["dataset", "check", str(data), "--num", "1"]) == 2
+    assert "--num is given without --objects" in capsys.readouterr().err
+
+    monkeypatch.setattr("dexnudge.synthesis.dataset_card.builtin_set", lambda _: "builtin:train:2")
+    assert main(["dataset", "check", str(copy)]) == 0
+    assert capsys.readouterr().out.endswith("; none verified again: --objects builtin:train:2 verifies them\n")
+    taken = Mock(return_value=DatasetCheck(2, rows, 1, ()))
+    monkeypatch.setattr("dexnudge.synthesis.recheck.check_dataset", taken)
+    assert main(["dataset", "check", str(copy), "--num", "1"]) == 0
+    assert taken.call_args.kwargs["objects"] == "builtin:train:2"
+    assert capsys.readouterr().out.endswith(", 1 verified again: all agree\n")
 
 
 def test_another_set_is_refused(data, names, tmp_path):

@@ -156,7 +156,7 @@ class CheckDataset:
     folder: ResultFolder
     """Folder that `dataset generate` wrote."""
     objects: OptionalSet = None
-    """The set of objects that it was generated from."""
+    """The set of objects that it was generated from; with --num not needed for built-in objects."""
     num: OptionalCount = None
     """Verify only so many configurations, drawn at random; all unless given."""
     seed: Count = 0
@@ -168,21 +168,25 @@ class CheckDataset:
         """Print what was checked; InputError when something does not hold."""
         check_at_least(0, seed=self.seed, num=self.num)
         check_at_least(1, workers=self.workers)
-        if self.objects is None:
-            refuse_without("objects", self, "num")
         if self.num is None:
             refuse_without("num", self, "seed")
+        from dexnudge.dataset.manifest import read_manifest
+        from dexnudge.synthesis.dataset_card import builtin_set
         from dexnudge.synthesis.recheck import check_dataset
 
-        report = check_dataset(
-            Path(self.folder), objects=self.objects, num=self.num, seed=self.seed, workers=self.workers
-        )
+        own = None if self.objects else builtin_set(read_manifest(self.folder))
+        objects = own if self.num is not None and own else self.objects
+        if objects is None:
+            refuse_without("objects", self, "num")
+        report = check_dataset(Path(self.folder), objects=objects, num=self.num, seed=self.seed, workers=self.workers)
         if report.differences:
             raise InputError(
                 f"{self.folder}: does not hold what it says, {len(report.differences)} differences:\n"
                 f"{listed(report.differences)}\nexpected all to agree; generate again"
             )
-        print(
-            f"{report.rows} configurations of {report.objects} objects read, {report.verified} verified again: all agree"
-        )
+        read = f"{report.rows} configurations of {report.objects} objects read"
+        if objects is None:
+            print(f"{read}; none verified again: --objects {own or 'SET'} verifies them")
+        else:
+            print(f"{read}, {report.verified} verified again: all agree")
         return 0

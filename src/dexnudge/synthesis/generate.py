@@ -254,9 +254,14 @@ def _open(out: Path, config: GenerationConfig, seed: int) -> Manifest:
         found = shards if shards and not _differing(shards, wanted) else found  # the manifest alone has changed
     if differing := _differing(found, wanted):
         label = differing[0]
+        expected, got = getattr(wanted, label), getattr(found, label)
+        if isinstance(expected, dict):
+            key = next(key for key in (*expected, *got) if expected.get(key) != got.get(key))
+            label = f"version of {key}" if label == "versions" else f"`{key}`"
+            expected, got = expected.get(key), got.get(key)
         raise DatasetError(
-            f"{out} holds a dataset with another {label}: expected {getattr(wanted, label)!r}, "
-            f"got {getattr(found, label)!r}; choose another folder, or the same {label}"
+            f"{out} holds a dataset with another {label}: expected {expected!r}, got {got!r}; choose another folder, or "
+            f"the same {label}"
         )
     remove_leftovers(out)
     return replace(found, joint_groups=wanted.joint_groups, sliding_joints=wanted.sliding_joints)  # no shard has them
