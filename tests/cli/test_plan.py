@@ -1,6 +1,7 @@
 """`dexnudge plan`: what is written where nothing can be planned, and that an output that is taken is said at once."""
 
 import json
+from types import SimpleNamespace
 
 import numpy as np
 import pytest
@@ -104,3 +105,15 @@ def test_meshes_of_a_ros_package_are_found_where_it_is_said(dexnudge, tmp_path):
     assert "package://stick" in dexnudge(*command).err
     found = dexnudge(*command, "--package", f"stick={tmp_path / 'elsewhere'}")
     assert "configurations.npz is missing" in found.err  # the arm is there, the samples are not
+
+
+def test_an_arm_that_comes_below_its_plane_is_a_warning_before_all_else(dexnudge, sampled, tmp_path, monkeypatch):
+    arm = SimpleNamespace(T_world_base=np.eye(4))
+    found = SimpleNamespace(robot=SimpleNamespace(arm=arm), seconds={})
+    monkeypatch.setattr("dexnudge.cli.plan.Plan._planned", lambda *_: found)
+    monkeypatch.setattr("dexnudge.cli.plan._print", lambda *_, **__: print("the table"))
+    monkeypatch.setattr("dexnudge.trajectories.plan_folder.write_plan", lambda *_, **__: None)
+    monkeypatch.setattr("dexnudge.trajectories.plan.below_base", lambda _: 0.13)
+    said = dexnudge("plan", sampled, "--arm", "panda", "--out", tmp_path / "out").out
+    assert said.startswith("warning: the arm comes 13 cm below the plane that it stands on; --floor 0 keeps it above")
+    assert "the table" in said

@@ -192,3 +192,10 @@ def test_options_that_do_not_fit(dexnudge, options, message):
     outcome = dexnudge("sample", *options)
     assert (outcome.code, outcome.out) == (2, "")
     assert outcome.err.startswith(f"dexnudge: {message}")
+
+
+def test_a_folder_of_a_scene_does_not_tell_again_how_its_object_was_settled(dexnudge, own, tmp_path):
+    assert "it was lowered onto it" in " ".join(dexnudge(*own(z=0.009)).out.split())
+    said = dexnudge("sample", tmp_path / "out", *QUICK, "--out", tmp_path / "drawn").out
+    assert "draws" in said
+    assert "lowered" not in said

@@ -95,9 +95,9 @@ class Plan(MountOptions):
             say("no configuration has a plan; move --arm-base (find-base shows where), turn --mount, or draw more")
             say(f"written: {out}")
             return NOTHING_SUCCEEDED
-        _print(found, seconds, total=time.perf_counter() - start)
         if self.floor is None:
             _say_below(found)
+        _print(found, seconds, total=time.perf_counter() - start)
         say(f"written: {out}", f"watch it: {out / 'plan.html'}", f"play it: dexnudge execute {out}")
         return 0
 
@@ -150,8 +150,8 @@ def _say_below(plan: PlanResult) -> None:
     if (below := below_base(plan)) > WORTH_SAYING:
         plane = plan.robot.arm.T_world_base[2, 3]
         say(
-            f"comes {100 * below:.0f} cm below the plane that the arm stands on; --floor {plane:.3g} keeps it above, where "
-            "base and object lie no lower"
+            f"warning: the arm comes {100 * below:.0f} cm below the plane that it stands on; --floor {plane:.3g} keeps it "
+            "above, where base and object lie no lower"
         )
 
 

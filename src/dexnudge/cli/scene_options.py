@@ -200,7 +200,9 @@ class SceneOptions(MeshOptions):
 
     def what_matters(self, scene: Scene, hand: Hand) -> list[Finding]:
         """Return the findings before sampling; of a family, which is built to be right, only about the meshes and errors."""
-        if self.scene is None or self.is_folder or self.turning.given():
+        if self.is_folder:  # whoever made it was told how its object was settled
+            return [finding for finding in scene.findings(hand) if finding.what != "settled"]
+        if self.scene is None or self.turning.given():
             return scene.findings(hand)
         from dexnudge.scenes.findings import reading_findings
 
