@@ -40,8 +40,8 @@ def test_a_push_says_what_was_asked_and_what_was_reached(episode, sample):
     assert episode.length_asked == 0.04
     assert episode.length_reached == pytest.approx((centres[-1] - centres[untouched])[0])
     assert episode.length_reached > 0.8 * 0.04
-    reached = f"{1e3 * episode.length_reached:.0f}"
-    assert repr(episode) == f"Push of pads in '{sample.scene.name}': success; {reached} of 40 mm"
+    reached = f"{1e3 * episode.length_reached:.1f}"
+    assert repr(episode) == f"Push of pads in '{sample.scene.name}': success; {reached} mm, 40 asked"
 
 
 def test_a_push_says_how_far_its_object_drifted_and_how_often_the_hand_took_hold_again(episode):

@@ -54,7 +54,7 @@ def test_what_is_saved_is_found_again_and_read_back(boxy_hand, block, tmp_path):
     ]
     assert read[0].contact_links == ("tip_a", "tip_b")
     assert repr(read).startswith(
-        "4 samples of boxy in 'user': 3 verified\n  1 rejected: contact\n  best: Sample of boxy"
+        "4 samples of boxy in 'user': 3 verified\n  1 rejected, first reason: contact\n  best: Sample of boxy"
     )
     for name in ("view.html", "view.png"):
         assert (tmp_path / "out" / name).stat().st_size > 1000

@@ -38,7 +38,7 @@ def test_a_block_is_carried_along_by_motors_alone(episode, block_press):
 def test_the_film_says_what_came_of_it(episode):
     film = episode.recording()
     assert film.success is True
-    assert film.subtitle == "success; 50 of 50 mm"
+    assert film.subtitle == "success; 50.0 mm, 50 asked"
     assert film.frames[0].arrow_length == pytest.approx(0.05)
 
 
@@ -132,7 +132,7 @@ def test_the_command_plays_a_plan_and_exits_3_where_the_object_stays(saved, tmp_
     (folder / "robot/world.xml").write_text('<mujoco><include file="/etc/passwd"/></mujoco>')  # for others: never read
     assert main(["execute", str(folder), "--out", str(out), "--films", "0"]) == 0
     shown = capsys.readouterr().out
-    assert "success: moved 50.0 of 50 mm, orientation off by 0.0 deg, 0.00 mm into the surroundings" in shown
+    assert "success: moved 50.0 mm, 50 asked, orientation off by 0.0 deg, 0.00 mm into the surroundings" in shown
     summary = json.loads((out / "summary.json").read_text(encoding="utf-8"))
     assert [phase["name"] for phase in summary["phases"]] == ["pre-contact", "contact", "squeeze", "push", "retreat"]
     assert summary["length_reached"] == pytest.approx(0.05, abs=0.002)

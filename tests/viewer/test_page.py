@@ -159,6 +159,9 @@ def test_a_criterion_of_ones_own_is_a_column(shown, tmp_path):
 def test_percentages_have_no_decimals(shown, tmp_path):
     figures = [Figures(True, {"probability": p, "share_of_worlds": 0.52}) for p in (0.923, 0.985, 0.01)]
     page = Parsed(write_page(shown[:3], tmp_path / "percent.html", title="percent", figures=figures))
+    heads = (tmp_path / "percent.html").read_text()
+    assert "<th>probability<br>%</th>" in heads  # as everywhere else
+    assert "verdict or<br>first reason</th>" in heads
     assert [row[2:4] for row in page.rows[1:]] == [["90", "52"], [">95", "52"], ["<5", "52"]]
 
 

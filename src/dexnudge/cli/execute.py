@@ -186,7 +186,7 @@ def _print_phases(summary: dict[str, Any]) -> None:
         )
     stdout().print(shown)
     say(
-        f"{summary['sentence']}: moved {1e3 * summary['length_reached']:.1f} of {1e3 * summary['length_asked']:.0f} mm, "
+        f"{summary['sentence']}: moved {1e3 * summary['length_reached']:.1f} mm, {1e3 * summary['length_asked']:.0f} asked, "
         f"orientation off by {summary['turned_deg']:.1f} deg, "
         f"{1e3 * summary['hand_environment']:.2f} mm into the surroundings"
     )

@@ -186,7 +186,7 @@ def _print(summary: dict[str, Any]) -> None:
     counts = table("draws", "number", "share")
     drawn = summary["drawn"]
     rows = [("drawn", drawn), ("verified", summary["verified"]), ("  robust", summary["robust"])]
-    rows += [(f"rejected: {reason}", number) for reason, number in summary["rejected"].items()]
+    rows += [(f"rejected, first reason: {reason}", number) for reason, number in summary["rejected"].items()]
     for label, number in rows:
         counts.add_row(label, str(number), f"{number / drawn:.0%}")
     stages = ", ".join(f"{stage} {value:.1f}" for stage, value in summary["seconds"].items())

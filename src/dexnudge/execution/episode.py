@@ -122,8 +122,8 @@ class Episode:
         number = 0 if isinstance(self.result, Execution) else len(self.result.attempts)
         attempts = f", {number} attempt{'s' * (number > 1)}" if number else ""
         detail = f" ({self.detail})" if self.detail else ""
-        turned = f"{np.degrees(self.angle_reached):.0f} of {np.degrees(self.angle_asked):.0f} deg"
-        slid = f"{round(1e3 * self.length_reached)} of {round(1e3 * self.length_asked)} mm"
+        turned = f"{np.degrees(self.angle_reached):.1f} deg, {np.degrees(self.angle_asked):.0f} asked"
+        slid = f"{1e3 * self.length_reached:.1f} mm, {round(1e3 * self.length_asked)} asked"
         made = " and ".join(
             [turned] * (self.angle_asked > 0) + [slid] * (self.length_asked > 0 or not self.angle_asked)
         )

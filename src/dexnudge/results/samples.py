@@ -243,7 +243,7 @@ class Samples:
 
     def __repr__(self) -> str:
         lines = [f"{len(self)} samples of {self.hand.name} in '{self.scene.name}': {self.num_verified} verified"]
-        lines += [f"  {count} rejected: {reason}" for reason, count in self.rejections().items()]
+        lines += [f"  {count} rejected, first reason: {reason}" for reason, count in self.rejections().items()]
         if self.num_verified:
             lines.append(f"  best: {self[0]!r}")
         return "\n".join(lines)

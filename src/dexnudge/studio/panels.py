@@ -51,7 +51,9 @@ class Panels:
 
     def _draws(self) -> None:
         gui, session = self._gui, self._session
-        hint = "best first, verified ones before others; margins above 1.5 count alike, then decides what presses"
+        hint = (
+            "best first; rejected ones by their first reason; margins above 1.5 count alike, then decides what presses"
+        )
         self._group = gui.add_dropdown("show", [NOTHING], hint=hint)
         self._place = gui.add_slider("draw", min=0, max=1, step=1, initial_value=0)
         self._step = gui.add_button_group("", ["previous", "next"])

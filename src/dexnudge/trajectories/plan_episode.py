@@ -80,7 +80,7 @@ class PlanEpisode:
     def __repr__(self) -> str:
         return (
             f"Push by {self.plan.robot!r} in '{self.plan.scene.name}': {self.outcome.sentence}; "
-            f"{round(1e3 * self.length_reached)} of {round(1e3 * self.length_asked)} mm"
+            f"{1e3 * self.length_reached:.1f} mm, {round(1e3 * self.length_asked)} asked"
         )
 
     def recording(self, title: str = "") -> Recording:

@@ -144,7 +144,7 @@ HEADINGS = {  # of values that are shown under another name or in another unit t
     "penetration_environment": ("surr.<br>mm", MILLIMETRES),
     "penetration_self": ("self<br>mm", MILLIMETRES),
     "force_margin": ("force<br>margin", 1.0),
-    "probability": ("holds<br>%", PERCENT),
+    "probability": ("probability<br>%", PERCENT),
     "share_of_worlds": ("worlds<br>%", PERCENT),
 }
 
@@ -206,7 +206,7 @@ def write_page(scenes: Sequence[VisualScene], path: Path | str, *, title: str, f
 def _head(names: Sequence[str]) -> str:
     headings = [HEADINGS[name][0] if name in HEADINGS else escape(name.replace("_", " ")) for name in names]
     columns = "".join(f"<th>{heading}</th>" for heading in headings)
-    return f'<th>#</th><th class="text">verdict</th>{columns}<th class="text">contact links</th>'
+    return f'<th>#</th><th class="text">verdict or<br>first reason</th>{columns}<th class="text">contact links</th>'
 
 
 def _row(index: int, figures: Figures, names: Sequence[str]) -> str:
