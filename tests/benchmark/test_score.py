@@ -3,8 +3,11 @@
 import csv
 import json
 import os
+import shutil
 import struct
 import zipfile
+from contextlib import closing
+from dataclasses import replace
 from pathlib import Path
 
 import numpy as np
@@ -12,15 +15,16 @@ import pytest
 
 from dexnudge.benchmark import score as scoring
 from dexnudge.benchmark.entry import load_entry, read_answer
-from dexnudge.benchmark.records import METRICS, ScoreRecord, TaskScore, merged
+from dexnudge.benchmark.records import METRICS, ScoreRecord, TaskScore, merged, sealed
 from dexnudge.benchmark.report import _markdown
 from dexnudge.benchmark.score import score
 from dexnudge.errors import InputError
 from dexnudge.experiments.metrics import measure
-from dexnudge.experiments.records import read_records
+from dexnudge.experiments.records import RecordWriter, read_records
 from dexnudge.formats.hand_poses import palm_poses
 from dexnudge.sampling.sampler import Sampler
 from dexnudge.verification.verdicts import verify
+from dexnudge.version import __version__
 
 
 def write(folder, task, answer):
@@ -84,6 +88,62 @@ def test_what_was_judged_is_not_judged_again_and_changed_entries_are_refused(
     answer.write_text(answer.read_text() + "\n")
     with pytest.raises(InputError, match="was changed since it was judged in"):
         score([entry_folder], tasks.folder, tmp_path / "out", workers=1)
+
+
+def test_lines_that_were_made_of_other_answers_are_judged_again(entry_folder, tasks, inside, tmp_path):
+    text, lines = score([entry_folder], tasks.folder, tmp_path / "out", workers=1), tmp_path / "out/entries/mine"
+    honest = (lines / "results.jsonl").read_text()
+    first, *others = honest.splitlines()
+    won = json.loads(first)
+    won["verified"] = 2
+    moved = json.dumps(won | {"object": "another", "seal": won["seal"]})
+    (lines / "results.jsonl").write_text("\n".join([json.dumps(won), moved, *others]) + "\n")
+    assert score([entry_folder], tasks.folder, tmp_path / "out", workers=1) == text
+    assert sorted((lines / "results.jsonl").read_text().splitlines()) == sorted(honest.splitlines())
+
+    path = entry_folder / "answers/phone-200_table_0.json"  # another entry of that name, with the lines of the first
+    path.write_text(json.dumps({**inside, "joint_angles": [[0.1] * 16] * 2}))
+    score([entry_folder], tasks.folder, tmp_path / "other", workers=1)
+    judged = (tmp_path / "other/entries/mine/results.jsonl").read_text()
+    (tmp_path / "other/entries/mine/results.jsonl").write_text(honest)
+    score([entry_folder], tasks.folder, tmp_path / "other", workers=1)
+    assert (tmp_path / "other/entries/mine/results.jsonl").read_text() == judged != honest
+
+
+def test_an_entry_among_the_scores_is_refused(entry_folder, tasks, tmp_path):
+    (tmp_path / "out/entries").mkdir(parents=True)
+    (tmp_path / "link").symlink_to(tmp_path / "out")
+    inside = entry_folder.rename(tmp_path / "out/entries/mine")
+    for entry, out in (
+        (inside, "out"),
+        (inside, "link"),
+        (tmp_path / "link/entries/mine", "out"),
+        (inside, "out/entries/mine"),
+    ):
+        with pytest.raises(InputError, match="lie in each other; expected folders apart"):
+            score([entry], tasks.folder, tmp_path / out, workers=1)
+    outside = inside.rename(tmp_path / "mine")
+    inside.symlink_to(outside)  # its scores would be written into the entry
+    with pytest.raises(InputError, match="lie in each other"):
+        score([outside], tasks.folder, tmp_path / "out", workers=1)
+
+
+def test_versions_that_judged_are_told_where_they_differ(entry_folder, tasks, tmp_path, monkeypatch):
+    other = tmp_path / "other"
+    shutil.copytree(entry_folder, other)
+    (other / "entry.json").write_text((entry_folder / "entry.json").read_text().replace('"mine"', '"other"'))
+    assert f"; judged by dexnudge {__version__}, " in score([other], tasks.folder, tmp_path / "out", workers=1)
+    older = [replace(record, judge="0.19.0") for record in read_records(tmp_path / "out/entries/other", ScoreRecord)]
+    stamp = load_entry(other, tasks).hash
+    with closing(RecordWriter(tmp_path / "out/entries/other")) as writer:
+        os.truncate(tmp_path / "out/entries/other/results.jsonl", 0)
+        for record in older[1:]:
+            writer.append(sealed(record, tasks.fingerprint, stamp))
+    text = score([entry_folder, other], tasks.folder, tmp_path / "out", workers=1)
+    assert (
+        f"several versions of dexnudge, which may differ (mine by {__version__}; other by 0.19.0 and {__version__})"
+        in text
+    )
 
 
 def test_claims_of_success_are_not_read(entry_folder, tasks, inside, tmp_path):
@@ -266,6 +326,23 @@ def test_rates_are_over_all_tasks_and_intervals_over_objects():
     assert row["failures"] == {"missing": 14, "contact": 1}
     assert row["outcomes"] == {"success": 2, "not played": 3}
     assert (row["first"].low, row["first"].high) == (0.0, pytest.approx(1 / 3))
+
+
+def test_a_task_is_answered_by_a_draw_with_a_pose_and_times_count_where_all_answered_tasks_have_one():
+    nothing = TaskScore("a", drawn=2, reasons={"valid_pose": 2})
+    posed = TaskScore("b", drawn=2, reasons={"valid_pose": 1, "contact": 1})
+    other = TaskScore("c", drawn=1, reasons={"contact": 1})
+
+    def row(seconds):
+        record = ScoreRecord(
+            object="one", scene="table", method="m", seed=0, num=6, tasks=[nothing, posed, other], seconds=seconds
+        )
+        return measure([record], METRICS)[0]
+
+    assert row({})["answered"] == 2
+    assert row({"b": 1.0, "c": 3.0})["seconds"].value in (1.0, 3.0)
+    assert row({"b": 1.0})["seconds"] is row({"a": 1.0})["seconds"] is row({"a": 1.0, "b": 1.0})["seconds"] is None
+    assert row({"a": 100.0, "b": 3.0, "c": 3.0})["seconds"].value == 3.0
 
 
 @pytest.mark.slow

@@ -2,12 +2,15 @@
 
 from collections import Counter
 from collections.abc import Callable, Sequence
-from dataclasses import dataclass, field, replace
+from dataclasses import asdict, dataclass, field, replace
 from typing import Any, ClassVar
 
 from dexnudge.experiments.metrics import OBJECTS, Metric, share
 from dexnudge.experiments.records import TrialRecord
-from dexnudge.experiments.statistics import quantile_estimate
+from dexnudge.experiments.statistics import Estimate, quantile_estimate
+from dexnudge.jobs.digests import digest
+from dexnudge.verification.criteria import VALID_POSE
+from dexnudge.version import __version__
 
 ALL = "all"  # families, in tables
 NOT_PLAYED = "not played"  # outcome of a first draw that is in something, or beyond limits
@@ -36,14 +39,32 @@ class TaskScore:
     rejected: str = ""
     problem: str = ""
 
+    @property
+    def answered(self) -> bool:
+        """Whether some draw has a pose."""
+        return self.drawn > self.reasons.get(VALID_POSE.name, 0)
+
 
 @dataclass(frozen=True, kw_only=True)
 class ScoreRecord(TrialRecord):
-    """All tasks of an object in a family of scenes; `method` is the entry's name, `num` the draws that they allow."""
+    """All tasks of an object in a family of scenes; `method` is the entry's name, `num` the draws that they allow.
+
+    Attributes:
+        tasks: what each answer is worth.
+        judge: version of dexnudge that judged.
+        seal: SHA-256 of the suite, the entry with its answers, and the other fields; see `sealed`.
+    """
 
     kind: ClassVar[str] = "benchmark"
 
     tasks: list[TaskScore] = field(default_factory=list)
+    judge: str = __version__
+    seal: str = ""
+
+
+def sealed(record: ScoreRecord, suite: str, entry: str) -> ScoreRecord:
+    """Return the record with the seal of this suite and entry, by their hashes: it is of no others."""
+    return replace(record, seal=digest({**asdict(record), "seal": "", "of": [suite, entry]}))
 
 
 Records = Sequence[ScoreRecord]
@@ -63,6 +84,13 @@ def _failures(records: Records) -> dict[str, int]:
     return {name: number for name, number in counts.most_common() if number}
 
 
+def _median_seconds(records: Records) -> Estimate | None:
+    """Return the median over answered tasks; None where one of them has no time: the quick ones alone would flatter."""
+    times = [each.seconds.get(task.task) for each in records for task in each.tasks if task.answered]
+    known = [seconds for seconds in times if seconds is not None]
+    return quantile_estimate(known, 0.5) if len(known) == len(times) else None
+
+
 def _outcomes(records: Records) -> dict[str, int]:
     return dict(Counter(task.feedback.replace("_", " ") for record in records for task in record.tasks).most_common())
 
@@ -70,7 +98,7 @@ def _outcomes(records: Records) -> dict[str, int]:
 METRICS = (
     OBJECTS,
     Metric("tasks", lambda records: sum(len(each.tasks) for each in records), "tasks", 0),
-    Metric("answered", lambda records: sum(task.drawn > 0 for each in records for task in each.tasks), "answered", 0),
+    Metric("answered", lambda records: sum(task.answered for each in records for task in each.tasks), "answered", 0),
     Metric("first", _of_tasks(lambda task: task.first), "first verified"),
     Metric("share", share(lambda each: each.verified / each.num), "share verified"),
     Metric("any", _of_tasks(lambda task: task.verified > 0), "any verified"),
@@ -78,7 +106,7 @@ METRICS = (
     Metric("feedback", _of_tasks(lambda task: task.feedback == "success"), "feedback"),
     Metric(
         "seconds",
-        lambda records: quantile_estimate([s for each in records for s in each.seconds.values()], 0.5),
+        _median_seconds,
         "s",
         1,
     ),

@@ -1,7 +1,7 @@
 """The report over all entries that were judged: text, numbers, a table, a chart, and a page."""
 
 import re
-from collections.abc import Sequence
+from collections.abc import Mapping, Sequence
 from dataclasses import asdict
 from html import escape
 from pathlib import Path
@@ -22,15 +22,17 @@ ABOUT = (
     "% of all tasks, those without a valid answer among them; in brackets 95 % intervals by bootstrap over objects. First: "
     "the draw that the method ranks first, verified by geometry and forces. Share: of the {draws} draws that a task allows, "
     "missing ones, and those that repeat an earlier one, count as failures. Open loop, feedback: the first draw played out "
-    "in physics. Seconds: median of a task, as each entry says."
+    "in physics. Seconds: median of answered tasks, as each entry says, where it says so of all."
 )
 RATES = {"first": "first draw verified", "feedback": "first draw in physics, with feedback"}
 
 
-def write_report(entries: Sequence[Entry], tasks: TaskSet, found: Records, claim: dict[str, Any], out: Path) -> str:
+def write_report(
+    entries: Sequence[Entry], tasks: TaskSet, found: Records, claims: Mapping[str, dict[str, Any]], out: Path
+) -> str:
     """Write report.md, report.json, report.csv, rates.png and report.html into a folder; return the first.
 
-    found: what the judge found of these entries. claim: of one of them, see `read_claim`.
+    found: what the judge found of these entries. claims: of each, by its name, see `read_claim`.
 
     Raises:
         OutputError: the folder cannot be written.
@@ -39,35 +41,47 @@ def write_report(entries: Sequence[Entry], tasks: TaskSet, found: Records, claim
     records = sorted(found, key=lambda record: ([*suite.families].index(record.scene), record.object))
     measured = [*measure(merged(records), METRICS), *measure(records, METRICS)]
     counts = [metric for metric in METRICS if metric.form == "counts"]
+    judges = {each.name: sorted({record.judge for record in found if record.method == each.name}) for each in entries}
+    processors = " and ".join(dict.fromkeys(claim["machine"]["processor"] for claim in claims.values()))
     setting = (
         f"Suite {suite.name}, version {suite.version}: {len(tasks.tasks)} tasks, hand {suite.hand}, fingerprint "
-        f"`{tasks.fingerprint[:16]}`; judged by dexnudge {claim['versions']['dexnudge']}, {claim['machine']['processor']}."
+        f"`{tasks.fingerprint[:16]}`; {_judged_by(judges)}, {processors}."
     )
     about = f"{setting} {ABOUT.format(draws=suite.draws)}{FEW if len(suite.objects) < FEWEST else ''}"
     bars = {what: {row["method"]: row[name] for row in measured if row["scene"] == ALL} for name, what in RATES.items()}
     rates = metric_table(measured, [metric for metric in METRICS if metric not in counts])
     tables = {metric.header: count_table(measured, metric.name) for metric in counts}
     who = [f"{each.name}: {each.authors}; used: {each.used}; machine: {each.machine}" for each in entries]
-    lists, title, made = _failed(records), f"Benchmark {suite.name}", made_with(claim)
+    lists, title = _failed(records), f"Benchmark {suite.name}"
+    made = [*dict.fromkeys(map(made_with, claims.values()))]
     sections = [
         Section("", about, rates),
         Section("Rates", "", chart=("rates.png", lambda: interval_chart(title, bars))),
         Section("Entries", _markdown(who)),
         *(Section(heading, "", table) for heading, table in tables.items()),
         *(Section(heading, _markdown(lines)) for heading, lines in lists.items()),
-        Section("Made with", made),
+        Section("Made with", _markdown(made)),
     ]
-    numbers = {"suite": asdict(suite), "fingerprint": tasks.fingerprint, "metrics": measured}
+    numbers = {"suite": asdict(suite), "fingerprint": tasks.fingerprint, "judged_by": judges, "metrics": measured}
     text = write_files(out, title, sections, numbers, measured)
     write_page(
         out / PAGE,
         title,
         about.replace("`", ""),
         {"Rates": rates, **tables},
-        {"Entries": who, **lists, "Made with": [made]},
+        {"Entries": who, **lists, "Made with": made},
         pictures=f"{rate_charts(measured, RATES)}\n{first_draws(entries, tasks, records)}",
     )
     return text
+
+
+def _judged_by(judges: Mapping[str, Sequence[str]]) -> str:
+    """Return which versions judged; of several, which entry by which: their figures are not comparable."""
+    versions = {version for each in judges.values() for version in each}
+    if len(versions) <= 1:
+        return f"judged by dexnudge {', '.join(versions)}"
+    each = "; ".join(f"{name} by {' and '.join(found)}" for name, found in judges.items())
+    return f"judged by several versions of dexnudge, which may differ ({each}), to compare judge again in a new folder"
 
 
 def _failed(records: Records) -> dict[str, list[str]]:

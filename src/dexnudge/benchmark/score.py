@@ -12,7 +12,7 @@ from functools import partial
 from pathlib import Path
 
 from dexnudge.benchmark.entry import Answer, Entry, load_entry, read_answer
-from dexnudge.benchmark.records import REPEATED, ScoreRecord, TaskScore
+from dexnudge.benchmark.records import REPEATED, ScoreRecord, TaskScore, sealed
 from dexnudge.benchmark.repeats import repeated
 from dexnudge.benchmark.report import write_report
 from dexnudge.benchmark.suite import TaskKey
@@ -20,6 +20,7 @@ from dexnudge.benchmark.tasks import TaskSet, load_tasks
 from dexnudge.errors import DexnudgeError, InputError
 from dexnudge.execution.executor import Executor
 from dexnudge.experiments.config import TrialKey
+from dexnudge.experiments.records import FILE as RECORDS
 from dexnudge.experiments.records import RecordWriter, read_records
 from dexnudge.hands.hand import Hand
 from dexnudge.jobs.claims import claim_folder, read_claim
@@ -31,7 +32,7 @@ from dexnudge.simulation.model import scene_model
 from dexnudge.simulation.open_loop import OpenLoop
 from dexnudge.verification.verdicts import Verdicts, verify
 
-FILE, FORMAT_VERSION, ENTRIES = "score.json", 1, "entries"
+FILE, FORMAT_VERSION, ENTRIES = "score.json", 2, "entries"
 PLAYABLE = ("", "contact", "force_margin", "motion_not_blocked")  # what may fail of a draw that is played
 
 
@@ -81,12 +82,14 @@ def score(
 ) -> str:
     """Judge entries and write the table over all of them; return its text. What was judged before is not judged again.
 
-    OUT/entries/NAME/results.jsonl has a line for each object and family; OUT/report.html, .md, .csv, .json and a chart
+    OUT/entries/NAME/results.jsonl has a line for each object and family, which counts where its seal is of these answers;
+    OUT/report.html, .md, .csv, .json and a chart
     compare entries.
     on_record: called with the entry, finished and total.
 
     Raises:
-        InputError: a suite or an entry that cannot be read, two entries of one name, or an entry that was changed since.
+        InputError: a suite or an entry that cannot be read, two entries of one name, an entry in `out`, or one that was
+            changed since.
         OutputError: `out` cannot be written, or another run works on it.
     """
     tasks, out = load_tasks(suite), Path(out)
@@ -94,34 +97,49 @@ def score(
     names = [entry.name for entry in given]
     if not names or len({*names}) < len(names):
         raise InputError(f"the entries are {', '.join(names) or 'none'}; expected one or more, each of its own name")
+    for entry in given:
+        _check_apart(entry.folder.resolve(), out, out / ENTRIES / entry.name)
     with owned_folder(out):
         for entry in given:
             _score_entry(entry, tasks, out / ENTRIES / entry.name, workers, on_record)
-        found = [record for entry in given for record in read_records(out / ENTRIES / entry.name, ScoreRecord)]
-        claim = read_claim(out / ENTRIES / names[0], FILE, format_version=FORMAT_VERSION)
-        return write_report(given, tasks, found, claim, out)
+        found = [record for name in names for record in read_records(out / ENTRIES / name, ScoreRecord)]
+        claims = {name: read_claim(out / ENTRIES / name, FILE, format_version=FORMAT_VERSION) for name in names}
+        return write_report(given, tasks, found, claims, out)
+
+
+def _check_apart(entry: Path, out: Path, scores: Path) -> None:
+    """Refuse an entry among the scores, or scores within it: records that came with it would be taken for the judge's."""
+    if entry.is_relative_to(out.resolve()) or scores.resolve().is_relative_to(entry):
+        raise InputError(
+            f"the entry {entry} and its scores, {scores}, lie in each other; expected folders apart; move the entry, or "
+            "choose another `out`"
+        )
 
 
 def _score_entry(
     entry: Entry, tasks: TaskSet, out: Path, workers: int, on_record: Callable[[str, int, int], None] | None
 ) -> None:
-    claim = {"suite": tasks.fingerprint, "entry": entry.hash, "name": entry.name}
+    suite, stamp = tasks.fingerprint, entry.hash
+    claim = {"suite": suite, "entry": stamp, "name": entry.name}
     changed = (
         f"the entry '{entry.name}' was changed since it was judged in {out}; expected it as it was; choose another `out`, "
         "or remove that folder"
     )
     claim_folder(out, FILE, claim, format_version=FORMAT_VERSION, device="cpu", changed={"entry": changed})
     groups = _groups(tasks, entry)
-    done = {record.key for record in read_records(out, ScoreRecord)}
+    there = read_records(out, ScoreRecord)
+    kept = [record for record in there if record.key in groups and record == sealed(record, suite, stamp)]
+    if len(kept) < len(there):
+        (out / RECORDS).unlink()
+    done = {record.key for record in kept}
     waiting = [key for key in groups if key not in done]
     with closing(RecordWriter(out)) as writer:
+        for record in kept if len(kept) < len(there) else []:
+            writer.append(record)
         start = partial(_start, entry.folder, tasks.folder)
         for number, (key, result) in enumerate(run_tasks(start, waiting, workers=workers), start=len(done) + 1):
-            if isinstance(result, WorkerDied):
-                failed = [TaskScore(task.name, problem=result.reason) for task in groups[key]]
-                writer.append(_record(key, failed, tasks, entry))
-            else:
-                writer.append(result)
+            record = _died(key, result, groups[key], tasks, entry) if isinstance(result, WorkerDied) else result
+            writer.append(sealed(record, suite, stamp))
             if on_record:
                 on_record(entry.name, number, len(groups))
 
@@ -152,10 +170,14 @@ def _start(entry_folder: Path, suite_folder: Path) -> Callable[[TrialKey], Score
     return run
 
 
+def _died(key: TrialKey, worker: WorkerDied, group: list[TaskKey], tasks: TaskSet, entry: Entry) -> ScoreRecord:
+    return _record(key, [TaskScore(task.name, problem=worker.reason) for task in group], tasks, entry)
+
+
 def _record(key: TrialKey, found: list[TaskScore], tasks: TaskSet, entry: Entry) -> ScoreRecord:
     return ScoreRecord(
         **key._asdict(),
-        status="done" if any(task.drawn for task in found) else "failed",
+        status="done" if any(task.answered for task in found) else "failed",
         reason="; ".join(dict.fromkeys(task.problem for task in found if task.problem)),
         seed=0,
         num=tasks.suite.draws * len(found),
