@@ -7,7 +7,7 @@ import pytest
 import dexnudge as package
 from dexnudge.cli.arguments import with_flags
 from dexnudge.cli.evaluate import Evaluate
-from dexnudge.cli.main import COMMANDS, parse
+from dexnudge.cli.main import COMMANDS, _at_home, parse
 from dexnudge.cli.sample import Sample
 
 
@@ -44,6 +44,35 @@ def test_a_wrong_name_comes_with_the_nearest_right_one(dexnudge, tmp_path, monke
     assert outcome.err.startswith(f"dexnudge: {message}")
     assert outcome.err.count("\n") == 1
     assert not list(tmp_path.iterdir())
+
+
+def test_a_leading_tilde_is_the_home_folder_in_every_path(dexnudge, tmp_path, monkeypatch):
+    monkeypatch.chdir(tmp_path)
+    monkeypatch.setenv("HOME", str(tmp_path / "home"))
+    (tmp_path / "home").mkdir()
+    assert dexnudge("scene", "phone", "--scene", "table", "--out", "~/a").code == 0
+    assert dexnudge("scene", "~/a", "--out=~/b").code == 0
+    assert f"{tmp_path}/home/none" in dexnudge("check", "~/none").err
+    assert sorted(path.name for path in (tmp_path / "home").iterdir()) == ["a", "b"]
+    assert [path.name for path in tmp_path.iterdir()] == ["home"]
+
+
+def test_a_tilde_is_expanded_where_a_path_begins_and_nowhere_else(monkeypatch):
+    monkeypatch.setenv("HOME", "/h")
+    given = ["~", "~/x\n", "--out=~/x", "mine=~/x", "a~", "./~", "~no-such-user/x", "~\0", "--out=a=~/x", "~\udcff"]
+    expected = [
+        "/h",
+        "/h/x\n",
+        "--out=/h/x",
+        "mine=/h/x",
+        "a~",
+        "./~",
+        "~no-such-user/x",
+        "~\0",
+        "--out=a=~/x",
+        "~\udcff",
+    ]
+    assert _at_home(given) == expected
 
 
 def test_an_unknown_option_comes_with_the_nearest_known_one(dexnudge):

@@ -1,6 +1,7 @@
 """The margins of turns: a column that newer shards have and older ones lack."""
 
 import dataclasses
+import shutil
 
 import numpy as np
 import pyarrow.parquet as pq
@@ -83,6 +84,18 @@ def test_datasets_are_read_as_one(toy, tmp_path):
     np.testing.assert_array_equal(both.q, np.concatenate([part.q for part in parts]))
     np.testing.assert_array_equal(both.object_index[len(parts[0]) :], parts[1].object_index + 2)
     np.testing.assert_array_equal(both.clouds[2:], parts[1].clouds)
+
+
+def test_a_dataset_that_is_given_twice_is_refused(toy, tmp_path):
+    toy.write_toy_dataset(tmp_path / "a", num_objects=2, seed=0)
+    toy.write_toy_dataset(tmp_path / "b", num_objects=3, seed=1)
+    (tmp_path / "link").symlink_to(tmp_path / "a")
+    shutil.copytree(tmp_path / "a", tmp_path / "copy")
+    for again in ("a", "b/../a", "link", "copy"):
+        with pytest.raises(
+            DatasetError, match=r"holds the same \d+ configurations of object-0 as .*a; expected each dataset"
+        ):
+            load_datasets([tmp_path / "a", tmp_path / "b", tmp_path / again])
 
 
 def test_datasets_of_two_hands_are_refused(toy, tmp_path):

@@ -9,6 +9,7 @@ import torch
 import trimesh
 
 from dexnudge.errors import InputError
+from dexnudge.formats import conversion
 from dexnudge.formats.bodex import read_bodex, read_dexgraspbench, write_bodex, write_dexgraspbench
 from dexnudge.formats.conversion import convert, read_back
 from dexnudge.formats.dexgraspnet import read_dexgraspnet, their_joint_names, write_dexgraspnet
@@ -237,3 +238,14 @@ def test_the_folder_one_stands_in_gives_its_name(box_samples, tmp_path, monkeypa
 
 def test_a_hand_of_another_name_keeps_its_joints(boxy_hand):
     assert their_joint_names(replace(boxy_hand, name="mine")) == list(boxy_hand.joint_names)
+
+
+def test_more_hands_than_are_verified_at_once_are_refused(box_samples, tmp_path, monkeypatch):
+    write_dexgraspnet(box_samples, tmp_path, name="box")
+    path, number = tmp_path / "dataset/box.npy", len(box_samples)
+    monkeypatch.setattr(conversion, "MOST_HANDS", number)
+    assert len(read_back(path, box_samples.scene, box_samples.hand)) == number
+    monkeypatch.setattr(conversion, "MOST_HANDS", number - 1)
+    monkeypatch.setattr(conversion, "verify", lambda *_: pytest.fail("verified"))
+    with pytest.raises(InputError, match=rf"box.npy holds {number} hands; expected at most {number - 1}; split it"):
+        read_back(path, box_samples.scene, box_samples.hand)

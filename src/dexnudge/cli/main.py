@@ -3,6 +3,7 @@
 import errno
 import itertools
 import os
+import re
 import shlex
 import signal
 import socket
@@ -64,6 +65,7 @@ RESUMABLE = ("evaluate", "reproduce", "benchmark score", "dataset generate", "da
 WHAT = "Hand configurations that push, press or hook thin objects that a robot hand cannot grasp."
 VECTORS = {"--motion": "DX DY DZ", "--about": "X Y Z"}
 UNCERTAIN = "--uncertain"
+HOME = re.compile(r"((?:--)?[\w-]+=)?(~[\w.-]*(?:/.*)?)", re.ASCII | re.DOTALL)  # --out=~/x and NAME=~/x, too
 SHORTER = f"expected each name of at most {LONGEST_PART} bytes and all of at most {LONGEST_PATH}"
 
 
@@ -76,7 +78,7 @@ def main(argv: Sequence[str] | None = None) -> int:
     Raises:
         SystemExit: 2 on arguments that do not parse, 0 after the --help of a command.
     """
-    arguments = list(sys.argv[1:] if argv is None else argv)
+    arguments = _at_home(sys.argv[1:] if argv is None else argv)
     kind = None
     try:
         if arguments[:1] == ["--version"]:
@@ -111,6 +113,13 @@ def main(argv: Sequence[str] | None = None) -> int:
     except KeyboardInterrupt:
         print(_interrupted(arguments), file=sys.stderr)
         return INTERRUPTED
+
+
+def _at_home(arguments: Sequence[str]) -> list[str]:
+    """Return the arguments with the home folder in place of a leading ~, which shells leave in quotes and after =."""
+    found = ((word, HOME.fullmatch(word)) for word in arguments)
+    expanded = os.path.expanduser  # leaves a user that there is not as it is
+    return [(home[1] or "") + expanded(home[2]) if home else word for word, home in found]
 
 
 def _check_address_space() -> None:
@@ -267,7 +276,7 @@ def run() -> None:
     """
     warnings.simplefilter("ignore", RuntimeWarning)
     signal.signal(signal.SIGTERM, lambda *_: sys.exit(TERMINATED))
-    message = _interrupted(sys.argv[1:])
+    message = _interrupted(_at_home(sys.argv[1:]))
     with ended_after_signal(message):
         try:
             code = main()

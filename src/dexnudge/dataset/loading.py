@@ -87,7 +87,8 @@ class Dataset:
 def load_datasets(folders: Sequence[Path | str]) -> Dataset:
     """Read several datasets of one hand as one; an object that is in two of them, lying and standing, counts as two.
 
-    The manifest is that of the first. Raises DatasetError as `load_dataset` does, for no folder, and for different hands.
+    The manifest is that of the first. Raises DatasetError as `load_dataset` does, for no folder, for different hands, and
+    where two of them hold the same rows of an object, as a folder that is given twice and a copy of it do.
     """
     if not folders:
         raise DatasetError("there is no dataset to read; expected at least one folder")
@@ -98,6 +99,7 @@ def load_datasets(folders: Sequence[Path | str]) -> Dataset:
             raise DatasetError(
                 f"{folder} is of hand {part.manifest.hand!r}, {folders[0]} of {first.hand!r}; expected datasets of one hand"
             )
+    _check_distinct(folders, parts)
     before = np.cumsum([0, *(len(part.object_names) for part in parts)])
     arrays = ("q", "behaviour", "direction_margin", "clouds", "turn_margin", "turns")
     return Dataset(
@@ -106,6 +108,21 @@ def load_datasets(folders: Sequence[Path | str]) -> Dataset:
         object_index=np.concatenate([part.object_index + start for part, start in zip(parts, before, strict=False)]),
         **{name: np.concatenate([getattr(part, name) for part in parts]) for name in arrays},
     )
+
+
+def _check_distinct(folders: Sequence[Path | str], parts: Sequence[Dataset]) -> None:
+    """Refuse rows that are there twice: they would count twice; DatasetError."""
+    seen: dict[tuple[str, bytes], Path | str] = {}
+    for folder, part in zip(folders, parts, strict=True):
+        for index, name in enumerate(part.object_names):
+            rows = part.q[part.object_index == index]
+            key = (name, hashlib.sha256(rows.tobytes()).digest())
+            if len(rows) and key in seen:
+                raise DatasetError(
+                    f"{folder} holds the same {len(rows)} configurations of {name} as {seen[key]}; expected each dataset "
+                    "once; leave the folder, or its copy, out"
+                )
+            seen[key] = folder
 
 
 def load_dataset(folder: Path | str, *, allow_incomplete: bool = False) -> Dataset:

@@ -33,7 +33,7 @@ GRASPS: dict[str, tuple[Callable[..., None], str]] = {  # what writes a folder o
 SCENES: dict[str, Callable[..., None]] = {"usd": write_usd, "mujoco": write_mujoco}
 EPISODES, BACK = "lerobot", "dexnudge"
 FORMATS = (*GRASPS, EPISODES, *SCENES, BACK)
-MOST_FILES = 10_000  # of one folder of DexGraspBench
+MOST_HANDS = 10_000  # that are verified at once, as draws of one call; DexGraspBench has one in each file
 MOST_NAMED = 10  # folders in a message
 
 
@@ -108,13 +108,16 @@ def read_back(source: Path, scene: Scene, hand: Hand, *, scale: float | None = N
     The object lies in the scene where the scene has it; the hands come with it. Ranked by what is verified.
 
     Raises:
-        InputError: a file of another form, of another hand, or of an object of another size.
+        InputError: a file of another form, of another hand, of an object of another size, or with more hands than
+            `MOST_HANDS`.
     """
     files = _records(source) if source.is_dir() else [source]
-    if not files or len(files) > MOST_FILES:
-        raise InputError(f"{source} holds {len(files)} .npy files; expected 1 to {MOST_FILES} of DexGraspBench")
+    if not files or len(files) > MOST_HANDS:
+        raise InputError(f"{source} holds {len(files)} .npy files; expected 1 to {MOST_HANDS} of DexGraspBench")
     radius = float(np.linalg.norm(scene.object_mesh.vertices, axis=1).max())
     parts = [_read(file, hand, scale, radius) for file in files]
+    if (number := sum(map(len, parts))) > MOST_HANDS:
+        raise InputError(f"{source} holds {number} hands; expected at most {MOST_HANDS}; split it into several files")
     q = transform_configurations(scene.T_world_object, np.concatenate(parts))
     return Samples(scene, hand, q, verify(scene, hand, q)).best_first()
 
