@@ -134,6 +134,38 @@ def test_a_reader_that_has_seen_enough_ends_the_command_quietly(arguments):
     assert (done.returncode, done.stderr) == (128 + signal.SIGPIPE, "")
 
 
+@pytest.mark.parametrize("arguments", ["--version", "--help", "sample --help", "plugins", "hand shadow_lite"])
+def test_a_full_standard_output_is_one_message(arguments):
+    command = [sys.executable, "-m", "dexnudge", *arguments.split()]
+    with open("/dev/full", "w") as full:  # noqa: PTH123
+        done = subprocess.run(command, stdout=full, stderr=subprocess.PIPE, text=True, timeout=60, check=False)
+    assert done.returncode == 2
+    assert done.stderr == (
+        "dexnudge: cannot write to standard output: No space left on device; expected a terminal, a pipe, or a file on a "
+        "disk with free space; what was not told of may be written all the same\n"
+    )
+
+
+@pytest.mark.parametrize(
+    ("arguments", "closed", "code"),
+    [
+        ("--version", ">&-", 0),
+        ("sample --help", ">&-", 0),
+        ("hand shadow_lite", ">&-", 0),
+        ("hand shadow_lite", "<&- >&- 2>&-", 0),
+        ("check nothing", ">&-", 2),
+        ("check nothing", "2>&-", 2),
+    ],
+)
+def test_closed_streams_are_no_failure(arguments, closed, code):
+    command = f"exec {sys.executable} -m dexnudge {arguments} {closed}"
+    done = subprocess.run(["/bin/bash", "-c", command], capture_output=True, text=True, timeout=60, check=False)
+    said = "dexnudge: nothing is not a folder" if code and closed != "2>&-" else ""
+    assert (done.returncode, done.stdout) == (code, "")
+    assert done.stderr.startswith(said)
+    assert bool(done.stderr) == bool(said)
+
+
 def _raise(error: BaseException):
     def run(_self):
         raise error

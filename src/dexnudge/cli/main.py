@@ -17,11 +17,13 @@ from importlib.util import find_spec
 from io import StringIO
 from typing import Any
 
+from dexnudge.cli.streams import open_streams, send_nowhere
 from dexnudge.errors import (
     LONGEST_PART,
     LONGEST_PATH,
     DexnudgeError,
     InputError,
+    OutputError,
     UnknownNameError,
     check_path,
     did_you_mean,
@@ -210,6 +212,7 @@ def parse(name: str, kind: Any, options: Sequence[str]) -> Any:
         if refused:
             raise refused from None
         sys.stderr.write(said.getvalue())
+        sys.stdout.flush()  # the help
         raise
 
 
@@ -274,6 +277,7 @@ def run() -> None:
 
     What numpy warns of on the way, as of an overflow by a coordinate of 1e300, ends in a message of ours.
     """
+    open_streams()
     warnings.simplefilter("ignore", RuntimeWarning)
     signal.signal(signal.SIGTERM, lambda *_: sys.exit(TERMINATED))
     message = _interrupted(_at_home(sys.argv[1:]))
@@ -286,8 +290,11 @@ def run() -> None:
                 print(message, file=sys.stderr)
             raise
         except BrokenPipeError:  # whoever read the output has seen enough, such as `head`
-            os.dup2(os.open(os.devnull, os.O_WRONLY), sys.stdout.fileno())
+            send_nowhere(sys.stdout.fileno())
             code = PIPE_ENDED
+        except OutputError as error:
+            print(f"dexnudge: {error}", file=sys.stderr)
+            code = BAD_INPUT
         finally:  # another signal, while Python ends, has nothing to unwind
             for number in (signal.SIGINT, signal.SIGTERM):
                 signal.signal(number, signal.SIG_DFL)
