@@ -2,6 +2,7 @@
 
 import gc
 import math
+import re
 import socket
 import threading
 import weakref
@@ -18,11 +19,14 @@ from websockets.sync.client import connect
 
 import dexnudge as dn
 from dexnudge.errors import InputError
-from dexnudge.studio.controls import table, without_folders
+from dexnudge.studio.controls import legend, table, without_folders
+from dexnudge.studio.panels import COLOURS
+from dexnudge.studio.sample_panel import in_fields
 from dexnudge.studio.server import LARGEST_PORT, admitted, open_server
 from dexnudge.studio.session import MADE_HERE, MOTION
-from dexnudge.studio.stage import fitted
+from dexnudge.studio.stage import OPACITY, fitted
 from dexnudge.studio.studio import Studio
+from dexnudge.viewer.visual_scene import PALETTE
 
 
 @pytest.fixture
@@ -113,6 +117,68 @@ def test_while_it_draws_the_scene_keeps_its_changes_and_the_controls_are_locked(
     assert not any(handle.disabled for handle in locked)
     assert (session.edits.heading, panel._angles["heading"].value) == (180.0, 180)
     assert not told
+
+
+def test_a_name_that_is_taken_is_not_suggested_again(studio, session, told):
+    name = studio.panels._sample._name
+    first = name.value
+    session.name = "shelf"
+    session.save("shelf-studio")
+    session.wait(60.0)
+    assert name.value == "shelf-studio-2"
+    session.save("shelf-studio-2")
+    session.wait(60.0)
+    assert name.value == "shelf-studio-3" != first
+    session.save("shelf-studio")
+    session.wait(60.0)
+    assert told[-1][1:] == ("there is a folder 'shelf-studio' already; expected a new one; change *save as*", True)
+
+
+def test_messages_name_the_fields_of_the_page():
+    said = "blocked after 41 mm; shorten `motion_length` to 0.04, or choose another `motion`; `settle` is on"
+    assert (
+        in_fields(said)
+        == "blocked after 41 mm; shorten *length* to 0.04 m, or choose another *heading*; *settle* is on"
+    )
+
+
+def test_another_scene_begins_with_the_one_that_is_shown(studio, session):
+    panel = studio.panels._sample
+    session.build("book", "shelf", 3)
+    panel.begin()
+    assert (panel._object.value, panel._family.value, panel._scene_seed.value) == ("book", "shelf", 3)
+
+
+def test_what_is_chosen_shows_its_length_and_outcome_before_it_is_played(studio, session):
+    panels = studio.panels
+    assert session.player.recording is None
+    assert (panels._time.min, panels._time.max, panels._time.disabled) == (0.0, 0.04, False)
+    assert "success" in panels._moment.content
+    panels._time.value = 0.02
+    panels._seek()
+    assert session.figures()["moment"] == "0.02 s  push"
+
+
+def test_an_execution_opens_on_its_own_tab(result, tmp_path):
+    for folder, first in ((result, "Draws"), (result / "execution", "Play")):
+        with closing(Studio(folder, port=0, out=tmp_path)) as opened:
+            assert opened.panels.tabs._tab_labels[0] == first
+            assert (opened.session.player.recording is not None) == (first == "Play")
+
+
+def test_the_motions_arrow_stays_green_inside_the_goal():
+    share = OPACITY["goal"]
+    red, green, _ = ((1 - share) * a + share * b for a, b in zip(PALETTE["arrow"], PALETTE["ghost"], strict=True))
+    assert red < green / 2
+
+
+def test_a_legend_names_each_colour_once():
+    page = legend({"<b>": (1.0, 0.0, 0.5), "motion": (0.0, 1.0, 0.0)})
+    assert re.findall(r"rgb\(([\d,]+)\).*?</span> ([^<]*)<", page) == [
+        ("255,0,128", "&lt;b&gt;"),
+        ("0,255,0", "motion"),
+    ]
+    assert {"contacts", "forces of the hand", "forces of the supports"} <= set(COLOURS)
 
 
 def test_a_narrow_window_shows_the_same_width():

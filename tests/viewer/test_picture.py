@@ -197,6 +197,8 @@ def test_a_legend_names_what_is_shown_and_nothing_else(tmp_path):
     still = VisualScene(parts[:1], np.zeros((0, 3)), np.zeros(3))
     moved = VisualScene(parts, np.zeros((1, 3)), np.array([1.0, 0, 0]))
     assert list(legend([still])) == ["object"]
+    carried = VisualScene((*parts[:1], box("base", (0.05, 0.05, 0.05), 0, 0, 0.1)), np.zeros((0, 3)), np.zeros(3))
+    assert list(legend([carried])) == ["object", "forearm"]
     shown = legend([still, moved])
     assert list(shown) == ["object", "where the object comes (see-through)", "contacts (balls)", "motion (arrows)"]
     with Image.open(render_png(moved, tmp_path / "p.png", size=(640, 480))) as picture:

@@ -9,6 +9,7 @@ from html import escape
 from typing import Any
 
 from dexnudge.studio.session import Session
+from dexnudge.viewer.visual_scene import Colour
 
 FOLDERS = re.compile(r"(?<![\w.~])(?:[A-Za-z]:)?[\\/](?:[^\s\\/'\"]+[\\/])+")  # of an absolute path
 ROW = '<tr><td style="padding-right:1em;opacity:0.7;vertical-align:top">{}</td><td>{}</td></tr>'
@@ -23,6 +24,16 @@ def table(rows: Mapping[str, str]) -> str:
     """Return two columns as HTML; whatever stands in them is shown, never interpreted."""
     lines = "".join(ROW.format(escape(name), escape(without_folders(value))) for name, value in rows.items())
     return f'<table style="font-size:0.85em;margin:0.4em 1em">{lines}</table>'
+
+
+def legend(colours: Mapping[str, Colour]) -> str:
+    """Return squares of colours (sRGB, 0..1) with their names, as HTML."""
+    entries = "".join(
+        f'<span style="white-space:nowrap"><span style="color:rgb({",".join(str(round(255 * each)) for each in colour)})">'
+        f"&#9632;</span> {escape(name)}</span>"
+        for name, colour in colours.items()
+    )
+    return f'<div style="display:flex;flex-wrap:wrap;gap:0 0.9em;font-size:0.75em;margin:0 1.2em">{entries}</div>'
 
 
 class Reactions:

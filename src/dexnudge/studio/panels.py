@@ -9,17 +9,29 @@ from typing import Any
 from PIL import Image
 
 from dexnudge.errors import InputError
-from dexnudge.studio.controls import Reactions, set_options, set_range, set_values, table
+from dexnudge.studio.controls import Reactions, legend, set_options, set_range, set_values, table
 from dexnudge.studio.sample_panel import SamplePanel
 from dexnudge.studio.server import Server
 from dexnudge.studio.session import Session
 from dexnudge.studio.stage import GROUPS, MARKS
+from dexnudge.studio.views import PRESSING
+from dexnudge.viewer.visual_scene import LEGEND, PALETTE, Colour, tinted
 
 NOTHING = "(nothing)"
 HIDDEN = ("friction cones", "supports")  # of the groups, until they are asked for
 OPACITIES = {"hand": 1.0, "forearm": 0.35, "surroundings": 0.6}  # at the beginning
 PICTURE_TIME = 30.0  # [s] that a browser may take for a picture
 SHORTEST = 0.01  # [s] of a slider for time
+COLOURS: dict[str, Colour] = {
+    "object": PALETTE["object"],
+    LEGEND["ghost"]: tinted("ghost"),
+    "fingertips": PALETTE["fingertip"],
+    "contacts": PALETTE["contact"],
+    "motion": PALETTE["arrow"],
+    "forces of the hand": PRESSING,
+    "forces of the supports": PALETTE["support"],
+}
+"""Of the legend."""
 
 
 class Panels:
@@ -31,16 +43,17 @@ class Panels:
         reactions = Reactions(session, self.refresh)
         self._on = reactions.on
         self._title = self._gui.add_html("")
+        self._gui.add_html(legend(COLOURS))
         self._result = self._gui.add_dropdown("result", [NOTHING])
         self._on(self._result, lambda _: self._open())
-        tabs = self._gui.add_tab_group()
-        with tabs.add_tab("Draws"):
-            self._draws()
-        with tabs.add_tab("Play"):
-            self._play()
-        with tabs.add_tab("Sample"):
+        self.tabs = self._gui.add_tab_group()
+        first = {"Draws": self._draws, "Play": self._play}
+        for name in sorted(first, reverse=session.player.recording is not None):  # the page opens on the first tab
+            with self.tabs.add_tab(name):
+                first[name]()
+        with self.tabs.add_tab("Sample"):
             self._sample = SamplePanel(server, reactions)
-        with tabs.add_tab("View"):
+        with self.tabs.add_tab("View"):
             self._view()
         session.changed = self.refresh
         self.refresh()
@@ -99,8 +112,11 @@ class Panels:
         self._session.player.toggle()
 
     def _seek(self) -> None:
+        time = self._time.value
+        if self._session.player.recording is None:
+            self._choose()
         self._session.player.running = False
-        self._session.player.seek(self._time.value)
+        self._session.player.seek(time)
         self._session.show_moment()
 
     def _view(self) -> None:
@@ -158,12 +174,15 @@ class Panels:
         self._together.value = session.together
         playing, said = player.recording is not None, table(session.figures())
         set_values(self._figures, content="" if playing else said)
-        set_values(self._moment, content=said if playing else "")
         offered, now = [NOTHING, *session.playable], self._recording.value
         if list(self._recording.options) != offered:  # the first is what Play plays, unless another is chosen
             now = offered[min(1, len(offered) - 1)]
         set_options(self._recording, offered, player.name or now)
-        set_range(self._time, player.start, max(player.end, player.start + SHORTEST), player.time)
-        set_values(self._time, disabled=not playing)
+        offer = player.recording or session.offered(self._recording.value)
+        start, end = (0.0, 0.0) if offer is None else (float(offer.time[0]), float(offer.time[-1]))
+        set_range(self._time, start, max(end, start + SHORTEST), player.time if playing else start)
+        set_values(self._time, disabled=offer is None)
+        ended = {"outcome": offer.subtitle} if offer is not None and offer.subtitle else {}
+        set_values(self._moment, content=said if playing else table(ended))
         set_values(self._run, disabled=self._recording.value == NOTHING)
         set_values(self._run, label="Pause" if player.running else "Play")

@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import re
 from functools import partial
 from typing import Any
 
@@ -14,7 +15,7 @@ from dexnudge.objects.builtin import KINDS
 from dexnudge.sampling.methods import find_method
 from dexnudge.sampling.sampler import DEFAULT_METHOD
 from dexnudge.scenes.families import scene_families
-from dexnudge.studio.content import FAMILY, OBJECT
+from dexnudge.studio.content import FAMILY, OBJECT, builtin_kind
 from dexnudge.studio.controls import Reactions, set_range, set_values, table
 from dexnudge.studio.draws import MOST_DRAWS
 from dexnudge.studio.edits import Edits, up
@@ -32,6 +33,15 @@ NUMBERS = {
 """Of the scene's numbers: label, factor, step, and where the slider ends at least."""
 ANGLES = {"heading": ("heading [deg]", -180), "turn": ("turn [deg]", -180), "tip": ("tip [deg]", 0)}
 """Of the edits: label and least value."""
+FIELDS = {name: label for name, (label, *_) in NUMBERS.items()} | {
+    "turn_deg": "turn",
+    "tip_deg": "tip",
+    "motion": "heading",
+    "object_pose": "move the object",
+    "num": "draws",
+    "out": "save as",
+}
+"""Of arguments that messages name: the label of the control."""
 WEIGHT_RANGE = 4.0  # times its own value, or this
 
 
@@ -74,8 +84,10 @@ class SamplePanel:
         self._start = gui.add_button("Sample", color="teal")
         self._status = gui.add_html("")
         self._stop = gui.add_button("Stop", disabled=True)
-        self._name = gui.add_text("save as", f"{session.name}-studio")
+        self._suggested = session.suggested
+        self._name = gui.add_text("save as", self._suggested)
         self._save = gui.add_button("Save")
+        self._suggest()
         self._on = reactions.on
         self._on(self._build, lambda _: self._rebuild())
         self._on(self._move, lambda _: self._toggle_gizmo())
@@ -110,8 +122,17 @@ class SamplePanel:
 
     def begin(self) -> None:
         """Follow the session to another scene."""
-        self._name.value = f"{self._session.name}-studio"
+        self._suggest()
         self._hide_gizmo()
+
+    def _suggest(self) -> None:
+        """Offer the scene that is shown as the next to be built."""
+        scene = self._session.scene
+        if (kind := builtin_kind(scene)) is not None:
+            self._object.value = kind
+        if scene.name in self._family.options:
+            self._family.value = scene.name
+            self._scene_seed.value = scene.seed or 0
 
     def _as_it_was(self) -> None:
         self._session.edit(**vars(Edits.none(self._session.scene)))
@@ -160,6 +181,8 @@ class SamplePanel:
     def refresh(self) -> None:
         """Show what the session is at."""
         session = self._session
+        if self._suggested != session.suggested:
+            self._suggested = self._name.value = session.suggested
         for name, slider in self._angles.items():
             slider.value = int(np.clip(round(getattr(session.edits, name)), slider.min, slider.max))
         for name, slider in self._numbers.items():
@@ -172,6 +195,12 @@ class SamplePanel:
         set_values(self._stop, disabled=not session.busy)
         said = {"now": session.busy, "drawn": "" if session.busy else session.outcome}
         set_values(self._status, content=table({name: text for name, text in said.items() if text}))
+
+
+def in_fields(message: str) -> str:
+    """Return a message with the labels of the page's controls in place of the names of arguments."""
+    with_unit = re.sub(r"(`motion_length` to [\d.e-]+)", r"\1 m", message)
+    return re.sub(r"`(\w+)`", lambda found: f"*{FIELDS.get(found[1], found[1]).partition(' [')[0]}*", with_unit)
 
 
 def _method_weights() -> Any:

@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import os
 import re
 import threading
 from collections.abc import Callable, Iterator, Mapping
@@ -13,6 +14,7 @@ import numpy as np
 from jaxtyping import Float
 
 from dexnudge.errors import DexnudgeError, InputError, check_integer, quote
+from dexnudge.jobs.folders import free_folder
 from dexnudge.jobs.processes import release_memory
 from dexnudge.objects.builtin import builtin_object
 from dexnudge.results.folder import count_draws, nothing_verified
@@ -36,11 +38,16 @@ from dexnudge.studio.views import (
     sliding_parts,
 )
 from dexnudge.viewer.camera import choose_camera
-from dexnudge.viewer.recording import recording_camera
+from dexnudge.viewer.recording import Recording, recording_camera
 
 FOLDER_NAME = re.compile(r"\w[\w.-]{0,99}", re.ASCII)  # that the page may write
 MOTION = "the motion, without physics"
 MADE_HERE = "built or sampled here"  # beside the folder that was opened
+
+
+def free_name(out: Path, name: str) -> str:
+    """Return the first of `name`, `name-2`, `name-3`, ... that is free in a folder; a number that it has is counted on."""
+    return free_folder(out / re.sub(r"-\d+$", "", name)).name
 
 
 class Session:
@@ -61,6 +68,7 @@ class Session:
         outcome: what came of the last sampling, in words; "" before any.
         results: the folder that was opened, and what was built or sampled since, by name.
         shown: name of that which is shown.
+        suggested: name of a folder to save into, which is free.
     """
 
     def __init__(
@@ -78,6 +86,7 @@ class Session:
         self.hand, self.clearance = content.hand, False
         self.stage, self.out, self.player, self.busy, self.outcome = stage, out, Player(), "", ""
         self.layers: Layers | None = None
+        self._offered: tuple[Callable[[], Recording] | None, Recording | None] = (None, None)
         self._sampler = Sampler(self.hand, weights=weights, device=device)
         self._stopping, self._worker = threading.Event(), threading.Thread()
         self.shown = f"{content.name}, as opened" if content.samples is not None or content.recordings else MADE_HERE
@@ -94,11 +103,13 @@ class Session:
         self.samples, self.files = content.samples, content.recordings
         self.edits, self.outcome = Edits.none(self.scene), ""
         self.group, self.place, self.together = "", 0, False
+        self._offered = (None, None)
+        self.suggested = free_name(self.out, f"{self.name}-studio")
         if self.samples is not None:
             self.select(group=next(iter(self.groups)))
-        elif self.files:
+        if content.played:
             self.play(next(iter(self.files)))
-        else:
+        elif self.samples is None:
             self.show_scene()
         self.look()
 
@@ -190,6 +201,18 @@ class Session:
         else:
             self.stage.move_object(moved @ self.scene.T_world_object)
 
+    def offered(self, name: str) -> Recording | None:
+        """Return an episode or a plan by its name before it is played; None where it cannot be, as playing it says."""
+        if name not in self.files:
+            return None
+        if self._offered[0] is not self.files[name]:
+            try:
+                recording = self.files[name]()
+            except InputError:
+                recording = None
+            self._offered = (self.files[name], recording)
+        return self._offered[1]
+
     def play(self, name: str) -> None:
         """Show the first moment of an episode or a plan by its name; "" goes back to the draws."""
         if not name:
@@ -203,7 +226,7 @@ class Session:
         elif name not in self.files:
             raise InputError(f"there is no {quote(name)} to play any more; expected one of those that are listed")
         else:
-            self.player.load(name, self.files[name]())
+            self.player.load(name, self.offered(name) or self.files[name]())
         self.layers = None
         mark(self.stage, None)
         self.show_moment()
@@ -285,11 +308,14 @@ class Session:
             raise InputError("there are no draws to save; expected some; sample first")
         if not FOLDER_NAME.fullmatch(name):
             raise InputError(
-                f"the name {quote(name)} is no folder's; expected letters, digits, points, - and _; choose another"
+                f"the name {quote(name)} is no folder's; expected letters, digits, points, - and _; change *save as*"
             )
 
         def run() -> None:
+            if os.path.lexists(self.out / name):
+                raise InputError(f"there is a folder {quote(name)} already; expected a new one; change *save as*")
             samples.save(self.out / name, title=self.name)
+            self.suggested = free_name(self.out, name)
             self.tell("Saved", f"{name}; dexnudge check {name} recomputes its figures", False)
 
         self._begin(f"saving {name}", run)

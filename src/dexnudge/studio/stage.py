@@ -35,7 +35,10 @@ GROUPS: dict[str, tuple[Role, ...]] = {
 MARKS = ("contacts", "forces", "friction cones")  # further groups, of what `Layers` holds
 GROUP_OF = {role: group for group, roles in GROUPS.items() for role in roles}
 HANDS = ("hand", "forearm")  # groups of which each scene has its own
-OPACITY = {"goal": 0.35, "unseen space": 0.20}  # of groups that are looked through
+OPACITY = {
+    "goal": 0.15,
+    "unseen space": 0.20,
+}  # of groups that are looked through: the arrow inside the goal stays green
 ASPECT = 4 / 3  # of the window for which the first view is chosen
 SAME_ANGLE = 1e-3  # [rad] of a view that need not be sent again
 IDENTITY = np.array([[1.0, 0.0, 0.0, 0.0]], dtype=np.float32)

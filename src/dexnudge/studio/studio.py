@@ -9,6 +9,7 @@ from pathlib import Path
 from dexnudge.studio.content import read_content
 from dexnudge.studio.controls import without_folders
 from dexnudge.studio.panels import Panels
+from dexnudge.studio.sample_panel import in_fields
 from dexnudge.studio.server import HOST, PORT, open_server
 from dexnudge.studio.session import Session
 from dexnudge.studio.stage import Stage
@@ -74,7 +75,7 @@ class Studio:
         for client in self._server.get_clients().values():
             client.add_notification(
                 title,
-                without_folders(message),
+                in_fields(without_folders(message)),
                 color="red" if failed else "teal",
                 auto_close_seconds=None if failed else 10.0,
             )

@@ -68,6 +68,7 @@ LEGEND: dict[Role, str] = {
     "object": "object",
     "ghost": "where the object comes (see-through)",
     "fingertip": "fingertips",
+    "base": "forearm",
     "contact": "contacts (balls)",
     "arrow": "motion (arrows)",
     "environment": "surroundings",
@@ -185,13 +186,14 @@ def legend(scenes: Sequence[VisualScene]) -> dict[str, Colour]:
     shown = {part.role for scene in scenes for part in scene.parts}
     shown |= {"arrow"} if any(scene.has_arrow for scene in scenes) else set()
     shown |= {"contact"} if any(len(scene.contacts) for scene in scenes) else set()
-    tint = {"ghost": GHOST_TINT}
-    found: dict[str, Colour] = {}
-    for role, name in LEGEND.items():
-        if role in shown:
-            red, green, blue = (1 - tint.get(role, 1.0) * (1 - channel) for channel in PALETTE[role])
-            found[name] = (red, green, blue)
-    return found
+    return {name: tinted(role) for role, name in LEGEND.items() if role in shown}
+
+
+def tinted(role: Role) -> Colour:
+    """Return the colour of a role in legends: that of its parts, of the ghost paler, since it is glass."""
+    tint = GHOST_TINT if role == "ghost" else 1.0
+    red, green, blue = (1 - tint * (1 - channel) for channel in PALETTE[role])
+    return red, green, blue
 
 
 def check_same_bodies(scenes: Sequence[VisualScene]) -> None:
