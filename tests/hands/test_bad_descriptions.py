@@ -1,6 +1,7 @@
 """Every description that cannot be used is refused with one message: what, expected, got, how to mend it."""
 
 import mujoco
+import numpy as np
 import pytest
 import torch
 
@@ -764,9 +765,33 @@ def test_bad_mjcf(tmp_path, monkeypatch, capfd, part, expected):
     assert not (tmp_path / "MUJOCO_LOG.TXT").exists()
 
 
+def test_an_mjcf_axis_whose_square_overflows_is_refused(tmp_path):
+    path = tmp_path / "pair.xml"
+    path.with_suffix(".yaml").write_text("palm: palm\nfingertips: {a: a}\npalm_normal: [0, 0, 1]")
+    path.write_text(PAIR.format(top="", range="0 1.2", end="").replace("1 0 0", "1e200 1e200 0"))
+    assert message(path) == "joint 'a_j': expected an axis of some length from 1e-10 to 1e100; mend its `axis`"
+
+
+@pytest.mark.parametrize("scale", ["e200", "e-200", "e-308"])
+def test_an_axis_has_any_length(write_hand, scale):
+    path = write_hand()
+    before = [joint.axis for joint in load_hand(path).joints if joint is not None]
+    path.write_text(path.read_text().replace('<axis xyz="0 3 4"/>', f'<axis xyz="0 3{scale} 4{scale}"/>'))
+    after = [joint.axis for joint in load_hand(path).joints if joint is not None]
+    np.testing.assert_allclose(after, before, rtol=0, atol=1e-12)
+    np.testing.assert_allclose(np.linalg.norm(after, axis=1), 1.0)
+
+
 @pytest.mark.parametrize(
     ("old", "new", "expected"),
     [
+        ("<limit ", '<limit velocity="-1" ', "expected a limit of velocity of at least 0, got -1; mend <limit>"),
+        ("<limit ", '<limit effort="-1e9" ', "expected a limit of effort of at least 0, got -1e9; mend <limit>"),
+        (
+            'rpy="0 0 1"',
+            'rpy="0 0 -1e300"',
+            "expected angles of at most 1000 rad in 'rpy', got [0.0, 0.0, -1e+300]; mend <origin>",
+        ),
         ('<axis xyz="0 3 4"/>', '<axis xyz="0 3 4"/><axis xyz="1 0 0"/>', "element of a joint name once, got ['axis']"),
         ('name="small"', f'name="{"s" * 1001}"', "expected at most 1000 printable characters; rename it"),
         ('"thumb"', '"th&#10;umb"', r"the name 'th\numb': expected at most 1000 printable characters; rename it"),

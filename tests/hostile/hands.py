@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import random
+import re
 from functools import cache
 from typing import Any
 
@@ -206,6 +207,9 @@ URDF = {  # what was done: the description, what is expected, and what the messa
     "mimics in a circle": (U.replace(f"{LIMIT}</joint>", f'{LIMIT}<mimic joint="b2"/></joint>', 1), "refused", ""),
     "a mimic of nothing": (U.replace('<mimic joint="a2"', '<mimic joint="nothing"'), "refused", "nothing"),
     "an axis of length 0": (U.replace('<axis xyz="1 0 0"/>', '<axis xyz="0 0 0"/>', 1), "refused", ""),
+    "an axis of 1e200": (U.replace('<axis xyz="1 0 0"/>', '<axis xyz="1e200 1e200 0"/>', 1), "accepted", ""),
+    "a velocity of -1": (re.sub('velocity="[^"]*"', 'velocity="-1"', U), "refused", "velocity"),
+    "an effort of -1": (re.sub('effort="[^"]*"', 'effort="-1"', U), "refused", "effort"),
     "an axis of NaN": (U.replace('<axis xyz="1 0 0"/>', '<axis xyz="nan 0 0"/>', 1), "refused", ""),
     "an axis of two numbers": (U.replace('<axis xyz="1 0 0"/>', '<axis xyz="1 0"/>', 1), "refused", ""),
     "limits of infinity": (U.replace('upper="1.3"', 'upper="inf"', 1), "accepted", ""),
@@ -251,7 +255,7 @@ URDF = {  # what was done: the description, what is expected, and what the messa
     "one number for a scale": (U.replace("0.001 0.001 0.001", "0.001"), "either", ""),
     "500 shapes of one mesh": (U.replace("<collision>", SHAPE * 500 + "<collision>", 1), "either", ""),
     "a turn of NaN": (U.replace('<origin xyz="0 0 0.044"/>', '<origin xyz="0 0 0.044" rpy="nan 0 0"/>', 1), "refused", ""),
-    "a turn of 1e300": (U.replace('<origin xyz="0 0 0.044"/>', '<origin xyz="0 0 0.044" rpy="1e300 0 0"/>', 1), "either", ""),
+    "a turn of 1e300": (U.replace('<origin xyz="0 0 0.044"/>', '<origin xyz="0 0 0.044" rpy="1e300 0 0"/>', 1), "refused", "rpy"),
     "an include of xacro": (U.replace("</robot>", '<xacro:include filename="/etc/passwd"/></robot>'), "refused", ""),
 }  # fmt: skip
 MESHES: dict[str, Content | None] = {
@@ -275,6 +279,7 @@ MODELS = {
     "a plugin": (MJCF.replace("<asset>", '<extension><plugin plugin="mujoco.elasticity.cable"/></extension><asset>'), "either", ""),
     "memory of 1e18": (MJCF.replace("<asset>", '<size memory="1000P"/><asset>'), "refused", "size"),
     "NaN": (MJCF.replace('pos="0 0 .05"', 'pos="nan 0 .05"', 1), "refused", ""),
+    "an axis of 1e200": (MJCF.replace('axis="0 1 0"', 'axis="0 1e200 1e200"', 1), "either", ""),
     "an axis of length 0": (MJCF.replace('axis="0 1 0"', 'axis="0 0 0"', 1), "refused", ""),
     "a body of 1 km": (MJCF.replace('size=".03 .03 .01"', 'size="1000 1000 1000"'), "refused", ""),
     "a mesh of 1e12 m": (MJCF.replace('scale="0.001 0.001 0.001"', 'scale="0.001 0.001 1e12"'), "refused", "corners"),

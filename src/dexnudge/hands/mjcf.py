@@ -112,6 +112,8 @@ def _body_chain(model: mujoco.MjModel, body: int, parent: str, link: str) -> lis
         kind = mujoco.mjtJoint(model.jnt_type[joint])
         turns = kind == mujoco.mjtJoint.mjJNT_HINGE
         slides, axis = kind == mujoco.mjtJoint.mjJNT_SLIDE, model.jnt_axis[joint].copy()
+        if (turns or slides) and not np.isclose(np.linalg.norm(axis), 1.0):  # MuJoCo makes 0 of an axis of 1e200
+            raise HandError(f"joint '{name}': expected an axis of some length from 1e-10 to 1e100; mend its `axis`")
         zero = float(model.qpos0[model.jnt_qposadr[joint]])
         at = model.jnt_pos[joint] if turns else np.zeros(3)  # what slides has no anchor
         anchor, most = trimesh.transformations.translation_matrix(at), np.inf if slides else CONTINUOUS_LIMIT

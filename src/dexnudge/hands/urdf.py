@@ -96,7 +96,12 @@ def note_masses(links: list[Element], path: Path, notes: list[str]) -> None:
 def origin(element: Element, where: str) -> Float[np.ndarray, "4 4"]:
     """Return the pose in an element's <origin>, that of its parent's frame where there is none."""
     place = element.find("origin")
-    transform = trimesh.transformations.euler_matrix(*numbers_of(place, "rpy", (0.0, 0.0, 0.0), where), axes="sxyz")
+    rpy = numbers_of(place, "rpy", (0.0, 0.0, 0.0), where)
+    if (np.abs(rpy) > MOST_TURNED).any():
+        raise HandError(
+            f"{where}: expected angles of at most {MOST_TURNED:g} rad in 'rpy', got {rpy.tolist()}; mend <origin>"
+        )
+    transform = trimesh.transformations.euler_matrix(*rpy, axes="sxyz")
     transform[:3, 3] = numbers_of(place, "xyz", (0.0, 0.0, 0.0), where)
     return transform
 
@@ -117,6 +122,7 @@ def numbers_of(
     return values
 
 
+MOST_TURNED = 1000.0  # [rad] of a roll, pitch or yaw; beyond some 1e16 a double is no angle any more
 ONCE = ("parent", "child", "origin", "axis", "limit", "mimic")  # in a joint: of two, readers take one or the other
 JOINT_TYPES = ("revolute", "continuous", "prismatic", "fixed")
 PLACING_TYPES = ("planar", "floating")  # read where they place the hand in the world, above the palm
@@ -262,6 +268,7 @@ def _joints(robot: Element, path: Path) -> list[TreeJoint]:
                 raise HandError(f"{where}: expected <{role} link=...>, found none; add it")
             ends.append(end.get("link") or "")
         axis = numbers_of(element.find("axis"), "xyz", (1.0, 0.0, 0.0), where)
+        axis = np.ldexp(axis, -np.frexp(np.abs(axis).max())[1])  # the square of 1e200 is infinite
         length = np.linalg.norm(axis)
         if length == 0.0 and kind in ("fixed", "floating", "planar"):
             axis, length = np.asarray((1.0, 0.0, 0.0)), np.float64(1.0)
@@ -285,8 +292,8 @@ def _joints(robot: Element, path: Path) -> list[TreeJoint]:
                 slides=kind == "prismatic",
                 places=kind if kind in PLACING_TYPES else None,
                 endless=kind == "continuous",
-                velocity=_most(element, "velocity"),
-                effort=_most(element, "effort"),
+                velocity=_most(element, "velocity", where),
+                effort=_most(element, "effort", where),
             )
         )
     return joints
@@ -308,14 +315,17 @@ def _limits(joint: Element, kind: str, where: str, *, follows: bool) -> tuple[fl
     return lower, upper
 
 
-def _most(joint: Element, key: str) -> float | None:
+def _most(joint: Element, key: str, where: str) -> float | None:
     """Return a joint's greatest velocity or effort as the file has it, NaN for what is no number; None without one."""
     limit = joint.find("limit")
     text = None if limit is None else limit.get(key)
     try:
-        return None if text is None else float(text)
+        most = None if text is None else float(text)
     except ValueError:
         return np.nan
+    if most is not None and most < 0.0:
+        raise HandError(f"{where}: expected a limit of {key} of at least 0, got {text}; mend <limit>")
+    return most
 
 
 def _mimic(element: Element | None, where: str) -> Mimic | None:
