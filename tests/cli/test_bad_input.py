@@ -318,8 +318,6 @@ def test_check_of_something_that_is_no_result(dexnudge, tmp_path):
         ("sample", "phone", "--scene", "{}"),
         ("scene", "{}"),
         ("dataset", "generate", "--objects", "{}", "--out", "out"),
-        ("dataset", "generate", "--out", "{}"),
-        ("evaluate", "--out", "{}"),
         ("train", "--data", "data", "--out", "{}"),
     ],
     ids=" ".join,
