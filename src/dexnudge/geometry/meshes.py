@@ -150,8 +150,7 @@ def centre_of_mass(mesh: trimesh.Trimesh) -> np.ndarray:
     hull = mesh.convex_hull
     if mesh.is_watertight and mesh.is_winding_consistent and mesh.volume > 0:
         centre = np.asarray(mesh.center_mass)
-        equations = ConvexHull(hull.vertices).equations
-        if (equations[:, :3] @ centre + equations[:, 3]).max() < 0:
+        if (hull.face_normals * (centre - hull.triangles[:, 0])).sum(axis=1).max() < 0:
             return centre
     return np.asarray(hull.center_mass)
 

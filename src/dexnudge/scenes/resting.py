@@ -6,7 +6,7 @@ from dataclasses import dataclass
 
 import numpy as np
 import trimesh
-from jaxtyping import Float
+from jaxtyping import Float, Shaped
 from scipy.spatial import ConvexHull
 
 from dexnudge.errors import SceneError
@@ -18,6 +18,7 @@ SAME_FACE_ANGLE = 5.0  # [deg] hull triangles this close in direction count as o
 TIE = 0.02  # two faces whose sizes differ by less than this fraction are equally stable
 STANDING_HEIGHT = 1e-3  # [m] over the lowest vertex up to which an object that stands touches the plane
 STEADY = 1e-3  # [m] that its supports reach beyond its centre of mass on every side
+PAIRS_AT_ONCE = 4_000_000  # comparisons made in one array
 EDGE_TOLERANCE = 1e-9  # barycentric; the foot of the centre of mass may lie on the edge between two triangles
 
 
@@ -87,12 +88,17 @@ def _most_stable_direction(mesh: trimesh.Trimesh) -> Float[np.ndarray, "3"]:
     candidates = np.flatnonzero(inside & (height > 0))
     if len(candidates) == 0:
         raise SceneError("the object has no face that it can rest on; expected a closed body; check its mesh")
-    same_face = normals[candidates] @ normals.T >= np.cos(np.radians(SAME_FACE_ANGLE))
-    size = same_face @ angles
+    least = np.cos(np.radians(SAME_FACE_ANGLE))
+    size = np.concatenate([(normals[some] @ normals.T >= least) @ angles for some in _parts(candidates, len(normals))])
     best = candidates[size >= (1 - TIE) * size.max()]
     # Rounded so that noise in the last digits does not decide between equal directions.
     keys = np.round(normals[best], 6)
     return normals[best[np.lexsort((keys[:, 0], keys[:, 1], keys[:, 2]))[0]]]
+
+
+def _parts(rows: Shaped[np.ndarray, "n ..."], others: int) -> list[Shaped[np.ndarray, "part ..."]]:
+    """Split rows of which each is compared with so many others, to bound memory."""
+    return np.array_split(rows, 1 + len(rows) * others // PAIRS_AT_ONCE)
 
 
 def _face_down(normal: Float[np.ndarray, "3"]) -> Float[np.ndarray, "3 3"]:
@@ -115,9 +121,13 @@ def long_side_along_x(footprint: Float[np.ndarray, "n 2"]) -> Float[np.ndarray, 
     outline = footprint[ConvexHull(footprint).vertices]
     edges = np.roll(outline, -1, axis=0) - outline
     directions = edges / np.linalg.norm(edges, axis=1, keepdims=True)
-    along = outline @ directions.T
-    across = outline @ np.stack([-directions[:, 1], directions[:, 0]])
-    sides = np.stack([np.ptp(along, axis=0), np.ptp(across, axis=0)])
+    sides = np.concatenate(
+        [
+            [np.ptp(outline @ some.T, axis=0), np.ptp(outline @ np.stack([-some[:, 1], some[:, 0]]), axis=0)]
+            for some in _parts(directions, len(outline))
+        ],
+        axis=1,
+    )
     best = int(np.argmin(np.round(sides.prod(axis=0), 12)))
     angle = np.arctan2(directions[best, 1], directions[best, 0])
     if sides[1, best] > sides[0, best]:

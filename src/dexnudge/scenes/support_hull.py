@@ -2,6 +2,8 @@
 
 from __future__ import annotations
 
+from heapq import heapify, heappop, heappush
+
 import numpy as np
 from jaxtyping import Float, Int
 from scipy.spatial import ConvexHull, QhullError
@@ -85,14 +87,7 @@ def hull_corners(points: _Points, normal: Float[np.ndarray, "3"], *, tolerance: 
         corners = outer[ConvexHull(flat[outer]).vertices].tolist()
     except QhullError:
         return np.array([int(np.argmin(along)), int(np.argmax(along))])
-    while len(corners) > 3:
-        outline = flat[corners]
-        height = _height_over_chord(outline)
-        flattest = int(np.argmin(height))
-        if height[flattest] > tolerance and len(corners) <= MAX_CORNERS:
-            break
-        del corners[flattest]
-    return np.array(corners)
+    return np.array(_sharpest(corners, flat, tolerance))
 
 
 def outer_points(flat: Float[np.ndarray, "point 2"]) -> Int[np.ndarray, " outer"]:
@@ -110,9 +105,35 @@ def outer_points(flat: Float[np.ndarray, "point 2"]) -> Int[np.ndarray, " outer"
     return np.flatnonzero((beyond >= -INSIDE * np.abs(side).sum(axis=1)).any(axis=1))
 
 
-def _height_over_chord(outline: Float[np.ndarray, "corner 2"]) -> Float[np.ndarray, "corner"]:
-    """Return each corner's distance from the line through its two neighbours [m]."""
-    before, after = np.roll(outline, 1, axis=0), np.roll(outline, -1, axis=0)
-    chord, arm = after - before, outline - before
-    area = np.abs(chord[:, 0] * arm[:, 1] - chord[:, 1] * arm[:, 0])
-    return area / np.maximum(np.linalg.norm(chord, axis=1), 1e-12)
+def _sharpest(corners: list[int], flat: Float[np.ndarray, "point 2"], tolerance: float) -> list[int]:
+    """Return the corners of an outline without the flattest, one after another; see `hull_corners`.
+
+    Dropping one changes the heights of its two neighbours alone.
+    """
+    count = len(corners)
+    before, after = [place - 1 for place in range(count)], [place + 1 for place in range(count)]
+    before[0], after[-1] = count - 1, 0
+    places = [(float(x), float(y)) for x, y in flat[corners]]
+
+    def height(place: int) -> float:
+        """Distance from the line through its two neighbours [m]."""
+        (ax, ay), (x, y), (bx, by) = places[before[place]], places[place], places[after[place]]
+        chord_x, chord_y = bx - ax, by - ay
+        return abs(chord_x * (y - ay) - chord_y * (x - ax)) / max(float(np.sqrt(chord_x**2 + chord_y**2)), 1e-12)
+
+    heights = [height(place) for place in range(count)]
+    flattest = [*zip(heights, range(count), strict=True)]
+    heapify(flattest)
+    left = count
+    while left > 3:
+        found, place = heappop(flattest)
+        if found != heights[place]:  # no longer
+            continue
+        if found > tolerance and left <= MAX_CORNERS:
+            break
+        heights[place], left = np.nan, left - 1
+        after[before[place]], before[after[place]] = after[place], before[place]
+        for neighbour in (before[place], after[place]):
+            heights[neighbour] = height(neighbour)
+            heappush(flattest, (heights[neighbour], neighbour))
+    return [corner for corner, height in zip(corners, heights, strict=True) if not np.isnan(height)]
