@@ -240,7 +240,19 @@ def test_a_hand_of_another_name_keeps_its_joints(boxy_hand):
     assert their_joint_names(replace(boxy_hand, name="mine")) == list(boxy_hand.joint_names)
 
 
-def test_more_hands_than_are_verified_at_once_are_refused(box_samples, tmp_path, monkeypatch):
+def test_hands_are_verified_in_parts_as_they_are_at_once_and_parts_are_told(box_samples, tmp_path, monkeypatch):
+    write_dexgraspnet(box_samples, tmp_path, name="box")
+    path, number, told = tmp_path / "dataset/box.npy", len(box_samples), []
+    monkeypatch.setattr(conversion, "AT_ONCE", number - 1)
+    back = read_back(path, box_samples.scene, box_samples.hand, on_verified=lambda *done: told.append(done))
+    assert told == [(number - 1, number), (number, number)]
+    whole = verify(box_samples.scene, box_samples.hand, back.q)
+    assert back.verdicts.reasons == whole.reasons
+    for name, values in whole.values.items():
+        assert np.array_equal(back.verdicts.values[name], values), name
+
+
+def test_more_hands_than_one_conversion_takes_are_refused(box_samples, tmp_path, monkeypatch):
     write_dexgraspnet(box_samples, tmp_path, name="box")
     path, number = tmp_path / "dataset/box.npy", len(box_samples)
     monkeypatch.setattr(conversion, "MOST_HANDS", number)

@@ -15,6 +15,7 @@ from dexnudge.cli.arguments import (
     OptionalFolder,
     OptionalNumber,
     Text,
+    counted,
     given,
     metavar,
     say,
@@ -72,7 +73,8 @@ class Convert:
             raise InputError("no `scene` is given; expected the folder of the scene in which the hands stand")
         scene, hand = Scene.load(self.scene), load_hand(self.hand, base=self.base)
         scene.validate()
-        samples = read_back(Path(self.source), scene, hand, scale=self.scale)
+        with counted("verifying") as show:
+            samples = read_back(Path(self.source), scene, hand, scale=self.scale, on_verified=show)
         samples.save(self.out)
         say(repr(samples), f"written: {self.out}")
         return 0 if samples.num_verified else NOTHING_SUCCEEDED

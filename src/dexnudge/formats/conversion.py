@@ -21,7 +21,7 @@ from dexnudge.results.folder import CONFIGURATIONS, load_samples, read_inputs
 from dexnudge.results.samples import Samples
 from dexnudge.scenes.files import SCENE_FILE
 from dexnudge.scenes.scene import Scene
-from dexnudge.verification.verdicts import verify
+from dexnudge.verification.verdicts import Verdicts, verify
 from dexnudge.version import __version__
 
 GRASPDATA = "graspdata"  # of DexGraspBench: a folder of records for each object
@@ -33,7 +33,8 @@ GRASPS: dict[str, tuple[Callable[..., None], str]] = {  # what writes a folder o
 SCENES: dict[str, Callable[..., None]] = {"usd": write_usd, "mujoco": write_mujoco}
 EPISODES, BACK = "lerobot", "dexnudge"
 FORMATS = (*GRASPS, EPISODES, *SCENES, BACK)
-MOST_HANDS = 10_000  # that are verified at once, as draws of one call; DexGraspBench has one in each file
+MOST_HANDS = 10_000  # of one conversion, as draws of one call; DexGraspBench has one in each file
+AT_ONCE = 256  # hands that are verified between two reports: some seconds
 MOST_NAMED = 10  # folders in a message
 
 
@@ -100,12 +101,21 @@ def _episodes(source: Path, out: Path) -> str:
     return f"{number} episode{'s' * (number > 1)}"
 
 
-def read_back(source: Path, scene: Scene, hand: Hand, *, scale: float | None = None) -> Samples:
+def read_back(
+    source: Path,
+    scene: Scene,
+    hand: Hand,
+    *,
+    scale: float | None = None,
+    on_verified: Callable[[int, int], None] | None = None,
+) -> Samples:
     """Return the grasps of a DexGraspNet, BODex or DexGraspBench file, or folder of the last, verified in a scene.
 
     Of DexGraspBench a folder of records, or one that holds such a folder for a single object.
 
     The object lies in the scene where the scene has it; the hands come with it. Ranked by what is verified.
+
+    on_verified: called with hands that are verified and with all.
 
     Raises:
         InputError: a file of another form, of another hand, of an object of another size, or with more hands than
@@ -119,7 +129,12 @@ def read_back(source: Path, scene: Scene, hand: Hand, *, scale: float | None = N
     if (number := sum(map(len, parts))) > MOST_HANDS:
         raise InputError(f"{source} holds {number} hands; expected at most {MOST_HANDS}; split it into several files")
     q = transform_configurations(scene.T_world_object, np.concatenate(parts))
-    return Samples(scene, hand, q, verify(scene, hand, q)).best_first()
+    verdicts = []
+    for begin in range(0, max(number, 1), AT_ONCE):  # none are verified, too
+        verdicts.append(verify(scene, hand, q[begin : begin + AT_ONCE]))
+        if on_verified:
+            on_verified(min(begin + AT_ONCE, number), number)
+    return Samples(scene, hand, q, Verdicts.concatenate(verdicts)).best_first()
 
 
 def _records(folder: Path) -> list[Path]:
