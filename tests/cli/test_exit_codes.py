@@ -6,6 +6,7 @@ import resource
 import signal
 import subprocess
 import sys
+from pathlib import Path
 
 import pytest
 
@@ -132,6 +133,28 @@ def test_a_reader_that_has_seen_enough_ends_the_command_quietly(arguments):
     done = subprocess.run(command, stdout=writer, stderr=subprocess.PIPE, text=True, timeout=60, check=False)
     os.close(writer)
     assert (done.returncode, done.stderr) == (128 + signal.SIGPIPE, "")
+
+
+@pytest.mark.parametrize("arguments", ["check out", "sample phone --scene table"])
+def test_a_working_directory_that_was_deleted_is_one_message(tmp_path, arguments):
+    (tmp_path / "gone").mkdir()
+    command = f"cd {tmp_path / 'gone'}; rmdir {tmp_path / 'gone'}; exec {sys.executable} -m dexnudge {arguments}"
+    env = {**os.environ, "PYTHONPATH": str(Path(entry.__file__).parents[2])}
+    done = subprocess.run(
+        ["/bin/bash", "-c", command], env=env, capture_output=True, text=True, timeout=60, check=False
+    )
+    assert (done.returncode, done.stdout) == (2, "")
+    assert done.stderr == (
+        "dexnudge: the working directory cannot be found (No such file or directory); expected one that exists; change to "
+        "another by `cd`\n"
+    )
+
+
+def test_a_line_end_in_a_name_does_not_reach_the_terminal(dexnudge):
+    outcome = dexnudge("sample", "folder/no\nsuch.ply", "--scene", "table")
+    assert outcome.code == 2
+    assert outcome.err.startswith("dexnudge: folder/no_such.ply: the mesh file does not exist; ")
+    assert outcome.err.count("\n") == 1
 
 
 @pytest.mark.parametrize("arguments", ["--version", "--help", "sample --help", "plugins", "hand shadow_lite"])

@@ -155,6 +155,7 @@ def test_joints_may_stand_in_any_order(box_samples, tmp_path):
 def wrong_entries(entries):
     yield [{"scale": 0.1}], "entry 0 is"
     yield [{**entries[0], "scale": -1.0}], "scale is -1.0"
+    yield [], "holds no grasps; expected at least one"
     yield [entries[0], {**entries[1], "scale": 2.0}], "at the scales .* name it as `scale`"
     yield [{**entries[0], "qpos": {**entries[0]["qpos"], "WRJTx": np.nan}}], "NaN or infinity"
     yield [{**entries[0], "qpos": {**entries[0]["qpos"], "one": np.nan}}], "pose 0: a joint angle is NaN"
@@ -165,7 +166,6 @@ def wrong_entries(entries):
     yield [{**entries[0], "scale": 10**400}], "scale is an integer of 401 digits"
     yield [{**entries[0], "qpos": {k: v for k, v in entries[0]["qpos"].items() if k != "two"}}], "has not 'two'"
     yield [{**entries[0], "qpos": {**entries[0]["qpos"], "LFJ5": 0.0}}], "has but 'LFJ5'"
-    yield [], "empty"
 
 
 def test_wrong_entries_of_dexgraspnet_are_told(box_samples, tmp_path):

@@ -348,6 +348,15 @@ def test_a_hole_where_the_object_lay_is_closed_by_the_plane_around_it():
     assert len(beside.environment_mesh.faces) == len(sheet.faces)
 
 
+def test_an_object_too_thin_to_be_told_from_what_carries_it_is_not_said_to_be_scanned():
+    thin = trimesh.creation.box((0.15, 0.07, 1e-4))
+    pose, table = at(z=5e-5), scan(np.random.default_rng(0), noise=0.0)
+    scene = dn.Scene.from_files(thin, environment=table, object_pose=pose, motion=[1, 0, 0], validate=False)
+    (finding,) = said(scene, "pose")
+    assert finding.sentence == "the object is 0.1 mm high as it lies; expected more than 2 mm"
+    assert "thicken its mesh" in finding.remedy
+
+
 def test_an_object_that_was_scanned_too_is_told():
     thick = trimesh.creation.box((0.15, 0.07, 0.02))
     both = trimesh.util.concatenate([scan(np.random.default_rng(0)), thick.copy().apply_transform(at(z=0.01))])

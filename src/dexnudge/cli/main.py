@@ -15,6 +15,7 @@ from contextlib import contextmanager, redirect_stderr
 from importlib import import_module
 from importlib.util import find_spec
 from io import StringIO
+from pathlib import Path
 from typing import Any
 
 from dexnudge.cli.streams import open_streams, send_nowhere
@@ -28,6 +29,7 @@ from dexnudge.errors import (
     check_path,
     did_you_mean,
     printable,
+    printable_name,
     quote,
     shortened,
 )
@@ -91,6 +93,7 @@ def main(argv: Sequence[str] | None = None) -> int:
             return DONE
         name = find_command(arguments)
         _check_address_space()
+        _check_working_directory()
         kind = command_class(name)
         return parse(name, kind, arguments[len(name.split()) :]).run()
     except DexnudgeError as error:
@@ -99,6 +102,8 @@ def main(argv: Sequence[str] | None = None) -> int:
             from dexnudge.cli.arguments import with_flags
 
             message = with_flags(message, kind)
+        for name in {part for argument in arguments for part in Path(argument).parts if "\n" in part}:
+            message = message.replace(name, printable_name(name))
         print(f"dexnudge: {shortened(printable(message))}", file=sys.stderr)
         return BAD_INPUT
     except (MemoryError, RuntimeError, OSError) as error:
@@ -122,6 +127,16 @@ def _at_home(arguments: Sequence[str]) -> list[str]:
     found = ((word, HOME.fullmatch(word)) for word in arguments)
     expanded = os.path.expanduser  # leaves a user that there is not as it is
     return [(home[1] or "") + expanded(home[2]) if home else word for word, home in found]
+
+
+def _check_working_directory() -> None:
+    """Refuse a working directory that was deleted: without one libraries end the process as they are loaded; InputError."""
+    try:
+        Path.cwd()
+    except OSError as error:
+        raise InputError(
+            f"the working directory cannot be found ({error.strerror}); expected one that exists; change to another by `cd`"
+        ) from error
 
 
 def _check_address_space() -> None:

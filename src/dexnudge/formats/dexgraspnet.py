@@ -75,11 +75,11 @@ def read_dexgraspnet(
         listed = ", ".join(f"{each:g}" for each in scales)
         raise InputError(f"{where} has grasps of the object at the scales {listed}; expected one; name it as `scale`")
     chosen = [qpos for own, qpos in rows if scale is None or abs(own - scale) < SAME_SCALE]
+    if not rows:
+        raise InputError(f"{where} holds no grasps; expected at least one")
     if not chosen:
         listed = ", ".join(f"{each:g}" for each in scales)
-        raise InputError(
-            f"{where} has nothing at the scale {scale}; expected one of {listed or 'its scales: it is empty'}"
-        )
+        raise InputError(f"{where} has nothing at the scale {scale:g}; expected one of {listed}")
     if radius is not None:
         check_scale(scales[0] if scale is None else scale, radius, where)
     theirs = [name for name in chosen[0] if name not in names]

@@ -60,6 +60,12 @@ def placement_findings(
     surroundings = surroundings_distance(environment_mesh)
     body = object_mesh.copy().apply_transform(T_world_object)
     if (share := _scanned_too(body, surroundings)) > MOST_SCANNED:
+        if (thickness := float(body.extents[2])) <= COINCIDES:
+            sentence = (
+                f"the object is {1e3 * thickness:.2g} mm high as it lies; expected more than {1e3 * COINCIDES:g} mm"
+            )
+            remedy = "what is thinner cannot be told from what carries it; thicken its mesh, or mend its `units`"
+            return (Finding("error", "pose", sentence, remedy),)
         sentence = (
             f"{share:.0%} of the object's upper side coincides with a surface of the surroundings; expected none there"
         )
