@@ -72,7 +72,7 @@ def changed(old: str, new: str, count: int = 1):
             changed('velocity="3.0"', 'velocity="nan"'),
             "joint 'j1': expected a limit of velocity above 0 rad/s, got nan",
         ),
-        (changed('effort="40.0"', 'effort="-4"'), "joint 'j1': expected a limit of effort above 0 N m, got -4"),
+        (changed('effort="40.0"', 'effort="-4"'), "joint 'j1': expected a limit of effort of at least 0, got -4"),
         (changed('effort="40.0"', 'effort="strong"'), "joint 'j1': expected a limit of effort above 0 N m, got nan"),
         (
             changed('lower="-2.5" upper="2.8"', 'lower="-170" upper="170"'),
