@@ -17,14 +17,10 @@ ROW_GROUPS, COLUMNS, NUM_ROWS, META_DATA, NUM_VALUES = 4, 1, 3, 3, 5  # numbers 
 UNCOMPRESSED, COMPRESSED, DATA_PAGE, DICTIONARY_PAGE = 6, 7, 9, 11  # of a chunk: its sizes, and where its pages begin
 PAGE_UNCOMPRESSED, PAGE_COMPRESSED = 2, 3
 DICTIONARY_CONTENT = 7
-PAGE_CONTENTS = {
-    5: 2,
-    DICTIONARY_CONTENT: 2,
-    8: 4,
-}  # fields of a page's header that hold a number of values; where its encoding stands
-DELTA_BYTE_ARRAY = (
-    7  # each text may begin as the one before it: the only one whose pages do not hold what they unpack to
-)
+# Fields of a page's header that hold a number of values, and where its encoding stands.
+PAGE_CONTENTS = {5: 2, DICTIONARY_CONTENT: 2, 8: 4}
+# Each text may begin as the one before it: the only encoding whose pages do not hold what they unpack to.
+DELTA_BYTE_ARRAY = 7
 LARGEST_PAGE_HEADER = 2**16  # bytes; some 50, and two texts of statistics
 MOST_PAGES = 10_000  # of a file; a shard has one of each MiB, and two a column
 

@@ -13,6 +13,7 @@ from dexnudge.energies.grid_kernel import pack_grids
 from dexnudge.energies.kernel_structs import Clusters, HandModel, SceneFields
 from dexnudge.geometry.distance_grid import DistanceGrid, cached_distance_grid, distance_grid
 from dexnudge.geometry.exact_distance import ExactDistance
+from dexnudge.geometry.surface_lattice import ragged
 from dexnudge.geometry.surface_points import surface_points
 from dexnudge.geometry.warp_runtime import WarpStruct, wp
 from dexnudge.hands.hand import Hand
@@ -155,8 +156,7 @@ def sharp_edge_points(
     sharp = (mesh.face_adjacency_angles > SHARP_EDGE) & mesh.face_adjacency_convex
     start, end = np.moveaxis(vertices[mesh.face_adjacency_edges[sharp]], 1, 0)
     steps = np.maximum(np.ceil(np.linalg.norm(end - start, axis=1) / EDGE_POINT_SPACING), 1.0).astype(np.int64)
-    edge = np.repeat(np.arange(len(steps)), steps + 1)
-    place = np.arange(len(edge)) - np.repeat(np.cumsum(steps + 1) - steps - 1, steps + 1)
+    edge, place = ragged(steps + 1)
     share = np.where(place == steps[edge], 1.0, place * (1.0 / steps[edge]))
     along = start[edge] + share[:, None] * (end - start)[edge]
     return along[((along >= lower) & (along <= upper)).all(axis=1)]

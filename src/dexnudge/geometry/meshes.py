@@ -150,7 +150,8 @@ def centre_of_mass(mesh: trimesh.Trimesh) -> np.ndarray:
     hull = mesh.convex_hull
     if mesh.is_watertight and mesh.is_winding_consistent and mesh.volume > 0:
         centre = np.asarray(mesh.center_mass)
-        if (hull.face_normals * (centre - hull.triangles[:, 0])).sum(axis=1).max() < 0:
+        plain = hull.face_normals.any(axis=1)  # triangles of no area have no normal
+        if (hull.face_normals * (centre - hull.triangles[:, 0])).sum(axis=1)[plain].max() < 0:
             return centre
     return np.asarray(hull.center_mass)
 

@@ -15,6 +15,7 @@ from dexnudge.geometry.exact_distance import (
     ExactDistance,
     surface_nearest,
 )
+from dexnudge.geometry.surface_lattice import ragged
 from dexnudge.geometry.warp_runtime import launch_in_threads, wp
 
 ROUGHNESS = wp.constant(0.05)  # of w: more than twice what the fast winding number is off
@@ -81,8 +82,7 @@ def _pieces(
     """Cut edges into pieces, whose middle tells better how far they are; return middle, length [m] and times of each."""
     whole = np.linalg.norm(edges[:, 1] - edges[:, 0], axis=1)
     counts = np.maximum(np.ceil(whole / LONGEST_PIECE), 1).astype(np.int64)
-    edge = np.repeat(np.arange(len(edges)), counts)
-    place = np.arange(len(edge)) - np.repeat(np.cumsum(counts) - counts, counts)
+    edge, place = ragged(counts)
     share = (place + 0.5) / counts[edge]
     middle = edges[edge, 0] + share[:, None] * (edges[edge, 1] - edges[edge, 0])
     return middle, (whole / counts)[edge], times[edge]

@@ -164,7 +164,7 @@ def _inside(
     count = np.maximum(last - first + 1, 0)
     side = np.roll(flat, -1, axis=1) - flat
     flipped = _cross(side[:, 0], -side[:, 2]) <= 0
-    face, place = _ragged(np.where(flipped, 0, count[:, 0] * count[:, 1]))
+    face, place = ragged(np.where(flipped, 0, count[:, 0] * count[:, 1]))
     column, row = np.divmod(place, np.maximum(count[face, 1], 1))
     x, y = spacing * (first[:, 0][face] + column), spacing * (first[:, 1][face] + row)
     kept = np.ones(len(face), dtype=bool)
@@ -188,7 +188,7 @@ def _along_edges(
     limits = span.reshape(-1, 2)
     first = np.ceil(limits[:, 0] * parts - 1e-9).astype(np.int64)
     last = np.floor(limits[:, 1] * parts + 1e-9).astype(np.int64)
-    edge, place = _ragged(np.maximum(last - first + 1, 0))
+    edge, place = ragged(np.maximum(last - first + 1, 0))
     share = (first[edge] + place) / parts[edge]
     return start[edge] + share[:, None] * along[edge], np.repeat(label, 3)[edge]
 
@@ -205,7 +205,7 @@ def _clip_edges(
     return np.stack([enter, np.maximum(leave, enter - 1.0)], axis=2)
 
 
-def _ragged(count: Int[np.ndarray, " row"]) -> tuple[Int[np.ndarray, " n"], Int[np.ndarray, " n"]]:
+def ragged(count: Int[np.ndarray, " row"]) -> tuple[Int[np.ndarray, " n"], Int[np.ndarray, " n"]]:
     """Return the row and place within it of every item, for rows of `count` items."""
     row = np.repeat(np.arange(len(count)), count)
     return row, np.arange(len(row)) - np.repeat(np.cumsum(count) - count, count)
